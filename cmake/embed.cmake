@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-# cmake -DFOLDERS=page,... -DOUT=page.c -P embed.cmake: writes the files of folders as the C array of cli/view/files.h.
+# cmake -DFOLDERS=page,... -DOUT=page.c -P embed.cmake: writes the files of folders as the C array of cli/view/server.h.
 cmake_minimum_required(VERSION 3.24)
 string(REPLACE "," "/*;" globs "${FOLDERS}/*")
 file(GLOB files ${globs})
-set(text "/* Made by cmake/embed.cmake. */\n#include \"cli/view/files.h\"\n\n")
+set(text "/* Made by cmake/embed.cmake. */\n#include \"cli/view/server.h\"\n\n")
 set(table "")
 set(number 0)
 foreach(file ${files})

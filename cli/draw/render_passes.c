@@ -7,66 +7,66 @@
 
 #include "base/memory.h"
 
-static bool wants(const pags_render_passes *self, pags_channel channel) {
-  return self->writer->channels >> channel & 1;
+static bool wants(const pags_render_passes *passes, pags_channel channel) {
+  return passes->writer->channels >> channel & 1;
 }
 
-pags_result pags_render_passes_moment(pags_render_passes *self, int side, const pags_camera *camera) {
+pags_result pags_render_passes_moment(pags_render_passes *passes, int side, const pags_camera *camera) {
   const pags_part *parts;
-  pags_moment *const moment = &self->moments[side];
-  self->known[side] = camera != NULL;
+  pags_moment *const moment = &passes->moments[side];
+  passes->known[side] = camera != NULL;
   if (!camera)
     return PAGS_OK;
   moment->camera = *camera;
-  pags_compose(self->composition, camera->time, &parts, &moment->part_count);
-  if (moment->part_count > self->capacity[side] || !self->copies[side]) {
-    pags_part *const copies = realloc(self->copies[side], ((size_t)moment->part_count + 1) * sizeof *copies);
+  pags_compose(passes->composition, camera->time, &parts, &moment->part_count);
+  if (moment->part_count > passes->capacity[side] || !passes->copies[side]) {
+    pags_part *const copies = realloc(passes->copies[side], ((size_t)moment->part_count + 1) * sizeof *copies);
     if (!copies)
       return pags_out_of_memory("%d parts", moment->part_count);
-    self->copies[side] = copies;
-    self->capacity[side] = moment->part_count;
+    passes->copies[side] = copies;
+    passes->capacity[side] = moment->part_count;
   }
-  memcpy(self->copies[side], parts, (size_t)moment->part_count * sizeof *parts);
-  moment->parts = self->copies[side];
+  memcpy(passes->copies[side], parts, (size_t)moment->part_count * sizeof *parts);
+  moment->parts = passes->copies[side];
   return PAGS_OK;
 }
 
-pags_result pags_render_passes_draw(pags_render_passes *self, pags_frame *frame, const pags_part *parts, int part_count,
-                                    pags_passes *out) {
+pags_result pags_render_passes_draw(pags_render_passes *passes, pags_frame *frame, const pags_part *parts,
+                                    int part_count, pags_passes *out) {
   pags_matte mattes[2];
-  pags_pass_request request = {.normal = wants(self, PAGS_CHANNEL_EXPECTED_NORMAL),
-                               .pairs = wants(self, PAGS_CHANNEL_BLENDED) || wants(self, PAGS_CHANNEL_OVERDRAW)};
-  if (part_count > self->capacity[2] || !self->names[0]) {
+  pags_pass_request request = {.normal = wants(passes, PAGS_CHANNEL_EXPECTED_NORMAL),
+                               .pairs = wants(passes, PAGS_CHANNEL_BLENDED) || wants(passes, PAGS_CHANNEL_OVERDRAW)};
+  if (part_count > passes->capacity[2] || !passes->names[0]) {
     for (int m = 0; m < 2; m++) {
-      int32_t *const names = realloc(self->names[m], ((size_t)part_count + 1) * sizeof *names);
+      int32_t *const names = realloc(passes->names[m], ((size_t)part_count + 1) * sizeof *names);
       if (!names)
         return pags_out_of_memory("%d parts", part_count);
-      self->names[m] = names;
+      passes->names[m] = names;
     }
-    self->capacity[2] = part_count;
+    passes->capacity[2] = part_count;
   }
   for (int m = 0; m < 2; m++) {
-    const pags_matte_names *const names = &self->writer->mattes[m];
-    if (!wants(self, m ? PAGS_CHANNEL_CRYPTO_CLASS : PAGS_CHANNEL_CRYPTO_OBJECT))
+    const pags_matte_names *const names = &passes->writer->mattes[m];
+    if (!wants(passes, m ? PAGS_CHANNEL_CRYPTO_CLASS : PAGS_CHANNEL_CRYPTO_OBJECT))
       continue;
     for (int p = 0; p < part_count; p++) /* the last label is the background's */
-      self->names[m][p] = names->name_of_label[parts[p].label < 0 ? names->label_count - 1 : parts[p].label];
-    mattes[m] = (pags_matte){names->count, names->values, self->names[m]};
+      passes->names[m][p] = names->name_of_label[parts[p].label < 0 ? names->label_count - 1 : parts[p].label];
+    mattes[m] = (pags_matte){names->count, names->values, passes->names[m]};
     request.matte[m] = &mattes[m];
   }
-  if (wants(self, PAGS_CHANNEL_MOTION)) {
+  if (wants(passes, PAGS_CHANNEL_MOTION)) {
     /* The first and the last picture of a sequence have one neighbour; a single one has none, and nothing moves. */
-    request.before = self->known[0] ? &self->moments[0] : NULL;
-    request.after = self->known[1] ? &self->moments[1] : NULL;
+    request.before = passes->known[0] ? &passes->moments[0] : NULL;
+    request.after = passes->known[1] ? &passes->moments[1] : NULL;
     request.motion = 1;
   }
   return pags_frame_passes(frame, &request, out);
 }
 
-void pags_render_passes_destroy(pags_render_passes *self) {
+void pags_render_passes_destroy(pags_render_passes *passes) {
   for (int k = 0; k < 2; k++) {
-    free(self->copies[k]);
-    free(self->names[k]);
+    free(passes->copies[k]);
+    free(passes->names[k]);
   }
-  *self = (pags_render_passes){0};
+  *passes = (pags_render_passes){0};
 }

@@ -17,11 +17,11 @@ typedef struct pags_render_passes {
 
 /* Composes what motion on one side (0: before, 1: after) refers to, at the camera's time; NULL: nothing moves on that
  * side. It uses the composition's parts, so the picture itself is composed after it. */
-pags_result pags_render_passes_moment(pags_render_passes *self, int side, const pags_camera *camera);
+pags_result pags_render_passes_moment(pags_render_passes *passes, int side, const pags_camera *camera);
 /* Computes the passes of the picture that `frame` has drawn of these parts, as composed by pags_compose. */
-pags_result pags_render_passes_draw(pags_render_passes *self, pags_frame *frame, const pags_part *parts, int part_count,
-                                    pags_passes *out);
+pags_result pags_render_passes_draw(pags_render_passes *passes, pags_frame *frame, const pags_part *parts,
+                                    int part_count, pags_passes *out);
 /* Frees the memory. A zeroed struct is allowed. */
-void pags_render_passes_destroy(pags_render_passes *self);
+void pags_render_passes_destroy(pags_render_passes *passes);
 
 #endif

@@ -19,27 +19,27 @@ void pags_depth_errors_destroy(pags_depth_errors *errors) {
   memset(errors, 0, sizeof *errors);
 }
 
-static pags_result reserve(pags_depth_errors *self, int64_t more) {
-  if (self->count + more <= self->room)
+static pags_result reserve(pags_depth_errors *errors, int64_t more) {
+  if (errors->count + more <= errors->room)
     return PAGS_OK;
-  int64_t room = 2 * (self->count + more);
-  double *grown = realloc(self->errors, (size_t)room * sizeof *grown);
+  int64_t room = 2 * (errors->count + more);
+  double *grown = realloc(errors->errors, (size_t)room * sizeof *grown);
   if (!grown)
     return pags_out_of_memory("%lld depths", (long long)room);
-  self->errors = grown;
-  self->room = room;
+  errors->errors = grown;
+  errors->room = room;
   return PAGS_OK;
 }
 
-pags_result pags_depth_errors_append(pags_depth_errors *self, const double *more, int64_t count) {
-  PAGS_TRY(reserve(self, count));
+pags_result pags_depth_errors_append(pags_depth_errors *errors, const double *more, int64_t count) {
+  PAGS_TRY(reserve(errors, count));
   if (count)
-    memcpy(self->errors + self->count, more, (size_t)count * sizeof *more);
-  self->count += count;
+    memcpy(errors->errors + errors->count, more, (size_t)count * sizeof *more);
+  errors->count += count;
   return PAGS_OK;
 }
 
-static void add_sample(pags_depth_errors *self, const pags_lidar_depth_sample *sample, const pags_picture *picture,
+static void add_sample(pags_depth_errors *errors, const pags_lidar_depth_sample *sample, const pags_picture *picture,
                        const uint8_t *mask) {
   int x = (int)sample->x, y = (int)sample->y;
   if (x < 0 || y < 0 || x >= picture->width || y >= picture->height ||
@@ -47,41 +47,41 @@ static void add_sample(pags_depth_errors *self, const pags_lidar_depth_sample *s
     return;
   float depth = picture->depth[(size_t)y * (size_t)picture->stride + (size_t)x];
   if (!(depth > 0)) {
-    self->unblended++;
+    errors->unblended++;
     return;
   }
   double error = fabs((double)depth - (double)sample->depth);
-  self->errors[self->count++] = error;
-  self->within += error <= near_share * (double)sample->depth;
+  errors->errors[errors->count++] = error;
+  errors->within += error <= near_share * (double)sample->depth;
 }
 
-pags_result pags_depth_errors_add(pags_depth_errors *self, const pags_dataset *dataset, int64_t view,
+pags_result pags_depth_errors_add(pags_depth_errors *errors, const pags_dataset *dataset, int64_t view,
                                   const pags_picture *picture, const uint8_t *mask) {
   pags_lidar_depth_sample *samples;
   int64_t count;
   PAGS_TRY(pags_lidar_depth_samples(dataset, view, MOST_SAMPLES, &count, &samples));
-  pags_result result = reserve(self, count);
+  pags_result result = reserve(errors, count);
   for (int64_t i = 0; result == PAGS_OK && i < count; i++)
-    add_sample(self, &samples[i], picture, mask);
+    add_sample(errors, &samples[i], picture, mask);
   free(samples);
   return result;
 }
 
-pags_depth_figures pags_depth_errors_figures(pags_depth_errors *self) {
+pags_depth_figures pags_depth_errors_figures(pags_depth_errors *errors) {
   double nothing = (double)NAN, sum = 0;
-  pags_depth_figures out = {self->count, nothing, nothing, nothing, nothing};
-  if (!self->count)
+  pags_depth_figures out = {errors->count, nothing, nothing, nothing, nothing};
+  if (!errors->count)
     return out;
-  pags_sort_doubles(self->errors, self->count);
-  int64_t most = self->count - self->count / 20;
-  for (int64_t i = 0; i < self->count; i++) {
-    sum += self->errors[i];
+  pags_sort_doubles(errors->errors, errors->count);
+  int64_t most = errors->count - errors->count / 20;
+  for (int64_t i = 0; i < errors->count; i++) {
+    sum += errors->errors[i];
     if (i + 1 == most)
       out.mean95 = sum / (double)most;
   }
-  out.median = self->errors[self->count / 2];
-  out.mean = sum / (double)self->count;
-  out.within = (double)self->within / (double)(self->count + self->unblended);
+  out.median = errors->errors[errors->count / 2];
+  out.mean = sum / (double)errors->count;
+  out.within = (double)errors->within / (double)(errors->count + errors->unblended);
   return out;
 }
 

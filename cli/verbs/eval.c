@@ -139,14 +139,14 @@ static pags_result save_image(const char *folder, const char *name, const char *
 }
 
 /* `view`: its index in the data set. */
-static pags_result measure(const evaluation *self, int64_t view, pags_image *render, const pags_photograph *photo,
+static pags_result measure(const evaluation *eval, int64_t view, pags_image *render, const pags_photograph *photo,
                            pags_view_score *score) {
-  PAGS_TRY(pags_view_score_measure(render, photo, self->arguments->session.tasks, score));
-  if (self->arguments->images) {
-    PAGS_TRY(save_image(self->arguments->images, self->names.items[view], "render", render));
-    PAGS_TRY(save_image(self->arguments->images, self->names.items[view], "photo", &photo->image));
+  PAGS_TRY(pags_view_score_measure(render, photo, eval->arguments->session.tasks, score));
+  if (eval->arguments->images) {
+    PAGS_TRY(save_image(eval->arguments->images, eval->names.items[view], "render", render));
+    PAGS_TRY(save_image(eval->arguments->images, eval->names.items[view], "photo", &photo->image));
   }
-  if (self->lpips) {
+  if (eval->lpips) {
     if (photo->mask) {
       /* LPIPS has no mask: copy the photograph's pixels into the rendering where the mask is 0, so that these pixels
        * add no distance. */
@@ -157,32 +157,32 @@ static pags_result measure(const evaluation *self, int64_t view, pags_image *ren
         if (!photo->mask[i])
           memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
     }
-    PAGS_TRY(pags_lpips_distance(self->lpips, render, &photo->image, self->arguments->session.tasks, &score->lpips));
+    PAGS_TRY(pags_lpips_distance(eval->lpips, render, &photo->image, eval->arguments->session.tasks, &score->lpips));
   }
   return PAGS_OK;
 }
 
-static pags_result compare_picture(evaluation *self, const pags_photographs_view *at, const pags_picture *picture,
+static pags_result compare_picture(evaluation *eval, const pags_photographs_view *at, const pags_picture *picture,
                                    const pags_photograph *photo) {
-  pags_view_score *score = &self->scores[self->count];
+  pags_view_score *score = &eval->scores[eval->count];
   pags_image render = {0};
   PAGS_TRY(pags_picture_to_image(picture, PAGS_F32, &render));
-  pags_result result = measure(self, at->index, &render, photo, score);
+  pags_result result = measure(eval, at->index, &render, photo, score);
   pags_image_destroy(&render);
   if (result == PAGS_OK && picture->depth)
-    result = pags_depth_errors_add(&self->depth_errors[at->test != 0], self->photographs.dataset, at->index, picture,
+    result = pags_depth_errors_add(&eval->depth_errors[at->test != 0], eval->photographs.dataset, at->index, picture,
                                    photo->mask);
   if (result == PAGS_OK)
-    self->score_views[self->count++] = at - self->photographs.views;
+    eval->score_views[eval->count++] = at - eval->photographs.views;
   return result;
 }
 
 /* Renders the scene's colours without the camera's exposure and measures their PSNR against the photograph. */
-static pags_result compare_unexposed(evaluation *self, const pags_camera *camera, const pags_part *parts,
+static pags_result compare_unexposed(evaluation *eval, const pags_camera *camera, const pags_part *parts,
                                      int part_count, const pags_photograph *photo, pags_view_score *score) {
   pags_picture picture;
   pags_image render;
-  PAGS_TRY(pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture));
+  PAGS_TRY(pags_frame_render(eval->frame, parts, part_count, camera, &eval->options, NULL, NULL, &picture));
   PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
   pags_result result = pags_eval_psnr(&render, &photo->image, photo->mask, &score->psnr_unexposed);
   score->psnr_unexposed = pags_psnr_capped(score->psnr_unexposed);
@@ -191,11 +191,11 @@ static pags_result compare_unexposed(evaluation *self, const pags_camera *camera
 }
 
 /* Scores the right half of the photograph, as its pose is and as its left half has it. */
-static pags_result compare_fitted(evaluation *self, const pags_camera *camera, const pags_frame_options *exposed,
+static pags_result compare_fitted(evaluation *eval, const pags_camera *camera, const pags_frame_options *exposed,
                                   const pags_part *parts, int part_count, const pags_photo *photo,
                                   pags_view_score *score) {
   pags_fitted_pose pose;
-  PAGS_TRY(pags_fit_pose(self->frame, parts, part_count, camera, exposed, NULL, NULL, photo, &pose));
+  PAGS_TRY(pags_fit_pose(eval->frame, parts, part_count, camera, exposed, NULL, NULL, photo, &pose));
   score->psnr_right = pose.given;
   score->psnr_right_fitted = pose.fitted;
   return PAGS_OK;
@@ -210,36 +210,36 @@ static bool is_blank(const pags_photograph *photo) {
   return photo->mask != NULL;
 }
 
-static pags_result compare_view(evaluation *self, int64_t i) {
-  const pags_photographs_view *at = &self->photographs.views[i];
-  const pags_view *view = pags_dataset_view(self->photographs.dataset, at->index);
-  const pags_camera camera = pags_photographs_camera(&self->photographs, i);
-  pags_view_score *score = &self->scores[self->count];
+static pags_result compare_view(evaluation *eval, int64_t i) {
+  const pags_photographs_view *at = &eval->photographs.views[i];
+  const pags_view *view = pags_dataset_view(eval->photographs.dataset, at->index);
+  const pags_camera camera = pags_photographs_camera(&eval->photographs, i);
+  pags_view_score *score = &eval->scores[eval->count];
   pags_photograph photo;
   pags_picture picture;
   const pags_part *parts;
   int part_count;
-  pags_frame_options exposed = self->options;
+  pags_frame_options exposed = eval->options;
   *score = pags_view_score_make(view->name, at->test);
-  pags_compose(self->composition, camera.time, &parts, &part_count);
-  PAGS_TRY(pags_photographs_read(&self->photographs, i, &photo));
+  pags_compose(eval->composition, camera.time, &parts, &part_count);
+  PAGS_TRY(pags_photographs_read(&eval->photographs, i, &photo));
   pags_result result = PAGS_OK;
   if (is_blank(&photo)) {
-    self->without_pixels[self->without_count++] = i;
+    eval->without_pixels[eval->without_count++] = i;
     pags_photograph_destroy(&photo);
     return PAGS_OK;
   }
   if (at->scene_view)
     exposed.photometric = at->scene_view->photometric;
   if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
-    result = compare_unexposed(self, &camera, parts, part_count, &photo, score);
-  if (result == PAGS_OK && self->arguments->fit_poses)
-    result = compare_fitted(self, &camera, &exposed, parts, part_count, &photo.photo, score);
+    result = compare_unexposed(eval, &camera, parts, part_count, &photo, score);
+  if (result == PAGS_OK && eval->arguments->fit_poses)
+    result = compare_fitted(eval, &camera, &exposed, parts, part_count, &photo.photo, score);
   if (result == PAGS_OK)
-    result = pags_frame_render(self->frame, parts, part_count, &camera, &exposed, NULL, NULL, &picture);
+    result = pags_frame_render(eval->frame, parts, part_count, &camera, &exposed, NULL, NULL, &picture);
   if (result == PAGS_OK) {
-    self->shown += pags_frame_stats_get(self->frame)->binned > 0;
-    result = compare_picture(self, at, &picture, &photo);
+    eval->shown += pags_frame_stats_get(eval->frame)->binned > 0;
+    result = compare_picture(eval, at, &picture, &photo);
   }
   pags_photograph_destroy(&photo);
   return result;
@@ -259,42 +259,42 @@ static bool chosen(const eval_arguments *arguments, int64_t number, int64_t coun
 
 /* ---- JSON and printed lines ---- */
 
-static void put_split(pags_json_writer *writer, const evaluation *self, const char *key, int test) {
-  pags_mean_score mean = pags_view_scores_mean(self->scores, self->count, test);
+static void put_split(pags_json_writer *writer, const evaluation *eval, const char *key, int test) {
+  pags_mean_score mean = pags_view_scores_mean(eval->scores, eval->count, test);
   pags_json_begin_object(writer, key);
   pags_json_put_integer(writer, "views", mean.views);
   pags_view_scores_put_json(writer, &mean.mean);
-  pags_depth_figures_put_json(writer, &self->depth[test]);
+  pags_depth_figures_put_json(writer, &eval->depth[test]);
   pags_json_begin_array(writer, "per_view");
-  for (int64_t i = 0; i < self->count; i++) {
-    if (self->scores[i].test != test)
+  for (int64_t i = 0; i < eval->count; i++) {
+    if (eval->scores[i].test != test)
       continue;
     pags_json_begin_object(writer, NULL);
-    pags_json_put_string(writer, "name", self->scores[i].name);
-    pags_view_scores_put_json(writer, &self->scores[i]);
+    pags_json_put_string(writer, "name", eval->scores[i].name);
+    pags_view_scores_put_json(writer, &eval->scores[i]);
     pags_json_end_object(writer);
   }
   pags_json_end_array(writer);
-  if (self->without_count) {
+  if (eval->without_count) {
     pags_json_begin_array(writer, "without_pixels");
-    for (int64_t i = 0; i < self->without_count; i++) {
-      const pags_photographs_view *view = &self->photographs.views[self->without_pixels[i]];
+    for (int64_t i = 0; i < eval->without_count; i++) {
+      const pags_photographs_view *view = &eval->photographs.views[eval->without_pixels[i]];
       if ((view->test != 0) == (test != 0))
-        pags_json_put_string(writer, NULL, pags_dataset_view(self->photographs.dataset, view->index)->name);
+        pags_json_put_string(writer, NULL, pags_dataset_view(eval->photographs.dataset, view->index)->name);
     }
     pags_json_end_array(writer);
   }
   pags_json_end_object(writer);
 }
 
-static void put_shifts(pags_json_writer *writer, const evaluation *self) {
-  if (!self->arguments->shift) {
+static void put_shifts(pags_json_writer *writer, const evaluation *eval) {
+  if (!eval->arguments->shift) {
     pags_json_put_null(writer, "shift");
     return;
   }
   pags_json_begin_array(writer, "shift");
-  for (int64_t i = 0; i < self->shifts.count; i++) {
-    const pags_shifted_view_score *score = &self->shifts.items[i];
+  for (int64_t i = 0; i < eval->shifts.count; i++) {
+    const pags_shifted_view_score *score = &eval->shifts.items[i];
     pags_json_begin_object(writer, NULL);
     pags_json_put_string(writer, "name", score->name);
     pags_json_put_integer(writer, "views", score->views);
@@ -353,67 +353,67 @@ static void print_priority_truth(const pags_session *session, const pags_priorit
            percent(o->astray, o->seen), percent(o->between, o->seen));
 }
 
-static void print_more(const evaluation *self) {
+static void print_more(const evaluation *eval) {
   static const char *const sets[2] = {"training views", "held-out views"};
-  const pags_session *session = &self->arguments->session;
+  const pags_session *session = &eval->arguments->session;
   for (int test = 0; test < 2; test++)
-    if (self->depth[test].samples)
+    if (eval->depth[test].samples)
       pags_say(session,
                "depth against LiDAR, %s: off by %.3f m (median), %.3f m (mean), %.3f m (mean of the best 95 %%); %.1f "
                "%% within 5 %%\n",
-               sets[test], self->depth[test].median, self->depth[test].mean, self->depth[test].mean95,
-               100 * self->depth[test].within);
-  for (int64_t i = 0; i < self->shifts.count; i++) {
-    const pags_shifted_view_score *const score = &self->shifts.items[i];
+               sets[test], eval->depth[test].median, eval->depth[test].mean, eval->depth[test].mean95,
+               100 * eval->depth[test].within);
+  for (int64_t i = 0; i < eval->shifts.count; i++) {
+    const pags_shifted_view_score *const score = &eval->shifts.items[i];
     pags_say(session, "shifted cameras %-16s %9.3f %8.4f", score->name, score->psnr, score->ssim);
     if (score->road_views > 0)
       pags_say(session, "   road %9.3f", score->road_psnr);
     pags_say(session, "\n");
   }
-  print_poses(session, &self->poses);
-  print_cameras(session, &self->cameras);
-  print_priority_truth(session, &self->priority_truth);
+  print_poses(session, &eval->poses);
+  print_cameras(session, &eval->cameras);
+  print_priority_truth(session, &eval->priority_truth);
 }
 
 /* ---- The verb ---- */
 
 /* The options that open the photographs: those of the training, unless the command line has others. */
-static pags_dataset_options choose_photographs(const evaluation *self) {
-  pags_dataset_options chosen = self->arguments->options;
-  if (!pags_option_given(self->parsed, "image-folder"))
-    chosen.image_folder = self->scene->image_folder;
-  if (!pags_option_given(self->parsed, "image-alpha"))
-    chosen.image_alpha = (pags_image_alpha)self->scene->image_alpha;
+static pags_dataset_options choose_photographs(const evaluation *eval) {
+  pags_dataset_options chosen = eval->arguments->options;
+  if (!pags_option_given(eval->parsed, "image-folder"))
+    chosen.image_folder = eval->scene->image_folder;
+  if (!pags_option_given(eval->parsed, "image-alpha"))
+    chosen.image_alpha = (pags_image_alpha)eval->scene->image_alpha;
   for (int c = 0; c < 3; c++)
-    chosen.background[c] = pags_option_given(self->parsed, "background") ? self->arguments->background[c]
-                                                                         : (double)self->scene->background[c];
+    chosen.background[c] = pags_option_given(eval->parsed, "background") ? eval->arguments->background[c]
+                                                                         : (double)eval->scene->background[c];
   return chosen;
 }
 
 /* The options that draw the pictures, likewise. */
-static void choose_picture(evaluation *self) {
-  const eval_arguments *arguments = self->arguments;
-  pags_frame_options *frame = &self->options;
-  *frame = pags_composition_options(self->composition);
-  for (int c = 0; c < 3 && pags_option_given(self->parsed, "background"); c++) {
+static void choose_picture(evaluation *eval) {
+  const eval_arguments *arguments = eval->arguments;
+  pags_frame_options *frame = &eval->options;
+  *frame = pags_composition_options(eval->composition);
+  for (int c = 0; c < 3 && pags_option_given(eval->parsed, "background"); c++) {
     frame->background[c] = (float)arguments->background[c];
     frame->sky = NULL;
   }
-  if (pags_option_given(self->parsed, "antialiased") || pags_option_given(self->parsed, "no-antialiased"))
+  if (pags_option_given(eval->parsed, "antialiased") || pags_option_given(eval->parsed, "no-antialiased"))
     frame->antialiased = arguments->antialiased;
-  if (pags_option_given(self->parsed, "near"))
+  if (pags_option_given(eval->parsed, "near"))
     frame->near_plane = arguments->near_plane;
-  if (pags_option_given(self->parsed, "low-pass"))
+  if (pags_option_given(eval->parsed, "low-pass"))
     frame->low_pass = arguments->low_pass;
 }
 
 /* Refuses options that the scene's own views overrule: their size and, but for the sweeps of a drive, the split. */
-static pags_result check_effect(const evaluation *self, const char *scene_path) {
-  const bool free = self->scene->view_count == 0;
+static pags_result check_effect(const evaluation *eval, const char *scene_path) {
+  const bool free = eval->scene->view_count == 0;
   const pags_option_rule rules[] = {
-      {"downscale allow-missing", free, NULL}, {"split-every", free || self->scene->fps > 0, NULL}, {0}};
+      {"downscale allow-missing", free, NULL}, {"split-every", free || eval->scene->fps > 0, NULL}, {0}};
   char names[128];
-  if (!pags_option_idle(self->parsed, rules, names, sizeof names))
+  if (!pags_option_idle(eval->parsed, rules, names, sizeof names))
     return PAGS_OK;
   return pags_fail(
       PAGS_ERROR_ARGUMENT,
@@ -421,68 +421,68 @@ static pags_result check_effect(const evaluation *self, const char *scene_path) 
       scene_path, names);
 }
 
-static pags_result open_all(evaluation *self, const char *scene_path) {
-  const eval_arguments *arguments = self->arguments;
-  PAGS_TRY(pags_composition_load(scene_path, &self->composition));
-  self->scene = pags_composition_scene(self->composition);
-  PAGS_TRY(check_effect(self, scene_path));
-  const char *dataset = arguments->dataset ? arguments->dataset : self->scene->dataset;
+static pags_result open_all(evaluation *eval, const char *scene_path) {
+  const eval_arguments *arguments = eval->arguments;
+  PAGS_TRY(pags_composition_load(scene_path, &eval->composition));
+  eval->scene = pags_composition_scene(eval->composition);
+  PAGS_TRY(check_effect(eval, scene_path));
+  const char *dataset = arguments->dataset ? arguments->dataset : eval->scene->dataset;
   if (!dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't name its training data; expected --dataset DATASET", scene_path);
   if (arguments->lpips_weights)
-    PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
-  pags_dataset_options opened = choose_photographs(self);
+    PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &eval->lpips));
+  pags_dataset_options opened = choose_photographs(eval);
   if (!opened.colmap && !arguments->dataset)
-    opened.colmap = self->scene->colmap;
-  PAGS_TRY(pags_photographs_open(self->scene, dataset, &opened, arguments->dataset != NULL, arguments->session.tasks,
-                                 arguments->image_cache, &self->photographs));
-  if (arguments->fit_poses && pags_dataset_fps(self->photographs.dataset) > 0)
+    opened.colmap = eval->scene->colmap;
+  PAGS_TRY(pags_photographs_open(eval->scene, dataset, &opened, arguments->dataset != NULL, arguments->session.tasks,
+                                 arguments->image_cache, &eval->photographs));
+  if (arguments->fit_poses && pags_dataset_fps(eval->photographs.dataset) > 0)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "%s: --fit-poses is for captures; in a driving set, the pose corrections of held-out views are "
                      "interpolated from their neighbours",
                      dataset);
   PAGS_TRY(pags_session_check(&arguments->session));
-  self->scores = calloc((size_t)self->photographs.count, sizeof *self->scores);
-  self->score_views = calloc((size_t)self->photographs.count, sizeof *self->score_views);
-  self->without_pixels = calloc((size_t)self->photographs.count, sizeof *self->without_pixels);
-  if (!self->scores || !self->score_views || !self->without_pixels)
-    return pags_out_of_memory("%lld views", (long long)self->photographs.count);
-  choose_picture(self);
-  PAGS_TRY(pags_early_z_parse(arguments->early_z, &self->options));
-  self->options.order = (pags_order)arguments->order;
-  self->options.extra_channels = (pags_dataset_provides(self->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
-  PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
+  eval->scores = calloc((size_t)eval->photographs.count, sizeof *eval->scores);
+  eval->score_views = calloc((size_t)eval->photographs.count, sizeof *eval->score_views);
+  eval->without_pixels = calloc((size_t)eval->photographs.count, sizeof *eval->without_pixels);
+  if (!eval->scores || !eval->score_views || !eval->without_pixels)
+    return pags_out_of_memory("%lld views", (long long)eval->photographs.count);
+  choose_picture(eval);
+  PAGS_TRY(pags_early_z_parse(arguments->early_z, &eval->options));
+  eval->options.order = (pags_order)arguments->order;
+  eval->options.extra_channels = (pags_dataset_provides(eval->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
+  PAGS_TRY(pags_frame_create(arguments->session.tasks, &eval->frame));
   if (!arguments->images)
     return PAGS_OK;
-  PAGS_TRY(pags_picture_names_of_dataset(self->photographs.dataset, &self->names));
-  return pags_prepare_folder(self->session, arguments->images);
+  PAGS_TRY(pags_picture_names_of_dataset(eval->photographs.dataset, &eval->names));
+  return pags_prepare_folder(eval->session, arguments->images);
 }
 
 /* Compares every chosen view with its photograph, this rank its share of them. */
-static pags_result compare_all(evaluation *self) {
-  pags_progress progress = pags_progress_begin(self->arguments->session.people);
+static pags_result compare_all(evaluation *eval) {
+  pags_progress progress = pags_progress_begin(eval->arguments->session.people);
   pags_result result = PAGS_OK;
   int64_t number = 0, count = 0, compared = 0;
-  for (int64_t i = 0; i < self->photographs.count; i++)
-    count += wanted(self->arguments, self->photographs.views[i].test);
-  pags_interrupt_install(self->arguments->session.tasks);
-  for (int64_t i = 0; result == PAGS_OK && i < self->photographs.count; i++) {
+  for (int64_t i = 0; i < eval->photographs.count; i++)
+    count += wanted(eval->arguments, eval->photographs.views[i].test);
+  pags_interrupt_install(eval->arguments->session.tasks);
+  for (int64_t i = 0; result == PAGS_OK && i < eval->photographs.count; i++) {
     if (pags_interrupted() || pags_ranks_stopping())
       result = PAGS_CANCELLED;
-    else if (wanted(self->arguments, self->photographs.views[i].test) && chosen(self->arguments, number++, count) &&
+    else if (wanted(eval->arguments, eval->photographs.views[i].test) && chosen(eval->arguments, number++, count) &&
              pags_ranks_mine(compared++))
-      result = compare_view(self, i);
-    const int64_t done = pags_ranks_tell(self->count, result != PAGS_OK);
+      result = compare_view(eval, i);
+    const int64_t done = pags_ranks_tell(eval->count, result != PAGS_OK);
     if (pags_progress_due(&progress))
       pags_progress_show(&progress, "view %lld of %lld", pags_ranks() ? (long long)done : (long long)i + 1,
-                         (long long)self->photographs.count);
+                         (long long)eval->photographs.count);
   }
   pags_progress_end(&progress);
-  int64_t done = self->count;
+  int64_t done = eval->count;
   PAGS_TRY(pags_ranks_sum(&done));
   if (result == PAGS_CANCELLED || (result != PAGS_OK && pags_interrupted()))
     return pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld views", (long long)done,
-                     (long long)self->photographs.count);
+                     (long long)eval->photographs.count);
   return result;
 }
 
@@ -499,25 +499,25 @@ typedef struct sent_score {
   pags_view_score score;
 } sent_score;
 
-static pags_result gather_scores(evaluation *self) {
-  sent_score *own = calloc((size_t)self->count + 1, sizeof *own);
+static pags_result gather_scores(evaluation *eval) {
+  sent_score *own = calloc((size_t)eval->count + 1, sizeof *own);
   void *gathered;
   int64_t bytes;
   if (!own)
-    return pags_out_of_memory("%lld views", (long long)self->count);
-  for (int64_t i = 0; i < self->count; i++)
-    own[i] = (sent_score){self->score_views[i], self->scores[i]};
-  const pags_result result = pags_ranks_gather(own, self->count * (int64_t)sizeof *own, &gathered, &bytes);
+    return pags_out_of_memory("%lld views", (long long)eval->count);
+  for (int64_t i = 0; i < eval->count; i++)
+    own[i] = (sent_score){eval->score_views[i], eval->scores[i]};
+  const pags_result result = pags_ranks_gather(own, eval->count * (int64_t)sizeof *own, &gathered, &bytes);
   free(own);
   PAGS_TRY(result);
   sent_score *const all = gathered;
   if (all) {
-    self->count = bytes / (int64_t)sizeof *all;
-    qsort(all, (size_t)self->count, sizeof *all, compare_indices);
-    for (int64_t i = 0; i < self->count; i++) {
-      self->scores[i] = all[i].score;
-      self->scores[i].name =
-          pags_dataset_view(self->photographs.dataset, self->photographs.views[all[i].view].index)->name;
+    eval->count = bytes / (int64_t)sizeof *all;
+    qsort(all, (size_t)eval->count, sizeof *all, compare_indices);
+    for (int64_t i = 0; i < eval->count; i++) {
+      eval->scores[i] = all[i].score;
+      eval->scores[i].name =
+          pags_dataset_view(eval->photographs.dataset, eval->photographs.views[all[i].view].index)->name;
     }
   }
   free(gathered);
@@ -538,109 +538,109 @@ static pags_result gather_depths(pags_depth_errors *errors) {
   return result;
 }
 
-static pags_result gather_all(evaluation *self) {
+static pags_result gather_all(evaluation *eval) {
   if (!pags_ranks())
     return PAGS_OK;
   void *gathered;
   int64_t bytes;
-  PAGS_TRY(gather_scores(self));
-  PAGS_TRY(pags_ranks_gather(self->without_pixels, self->without_count * (int64_t)sizeof *self->without_pixels,
+  PAGS_TRY(gather_scores(eval));
+  PAGS_TRY(pags_ranks_gather(eval->without_pixels, eval->without_count * (int64_t)sizeof *eval->without_pixels,
                              &gathered, &bytes));
   if (gathered) {
-    self->without_count = bytes / (int64_t)sizeof *self->without_pixels;
-    memcpy(self->without_pixels, gathered, (size_t)bytes);
-    qsort(self->without_pixels, (size_t)self->without_count, sizeof *self->without_pixels, compare_indices);
+    eval->without_count = bytes / (int64_t)sizeof *eval->without_pixels;
+    memcpy(eval->without_pixels, gathered, (size_t)bytes);
+    qsort(eval->without_pixels, (size_t)eval->without_count, sizeof *eval->without_pixels, compare_indices);
     free(gathered);
   }
   for (int test = 0; test < 2; test++)
-    PAGS_TRY(gather_depths(&self->depth_errors[test]));
-  return pags_ranks_sum(&self->shown);
+    PAGS_TRY(gather_depths(&eval->depth_errors[test]));
+  return pags_ranks_sum(&eval->shown);
 }
 
-static pags_result evaluate(evaluation *self, const char *scene_path) {
-  const eval_arguments *arguments = self->arguments;
-  PAGS_TRY(pags_session_meet(self->session, open_all(self, scene_path)));
-  PAGS_TRY(pags_session_meet(self->session, compare_all(self)));
-  PAGS_TRY(gather_all(self));
+static pags_result evaluate(evaluation *eval, const char *scene_path) {
+  const eval_arguments *arguments = eval->arguments;
+  PAGS_TRY(pags_session_meet(eval->session, open_all(eval, scene_path)));
+  PAGS_TRY(pags_session_meet(eval->session, compare_all(eval)));
+  PAGS_TRY(gather_all(eval));
   if (!pags_ranks_lead())
     return PAGS_OK;
 
-  if (self->without_count) {
-    const int64_t first = self->photographs.views[self->without_pixels[0]].index;
+  if (eval->without_count) {
+    const int64_t first = eval->photographs.views[eval->without_pixels[0]].index;
     char masks[160];
-    pags_dataset_masks_of(self->photographs.dataset, first, masks, sizeof masks);
+    pags_dataset_masks_of(eval->photographs.dataset, first, masks, sizeof masks);
     pags_log_message(
         PAGS_LOG_WARNING,
         "%s: %lld of %lld views are fully masked and have no figures; the first is %s, whose pixels are left out by %s",
-        pags_dataset_path(self->photographs.dataset), (long long)self->without_count,
-        (long long)(self->count + self->without_count), pags_dataset_view(self->photographs.dataset, first)->name,
+        pags_dataset_path(eval->photographs.dataset), (long long)eval->without_count,
+        (long long)(eval->count + eval->without_count), pags_dataset_view(eval->photographs.dataset, first)->name,
         masks);
   }
-  if (self->count && !self->shown)
+  if (eval->count && !eval->shown)
     pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld views", scene_path,
-                     (long long)self->count);
-  if (!self->count)
+                     (long long)eval->count);
+  if (!eval->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s to compare", scene_path,
                      arguments->split == 0   ? "views"
                      : arguments->split == 1 ? "training views"
                                              : "held-out views");
   for (int test = 0; test < 2; test++)
-    self->depth[test] = pags_depth_errors_figures(&self->depth_errors[test]);
-  const char *dataset = pags_dataset_path(self->photographs.dataset);
-  PAGS_TRY(pags_pose_errors_measure(dataset, self->scene, &self->poses));
-  PAGS_TRY(pags_camera_errors_measure(dataset, self->scene, &self->cameras));
-  PAGS_TRY(pags_priority_truth_measure(self->composition, &self->photographs, self->frame, &self->options,
-                                       &self->priority_truth));
+    eval->depth[test] = pags_depth_errors_figures(&eval->depth_errors[test]);
+  const char *dataset = pags_dataset_path(eval->photographs.dataset);
+  PAGS_TRY(pags_pose_errors_measure(dataset, eval->scene, &eval->poses));
+  PAGS_TRY(pags_camera_errors_measure(dataset, eval->scene, &eval->cameras));
+  PAGS_TRY(pags_priority_truth_measure(eval->composition, &eval->photographs, eval->frame, &eval->options,
+                                       &eval->priority_truth));
   if (arguments->shift)
-    PAGS_TRY(pags_shifted_views_measure(dataset, self->photographs.downscale, self->composition, self->frame,
-                                        &self->options, &arguments->session, arguments->images, &self->shifts));
-  pags_view_scores_print(&arguments->session, self->scores, self->count);
-  if (self->lpips)
-    pags_say(&arguments->session, "LPIPS: v0.1 on %s\n", pags_lpips_network(self->lpips));
-  print_more(self);
+    PAGS_TRY(pags_shifted_views_measure(dataset, eval->photographs.downscale, eval->composition, eval->frame,
+                                        &eval->options, &arguments->session, arguments->images, &eval->shifts));
+  pags_view_scores_print(&arguments->session, eval->scores, eval->count);
+  if (eval->lpips)
+    pags_say(&arguments->session, "LPIPS: v0.1 on %s\n", pags_lpips_network(eval->lpips));
+  print_more(eval);
 
   /* Write the scores as JSON. */
   pags_json_writer writer;
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
-  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
-  if (self->lpips)
-    pags_json_put_string(&writer, "lpips_network", pags_lpips_network(self->lpips));
+  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(eval->composition));
+  if (eval->lpips)
+    pags_json_put_string(&writer, "lpips_network", pags_lpips_network(eval->lpips));
   else
     pags_json_put_null(&writer, "lpips_network");
-  put_split(&writer, self, "train", 0);
-  put_split(&writer, self, "test", 1);
-  put_shifts(&writer, self);
-  pags_pose_errors_put_json(&writer, &self->poses);
-  pags_camera_errors_put_json(&writer, &self->cameras);
-  pags_priority_truth_put_json(&writer, &self->priority_truth);
-  return pags_session_json(&self->arguments->session, &writer);
+  put_split(&writer, eval, "train", 0);
+  put_split(&writer, eval, "test", 1);
+  put_shifts(&writer, eval);
+  pags_pose_errors_put_json(&writer, &eval->poses);
+  pags_camera_errors_put_json(&writer, &eval->cameras);
+  pags_priority_truth_put_json(&writer, &eval->priority_truth);
+  return pags_session_json(&eval->arguments->session, &writer);
 }
 
 int pags_verb_eval(int argc, char **argv) {
   eval_arguments arguments = {
       .early_z = "lossless", .options = pags_dataset_options_default(), .image_cache = (uint64_t)256 << 20};
   pags_parsed parsed;
-  evaluation self = {.arguments = &arguments, .session = &arguments.session, .parsed = &parsed};
+  evaluation eval = {.arguments = &arguments, .session = &arguments.session, .parsed = &parsed};
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   arguments.session.answers = true;
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
-    result = evaluate(&self, parsed.positionals[0]);
-  if (self.frame)
-    pags_frame_destroy(self.frame);
-  pags_picture_names_destroy(&self.names);
-  pags_photographs_close(&self.photographs);
-  if (self.lpips)
-    pags_lpips_destroy(self.lpips);
-  pags_composition_destroy(self.composition);
-  pags_shifted_view_scores_destroy(&self.shifts);
+    result = evaluate(&eval, parsed.positionals[0]);
+  if (eval.frame)
+    pags_frame_destroy(eval.frame);
+  pags_picture_names_destroy(&eval.names);
+  pags_photographs_close(&eval.photographs);
+  if (eval.lpips)
+    pags_lpips_destroy(eval.lpips);
+  pags_composition_destroy(eval.composition);
+  pags_shifted_view_scores_destroy(&eval.shifts);
   for (int test = 0; test < 2; test++)
-    pags_depth_errors_destroy(&self.depth_errors[test]);
-  free(self.scores);
-  free(self.score_views);
-  free(self.without_pixels);
+    pags_depth_errors_destroy(&eval.depth_errors[test]);
+  free(eval.scores);
+  free(eval.score_views);
+  free(eval.without_pixels);
   return pags_session_end(&arguments.session, result);
 }

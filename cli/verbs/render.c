@@ -156,7 +156,7 @@ static const pags_verb verb = {
     .options = options};
 
 /* State of a render run. */
-typedef struct renderer {
+typedef struct render_run {
   const render_arguments *arguments;
   pags_session *session;
   pags_composition *composition;
@@ -171,7 +171,7 @@ typedef struct renderer {
   pags_deadline_report deadline; /* with --budget-ms */
   pags_deadline_result *report;  /* of each finished frame, with --budget-ms */
   int64_t done;                  /* frames; of this rank until the ranks' are gathered */
-} renderer;
+} render_run;
 
 /* ---- Viewpoints and frame options ---- */
 
@@ -217,10 +217,10 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
   return result;
 }
 
-static void choose_options(renderer *self, const pags_parsed *parsed) {
-  const render_arguments *arguments = self->arguments;
-  pags_frame_options *frame = &self->options;
-  *frame = pags_composition_options(self->composition);
+static void choose_options(render_run *run, const pags_parsed *parsed) {
+  const render_arguments *arguments = run->arguments;
+  pags_frame_options *frame = &run->options;
+  *frame = pags_composition_options(run->composition);
   for (int c = 0; c < 3 && pags_option_given(parsed, "background"); c++) {
     frame->background[c] = (float)arguments->background[c];
     frame->sky = NULL;
@@ -235,8 +235,8 @@ static void choose_options(renderer *self, const pags_parsed *parsed) {
   frame->exp_degree = arguments->exp_degree ? 5 : 3;
   pags_early_z_parse(arguments->early_z, frame); /* check_usage has checked that the value parses */
   frame->order = (pags_order)arguments->order;
-  frame->extra_channels = pags_picture_writer_needs_extras(&self->writer);
-  frame->keep_for_passes = (self->writer.channels & PAGS_CHANNELS_PASSES) != 0;
+  frame->extra_channels = pags_picture_writer_needs_extras(&run->writer);
+  frame->keep_for_passes = (run->writer.channels & PAGS_CHANNELS_PASSES) != 0;
   frame->count_pairs = arguments->session.json != NULL;
 }
 
@@ -287,270 +287,269 @@ static pags_frame_stats mean_stats(const pags_frame_stats *stats, int64_t count)
   return mean;
 }
 
-static pags_result write_json(const renderer *self) {
+static pags_result write_json(const render_run *run) {
   pags_json_writer writer;
-  pags_frame_stats mean = mean_stats(self->stats, self->done);
+  pags_frame_stats mean = mean_stats(run->stats, run->done);
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
-  pags_json_put_integer(&writer, "threads", pags_tasks_workers(self->arguments->session.tasks));
-  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
-  pags_json_put_integer(&writer, "bytes", (int64_t)pags_composition_bytes(self->composition));
+  pags_json_put_integer(&writer, "threads", pags_tasks_workers(run->arguments->session.tasks));
+  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(run->composition));
+  pags_json_put_integer(&writer, "bytes", (int64_t)pags_composition_bytes(run->composition));
   pags_json_begin_array(&writer, "frames");
-  for (int64_t i = 0; i < self->done; i++) {
+  for (int64_t i = 0; i < run->done; i++) {
     pags_json_begin_object(&writer, NULL);
-    pags_json_put_string(&writer, "name", self->viewpoints.items[i].name);
-    pags_json_put_integer(&writer, "width", self->viewpoints.items[i].camera.width);
-    pags_json_put_integer(&writer, "height", self->viewpoints.items[i].camera.height);
-    pags_json_put_number(&writer, "time", self->viewpoints.items[i].camera.time);
-    put_stats(&writer, &self->stats[i]);
-    if (self->report)
-      pags_deadline_report_put_frame(&self->report[i], &writer);
+    pags_json_put_string(&writer, "name", run->viewpoints.items[i].name);
+    pags_json_put_integer(&writer, "width", run->viewpoints.items[i].camera.width);
+    pags_json_put_integer(&writer, "height", run->viewpoints.items[i].camera.height);
+    pags_json_put_number(&writer, "time", run->viewpoints.items[i].camera.time);
+    put_stats(&writer, &run->stats[i]);
+    if (run->report)
+      pags_deadline_report_put_frame(&run->report[i], &writer);
     pags_json_end_object(&writer);
   }
   pags_json_end_array(&writer);
-  if (self->report)
-    pags_deadline_report_put(&self->deadline, &writer);
+  if (run->report)
+    pags_deadline_report_put(&run->deadline, &writer);
   pags_json_begin_object(&writer, "mean");
   put_stats(&writer, &mean);
   pags_json_end_object(&writer);
-  return pags_session_json(&self->arguments->session, &writer);
+  return pags_session_json(&run->arguments->session, &writer);
 }
 
 /* ---- Drawing ---- */
 
-static pags_result draw(renderer *self, int64_t index) {
-  const pags_viewpoint *viewpoint = &self->viewpoints.items[index];
+static pags_result draw(render_run *run, int64_t index) {
+  const pags_viewpoint *viewpoint = &run->viewpoints.items[index];
   const pags_part *parts;
   int part_count;
   pags_picture picture;
   pags_passes passes = {.normal = {NULL}};
-  const bool motion = self->writer.channels >> PAGS_CHANNEL_MOTION & 1;
-  PAGS_TRY(pags_render_passes_moment(&self->passes, 0, motion && index > 0 ? &viewpoint[-1].camera : NULL));
-  PAGS_TRY(pags_render_passes_moment(&self->passes, 1,
-                                     motion && index + 1 < self->viewpoints.count ? &viewpoint[1].camera : NULL));
-  pags_compose(self->composition, viewpoint->camera.time, &parts, &part_count);
-  if (self->arguments->exposure) {
-    self->options.photometric = viewpoint->photometric;
-    pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
+  const bool motion = run->writer.channels >> PAGS_CHANNEL_MOTION & 1;
+  PAGS_TRY(pags_render_passes_moment(&run->passes, 0, motion && index > 0 ? &viewpoint[-1].camera : NULL));
+  PAGS_TRY(pags_render_passes_moment(&run->passes, 1,
+                                     motion && index + 1 < run->viewpoints.count ? &viewpoint[1].camera : NULL));
+  pags_compose(run->composition, viewpoint->camera.time, &parts, &part_count);
+  if (run->arguments->exposure) {
+    run->options.photometric = viewpoint->photometric;
+    pags_frame_options_expose(&run->options, viewpoint->gain, viewpoint->offset);
   }
-  if (self->report) {
-    PAGS_TRY(pags_deadline_report_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture,
-                                       &self->report[index]));
-    self->stats[index] = self->report[index].stats;
+  if (run->report) {
+    PAGS_TRY(pags_deadline_report_draw(&run->deadline, parts, part_count, &viewpoint->camera, &run->options, &picture,
+                                       &run->report[index]));
+    run->stats[index] = run->report[index].stats;
   } else {
-    PAGS_TRY(
-        pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
-    self->stats[index] = *pags_frame_stats_get(self->frame);
+    PAGS_TRY(pags_frame_render(run->frame, parts, part_count, &viewpoint->camera, &run->options, NULL, NULL, &picture));
+    run->stats[index] = *pags_frame_stats_get(run->frame);
   }
-  if (self->options.keep_for_passes)
-    PAGS_TRY(pags_render_passes_draw(&self->passes, self->frame, parts, part_count, &passes));
-  PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, &passes, &viewpoint->camera, viewpoint->name));
-  self->done++;
+  if (run->options.keep_for_passes)
+    PAGS_TRY(pags_render_passes_draw(&run->passes, run->frame, parts, part_count, &passes));
+  PAGS_TRY(pags_picture_queue_put(&run->queue, &picture, &passes, &viewpoint->camera, viewpoint->name));
+  run->done++;
   return PAGS_OK;
 }
 
-static pags_result draw_all(renderer *self) {
-  const pags_session *session = &self->arguments->session;
+static pags_result draw_all(render_run *run) {
+  const pags_session *session = &run->arguments->session;
   pags_progress progress = pags_progress_begin(session->people);
   pags_interrupt_install(session->tasks);
-  const int64_t count = self->viewpoints.count;
+  const int64_t count = run->viewpoints.count;
   for (int64_t i = 0; i < count; i++) { /* all, since motion looks at the cameras before and after */
-    pags_camera *camera = &self->viewpoints.items[i].camera;
-    *camera = pags_camera_downscale(camera, self->arguments->downscale);
+    pags_camera *camera = &run->viewpoints.items[i].camera;
+    *camera = pags_camera_downscale(camera, run->arguments->downscale);
   }
   pags_result result = PAGS_OK;
   for (int64_t i = 0; result == PAGS_OK && i < count && !pags_ranks_stopping(); i++) {
     if (!pags_ranks_mine(i))
       continue;
-    result = draw(self, i);
-    const int64_t drawn = pags_ranks_tell(self->done, false);
+    result = draw(run, i);
+    const int64_t drawn = pags_ranks_tell(run->done, false);
     if (result == PAGS_OK && pags_progress_due(&progress))
       pags_progress_show(&progress, "frame %lld of %lld, %.1f ms each", (long long)drawn, (long long)count,
-                         total_ms(&self->stats[i]));
+                         total_ms(&run->stats[i]));
   }
-  pags_result written = pags_picture_queue_finish(&self->queue);
+  pags_result written = pags_picture_queue_finish(&run->queue);
   pags_progress_end(&progress);
-  if (written == PAGS_OK && self->done && self->writer.channels >> PAGS_CHANNEL_OBJECT & 1 && pags_ranks_lead())
-    written = pags_object_table_write(pags_composition_scene(self->composition), self->arguments->output);
+  if (written == PAGS_OK && run->done && run->writer.channels >> PAGS_CHANNEL_OBJECT & 1 && pags_ranks_lead())
+    written = pags_object_table_write(pags_composition_scene(run->composition), run->arguments->output);
   const bool stopped = pags_interrupted() || pags_ranks_stopping();
-  pags_ranks_tell(self->done, stopped || result != PAGS_OK || written != PAGS_OK);
+  pags_ranks_tell(run->done, stopped || result != PAGS_OK || written != PAGS_OK);
 
-  int64_t drawn = self->done;
+  int64_t drawn = run->done;
   if (written != PAGS_OK)
     result = written;
   PAGS_TRY(pags_ranks_sum(&drawn));
   if (stopped && written == PAGS_OK && drawn < count && (result == PAGS_OK || pags_interrupted()))
     result = pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld frames; those are in %s", (long long)drawn,
-                       (long long)count, self->arguments->output);
+                       (long long)count, run->arguments->output);
   return result;
 }
 
 /* Brings the statistics of all frames to rank 0. */
-static pags_result gather_stats(renderer *self) {
+static pags_result gather_stats(render_run *run) {
   if (!pags_ranks())
     return PAGS_OK;
-  pags_frame_stats *own = malloc((size_t)self->viewpoints.count * sizeof *own), *all;
+  pags_frame_stats *own = malloc((size_t)run->viewpoints.count * sizeof *own), *all;
   int64_t drawn = 0, bytes;
   void *gathered;
   if (!own)
-    return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
-  for (int64_t i = 0; i < self->viewpoints.count; i++)
+    return pags_out_of_memory("%lld frames", (long long)run->viewpoints.count);
+  for (int64_t i = 0; i < run->viewpoints.count; i++)
     if (pags_ranks_mine(i))
-      own[drawn++] = self->stats[i];
+      own[drawn++] = run->stats[i];
   const pags_result result = pags_ranks_gather(own, drawn * (int64_t)sizeof *own, &gathered, &bytes);
   free(own);
   all = gathered;
   const int64_t ranks = pags_transport_ranks(pags_ranks());
   for (int64_t rank = 0; all && rank < ranks; rank++)
-    for (int64_t i = rank; i < self->viewpoints.count; i += ranks)
-      self->stats[i] = *all++;
+    for (int64_t i = rank; i < run->viewpoints.count; i += ranks)
+      run->stats[i] = *all++;
   free(gathered);
-  self->done = self->viewpoints.count;
+  run->done = run->viewpoints.count;
   return result;
 }
 
 /* ---- Opening the scene ---- */
 
-static pags_result find_work(renderer *self, const pags_parsed *parsed, const pags_scene *scene, pags_edit **edits,
+static pags_result find_work(render_run *run, const pags_parsed *parsed, const pags_scene *scene, pags_edit **edits,
                              int64_t *edit_count) {
-  const render_arguments *arguments = self->arguments;
-  PAGS_TRY(find_viewpoints(arguments, parsed, scene, &self->viewpoints));
+  const render_arguments *arguments = run->arguments;
+  PAGS_TRY(find_viewpoints(arguments, parsed, scene, &run->viewpoints));
   PAGS_TRY(pags_shutter_choose(
       pags_option_given(parsed, "shutter") ? (pags_shutter_choice)arguments->shutter : PAGS_SHUTTER_AS_RECORDED, scene,
-      &self->viewpoints));
+      &run->viewpoints));
   if (pags_option_given(parsed, "time")) {
     /* Set --time for all viewpoints. A time up to one frame interval after the last frame is allowed, since a drive's
      * last frame lasts as long as any other. */
     double span = scene->time_end - scene->time_begin;
     if (arguments->time > span + (scene->fps > 0 ? 1 / scene->fps : 0) + 1e-6)
       return pags_fail(PAGS_ERROR_ARGUMENT, "--time: the scene lasts from 0 to %g s; got %g", span, arguments->time);
-    for (int64_t i = 0; i < self->viewpoints.count; i++)
-      self->viewpoints.items[i].camera.time = scene->time_begin + arguments->time;
+    for (int64_t i = 0; i < run->viewpoints.count; i++)
+      run->viewpoints.items[i].camera.time = scene->time_begin + arguments->time;
   }
   return pags_object_edits_find(&arguments->edits, scene, edits, edit_count);
 }
 
 /* Opens a packed file (.pagsz), which is memory-mapped, not read. A packed file has neither views nor objects. */
-static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
+static pags_result open_packed(render_run *run, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
   const char *path = parsed->positionals[0];
-  const char *way = self->arguments->path;
+  const char *way = run->arguments->path;
   pags_filter filter;
   const char *expected;
-  pags_crop_parse(&self->arguments->crop, &filter, &expected);
+  pags_crop_parse(&run->arguments->crop, &filter, &expected);
   if (pags_filter_is_set(&filter))
     return pags_fail(PAGS_ERROR_UNSUPPORTED,
                      "%s: a packed file can't be cropped; give the same options to pags export when you write it",
                      path);
-  if (!self->arguments->camera && (!strcmp(way, "orbit") || !strcmp(way, "ego")))
+  if (!run->arguments->camera && (!strcmp(way, "orbit") || !strcmp(way, "ego")))
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --camera FILE or --path FILE",
                      path);
-  if (self->arguments->reading.axes)
+  if (run->arguments->reading.axes)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file's axes are known: expected no --axes", path);
-  PAGS_TRY(pags_composition_open_packed(path, &self->composition));
-  self->packed = true;
-  return find_work(self, parsed, pags_composition_scene(self->composition), edits, edit_count);
+  PAGS_TRY(pags_composition_open_packed(path, &run->composition));
+  run->packed = true;
+  return find_work(run, parsed, pags_composition_scene(run->composition), edits, edit_count);
 }
 
 /* Loads a scene. Views, times and edits are resolved before the composition is made, so that errors in them are found
  * before the Gaussians are sorted. */
-static pags_result open_scene(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
+static pags_result open_scene(render_run *run, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
   pags_scene scene;
-  PAGS_TRY(pags_scene_load_in_axes(parsed->positionals[0], self->arguments->reading.axes, &scene));
-  pags_reading_apply(&self->arguments->reading, &scene);
-  pags_result result = pags_crop_apply(&self->arguments->crop, &scene, scene.time_begin + self->arguments->time, NULL,
-                                       &self->arguments->session);
+  PAGS_TRY(pags_scene_load_in_axes(parsed->positionals[0], run->arguments->reading.axes, &scene));
+  pags_reading_apply(&run->arguments->reading, &scene);
+  pags_result result = pags_crop_apply(&run->arguments->crop, &scene, scene.time_begin + run->arguments->time, NULL,
+                                       &run->arguments->session);
   if (result == PAGS_OK)
-    result = find_work(self, parsed, &scene, edits, edit_count);
+    result = find_work(run, parsed, &scene, edits, edit_count);
   if (result == PAGS_OK)
-    PAGS_TRY(pags_composition_create(&scene, &self->composition));
+    PAGS_TRY(pags_composition_create(&scene, &run->composition));
   else
     pags_scene_destroy(&scene);
-  self->packed = self->arguments->packed;
-  if (result == PAGS_OK && self->packed)
-    PAGS_TRY(pags_composition_pack(self->composition));
+  run->packed = run->arguments->packed;
+  if (result == PAGS_OK && run->packed)
+    PAGS_TRY(pags_composition_pack(run->composition));
   return result;
 }
 
-static pags_result compose(renderer *self, const pags_parsed *parsed) {
+static pags_result compose(render_run *run, const pags_parsed *parsed) {
   pags_edit *edits = NULL;
   int64_t edit_count = 0;
-  pags_result result = pags_packed_is_file(parsed->positionals[0]) ? open_packed(self, parsed, &edits, &edit_count)
-                                                                   : open_scene(self, parsed, &edits, &edit_count);
+  pags_result result = pags_packed_is_file(parsed->positionals[0]) ? open_packed(run, parsed, &edits, &edit_count)
+                                                                   : open_scene(run, parsed, &edits, &edit_count);
   if (result == PAGS_OK)
-    result = pags_composition_edit(self->composition, edits, edit_count);
+    result = pags_composition_edit(run->composition, edits, edit_count);
   if (result == PAGS_OK)
-    result = pags_session_check(&self->arguments->session);
+    result = pags_session_check(&run->arguments->session);
   free(edits);
   return result;
 }
 
 /* ---- The verb ---- */
 
-static pags_result begin_deadline(renderer *self) {
+static pags_result begin_deadline(render_run *run) {
   enum { CHECK_EVERY = 8 };
-  if (self->arguments->budget_ms <= 0)
+  if (run->arguments->budget_ms <= 0)
     return PAGS_OK;
-  self->report = calloc((size_t)self->viewpoints.count + 1, sizeof *self->report);
-  if (!self->report)
-    return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
-  return pags_deadline_report_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms,
-                                     CHECK_EVERY, &self->deadline);
+  run->report = calloc((size_t)run->viewpoints.count + 1, sizeof *run->report);
+  if (!run->report)
+    return pags_out_of_memory("%lld frames", (long long)run->viewpoints.count);
+  return pags_deadline_report_create(run->composition, run->arguments->session.tasks, run->arguments->budget_ms,
+                                     CHECK_EVERY, &run->deadline);
 }
 
-static pags_result prepare(renderer *self, const pags_parsed *parsed, unsigned channels) {
-  const render_arguments *arguments = self->arguments;
-  PAGS_TRY(compose(self, parsed));
-  PAGS_TRY(pags_picture_writer_create(self->composition, channels, (pags_picture_format)arguments->format,
-                                      arguments->bits, &self->writer));
-  self->passes = (pags_render_passes){.composition = self->composition, .writer = &self->writer};
-  choose_options(self, parsed);
-  self->stats = calloc((size_t)self->viewpoints.count, sizeof *self->stats);
-  if (!self->stats)
-    return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
-  PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
-  PAGS_TRY(begin_deadline(self));
-  PAGS_TRY(pags_picture_queue_create(&self->writer, arguments->session.tasks, arguments->output, &self->queue));
-  return pags_prepare_folder(self->session, arguments->output);
+static pags_result prepare(render_run *run, const pags_parsed *parsed, unsigned channels) {
+  const render_arguments *arguments = run->arguments;
+  PAGS_TRY(compose(run, parsed));
+  PAGS_TRY(pags_picture_writer_create(run->composition, channels, (pags_picture_format)arguments->format,
+                                      arguments->bits, &run->writer));
+  run->passes = (pags_render_passes){.composition = run->composition, .writer = &run->writer};
+  choose_options(run, parsed);
+  run->stats = calloc((size_t)run->viewpoints.count, sizeof *run->stats);
+  if (!run->stats)
+    return pags_out_of_memory("%lld frames", (long long)run->viewpoints.count);
+  PAGS_TRY(pags_frame_create(arguments->session.tasks, &run->frame));
+  PAGS_TRY(begin_deadline(run));
+  PAGS_TRY(pags_picture_queue_create(&run->writer, arguments->session.tasks, arguments->output, &run->queue));
+  return pags_prepare_folder(run->session, arguments->output);
 }
 
-static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
-  const render_arguments *arguments = self->arguments;
-  PAGS_TRY(pags_session_meet(self->session, prepare(self, parsed, channels)));
-  pags_result result = pags_session_meet(self->session, draw_all(self));
+static pags_result render(render_run *run, const pags_parsed *parsed, unsigned channels) {
+  const render_arguments *arguments = run->arguments;
+  PAGS_TRY(pags_session_meet(run->session, prepare(run, parsed, channels)));
+  pags_result result = pags_session_meet(run->session, draw_all(run));
   if (result == PAGS_OK)
-    result = gather_stats(self);
+    result = gather_stats(run);
   if (result != PAGS_OK || !pags_ranks_lead())
     return result;
 
   int64_t shown = 0;
-  for (int64_t i = 0; i < self->done; i++)
-    shown += self->stats[i].binned > 0;
-  if (!shown && self->done)
+  for (int64_t i = 0; i < run->done; i++)
+    shown += run->stats[i].binned > 0;
+  if (!shown && run->done)
     pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld pictures", arguments->output,
-                     (long long)self->done);
+                     (long long)run->done);
 
   /* Print the mean times and the statistics of --budget-ms and --packed. */
-  pags_frame_stats mean = mean_stats(self->stats, self->done);
-  int threads = pags_tasks_workers(self->arguments->session.tasks);
+  pags_frame_stats mean = mean_stats(run->stats, run->done);
+  int threads = pags_tasks_workers(run->arguments->session.tasks);
   char of_ranks[32] = "";
   if (pags_ranks())
     snprintf(of_ranks, sizeof of_ranks, "%d ranks of ", pags_transport_ranks(pags_ranks()));
   pags_say(
-      &self->arguments->session,
+      &run->arguments->session,
       "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
       "%.2f) on %s%d %s\n",
-      self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
-      (long long)pags_composition_gaussian_count(self->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
+      run->arguments->output, (long long)run->done, run->done == 1 ? "frame" : "frames",
+      (long long)pags_composition_gaussian_count(run->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
       mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, of_ranks, threads, threads == 1 ? "thread" : "threads");
-  const int64_t count = pags_composition_gaussian_count(self->composition);
-  if (self->report)
-    pags_deadline_report_print(&self->deadline, &self->arguments->session);
-  if (self->packed)
-    pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes per Gaussian\n",
-             (double)pags_composition_bytes(self->composition) * 1e-6,
-             count ? (double)pags_composition_bytes(self->composition) / (double)count : 0.0);
+  const int64_t count = pags_composition_gaussian_count(run->composition);
+  if (run->report)
+    pags_deadline_report_print(&run->deadline, &run->arguments->session);
+  if (run->packed)
+    pags_say(&run->arguments->session, "packed: %.1f MB, %.1f bytes per Gaussian\n",
+             (double)pags_composition_bytes(run->composition) * 1e-6,
+             count ? (double)pags_composition_bytes(run->composition) / (double)count : 0.0);
 
-  return write_json(self);
+  return write_json(run);
 }
 
 /* Refuses options that have no effect on what is drawn. */
@@ -631,7 +630,7 @@ int pags_verb_render(int argc, char **argv) {
                                 .sh_degree = standard.sh_degree,
                                 .exp_degree = standard.exp_degree == 5,
                                 .dataset_options = pags_dataset_options_default()};
-  renderer self = {.arguments = &arguments, .session = &arguments.session};
+  render_run run = {.arguments = &arguments, .session = &arguments.session};
   unsigned channels;
   pags_parsed parsed;
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
@@ -641,16 +640,16 @@ int pags_verb_render(int argc, char **argv) {
     return PAGS_EXIT_USAGE;
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
-    result = render(&self, &parsed, channels);
-  if (self.frame)
-    pags_frame_destroy(self.frame);
-  pags_picture_queue_destroy(&self.queue);
-  pags_picture_writer_destroy(&self.writer);
-  pags_render_passes_destroy(&self.passes);
-  pags_viewpoints_destroy(&self.viewpoints);
-  pags_composition_destroy(self.composition);
-  pags_deadline_report_destroy(&self.deadline);
-  free(self.report);
-  free(self.stats);
+    result = render(&run, &parsed, channels);
+  if (run.frame)
+    pags_frame_destroy(run.frame);
+  pags_picture_queue_destroy(&run.queue);
+  pags_picture_writer_destroy(&run.writer);
+  pags_render_passes_destroy(&run.passes);
+  pags_viewpoints_destroy(&run.viewpoints);
+  pags_composition_destroy(run.composition);
+  pags_deadline_report_destroy(&run.deadline);
+  free(run.report);
+  free(run.stats);
   return pags_session_end(&arguments.session, result);
 }

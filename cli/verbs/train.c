@@ -24,10 +24,10 @@
 #include "port/port.h"
 
 /* What the progress callback uses. */
-typedef struct onlookers {
+typedef struct viewers {
   pags_progress *progress;
   pags_watch *watch; /* NULL: no page */
-} onlookers;
+} viewers;
 
 typedef struct train_arguments {
   pags_session session;
@@ -290,7 +290,7 @@ static void watch_end(pags_watch *watch, pags_result result, bool finished) {
 /* ---- Progress and results ---- */
 
 static int show_progress(void *user, const pags_train_progress *now) {
-  const onlookers *both = user;
+  const viewers *both = user;
   pags_progress *progress = both->progress;
   const int go_on = watch_step(both->watch, now);
   char eta[32], size[24] = "", bad[48] = "";
@@ -429,7 +429,7 @@ static pags_result run(train_arguments *arguments, pags_dataset *dataset, pags_t
   arguments->options.cancel = pags_interrupt_flag();
   arguments->options.progress = show_progress;
   arguments->options.transport = pags_ranks();
-  onlookers both = {.progress = &progress};
+  viewers both = {.progress = &progress};
   arguments->options.progress_user = &both;
   pags_interrupt_install(NULL); /* the trainer polls the flag and finishes its step before it stops */
   pags_result status = PAGS_OK;

@@ -6,7 +6,7 @@
 #include "cli/common/session.h"
 #include "cli/draw/describe.h"
 #include "cli/verbs/verbs.h"
-#include "cli/view/gate.h"
+#include "cli/view/access.h"
 #include "cli/view/server.h"
 
 #include <pags/packed.h>
@@ -90,18 +90,18 @@ static pags_result write_json(const view_arguments *arguments, const pags_server
 static pags_result serve(const view_arguments *arguments, const char *path, pags_composition *composition,
                          const pags_view_start *start) {
   pags_json_writer description;
-  pags_drawer *drawer = NULL;
+  pags_renderer *renderer = NULL;
   pags_server *server = NULL;
-  const pags_drawer_settings drawing = {.composition = composition,
-                                        .tasks = arguments->session.tasks,
-                                        .budget_ms = arguments->budget_ms,
-                                        .dataset = arguments->dataset,
-                                        .dataset_options = arguments->dataset_options};
+  const pags_renderer_settings drawing = {.composition = composition,
+                                          .tasks = arguments->session.tasks,
+                                          .budget_ms = arguments->budget_ms,
+                                          .dataset = arguments->dataset,
+                                          .dataset_options = arguments->dataset_options};
   pags_result result = pags_view_describe(composition, start, pags_path_name(path), false, &description);
   if (result == PAGS_OK)
-    result = pags_drawer_create(&drawing, &drawer);
+    result = pags_renderer_create(&drawing, &renderer);
   if (result == PAGS_OK)
-    result = pags_server_create(&(pags_server_settings){.drawer = drawer,
+    result = pags_server_create(&(pags_server_settings){.renderer = renderer,
                                                         .tasks = arguments->session.tasks,
                                                         .description = description.data,
                                                         .bind = arguments->bind,
@@ -118,7 +118,7 @@ static pags_result serve(const view_arguments *arguments, const char *path, pags
     result = pags_server_run(server, pags_interrupt_flag());
   }
   pags_server_destroy(server);
-  pags_drawer_destroy(drawer);
+  pags_renderer_destroy(renderer);
   pags_json_writer_destroy(&description);
   return result;
 }

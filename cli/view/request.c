@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads the messages of pages. */
+/* Parses the messages of pages. */
 #include "cli/view/request.h"
 
 #include <math.h>
@@ -24,7 +24,7 @@ static pags_result read_camera(const pags_json *json, const pags_json_value *obj
   PAGS_TRY(pags_json_number(json, object, "cy", &out->cy));
   PAGS_TRY(pags_json_numbers(json, object, "pose", 12, out->world_from_camera));
   PAGS_TRY(pags_json_number_or(json, object, "time", (double)NAN, &out->time));
-  /* Far beyond what a camera is, so that no later arithmetic leaves the range of floats. */
+  /* Bounds far beyond any camera, which keep later arithmetic in the range of floats. */
   if (!(out->fx > 1e-3 && out->fx < 1e7 && out->fy > 1e-3 && out->fy < 1e7 && fabs(out->cx) < 1e7 &&
         fabs(out->cy) < 1e7))
     return pags_json_fail(json, object, "a lens out of bounds: expected fx and fy from 0.001 to 10,000,000 pixels");

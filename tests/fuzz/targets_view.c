@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "cli/view/gate.h"
+#include "cli/view/access.h"
 #include "cli/view/request.h"
 
 /* ---- Messages ---- */
@@ -54,17 +54,18 @@ static const fuzz_target request = {
  * gate's own to the byte. */
 static int run_gate(const uint8_t *data, size_t size) {
   enum { PARTS = 4 };
-  static const unsigned char bytes[PAGS_GATE_TOKEN_BYTES] = {1, 35, 69, 103, 137, 171, 205, 239};
-  pags_gate gate;
+  static const unsigned char bytes[PAGS_ACCESS_TOKEN_BYTES] = {1, 35, 69, 103, 137, 171, 205, 239};
+  pags_access gate;
   fuzz_part parts[PARTS];
-  FUZZ_CHECK(pags_gate_make(&gate, bytes, "127.0.0.1", 8765, "view.example,[::1]:9") == PAGS_OK);
+  FUZZ_CHECK(pags_access_create(&gate, bytes, "127.0.0.1", 8765, "view.example,[::1]:9") == PAGS_OK);
   fuzz_parts(data, size, PARTS, parts);
   const char *text[PARTS];
   for (int i = 0; i < PARTS; i++)
     text[i] = parts[i].bytes ? (const char *)parts[i].bytes : "";
-  const bool host = pags_gate_host(&gate, text[0]), origin = pags_gate_origin(&gate, text[1]);
-  const bool token = pags_gate_token(&gate, text[2], strlen(text[2])), cookie = pags_gate_cookie(&gate, text[3]);
-  FUZZ_CHECK(!host || strlen(text[0]) < PAGS_GATE_NAME);
+  const bool host = pags_access_allows_host(&gate, text[0]), origin = pags_access_allows_origin(&gate, text[1]);
+  const bool token = pags_access_is_token(&gate, text[2], strlen(text[2])),
+             cookie = pags_access_allows_cookie(&gate, text[3]);
+  FUZZ_CHECK(!host || strlen(text[0]) < PAGS_ACCESS_NAME);
   FUZZ_CHECK(!origin || strstr(text[1], "://"));
   FUZZ_CHECK(token == !strcmp(text[2], gate.token));
   FUZZ_CHECK(!cookie || (strstr(text[3], gate.token) && strstr(text[3], gate.cookie)));

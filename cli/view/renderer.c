@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws looks with the engine under its deadline controller, turns planes into the colours of a channel, encodes them.
- */
-#include "cli/view/drawer.h"
+/* Renders looks under the deadline controller, colours the channels and encodes the pictures. */
+#include "cli/view/renderer.h"
 
 #include "cli/common/photographs.h"
 #include "cli/draw/picture.h"
@@ -19,14 +18,14 @@
 #include "image/jpeg.h"
 #include "maths/maths.h"
 
-struct pags_drawer {
-  pags_drawer_settings settings;
+struct pags_renderer {
+  pags_renderer_settings settings;
   pags_deadline *deadline;
-  float *priority_of; /* of each id; all 0 if the scene knows none */
-  int32_t *object_of; /* of each id */
-  float *size_of;     /* of each id, metres: geometric mean of its sigmas; of the channel of sizes alone */
-  int64_t id_room;    /* ids that these have room for */
-  pags_part *parts;   /* those of a composition that a look shows */
+  float *priority_of; /* per id; all 0 if the scene has no priorities */
+  int32_t *object_of; /* per id */
+  float *size_of;     /* per id, metres: geometric mean of the sigmas; only for the channel of sizes */
+  int64_t id_room;    /* capacity of these arrays */
+  pags_part *parts;   /* the visible parts of the current look */
   int part_room;
   pags_photographs photographs;
   bool opened;
@@ -34,61 +33,61 @@ struct pags_drawer {
 
 /* ---- Start and end ---- */
 
-/* Makes room for the values of ids: a quarter more than is needed when there was room for some already. */
-static pags_result reserve_ids(pags_drawer *self, int64_t count) {
-  if (count < self->id_room)
+/* Grows the arrays per id; reserves a quarter more when they grow again. */
+static pags_result reserve_ids(pags_renderer *renderer, int64_t count) {
+  if (count < renderer->id_room)
     return PAGS_OK;
-  const size_t room = (size_t)(count + (self->id_room ? count / 4 : 0) + 1);
-  float *const priority = realloc(self->priority_of, room * sizeof *priority);
-  self->priority_of = priority ? priority : self->priority_of;
-  int32_t *const object = realloc(self->object_of, room * sizeof *object);
-  self->object_of = object ? object : self->object_of;
-  float *const size = realloc(self->size_of, room * sizeof *size);
-  self->size_of = size ? size : self->size_of;
+  const size_t room = (size_t)(count + (renderer->id_room ? count / 4 : 0) + 1);
+  float *const priority = realloc(renderer->priority_of, room * sizeof *priority);
+  renderer->priority_of = priority ? priority : renderer->priority_of;
+  int32_t *const object = realloc(renderer->object_of, room * sizeof *object);
+  renderer->object_of = object ? object : renderer->object_of;
+  float *const size = realloc(renderer->size_of, room * sizeof *size);
+  renderer->size_of = size ? size : renderer->size_of;
   if (!priority || !object || !size)
     return pags_out_of_memory("the channels of %lld Gaussians", (long long)count);
-  self->id_room = (int64_t)room;
+  renderer->id_room = (int64_t)room;
   return PAGS_OK;
 }
 
-pags_result pags_drawer_show(pags_drawer *self, pags_composition *composition) {
+pags_result pags_renderer_set_scene(pags_renderer *renderer, pags_composition *composition) {
   const int64_t count = pags_composition_gaussian_count(composition);
-  self->settings.composition = NULL;
-  PAGS_TRY(reserve_ids(self, count));
-  memset(self->priority_of, 0, (size_t)count * sizeof *self->priority_of);
-  memset(self->object_of, 0, (size_t)count * sizeof *self->object_of);
-  pags_composition_priorities(composition, self->priority_of);
-  pags_composition_objects(composition, self->object_of);
-  PAGS_TRY(pags_deadline_set_priorities(self->deadline, self->priority_of, count));
-  self->settings.composition = composition;
+  renderer->settings.composition = NULL;
+  PAGS_TRY(reserve_ids(renderer, count));
+  memset(renderer->priority_of, 0, (size_t)count * sizeof *renderer->priority_of);
+  memset(renderer->object_of, 0, (size_t)count * sizeof *renderer->object_of);
+  pags_composition_priorities(composition, renderer->priority_of);
+  pags_composition_objects(composition, renderer->object_of);
+  PAGS_TRY(pags_deadline_set_priorities(renderer->deadline, renderer->priority_of, count));
+  renderer->settings.composition = composition;
   return PAGS_OK;
 }
 
-pags_result pags_drawer_create(const pags_drawer_settings *settings, pags_drawer **out) {
-  pags_drawer *self = calloc(1, sizeof *self);
-  *out = self;
-  if (!self)
+pags_result pags_renderer_create(const pags_renderer_settings *settings, pags_renderer **out) {
+  pags_renderer *renderer = calloc(1, sizeof *renderer);
+  *out = renderer;
+  if (!renderer)
     return pags_out_of_memory(NULL);
-  self->settings = *settings;
-  PAGS_TRY(pags_deadline_create(settings->tasks, NULL, 0, &self->deadline));
-  return settings->composition ? pags_drawer_show(self, settings->composition) : PAGS_OK;
+  renderer->settings = *settings;
+  PAGS_TRY(pags_deadline_create(settings->tasks, NULL, 0, &renderer->deadline));
+  return settings->composition ? pags_renderer_set_scene(renderer, settings->composition) : PAGS_OK;
 }
 
-void pags_drawer_destroy(pags_drawer *self) {
-  if (!self)
+void pags_renderer_destroy(pags_renderer *renderer) {
+  if (!renderer)
     return;
-  if (self->opened)
-    pags_photographs_close(&self->photographs);
-  pags_deadline_destroy(self->deadline);
-  free(self->priority_of);
-  free(self->object_of);
-  free(self->size_of);
-  free(self->parts);
-  free(self);
+  if (renderer->opened)
+    pags_photographs_close(&renderer->photographs);
+  pags_deadline_destroy(renderer->deadline);
+  free(renderer->priority_of);
+  free(renderer->object_of);
+  free(renderer->size_of);
+  free(renderer->parts);
+  free(renderer);
 }
 
-pags_deadline_controller pags_drawer_controller(const pags_drawer *self) {
-  return pags_deadline_controller_begin_live(self->settings.budget_ms);
+pags_deadline_controller pags_renderer_controller(const pags_renderer *renderer) {
+  return pags_deadline_controller_begin_live(renderer->settings.budget_ms);
 }
 
 /* ---- Parts ---- */
@@ -102,28 +101,28 @@ static bool is_shown(const pags_view_look *look, int64_t object) {
   return true;
 }
 
-/* Composes the look's time and keeps the parts that it shows. */
-static pags_result compose(pags_drawer *self, const pags_view_look *look, double time, int *count) {
+/* Composes the scene at `time` and selects the visible parts of the look. */
+static pags_result compose(pags_renderer *renderer, const pags_view_look *look, double time, int *count) {
   const pags_part *all;
   int all_count;
-  pags_compose(self->settings.composition, time, &all, &all_count);
-  if (all_count > self->part_room) {
-    pags_part *grown = realloc(self->parts, (size_t)all_count * sizeof *grown);
+  pags_compose(renderer->settings.composition, time, &all, &all_count);
+  if (all_count > renderer->part_room) {
+    pags_part *grown = realloc(renderer->parts, (size_t)all_count * sizeof *grown);
     if (!grown)
       return pags_out_of_memory(NULL);
-    self->parts = grown;
-    self->part_room = all_count;
+    renderer->parts = grown;
+    renderer->part_room = all_count;
   }
   *count = 0;
   for (int i = 0; i < all_count; i++)
     if (is_shown(look, all[i].label))
-      self->parts[(*count)++] = all[i];
+      renderer->parts[(*count)++] = all[i];
   return PAGS_OK;
 }
 
 /* ---- Colours of channels ---- */
 
-/* A colour for an object, of hues that neighbouring indices don't share. */
+/* Colour of an object; neighbouring indices differ in hue (steps of the golden ratio). */
 static void object_color(int64_t object, float rgb[3]) {
   const double hue = 0.61803398875 * (double)(object + 1), turn = 6 * (hue - floor(hue));
   for (int c = 0; c < 3; c++) {
@@ -132,38 +131,36 @@ static void object_color(int64_t object, float rgb[3]) {
   }
 }
 
-/* Finds the sizes of the Gaussians of the parts. */
-static void measure_sizes(pags_drawer *self, int count) {
+static void measure_sizes(pags_renderer *renderer, int count) {
   for (int k = 0; k < count; k++) {
-    const pags_part *part = &self->parts[k];
+    const pags_part *part = &renderer->parts[k];
     const pags_gaussians *g = part->gaussians;
     for (int64_t row = 0; row < g->count; row++) {
       const float sum =
           pags_plane(g, PAGS_SCALE)[row] + pags_plane(g, PAGS_SCALE + 1)[row] + pags_plane(g, PAGS_SCALE + 2)[row];
-      self->size_of[part->id ? part->id[row] : part->first_id + row] = (float)pags_exp((double)sum / 3);
+      renderer->size_of[part->id ? part->id[row] : part->first_id + row] = (float)pags_exp((double)sum / 3);
     }
   }
 }
 
-/* Colours of the pixel `i`; `shown` is how much of the scene is there. */
-static void color_pixel(const pags_drawer *self, const pags_picture *p, pags_view_channel channel, size_t i,
+static void color_pixel(const pags_renderer *renderer, const pags_picture *p, pags_view_channel channel, size_t i,
                         float rgb[3]) {
   const int32_t id = p->id[i];
   const float grey = 0.2126F * p->rgb[0][i] + 0.7152F * p->rgb[1][i] + 0.0722F * p->rgb[2][i];
-  const int64_t object = id < 0 ? -1 : self->object_of[id];
+  const int64_t object = id < 0 ? -1 : renderer->object_of[id];
   for (int c = 0; c < 3; c++)
     rgb[c] = p->rgb[c][i];
   if (channel == PAGS_VIEW_DEPTH) {
-    /* 1 m is the brightest, 256 m black, halving the distance adds an eighth */
+    /* 1 m is the brightest, 256 m is black; half the distance adds one eighth */
     const double z = p->depth[i], bright = z > 0 ? 1 - pags_log(fmax(z, 1)) / pags_log(256) : 0;
     pags_colormap_heat((float)fmax(bright, 0), rgb);
   } else if (channel == PAGS_VIEW_SIZE) {
-    /* 1 mm is black, 10 m the brightest, each tenfold adds a quarter */
-    const double bright = id < 0 ? 0 : 0.25 * pags_log10(fmax((double)self->size_of[id], 1e-3) / 1e-3);
+    /* 1 mm is black, 10 m the brightest; each factor of ten adds one quarter */
+    const double bright = id < 0 ? 0 : 0.25 * pags_log10(fmax((double)renderer->size_of[id], 1e-3) / 1e-3);
     pags_colormap_heat((float)fmin(bright, 1), rgb);
   } else if (channel == PAGS_VIEW_PRIORITY) {
-    pags_colormap_heat(id < 0 ? 0 : self->priority_of[id], rgb);
-  } else if (channel == PAGS_VIEW_CRITICAL && !(id >= 0 && self->priority_of[id] > 0.5F)) {
+    pags_colormap_heat(id < 0 ? 0 : renderer->priority_of[id], rgb);
+  } else if (channel == PAGS_VIEW_CRITICAL && !(id >= 0 && renderer->priority_of[id] > 0.5F)) {
     rgb[0] = rgb[1] = rgb[2] = 0.35F * grey;
   } else if (channel == PAGS_VIEW_OBJECT) {
     if (object >= 0)
@@ -173,7 +170,7 @@ static void color_pixel(const pags_drawer *self, const pags_picture *p, pags_vie
   }
 }
 
-static pags_result to_image(const pags_drawer *self, const pags_picture *picture, pags_view_channel channel,
+static pags_result to_image(const pags_renderer *renderer, const pags_picture *picture, pags_view_channel channel,
                             pags_image *out) {
   if (channel == PAGS_VIEW_COLOR)
     return pags_picture_to_image(picture, PAGS_U8, out);
@@ -182,7 +179,7 @@ static pags_result to_image(const pags_drawer *self, const pags_picture *picture
   for (int y = 0; y < picture->height; y++)
     for (int x = 0; x < picture->width; x++) {
       float rgb[3];
-      color_pixel(self, picture, channel, (size_t)y * (size_t)picture->stride + (size_t)x, rgb);
+      color_pixel(renderer, picture, channel, (size_t)y * (size_t)picture->stride + (size_t)x, rgb);
       for (int c = 0; c < 3; c++)
         *to++ = (uint8_t)(255 * (rgb[c] > 0 ? rgb[c] < 1 ? rgb[c] : 1 : 0) + 0.5F);
     }
@@ -196,7 +193,7 @@ static void put_u32(unsigned char *to, size_t value) {
     to[i] = (unsigned char)(value >> (8 * i));
 }
 
-/* Ends a text, puts `extra` bytes behind it for a picture. The writer is destroyed. */
+/* Makes the message from the JSON text and, for a picture, the JPEG file. Destroys the writer. */
 static pags_result finish(pags_json_writer *json, const pags_sink *jpeg, pags_view_message *out) {
   pags_json_end_object(json);
   pags_result result = pags_json_writer_finish(json);
@@ -225,7 +222,7 @@ static void begin(pags_json_writer *json, const char *type, int64_t serial) {
   pags_json_put_integer(json, "serial", serial);
 }
 
-pags_result pags_drawer_refuse(const char *text, int64_t serial, pags_view_message *out) {
+pags_result pags_renderer_error_message(const char *text, int64_t serial, pags_view_message *out) {
   pags_json_writer json;
   begin(&json, "error", serial);
   pags_json_put_string(&json, "text", text);
@@ -246,7 +243,6 @@ static void put_stats(pags_json_writer *json, const pags_deadline_result *drawn)
   pags_json_put_integer(json, "clustersHidden", s->clusters_hidden);
 }
 
-/* Encodes the image and makes the message of a picture. */
 static pags_result send_picture(const pags_view_look *look, const pags_image *image, int percent, bool sharp,
                                 const pags_deadline_result *drawn, double psnr, pags_view_message *out) {
   pags_sink jpeg = {0};
@@ -267,22 +263,23 @@ static pags_result send_picture(const pags_view_look *look, const pags_image *im
 
 /* ---- Pictures ---- */
 
-static pags_result draw_scene(pags_drawer *self, const pags_view_look *look, const pags_drawer_quality *quality,
+static pags_result draw_scene(pags_renderer *renderer, const pags_view_look *look, const pags_renderer_quality *quality,
                               pags_view_message *out, pags_deadline_result *drawn) {
-  pags_frame_options options = pags_composition_options(self->settings.composition);
+  pags_frame_options options = pags_composition_options(renderer->settings.composition);
   const pags_camera *camera = &look->camera;
   const int step = look->full || !look->early_z ? 0 : quality->step;
   pags_picture picture;
   int count;
-  PAGS_TRY(compose(self, look, camera->time, &count));
+  PAGS_TRY(compose(renderer, look, camera->time, &count));
   options.extra_channels = look->channel != PAGS_VIEW_COLOR;
   if (!look->early_z)
     options.early_z = PAGS_EARLY_Z_OFF;
   if (look->channel == PAGS_VIEW_SIZE)
-    measure_sizes(self, count);
-  PAGS_TRY(pags_deadline_render_step(self->deadline, step, self->parts, count, camera, &options, &picture, drawn));
+    measure_sizes(renderer, count);
+  PAGS_TRY(
+      pags_deadline_render_step(renderer->deadline, step, renderer->parts, count, camera, &options, &picture, drawn));
   pags_image image;
-  PAGS_TRY(to_image(self, &picture, look->channel, &image));
+  PAGS_TRY(to_image(renderer, &picture, look->channel, &image));
   const pags_result result = send_picture(look, &image, quality->percent, quality->sharp, drawn, (double)NAN, out);
   pags_image_destroy(&image);
   return result;
@@ -290,49 +287,51 @@ static pags_result draw_scene(pags_drawer *self, const pags_view_look *look, con
 
 /* ---- Photographs ---- */
 
-static pags_result open_photographs(pags_drawer *self) {
+static pags_result open_photographs(pags_renderer *renderer) {
   enum { CACHE = 64 << 20 }; /* bytes of decoded photographs */
-  const pags_scene *scene = pags_composition_scene(self->settings.composition);
-  if (self->opened)
+  const pags_scene *scene = pags_composition_scene(renderer->settings.composition);
+  if (renderer->opened)
     return PAGS_OK;
-  if (self->settings.photographs) {
-    PAGS_TRY(pags_photographs_of(self->settings.photographs, self->settings.tasks, CACHE, &self->photographs));
-    self->opened = true;
+  if (renderer->settings.photographs) {
+    PAGS_TRY(
+        pags_photographs_of(renderer->settings.photographs, renderer->settings.tasks, CACHE, &renderer->photographs));
+    renderer->opened = true;
     return PAGS_OK;
   }
-  if (!self->settings.dataset && !scene->dataset)
+  if (!renderer->settings.dataset && !scene->dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "the scene doesn't name its data set: start pags view with --dataset DATASET");
-  PAGS_TRY(pags_photographs_open_for(scene, self->settings.dataset, &self->settings.dataset_options,
-                                     self->settings.tasks, CACHE, &self->photographs));
-  self->opened = true;
+  PAGS_TRY(pags_photographs_open_for(scene, renderer->settings.dataset, &renderer->settings.dataset_options,
+                                     renderer->settings.tasks, CACHE, &renderer->photographs));
+  renderer->opened = true;
   return PAGS_OK;
 }
 
-/* The picture of the view's own camera, exposed as the photograph was, as floats of 0 to 1. */
-static pags_result draw_view(pags_drawer *self, const pags_view_look *look, const pags_scene_view *view, int width,
-                             int height, pags_image *out, pags_deadline_result *drawn) {
-  pags_frame_options options = pags_composition_options(self->settings.composition);
+/* Renders the view from its own camera with the exposure of its photograph, as floats 0..1. */
+static pags_result draw_view(pags_renderer *renderer, const pags_view_look *look, const pags_scene_view *view,
+                             int width, int height, pags_image *out, pags_deadline_result *drawn) {
+  pags_frame_options options = pags_composition_options(renderer->settings.composition);
   pags_picture picture;
   int count;
   pags_camera camera = view->camera;
   if (camera.width != width || camera.height != height)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph has %dx%d pixels, its camera %dx%d", view->name, width,
                      height, camera.width, camera.height);
-  PAGS_TRY(compose(self, look, camera.time, &count));
+  PAGS_TRY(compose(renderer, look, camera.time, &count));
   options.photometric = view->photometric;
   pags_frame_options_expose(&options, view->gain, view->offset);
-  PAGS_TRY(pags_deadline_render_step(self->deadline, 0, self->parts, count, &camera, &options, &picture, drawn));
+  PAGS_TRY(
+      pags_deadline_render_step(renderer->deadline, 0, renderer->parts, count, &camera, &options, &picture, drawn));
   return pags_picture_to_image(&picture, PAGS_F32, out);
 }
 
-static pags_result compare(pags_drawer *self, const pags_view_look *look, const pags_photograph *photograph,
+static pags_result compare(pags_renderer *renderer, const pags_view_look *look, const pags_photograph *photograph,
                            const pags_scene_view *view, pags_view_message *out, pags_deadline_result *drawn) {
   enum { QUALITY = 92, TIMES = 3 };
   const pags_image *photo = &photograph->image;
   pags_image picture = {0}, shown = {0};
   double psnr = (double)NAN;
-  PAGS_TRY(draw_view(self, look, view, photo->width, photo->height, &picture, drawn));
+  PAGS_TRY(draw_view(renderer, look, view, photo->width, photo->height, &picture, drawn));
   pags_result result = pags_eval_psnr(&picture, photo, photograph->mask, &psnr);
   if (result == PAGS_OK)
     result = pags_image_create(&shown, photo->width, photo->height, 3, PAGS_U8);
@@ -350,41 +349,42 @@ static pags_result compare(pags_drawer *self, const pags_view_look *look, const 
   return result;
 }
 
-static pags_result draw_photograph(pags_drawer *self, const pags_view_look *look, pags_view_message *out,
+static pags_result draw_photograph(pags_renderer *renderer, const pags_view_look *look, pags_view_message *out,
                                    pags_deadline_result *drawn) {
-  const pags_scene *scene = pags_composition_scene(self->settings.composition);
+  const pags_scene *scene = pags_composition_scene(renderer->settings.composition);
   if (look->view < 0 || look->view >= scene->view_count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "no recorded camera is selected");
-  PAGS_TRY(open_photographs(self));
-  for (int64_t i = 0; i < self->photographs.count; i++)
-    if (self->photographs.borrowed ? i == look->view
-                                   : self->photographs.views[i].scene_view == &scene->views[look->view]) {
+  PAGS_TRY(open_photographs(renderer));
+  for (int64_t i = 0; i < renderer->photographs.count; i++)
+    if (renderer->photographs.borrowed ? i == look->view
+                                       : renderer->photographs.views[i].scene_view == &scene->views[look->view]) {
       pags_photograph photograph;
-      PAGS_TRY(pags_photographs_read(&self->photographs, i, &photograph));
-      const pags_result result = compare(self, look, &photograph, &scene->views[look->view], out, drawn);
+      PAGS_TRY(pags_photographs_read(&renderer->photographs, i, &photograph));
+      const pags_result result = compare(renderer, look, &photograph, &scene->views[look->view], out, drawn);
       pags_photograph_destroy(&photograph);
       return result;
     }
   return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the data set has no photograph of it", scene->views[look->view].name);
 }
 
-pags_result pags_drawer_draw(pags_drawer *self, const pags_view_look *look, const pags_drawer_quality *quality,
-                             pags_view_message *out, pags_drawer_facts *facts) {
+pags_result pags_renderer_draw(pags_renderer *renderer, const pags_view_look *look,
+                               const pags_renderer_quality *quality, pags_view_message *out,
+                               pags_renderer_facts *facts) {
   pags_deadline_result drawn = {0};
   const double begun = pags_clock_ms();
-  *facts = (pags_drawer_facts){0};
+  *facts = (pags_renderer_facts){0};
   if (look->channel == PAGS_VIEW_PHOTOGRAPH || look->channel == PAGS_VIEW_DIFFERENCE)
-    PAGS_TRY(draw_photograph(self, look, out, &drawn));
+    PAGS_TRY(draw_photograph(renderer, look, out, &drawn));
   else
-    PAGS_TRY(draw_scene(self, look, quality, out, &drawn));
-  *facts = (pags_drawer_facts){.ms = pags_clock_ms() - begun, .step = drawn.step};
+    PAGS_TRY(draw_scene(renderer, look, quality, out, &drawn));
+  *facts = (pags_renderer_facts){.ms = pags_clock_ms() - begun, .step = drawn.step};
   return PAGS_OK;
 }
 
 /* ---- Picking ---- */
 
-pags_result pags_drawer_pick(pags_drawer *self, const pags_view_look *look, double x, double y, int64_t serial,
-                             pags_view_message *out) {
+pags_result pags_renderer_pick(pags_renderer *renderer, const pags_view_look *look, double x, double y, int64_t serial,
+                               pags_view_message *out) {
   const pags_camera *camera = &look->camera;
   const double *m = camera->world_from_camera;
   const double ray[3] = {(x - camera->cx) / camera->fx, (y - camera->cy) / camera->fy, 1};
@@ -395,18 +395,19 @@ pags_result pags_drawer_pick(pags_drawer *self, const pags_view_look *look, doub
     eye[i] = m[4 * i + 3];
     direction[i] = m[4 * i] * ray[0] + m[4 * i + 1] * ray[1] + m[4 * i + 2] * ray[2];
   }
-  PAGS_TRY(compose(self, look, camera->time, &count));
-  PAGS_TRY(pags_composition_pick(self->settings.composition, self->parts, count, eye, direction, NULL, &picked));
+  PAGS_TRY(compose(renderer, look, camera->time, &count));
+  PAGS_TRY(
+      pags_composition_pick(renderer->settings.composition, renderer->parts, count, eye, direction, NULL, &picked));
   pags_json_writer json;
   begin(&json, "picked", serial);
   pags_json_put_bool(&json, "hit", picked.part >= 0);
   if (picked.part >= 0) {
-    const int64_t object = picked.object >= 0 ? picked.object : self->object_of[picked.id];
+    const int64_t object = picked.object >= 0 ? picked.object : renderer->object_of[picked.id];
     pags_json_put_numbers(&json, "point", picked.point, 3);
     pags_json_put_number(&json, "depth", picked.depth);
     pags_json_put_integer(&json, "gaussian", picked.id);
     pags_json_put_integer(&json, "object", object);
-    pags_json_put_number(&json, "priority", (double)self->priority_of[picked.id]);
+    pags_json_put_number(&json, "priority", (double)renderer->priority_of[picked.id]);
   }
   return finish(&json, NULL, out);
 }
