@@ -3,7 +3,7 @@
  * separate from pags because its verb `error` links the tests' double-precision renderer. */
 #include "benchmarks/bench.h"
 #include "benchmarks/verbs.h"
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/common/session.h"
 #include "cli/draw/camera_paths.h"
 

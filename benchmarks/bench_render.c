@@ -3,7 +3,7 @@
  * writes a table, JSON and CSV. */
 #include "benchmarks/modes.h"
 #include "benchmarks/verbs.h"
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/common/session.h"
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/deadline_report.h"

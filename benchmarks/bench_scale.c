@@ -8,7 +8,7 @@
  * memory-mapped. */
 #include "benchmarks/modes.h"
 #include "benchmarks/verbs.h"
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/common/session.h"
 #include "cli/draw/camera_paths.h"
 

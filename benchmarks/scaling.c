@@ -9,7 +9,7 @@
 #include "benchmarks/modes.h"
 #include "benchmarks/scaling_report.h"
 #include "benchmarks/verbs.h"
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/common/session.h"
 #include "cli/draw/camera_paths.h"
 

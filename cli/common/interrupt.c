@@ -2,7 +2,7 @@
 /* Interrupts. Ctrl-C and a request to end (SIGTERM, SIGHUP, SIGUSR1, SIGUSR2, SIGXCPU) cancel the work under way, which
  * then saves its state; a second Ctrl-C ends the program at once. A mapped file that was cut short ends it with a
  * message. */
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 
 #include <stddef.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "cli/common/option_rules.h"
+#include "cli/common/options.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -148,4 +148,17 @@ void pags_options_help(const pags_verb *verb, const void *defaults);
  * enough to be meant. */
 const char *pags_nearest_name(const char *word, const char *const *names);
 
+/* ---- Options without effect on the given input ---- */
+
+typedef struct pags_option_rule {
+  const char *names; /* options of the verb's table, separated by blanks; NULL ends the rules */
+  bool applies;      /* whether they have an effect on what is given */
+  const char *needs; /* what they need, for the message */
+} pags_option_rule;
+
+/* Returns the first rule of which options are given that have no effect, and writes those into `names`, such as
+ * "--shift, --fps"; NULL if all that are given have one. */
+const pags_option_rule *pags_option_idle(const pags_parsed *parsed, const pags_option_rule *rules, char *names,
+                                         size_t size);
+
 #endif

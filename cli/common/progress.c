@@ -2,7 +2,6 @@
 /* Implements progress.h: the progress line with the estimated time left, the check of standard output, and formatting
  * of durations and sizes. */
 #include "cli/common/progress.h"
-#include "cli/common/interrupt.h"
 #include "cli/common/options.h"
 
 #include <errno.h>

@@ -5,6 +5,7 @@
 #ifndef PAGS_CLI_PROGRESS_H
 #define PAGS_CLI_PROGRESS_H
 
+#include <pags/tasks.h>
 #include <stdbool.h>
 #include <stdio.h>
 
@@ -52,5 +53,20 @@ double pags_seconds(void);
 const char *pags_format_duration(double seconds, char *text, size_t size);
 /* Formats a size as "12.3 MB" into `text`, which it returns; units are decimal, as in file managers. */
 const char *pags_format_bytes(double bytes, char *text, size_t size);
+
+/* ---- Interrupts: the first Ctrl-C, SIGTERM, SIGHUP, SIGUSR1, SIGUSR2 or SIGXCPU stops cleanly ---- */
+
+/* Installs the signal handlers. A signal sets the flag and, unless `tasks` is NULL, cancels its parallel loops. Pass
+ * NULL for work that polls the flag and finishes its step before it stops. Must be called again with NULL before the
+ * tasks are destroyed. */
+void pags_interrupt_install(pags_tasks *tasks);
+
+/* Does as if Ctrl-C had been pressed, but any number of times. */
+void pags_interrupt_ask(void);
+
+bool pags_interrupted(void);
+
+/* Returns the flag itself, for work that polls it; non-zero after a signal. */
+const volatile int *pags_interrupt_flag(void);
 
 #endif

@@ -3,7 +3,7 @@
  * exit code; checks that outputs can be written before the work starts. */
 #include "cli/common/session.h"
 
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/common/ranks.h"
 
 #include <errno.h>

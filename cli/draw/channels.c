@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Computes surface normals from a picture's depth plane, for --channel normal: cross products of depth differences
  * between neighbouring pixels. */
-#include "cli/draw/channels.h"
+#include "cli/draw/picture.h"
 
 #include <math.h>
 #include <stdbool.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Writes objects.json (docs/render.md): number, name, id, class and kind of every object. */
-#include "cli/draw/object_table.h"
+#include "cli/draw/picture.h"
 
 #include <stdlib.h>
 

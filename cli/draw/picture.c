@@ -2,8 +2,6 @@
 /* Converts the planes of a rendered picture to images and writes PNG and EXR files, one per channel. */
 #include "cli/draw/picture.h"
 
-#include "cli/draw/channels.h"
-
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"

@@ -4,8 +4,10 @@
 #define PAGS_CLI_PICTURE_H
 
 #include <pags/compose.h>
+#include <pags/dataset.h>
 #include <pags/image.h>
 #include <pags/passes.h>
+#include <pags/scene.h>
 #include <stdbool.h>
 
 enum { PAGS_STEM = 600 }; /* room for the name of a picture, with the folders in it, and its end */
@@ -78,5 +80,31 @@ pags_result pags_image_save_in(const char *folder, const char *file, const pags_
 
 /* Converts the colour planes to an image of 3 channels: F32 clamped to [0, 1], or U8 or U16 rounded. */
 pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sample, pags_image *out);
+
+/* ---- Names of pictures: unique, in any letter case ---- */
+
+typedef struct pags_picture_names {
+  int64_t count;
+  char **items; /* names without folder and extension, in the order of the views */
+} pags_picture_names;
+
+/* A view's name is its photograph's without the extension: "cam0/DSC_01.JPG" is "cam0/DSC_01"; of one that would leave
+ * the folder, "../DSC_01.JPG", only what follows the last slash. Where an earlier view has that name (a.jpg and a.png,
+ * or A.jpg), the extension stays, "a.png"; where that is another's, too, the number of the view follows, "a.png-12". */
+pags_result pags_picture_names_of_scene(const pags_scene *scene, pags_picture_names *out);
+pags_result pags_picture_names_of_dataset(const pags_dataset *dataset, pags_picture_names *out);
+void pags_picture_names_destroy(pags_picture_names *names);
+
+/* ---- Channels computed from the planes ---- */
+
+/* Computes unit normals of the surface that the depth plane describes, in world axes and facing the camera, into
+ * three planes with the picture's stride. A normal is 0 at pixels without depth or without neighbours that have
+ * depth. */
+void pags_normals_from_depth(const pags_picture *picture, const pags_camera *camera, float *const out[3]);
+
+/* ---- objects.json, the objects of --channel object ---- */
+
+/* Writes `folder`/objects.json. */
+pags_result pags_object_table_write(const pags_scene *scene, const char *folder);
 
 #endif

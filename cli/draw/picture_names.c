@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Makes the names of pictures differ; see picture_names.h. */
-#include "cli/draw/picture_names.h"
+/* Makes the names of pictures differ; see picture.h. */
+#include "cli/draw/picture.h"
 
 #include <stdbool.h>
 #include <stdio.h>

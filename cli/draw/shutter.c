@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags render --shutter: drops the cameras' rolling shutters, or gives those of a path the one of the scene's views. */
-#include "cli/draw/shutter.h"
+#include "cli/draw/viewpoints.h"
 
 #include "base/memory.h"
 

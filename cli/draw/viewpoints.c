@@ -6,7 +6,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "cli/draw/picture_names.h"
+#include "cli/draw/picture.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -28,4 +28,18 @@ pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split s
 pags_result pags_viewpoints_of_path(const pags_camera_path *path, pags_viewpoints *out);
 void pags_viewpoints_destroy(pags_viewpoints *viewpoints);
 
+/* ---- pags render --shutter ---- */
+
+/* An index in the option's choices; AS_RECORDED without it: rolling where a camera says so. */
+typedef enum pags_shutter_choice {
+  PAGS_SHUTTER_AS_RECORDED = -1,
+  PAGS_SHUTTER_GLOBAL,
+  PAGS_SHUTTER_ROLLING
+} pags_shutter_choice;
+
+/* Sets the cameras' shutters as chosen. ROLLING: if none of them has one, they get the read-out of the scene's first
+ * view that has one, and their velocities along the path. PAGS_ERROR_ARGUMENT if there is none, or no time between the
+ * cameras. */
+pags_result pags_shutter_choose(pags_shutter_choice choice, const pags_scene *scene, pags_viewpoints *viewpoints);
+
 #endif

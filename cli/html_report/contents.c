@@ -7,7 +7,7 @@
 
 #include "base/file.h"
 #include "base/memory.h"
-#include "cli/measure/scene_facts.h"
+#include "cli/measure/info.h"
 #include "maths/maths.h"
 
 static const double size_least = -4, size_most = 3; /* 0.1 mm to 1 km */

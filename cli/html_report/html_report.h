@@ -3,6 +3,7 @@
 #ifndef PAGS_CLI_HTML_REPORT_HTML_REPORT_H
 #define PAGS_CLI_HTML_REPORT_HTML_REPORT_H
 
+#include <pags/train.h>
 #include "cli/common/progress.h"
 #include "cli/common/session.h"
 
@@ -32,5 +33,16 @@ typedef struct pags_html_report_facts {
  * it was cancelled. */
 pags_result pags_html_report_write(const pags_html_report_settings *settings, const char *output,
                                    pags_html_report_facts *facts);
+
+/* ---- The report at the end of pags train ---- */
+
+/* Writes report.html into the folder of a scene that was just trained. It takes at most a thirtieth of the training's
+ * time, at least a second and at most ten, for the views, and a second after a training that was stopped. A page that
+ * can't be written is a warning: the scene is complete without it. */
+void pags_html_report_of_training(const pags_session *session, const char *scene,
+                                  const pags_dataset_options *dataset_options, const pags_train_result *result);
+
+/* Joins the words of a command as a shell takes them: "pags VERB ...". The caller frees it; NULL if out of memory. */
+char *pags_command_line(const char *verb, int argc, char *const *argv);
 
 #endif

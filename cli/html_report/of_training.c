@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Implements of_training.h. */
-#include "cli/html_report/of_training.h"
+/* Implements html_report.h. */
+#include "cli/html_report/html_report.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -9,7 +9,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "image/encoded.h"
 
 static pags_result write_page(const pags_session *session, const char *scene,

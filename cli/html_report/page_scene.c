@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "base/text.h"
-#include "cli/measure/scene_facts.h"
+#include "cli/measure/info.h"
 
 /* ---- What was modelled and why ---- */
 

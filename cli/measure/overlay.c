@@ -4,9 +4,9 @@
  *
  * A wrong axis, a box at the wrong time or a pose in the wrong frame is obvious in the pictures; the figures and
  * warnings let a program find the same errors. */
-#include "cli/measure/overlay.h"
+#include "cli/measure/info.h"
 
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/draw/picture.h"
 #include "cli/measure/overlay_draw.h"
 

@@ -12,7 +12,7 @@
 #include <pags/synth.h>
 
 #include "base/memory.h"
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 
 static const double near_metres = 0.05, far_metres = 0.15;
 /* sum of alpha T over all training views from which on a Gaussian counts as seen, in pixels */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reports the facts of a scene for pags info: models, objects, tracks, priorities, views, sky, exposure, memory, and
  * the notes that training left. */
-#include "cli/measure/scene_facts.h"
+#include "cli/measure/info.h"
 
 #include "cli/draw/camera_paths.h"
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lays out and draws the sheet of a data set (sheet.h): choose the views, place their cells, fill them, add the map. */
-#include "cli/measure/sheet.h"
+/* Lays out and draws the sheet of a data set (info.h): choose the views, place their cells, fill them, add the map. */
+#include "cli/measure/info.h"
 
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/measure/overlay_draw.h"
 #include "cli/measure/sheet_map.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The map of a data set from above, a part of the sheet of pags info (sheet.h). */
+/* The map of a data set from above, a part of the sheet of pags info (info.h). */
 #ifndef PAGS_CLI_SHEET_MAP_H
 #define PAGS_CLI_SHEET_MAP_H
 

@@ -2,7 +2,7 @@
 /* pags eval --shift: PSNR and SSIM of renderings from shifted cameras against a synthetic set's true pictures. */
 #include "cli/measure/shifted_views.h"
 
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/picture.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "cli/scene_html/contribution.h"
+#include "cli/scene_html/pack.h"
 
 #include <math.h>
 #include <stdlib.h>

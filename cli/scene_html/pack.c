@@ -3,8 +3,6 @@
  * `planes` names them. Neighbours in a plane are neighbours in space, which is what gzip lives on. */
 #include "cli/scene_html/pack.h"
 
-#include "cli/scene_html/tracks.h"
-
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -5,9 +5,7 @@
 
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/describe.h"
-#include "cli/scene_html/contribution.h"
 #include "cli/scene_html/pack.h"
-#include "cli/scene_html/player.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags eval: renders a scene's views and compares them with their photographs (PSNR, SSIM, LPIPS, by region), with
  * LiDAR depth, and with the truth of synthetic data sets. */
-#include "cli/common/interrupt.h"
-#include "cli/common/option_rules.h"
+#include "cli/common/options.h"
 #include "cli/common/photographs.h"
+#include "cli/common/progress.h"
 #include "cli/common/ranks.h"
 #include "cli/common/session.h"
 #include "cli/draw/picture.h"
-#include "cli/draw/picture_names.h"
 #include "cli/measure/camera_errors.h"
 #include "cli/measure/depth_errors.h"
 #include "cli/measure/pose_errors.h"

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags export: writes a scene's proxy geometry (glTF), its Gaussians (splat files), or both (USD). */
 #include "cli/common/crop.h"
-#include "cli/common/interrupt.h"
 #include "cli/common/object_edits.h"
+#include "cli/common/progress.h"
 #include "cli/common/reading.h"
 #include "cli/common/session.h"
 #include "cli/scene_html/write.h"

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags import: converts recordings to a data set in drivestudio's layout: KITTI's and Waymo's here, others by a Python
  * package. */
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/common/session.h"
-#include "cli/verbs/python_import.h"
 #include "cli/verbs/verbs.h"
 
 #include <pags/import.h>

@@ -1,13 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags info: recognises a file or folder by its content (data set, scene, splat file, camera, path, checkpoint,
  * image) and reports what it holds. */
-#include "cli/common/option_rules.h"
+#include "cli/measure/info.h"
+#include "cli/common/options.h"
 #include "cli/common/reading.h"
 #include "cli/common/report.h"
 #include "cli/common/session.h"
-#include "cli/measure/overlay.h"
-#include "cli/measure/scene_facts.h"
-#include "cli/measure/sheet.h"
 #include "cli/verbs/verbs.h"
 
 #include <errno.h>

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Starts the Python package pags_recordings (tools/recordings). Never from the working directory: a file of the
  * package is started by its path, or Python is told to leave that directory out. */
-#include "cli/verbs/python_import.h"
+#include "cli/verbs/verbs.h"
 
 #include <stdio.h>
 #include <stdlib.h>

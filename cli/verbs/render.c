@@ -2,18 +2,17 @@
 /* pags render: renders a scene or a splat file from a list of cameras into picture files, with stage times as
  * JSON. */
 #include "cli/common/crop.h"
-#include "cli/common/interrupt.h"
 #include "cli/common/object_edits.h"
-#include "cli/common/option_rules.h"
+#include "cli/common/options.h"
+#include "cli/common/progress.h"
 #include "cli/common/ranks.h"
 #include "cli/common/reading.h"
 #include "cli/common/session.h"
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/deadline_report.h"
-#include "cli/draw/object_table.h"
+#include "cli/draw/picture.h"
 #include "cli/draw/picture_queue.h"
 #include "cli/draw/render_passes.h"
-#include "cli/draw/shutter.h"
 #include "cli/draw/viewpoints.h"
 #include "cli/verbs/verbs.h"
 

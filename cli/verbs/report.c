@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags report: writes one page on a scene, or on two side by side. */
-#include "cli/common/interrupt.h"
-#include "cli/common/option_rules.h"
+#include "cli/common/options.h"
+#include "cli/common/progress.h"
 #include "cli/html_report/html_report.h"
 #include "cli/verbs/verbs.h"
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags split: cuts a long drive into blocks that are trained each by itself (docs/blocks.md). Before that it trains a
  * small scene of the whole drive, from which all blocks take their sky and their mean exposure. */
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/common/session.h"
 #include "cli/verbs/verbs.h"
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags synth: writes synthetic scenes with known truth: a street (a ray-traced driving set) or a town (a scene of
  * Gaussians). */
-#include "cli/common/interrupt.h"
+#include "cli/common/progress.h"
 #include "cli/common/session.h"
 #include "cli/verbs/verbs.h"
 

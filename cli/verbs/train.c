@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags train: reconstructs a scene folder from a data set of posed photographs. Options that are fields of the
  * training configuration take type, range and help from its field table. */
-#include "cli/common/interrupt.h"
-#include "cli/common/option_rules.h"
+#include "cli/common/options.h"
+#include "cli/common/progress.h"
 #include "cli/common/ranks.h"
 #include "cli/common/ranks_train.h"
 #include "cli/common/session.h"
-#include "cli/html_report/of_training.h"
+#include "cli/html_report/html_report.h"
 #include "cli/verbs/verbs.h"
 #include "cli/view/watch.h"
 

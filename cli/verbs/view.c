@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags view: shows a scene in a browser. */
-#include "cli/common/interrupt.h"
-#include "cli/common/option_rules.h"
+#include "cli/common/options.h"
+#include "cli/common/progress.h"
 #include "cli/common/reading.h"
 #include "cli/common/session.h"
 #include "cli/draw/describe.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Normals computed from depth, and the colour map of priorities. */
-#include "cli/draw/channels.h"
+#include "cli/draw/picture.h"
 
 #include <math.h>
 #include <setjmp.h>
