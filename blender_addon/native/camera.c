@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cameras from and to Python: dictionaries with the keys of camera files (scene/camera_json.h), but world_from_camera
+/* Cameras from and to Python: dictionaries with the keys of camera files (scene/scene_json.h), but world_from_camera
  * in place of the quaternion and translation. */
 #include "blender_addon/native/native.h"
 

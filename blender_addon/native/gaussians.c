@@ -14,7 +14,6 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "scene/axes.h"
-#include "scene/large.h"
 #include "scene/splat_formats.h"
 
 /* ---- From arrays ---- */
@@ -99,7 +98,8 @@ static bool create_gaussians(const scene_arguments *w, Py_ssize_t rows, float **
   return false;
 }
 
-/* Finds the origin (scene/large.h) of an axis of the means, by up to 1,024 of their rows; 0 if floats lose no digit. */
+/* Finds the origin (scene/splat_formats.h) of an axis of the means, by up to 1,024 of their rows; 0 if floats lose no
+ * digit. */
 static double origin_of(const double *means, Py_ssize_t rows, int axis) {
   enum { MOST = 1024 };
   double values[MOST];

@@ -10,7 +10,7 @@
 #include "base/memory.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
-#include "scene/cleanup.h"
+#include "scene/filter.h"
 #include "scene/packed_rows.h"
 
 enum { ROWS = PAGS_PACKED_ROWS }; /* rows read at a time: the size of a packed cluster */

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 
 #include "base/file.h"
-#include "scene/cleanup.h"
+#include "scene/filter.h"
 
 /* Reads `count` numbers separated by commas. */
 static bool parse_numbers(const char *text, int count, double *out) {

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/memory.h"
-#include "scene/camera_json.h"
+#include "scene/scene_json.h"
 
 /* ---- Where to begin ---- */
 

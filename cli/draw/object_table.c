@@ -7,7 +7,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
-#include "scene/object_name.h"
+#include "scene/object.h"
 
 static void put_object(pags_json_writer *writer, const pags_scene *scene, int64_t number) {
   const pags_scene_object *const object = &scene->objects[number];

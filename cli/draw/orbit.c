@@ -10,7 +10,7 @@
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/vectors.h"
 #include "maths/maths.h"
-#include "scene/far_cameras.h"
+#include "scene/survey.h"
 
 enum { PATH_FPS = 30, AZIMUTHS = 72, SPREAD = 4 }; /* SPREAD: azimuths on either side that are smoothed over */
 enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, OBJECT_FOCAL = 1000, ROOM_FOCAL = 700 };

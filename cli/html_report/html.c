@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "base/base64.h"
+#include "base/bytes.h"
 #include "base/text.h"
 
 static void append(pags_html *html, const void *bytes, size_t size) {

@@ -9,7 +9,7 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include "base/base64.h"
+#include "base/bytes.h"
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/sort.h"

@@ -24,8 +24,7 @@
 #include "dataset/foreign.h"
 #include "dataset/foreign_recording.h"
 #include "port/port.h"
-#include "scene/foreign_cameras.h"
-#include "scene/unread_splats.h"
+#include "scene/other_formats.h"
 #include "train/checkpoint.h"
 
 typedef struct info_arguments {
@@ -234,7 +233,7 @@ static pags_result describe_json(pags_report *report, info_arguments *arguments,
   const bool matrices = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
   const bool splats = (pags_json_member(root, "means") && pags_json_member(root, "quats")) ||
                       (pags_json_member(root, "asset") && pags_json_member(root, "buffers"));
-  const pags_result known = matrices || splats ? PAGS_OK : pags_unread_splats_refuse(path, NULL, 0, root);
+  const pags_result known = matrices || splats ? PAGS_OK : pags_unsupported_splats_check(path, NULL, 0, root);
   const bool cameras = (frames && frames->first && frames->first->type == PAGS_JSON_OBJECT) ||
                        pags_json_member(root, "width") || pags_json_member(root, "fx") ||
                        pags_cameras_are_inria(root) || pags_cameras_are_nerfstudio(root);
@@ -355,7 +354,7 @@ static pags_result describe(pags_report *report, info_arguments *arguments, cons
    * the format. */
   const bool splat = is_splat(path, head);
   if (!splat && (!begins_as_splat(head) || memcmp(head, "PK", 2) == 0))
-    PAGS_TRY(pags_unread_splats_refuse(path, head, got, NULL));
+    PAGS_TRY(pags_unsupported_splats_check(path, head, got, NULL));
   if (!splat && pags_foreign_knows(path))
     return describe_dataset(report, arguments, path);
   PAGS_TRY(splat ? PAGS_OK : pags_foreign_recording_check(path, true));

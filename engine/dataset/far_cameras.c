@@ -12,16 +12,11 @@
 #include "dataset/focus.h"
 #include "dataset/internal.h"
 #include "maths/maths.h"
-#include "scene/far_cameras.h"
-#include "scene/large.h"
+#include "scene/splat_formats.h"
+#include "scene/survey.h"
 
 static const double seen_share = 0.25; /* of the distance of the scene: from_points.c has the same least extent */
 enum { MOST_POINTS = 100000 };
-
-static double distance(const double a[3], const double b[3]) {
-  const double offset[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-  return pags_length3(offset);
-}
 
 /* The median distance of the points from `middle`; without points, the distance of the subject of the other cameras. */
 static pags_result find_seen(const pags_dataset *dataset, const double middle[3], double *out) {
@@ -32,7 +27,7 @@ static pags_result find_seen(const pags_dataset *dataset, const double middle[3]
   const pags_camera **cameras = malloc((size_t)dataset->count * sizeof *cameras);
   pags_result result = distances && cameras ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
   for (int64_t i = 0; result == PAGS_OK && i < points->count; i += step)
-    distances[count++] = distance(points->items[i].xyz, middle);
+    distances[count++] = pags_distance3(points->items[i].xyz, middle);
   int64_t others = 0;
   for (int64_t i = 0; result == PAGS_OK && i < dataset->count; i++)
     if (!dataset->far[i])
@@ -71,7 +66,7 @@ static pags_result mark(pags_dataset *dataset, const double *positions) {
                      "which three quarters are within %.3g; the size of the scene is taken from the others; leave the "
                      "picture out if its pose is wrong",
                      dataset->parsed.source, (long long)found.count, (long long)n, dataset->views[first].name,
-                     distance(positions + 3 * first, found.middle), found.near);
+                     pags_distance3(positions + 3 * first, found.middle), found.near);
   return PAGS_OK;
 }
 

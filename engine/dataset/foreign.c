@@ -13,7 +13,7 @@
 #include "base/text.h"
 #include "dataset/find_file.h"
 #include "dataset/foreign_recording.h"
-#include "scene/unread_splats.h"
+#include "scene/other_formats.h"
 
 #define OPENSFM "OpenSfM's or ODM's", "`opensfm export_colmap FOLDER` writes a COLMAP model of it"
 #define OPENMVG "OpenMVG's", "`openMVG_main_openMVG2Colmap -i sfm_data.json -o FOLDER` writes a COLMAP model of it"
@@ -227,7 +227,7 @@ static pags_result refuse_folder(const char *path) {
                        path, (long long)(inside ? inside : pictures), (inside ? inside : pictures) == 1 ? "" : "s",
                        inside ? images : path);
   else if ((result = refuse_children(path, &list)) == PAGS_OK &&
-           (result = pags_unread_splats_refuse_folder(path)) == PAGS_OK)
+           (result = pags_unsupported_splats_check_folder(path)) == PAGS_OK)
     result = pags_fail(
         PAGS_ERROR_FORMAT,
         "%s: not a data set: it has no dataset.json, no images with ego_pose or extrinsics, no transforms.json or "
@@ -257,7 +257,7 @@ pags_result pags_foreign_refuse(const char *path) {
   PAGS_TRY(pags_foreign_recording_check(path, true));
   if (pags_dir_exists(path))
     return refuse_folder(path);
-  PAGS_TRY(pags_unread_splats_refuse(path, NULL, 0, NULL));
+  PAGS_TRY(pags_unsupported_splats_check(path, NULL, 0, NULL));
   const mark *m = mark_of_file(path);
   if (m)
     return refuse(path, pags_path_name(path), m);
@@ -280,7 +280,7 @@ pags_result pags_foreign_refuse_json(const pags_json *json) {
               {"worldMat0", "of IDR or NeuS", PICTURES}};
   const pags_json_value *root = pags_json_root(json);
   const char *path = pags_json_path(json);
-  PAGS_TRY(pags_unread_splats_refuse(path, NULL, 0, root));
+  PAGS_TRY(pags_unsupported_splats_check(path, NULL, 0, root));
   const pags_json_value *object = root->type == PAGS_JSON_ARRAY ? root->first : root;
   for (size_t i = 0; object && i < sizeof keys / sizeof *keys; i++)
     if (pags_json_member(object, keys[i].key))

@@ -8,7 +8,7 @@
 #include <pags/dataset.h>
 #include <pags/image.h>
 
-#include "dataset/lens.h"
+#include "scene/lens.h"
 
 /* The part of a data set that a view is stated to belong to. */
 typedef enum pags_split {

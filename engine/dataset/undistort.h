@@ -5,7 +5,7 @@
 
 #include <pags/image.h>
 
-#include "dataset/lens.h"
+#include "scene/lens.h"
 
 /* Undistorts a photograph. `from`: 8-bit RGB, of the lens's size. `from_mask`: 8-bit, one channel, the same size, or
  * NULL. `to` and `to_mask` are created here. A pixel of to_mask is 255 if the pixel has a source and every source

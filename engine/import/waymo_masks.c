@@ -9,7 +9,7 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
-#include "dataset/lens.h"
+#include "scene/lens.h"
 
 typedef struct bounds {
   double x0, x1, y0, y1; /* rectangle on the plane z = 1 */

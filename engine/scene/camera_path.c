@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "scene/camera_json.h"
+#include "scene/scene_json.h"
 
 #include "base/memory.h"
-#include "scene/foreign_cameras.h"
+#include "scene/other_formats.h"
 
 static const char axes_note[] = "OpenCV: x right, y down, z forward; pixel centres at i + 0.5";
 

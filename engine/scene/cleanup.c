@@ -5,7 +5,7 @@
  * A colour is c = 1/2 + C0 dc + sum of C_k(d) sh_k over directions d, so that the affine map c' = M c + t takes each
  * triple of coefficients to M sh_k, and the constant one to M dc + (M (1/2, 1/2, 1/2) + t - 1/2) / C0: exact but for
  * colours below 0, which are drawn as 0 after the map instead of before. */
-#include "scene/cleanup.h"
+#include "scene/filter.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -14,7 +14,6 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "maths/maths.h"
-#include "scene/filter.h"
 
 enum { MOST_CROPS = 64 };
 static const double C0 = 0.28209479177387814;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finds cameras far from all others (far_cameras.h). */
-#include "scene/far_cameras.h"
+/* Finds cameras far from all others (survey.h). */
+#include "scene/survey.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -28,12 +28,8 @@ pags_result pags_far_cameras_find(const double *positions, int64_t count, double
     pags_sort_doubles(sorted, count);
     out->middle[k] = sorted[count / 2];
   }
-  for (int64_t i = 0; i < count; i++) {
-    double offset[3];
-    for (int k = 0; k < 3; k++)
-      offset[k] = positions[3 * i + k] - out->middle[k];
-    sorted[i] = distances[i] = pags_length3(offset);
-  }
+  for (int64_t i = 0; i < count; i++)
+    sorted[i] = distances[i] = pags_distance3(positions + 3 * i, out->middle);
   pags_sort_doubles(sorted, count);
   out->near = sorted[3 * count / 4];
   for (int64_t i = 0; i < count; i++)

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Leaves out Gaussians of a scene: outside of a box or a ball, too faint, too large or too small, seen by too few
- * training views. */
+/* Removes Gaussians from a scene: outside a box or a ball, too faint, too large or small, seen by too few training
+ * views; or by the rules of docs/cleanup.md, which also change colours and opacities. */
 #ifndef PAGS_SCENE_FILTER_H
 #define PAGS_SCENE_FILTER_H
 
-#include <pags/scene.h>
 #include <stdbool.h>
+
+#include <pags/scene.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -50,6 +51,12 @@ void pags_support_destroy(pags_support *support); /* a zeroed struct is allowed 
 
 /* Whether a point, relative to the scene's origin, falls into the pictures of at least so many training views. */
 bool pags_support_has(const pags_support *support, int least, const double mean[3]);
+
+/* Applies rules to a scene, one after another. `text` is JSON, an array of objects; `name` stands for it in messages.
+ * docs/cleanup.md lists their members. PAGS_ERROR_FORMAT for what isn't a rule, PAGS_ERROR_ARGUMENT where no Gaussian
+ * is left or where the scene has no views to count, PAGS_ERROR_MEMORY; then some rules may have been applied, and the
+ * scene is only to be destroyed. */
+pags_result pags_scene_cleanup(pags_scene *scene, const char *name, const char *text);
 
 #ifdef __cplusplus
 }

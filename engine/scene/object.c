@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects: maps the class names of data sets to categories. object_motion.c decides whether a labelled track moves,
- * object_pose.c computes an object's pose at a time. */
-#include <pags/object.h>
+/* Objects: maps the class names of data sets to categories, and to names in files. object_motion.c decides whether a
+ * labelled track moves, object_pose.c computes an object's pose at a time. */
+#include "scene/object.h"
 
 #include <assert.h>
 #include <ctype.h>
 #include <math.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -118,4 +119,21 @@ const pags_keyframe *pags_object_keyframe(const pags_object *object, int64_t fra
     if (object->keyframes[i].frame == frame)
       return &object->keyframes[i];
   return NULL;
+}
+
+/* ---- Names in files ---- */
+
+void pags_class_plain_name(const char *class_name, char out[PAGS_OBJECT_NAME]) {
+  size_t i = 0;
+  for (; class_name[i] && i + 16 < PAGS_OBJECT_NAME; i++) {
+    const char c = class_name[i];
+    out[i] = c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ? c : '_';
+  }
+  out[i] = 0;
+}
+
+void pags_object_plain_name(const char *class_name, int64_t number, char out[PAGS_OBJECT_NAME]) {
+  char plain[PAGS_OBJECT_NAME];
+  pags_class_plain_name(class_name, plain);
+  snprintf(out, PAGS_OBJECT_NAME, "%.60s_%04lld", plain, (long long)number);
 }

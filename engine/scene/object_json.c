@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reads and checks the objects (box, class, track, model) of scene.json, and writes them. */
-#include "scene/object_json.h"
+#include "scene/scene_json.h"
 
 #include <math.h>
 #include <stdlib.h>

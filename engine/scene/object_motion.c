@@ -1,33 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Decides whether a labelled track moves. */
-#include "scene/object_motion.h"
+#include "scene/object.h"
 
 #include <assert.h>
 #include <math.h>
 #include <string.h>
 
+#include "base/vec3.h"
+
 /* ---- Jitter ---- */
 
-/* Labels below which jitter can't be told from motion, and stretches of a track of which the mean places are compared.
- */
+/* Fewest labels by which jitter is distinguished from motion; stretches of a track whose mean places are compared. */
 enum { LEAST_LABELS = 6, STRETCHES = 6 };
-
-static double square_between(const double *a, const double *b) {
-  double square = 0;
-  for (int k = 0; k < 3; k++)
-    square += (a[k] - b[k]) * (a[k] - b[k]);
-  return square;
-}
-
-static void place_of(const pags_keyframe *keyframe, double place[3]) {
-  for (int k = 0; k < 3; k++)
-    place[k] = keyframe->world_from_object[4 * k + 3];
-}
 
 /* Mean places of equal stretches of the track, relative to the first label. */
 static void mean_places(const pags_object *object, double places[STRETCHES][3]) {
   double first[3];
-  place_of(&object->keyframes[0], first);
+  pags_pose_position(object->keyframes[0].world_from_object, first);
   for (int s = 0; s < STRETCHES; s++) {
     const int64_t begin = s * object->keyframe_count / STRETCHES, end = (s + 1) * object->keyframe_count / STRETCHES;
     memset(places[s], 0, sizeof places[s]);
@@ -37,45 +26,43 @@ static void mean_places(const pags_object *object, double places[STRETCHES][3]) 
   }
 }
 
-/* The labels of a thing that stands still differ by errors. Two signs tell these from motion. J. von Neumann's ratio
- * (1941), the mean square of the steps from label to label by the variance of the labels, is 2 for independent errors
- * (0.4 off in 12 labels) and below 0.3 for anything that goes somewhere in six labels or more. Errors of a tracker hang
- * together: the mean places of six stretches of the track then wander to and fro within a car's length, so that the
- * way along them is longer than twice the farthest distance; a vehicle that goes somewhere doesn't turn back so
- * often. */
+/* The labels of a static object differ by errors. Two tests distinguish these from motion. J. von Neumann's ratio
+ * (1941), the mean square of the steps between labels divided by the variance of the labels, is 2 for independent
+ * errors (0.4 off in 12 labels) and below 0.3 for any object that travels during six labels or more. Errors of a
+ * tracker are correlated: the mean places of six stretches of the track then wander within a car's length, and the path
+ * along them is longer than twice the farthest distance; a travelling vehicle doesn't turn back that often. */
 static bool lies_about_one_place(const pags_object *object) {
   if (object->keyframe_count < LEAST_LABELS)
     return false;
   double mean[3] = {0}, steps = 0, spread = 0, places[STRETCHES][3], at[3], before[3], first[3];
-  place_of(&object->keyframes[0], first);
+  pags_pose_position(object->keyframes[0].world_from_object, first);
   mean_places(object, places);
   for (int64_t i = 0; i < object->keyframe_count; i++)
     for (int k = 0; k < 3; k++)
       mean[k] += (object->keyframes[i].world_from_object[4 * k + 3] - first[k]) / (double)object->keyframe_count;
-  for (int k = 0; k < 3; k++)
-    mean[k] += first[k];
+  pags_add_scaled3(1, first, mean);
   for (int64_t i = 0; i < object->keyframe_count; i++) {
-    place_of(&object->keyframes[i], at);
-    spread += square_between(at, mean);
-    steps += i ? square_between(at, before) : 0;
+    pags_pose_position(object->keyframes[i].world_from_object, at);
+    spread += pags_distance_squared3(at, mean);
+    steps += i ? pags_distance_squared3(at, before) : 0;
     memcpy(before, at, sizeof before);
   }
   if (steps > spread)
     return true;
   double way = 0, farthest = 0;
   for (int s = 0; s < STRETCHES; s++) {
-    way += s ? sqrt(square_between(places[s], places[s - 1])) : 0;
+    way += s ? pags_distance3(places[s], places[s - 1]) : 0;
     for (int t = 0; t < s; t++)
-      farthest = fmax(farthest, sqrt(square_between(places[s], places[t])));
+      farthest = fmax(farthest, pags_distance3(places[s], places[t]));
   }
   return object->category == PAGS_CATEGORY_VEHICLE && farthest < 2 && way > 2 * farthest;
 }
 
 /* ---- Motion ---- */
 
-/* Whether the object goes straight on, faster than any label drifts, though its track is too short to go far: by more
- * than `least` metres at more than `speed` m/s. The distances to a straight line of constant speed must be small beside
- * the way. */
+/* Whether the object moves along a straight line faster than any label drifts, on a track that may be short: by more
+ * than `least` metres at more than `speed` m/s. The distances to a straight line of constant speed must be small
+ * compared with `travel`. */
 static bool goes_straight(const pags_object *object, double travel, double least, double speed) {
   const pags_keyframe *first = &object->keyframes[0], *last = &object->keyframes[object->keyframe_count - 1];
   const double duration = last->time - first->time;
@@ -93,8 +80,8 @@ static bool goes_straight(const pags_object *object, double travel, double least
   return sqrt(square / (double)object->keyframe_count) < 0.15 * travel;
 }
 
-/* The distance between the first and the last label, and whether it or the spread of the labels is that of an object
- * that moves. */
+/* Whether the distance between the first and the last label, *travel, or the spread of the labels is that of a moving
+ * object. */
 static bool goes_far(const pags_object *object, double *travel) {
   const double *first = object->keyframes[0].world_from_object;
   const double *last = object->keyframes[object->keyframe_count - 1].world_from_object;

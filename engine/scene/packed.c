@@ -18,7 +18,6 @@
 #include "maths/maths.h"
 #include "port/port.h"
 #include "scene/packed_rows.h"
-#include "scene/packed_whole.h"
 
 enum { ROWS = PAGS_PACKED_ROWS, HEAD = 128, ALIGNMENT = 64, BOUND_PLANES = 7, CHUNK = 4096 };
 static const char magic[2][8] = {"PAGSPK01", "PAGSPK02"}; /* without and with whole rows */

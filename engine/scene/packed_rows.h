@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Unpacks one cluster of packed Gaussians into planes of PAGS_PACKED_ROWS floats, in the order of planes that
- * pags/gaussians.h defines, and holds the constants of the quantisation. */
+/* The clusters of packed Gaussians: unpacks one into planes of PAGS_PACKED_ROWS floats, in the order of planes of
+ * pags/gaussians.h; the constants of the quantisation; and whole rows, which are stored as floats because they would
+ * cost the others of their cluster accuracy: they lie far away or have far larger harmonics. */
 #ifndef PAGS_SCENE_PACKED_ROWS_H
 #define PAGS_SCENE_PACKED_ROWS_H
 
@@ -30,5 +31,24 @@ static inline size_t pags_packed_steps_at(int sh_degree) {
 #define PAGS_PACKED_STEP (32.0f / 65535.0f)       /* quantisation step of ln sigma and of the opacity logit */
 #define PAGS_PACKED_TURN (1.41421356f / 32767.0f) /* quantisation step of a quaternion's three smaller components */
 #define PAGS_PACKED_HALF_ROOT 0.70710678f         /* sqrt(1/2), the largest value that these can have */
+
+/* Returns the rows [first, first + count), count <= PAGS_PACKED_ROWS, that are to be stored whole: bit i for row
+ * first + i. */
+uint64_t pags_packed_choose_whole(const pags_gaussians *g, int64_t first, int count);
+
+/* Bytes of a whole row: its number in the cluster (uint32), then its planes of geometry and colour. */
+static inline size_t pags_packed_whole_bytes(int sh_degree) {
+  return sizeof(uint32_t) + (size_t)pags_plane_count(sh_degree) * sizeof(float);
+}
+
+/* Returns what there is of a cluster with whole rows, and how many these are; NULL if it has none. */
+const pags_packed_mixed *pags_packed_find_mixed(const pags_packed *packed, int64_t cluster, int64_t *count);
+
+/* Writes planes [begin, end) of a cluster's whole rows over planes of PAGS_PACKED_ROWS floats, the first being plane
+ * `begin`. */
+void pags_packed_put_whole(const pags_packed *packed, int64_t cluster, int begin, int end, float *planes);
+
+/* Fails unless the lists are in order, all numbers finite, and the rows within the bounds of their clusters. */
+pags_result pags_packed_check_whole(const char *path, const pags_packed *packed);
 
 #endif

@@ -16,7 +16,6 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "scene/large.h"
 #include "scene/splat_formats.h"
 
 enum { NORMALS = 3, MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS, BLOCK_ROWS = 256, NAME_SIZE = 24 };
@@ -219,7 +218,8 @@ static pags_result read_fourier(const ply_table *table, const ply_element *verte
   return PAGS_OK;
 }
 
-/* Reads the elements' Gaussians. Positions of a higher precision than floats have may get an origin (scene/large.h). */
+/* Reads the elements' Gaussians. Positions of a higher precision than floats have may get an origin
+ * (scene/splat_formats.h). */
 static pags_result read_vertices(const ply_table *table, const ply_element *vertex, pags_gaussians *out,
                                  double origin[3]) {
   column columns[MAX_COLUMNS];

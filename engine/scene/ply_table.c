@@ -13,7 +13,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "scene/large.h"
+#include "scene/splat_formats.h"
 
 static const struct {
   const char *name;

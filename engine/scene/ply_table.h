@@ -62,7 +62,7 @@ double pags_ply_value(const ply_table *table, const ply_element *element, const 
  * are kept where `origin` is 0. */
 void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, double origin,
                      int64_t first, int64_t count, float *out);
-/* The origin (scene/large.h) for the positions in a property, by up to 1,024 rows spread over the element. */
+/* The origin (scene/splat_formats.h) for the positions in a property, by up to 1,024 rows spread over the element. */
 double pags_ply_origin(const ply_table *table, const ply_element *element, const ply_property *property);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Loads and saves scenes (pags/scene.h): a scene folder with scene.json, a PLY per model and sky.npy, a bare splat
- * file, which is read as a scene of one model, or a folder of another program with one (foreign_folder.h). */
+ * file, which is read as a scene of one model, or a folder of another program with one (other_formats.h). */
 #include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,10 +13,9 @@
 #include "base/lock.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "scene/foreign_folder.h"
-#include "scene/large.h"
+#include "scene/other_formats.h"
 #include "scene/scene_json.h"
-#include "scene/unread_splats.h"
+#include "scene/splat_formats.h"
 
 enum { SAFE_NAME = 100 }; /* bytes of an object's id in a file name, with the final zero */
 
@@ -66,7 +65,7 @@ static pags_result load_sky(const char *folder, const char *file, pags_sky *sky)
 }
 
 static pags_result refuse_folder(const char *folder) {
-  PAGS_TRY(pags_unread_splats_refuse_folder(folder));
+  PAGS_TRY(pags_unsupported_splats_check_folder(folder));
   static const char *const names[] = {"transforms.json", "transforms_train.json", "dataset.json", "sparse", "images"};
   bool photographs = false;
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
@@ -129,23 +128,23 @@ static pags_result load_bare(const char *path, const char *file, int axes, pags_
 
 static pags_result load_folder(const char *folder, int axes, pags_scene *scene) {
   char *file;
-  if (pags_folder_has(folder, "scene.json") || !pags_foreign_folder_kind(folder)) {
+  if (pags_folder_has(folder, "scene.json") || !pags_other_folder_kind(folder)) {
     if (axes != PAGS_AXES_UNKNOWN)
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a scene folder's axes are known: expected no other ones", folder);
     return load_own(folder, scene);
   }
-  PAGS_TRY(pags_foreign_folder_find(folder, &file));
+  PAGS_TRY(pags_other_folder_find(folder, &file));
   char *path = pags_path_join(folder, file);
   pags_result result = path ? load_bare(path, file, axes, scene) : pags_out_of_memory("%s: a path", folder);
   if (result == PAGS_OK)
-    result = pags_foreign_folder_views(folder, scene);
+    result = pags_other_folder_views(folder, scene);
   free(path);
   free(file);
   return result;
 }
 
 const char *pags_scene_folder_kind(const char *path) {
-  return pags_folder_has(path, "scene.json") ? "scene" : pags_foreign_folder_kind(path);
+  return pags_folder_has(path, "scene.json") ? "scene" : pags_other_folder_kind(path);
 }
 
 /* Loads the scene folder that holds the scene.json at `path`. */

@@ -13,9 +13,6 @@
 #include "base/memory.h"
 #include "base/text.h"
 #include "scene/axes.h"
-#include "scene/camera_json.h"
-#include "scene/object_json.h"
-#include "scene/place_json.h"
 
 enum { VERSION = 1 };
 
@@ -368,4 +365,28 @@ pags_result pags_scene_json_write(const char *path, const pags_scene *scene) {
     result = pags_json_writer_save(&writer, path);
   pags_json_writer_destroy(&writer);
   return result;
+}
+
+/* ---- The place on the earth, which dataset.json has too ---- */
+
+static const char place_key[] = "geographic_origin";
+
+pags_result pags_place_from_json(const pags_json *json, const pags_json_value *root, pags_place *out) {
+  double numbers[3];
+  const pags_json_value *value = pags_json_member(root, place_key);
+  *out = (pags_place){0};
+  if (!value || value->type == PAGS_JSON_NULL)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_numbers(json, root, place_key, 3, numbers));
+  if (!(fabs(numbers[0]) <= 90 && fabs(numbers[1]) <= 180))
+    return pags_json_fail(json, value,
+                          "expected latitude (-90..90), longitude (-180..180) and altitude for '%s', found %g, %g",
+                          place_key, numbers[0], numbers[1]);
+  *out = (pags_place){numbers[0], numbers[1], numbers[2], 1};
+  return PAGS_OK;
+}
+
+void pags_place_to_json(pags_json_writer *writer, const pags_place *place) {
+  if (place->known)
+    pags_json_put_numbers(writer, place_key, (double[]){place->latitude, place->longitude, place->altitude}, 3);
 }

@@ -23,7 +23,6 @@
 #include "base/zip.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
-#include "scene/large.h"
 #include "scene/splat_formats.h"
 #include "scene/webp.h"
 

@@ -16,10 +16,8 @@
 #include "base/memory.h"
 #include "base/zip.h"
 #include "scene/axes.h"
-#include "scene/large.h"
-#include "scene/plain_cut.h"
+#include "scene/other_formats.h"
 #include "scene/splat_formats.h"
-#include "scene/unread_splats.h"
 
 /* ---- What other files are, which are named like splat files or found beside them ---- */
 
@@ -64,7 +62,7 @@ static pags_result decode_json(const char *path, const uint8_t *bytes, size_t si
   const pags_json_value *root = pags_json_root(json);
   const bool sog = pags_json_member(root, "means") && pags_json_member(root, "quats");
   const bool gltf = pags_json_member(root, "asset") && pags_json_member(root, "buffers");
-  const pags_result known = sog || gltf ? PAGS_OK : pags_unread_splats_refuse(path, NULL, 0, root);
+  const pags_result known = sog || gltf ? PAGS_OK : pags_unsupported_splats_check(path, NULL, 0, root);
   pags_json_destroy(json);
   PAGS_TRY(known);
   if (sog)
@@ -92,7 +90,7 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
   else if (blanks < size && bytes[blanks] == '{')
     PAGS_TRY(decode_json(path, bytes, size, out, facts));
   else {
-    PAGS_TRY(pags_unread_splats_refuse(path, bytes, size, NULL));
+    PAGS_TRY(pags_unsupported_splats_check(path, bytes, size, NULL));
     if (!pags_zip_is(bytes, size))
       return refuse(path, bytes, size);
     PAGS_TRY(pags_sog_decode_zip(path, bytes, size, out, facts));

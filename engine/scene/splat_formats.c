@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Functions that the decoders of all splat formats share: conversions, and the check of what was decoded. */
+/* Functions that the decoders of all splat formats share: conversions, the check of decoded Gaussians, origins of large
+ * positions, and the change between cuts of alpha. */
 #include "scene/splat_formats.h"
 
 #include <math.h>
@@ -7,6 +8,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/sort.h"
 #include "maths/maths.h"
 
 float pags_logit_of_byte(uint8_t alpha) {
@@ -107,4 +109,62 @@ pags_result pags_splat_accept(const char *path, pags_gaussians *g) {
   if (fixed)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld all-zero quaternions taken as no rotation", path, (long long)fixed);
   return bad ? leave_out(path, g, bad) : PAGS_OK;
+}
+
+/* ---- Large positions ---- */
+
+double pags_large_origin(double *values, int count) {
+  int finite = 0;
+  for (int i = 0; i < count; i++)
+    if (isfinite(values[i]))
+      values[finite++] = values[i];
+  if (finite == 0)
+    return 0;
+  pags_sort_doubles(values, finite);
+  const double middle = values[finite / 2];
+  return fabs(middle) > PAGS_LARGE_COORDINATE ? pags_round(middle) : 0;
+}
+
+void pags_large_put_back(pags_gaussians *g, const double origin[3]) {
+  for (int k = 0; k < 3; k++)
+    for (int64_t i = 0; origin[k] != 0 && i < g->count; i++)
+      pags_plane(g, PAGS_MEAN + k)[i] = (float)((double)pags_plane(g, PAGS_MEAN + k)[i] + origin[k]);
+}
+
+/* ---- Cuts of alpha ----
+ *
+ * Gaussians with an alpha_min a are changed to look alike where alpha is cut at 1/255, and back. With opacity o and
+ * x = o / a, the blended (o G - a) / (1 - a) is (o - a) / (1 - a) at the mean, and its integral over the picture is
+ * that of a Gaussian with this opacity and with the variance times 1 - ln(x) / (x - 1). */
+
+static double opacity_of(const pags_gaussians *g, int64_t i) {
+  return 1 / (1 + pags_exp(-(double)pags_plane(g, PAGS_OPACITY)[i]));
+}
+
+static void change(pags_gaussians *g, int64_t i, double opacity, double log_scale) {
+  pags_plane(g, PAGS_OPACITY)[i] = (float)pags_log(opacity / (1 - opacity));
+  for (int k = 0; k < 3; k++)
+    pags_plane(g, PAGS_SCALE + k)[i] += (float)log_scale;
+}
+
+/* The difference of ln sigma. */
+static double shrinking(double x) {
+  return 0.5 * pags_log(1 - pags_log(x) / (x - 1));
+}
+
+bool pags_plain_cut_make(pags_gaussians *g, int64_t i, double a) {
+  const double o = opacity_of(g, i), x = o / a;
+  if (!(x > 1.001))
+    return false;
+  change(g, i, fmin((o - a) / (1 - a), 1 - 1e-6), shrinking(x));
+  return true;
+}
+
+void pags_plain_cut_undo(pags_gaussians *g, double a) {
+  for (int64_t i = 0; i < g->count; i++) {
+    /* A byte's opacity may have become 0. */
+    const double o = fmin(fmax(opacity_of(g, i) * (1 - a) + a, 1.001 * a), 1 - 1e-6);
+    change(g, i, o, -shrinking(o / a));
+  }
+  g->alpha_min = (float)a;
 }

@@ -1,8 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The decoders of the splat formats. Each decodes the bytes of a whole file and creates `out`, in the file's axes; on
- * failure `out` is zeroed. `facts`, zeroed before, receives what the file says. */
+/* The decoders of the splat formats, and what they share: large positions, missing values, extension records. Each
+ * decoder decodes the bytes of a whole file and creates `out`, in the file's axes; on failure `out` is zeroed. `facts`,
+ * zeroed before, receives what the file says. */
 #ifndef PAGS_SCENE_SPLAT_FORMATS_H
 #define PAGS_SCENE_SPLAT_FORMATS_H
+
+#include <stdbool.h>
 
 #include <pags/gaussians.h>
 
@@ -13,7 +16,7 @@ pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size,
                             pags_splat_facts *facts);
 /* Refuses names that end in .compressed.ply, by which other programs know a form of PLY that isn't written. */
 pags_result pags_ply_check_name(const char *path);
-/* `origin` receives what is taken off all positions (scene/large.h). */
+/* `origin` receives the origin subtracted from all positions. */
 pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *out, double origin[3]);
 pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out);
 pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
@@ -31,7 +34,7 @@ pags_result pags_gltf_decode(const char *path, const uint8_t *bytes, size_t size
 
 /* ln sigma, in metres, of an axis that has vanished: sigma is a thousandth of a nanometre. */
 #define PAGS_LEAST_SCALE (-27.631021115928547f)
-/* The logit that stands for an opacity of 1, negated for 0: its sigmoid rounds to them. */
+/* The logit of opacity 1, negated for 0: its sigmoid rounds to them. */
 #define PAGS_MOST_OPACITY 20.0f
 
 /* Checks what a decoder has decoded; every decoder ends with it. Infinite opacities and scales of -inf get the two
@@ -41,5 +44,33 @@ pags_result pags_splat_accept(const char *path, pags_gaussians *g);
 
 /* Returns the logit of the opacity alpha / 255. 0 and 255 are taken as 1e-6 and 1 - 1e-6, whose logits are finite. */
 float pags_logit_of_byte(uint8_t alpha);
+
+/* SPZ_ADOBE_coordinate_system (nianticlabs/spz, extensions/README.md): one u32, a pags_axes. */
+#define PAGS_SPZ_AXES_RECORD 0xADBE0003u
+
+/* PAGS' own: the up axis of the scene in PLY's axes (u32, a pags_up), and its origin (three doubles). */
+#define PAGS_SPZ_SCENE_RECORD 0x50470001u
+enum { PAGS_SPZ_SCENE_BYTES = 28 };
+
+/* PAGS' own: converted_from of pags_splat_facts (f32). */
+#define PAGS_SPZ_CUT_RECORD 0x50470002u
+
+/* Changes row `i`, of Gaussians with the alpha_min `a`, to look alike where alpha is cut at 1/255. Returns false, with
+ * the row unchanged, if it is invisible. */
+bool pags_plain_cut_make(pags_gaussians *g, int64_t i, double a);
+
+/* Reverses this for all rows and sets alpha_min. */
+void pags_plain_cut_undo(pags_gaussians *g, double a);
+
+/* From 4096 m on, neighbouring floats are half a millimetre apart (2^-11 m) or more: positions beyond it are taken
+ * relative to an origin of whole metres. */
+#define PAGS_LARGE_COORDINATE 4096.0
+
+/* The origin along one axis of which `values` are positions, in metres: their median, which a few stray ones don't
+ * move, rounded to whole metres; 0 if that isn't large. Values that aren't finite are ignored. Sorts them. */
+double pags_large_origin(double *values, int count);
+
+/* Adds `origin` to all means; they lose digits. */
+void pags_large_put_back(pags_gaussians *g, const double origin[3]);
 
 #endif

@@ -19,7 +19,6 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "scene/splat_formats.h"
-#include "scene/spz_records.h"
 
 enum { GZIP_HEADER = 16, V4_HEADER = 32, FLAG_ANTIALIASED = 1, FLAG_EXTENSIONS = 2, STREAMS = 6, SH_STREAM = 5 };
 
@@ -162,7 +161,7 @@ static void read_scene_record(const char *path, const uint8_t *data, spz_header 
 }
 
 /* Reads the records in `size` bytes: a type, a length and as many bytes each. The coordinate system and PAGS' own
- * (scene/spz_records.h) are taken, others are skipped. */
+ * (scene/splat_formats.h) are taken, others are skipped. */
 static void read_records(const char *path, const uint8_t *bytes, size_t size, spz_header *h) {
   int64_t skipped = 0;
   uint32_t first = 0;

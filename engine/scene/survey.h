@@ -1,10 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Surveys Gaussians of which no photographs are known: the box of what is there, and where in it a camera may stand. */
+/* Surveys Gaussians of which no photographs are known: the box of what is there, and where in it a camera may stand.
+ * Also finds cameras far from all others of a capture, as those of failed registrations are. */
 #ifndef PAGS_SCENE_SURVEY_H
 #define PAGS_SCENE_SURVEY_H
 
-#include <pags/scene.h>
 #include <stdbool.h>
+#include <stdint.h>
+
+#include <pags/base.h>
+#include <pags/scene.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -35,6 +39,18 @@ int pags_survey_cell(const pags_survey *survey, const double point[3]);
 /* Chooses up to `most` cells of the room, spread evenly: each next one is the cell farthest from those chosen. Writes
  * their middles and returns how many. */
 int pags_survey_places(const pags_survey *survey, int most, double (*places)[3]);
+
+typedef struct pags_far_cameras {
+  int64_t count;    /* of the far cameras; 0: `far` is false everywhere */
+  double middle[3]; /* the median of the positions, axis by axis */
+  double near;      /* the distance from there that three quarters of the cameras are within */
+} pags_far_cameras;
+
+/* Sets far[i] for each of `count` cameras at positions (3 numbers each) that is more than 20 times as far from the
+ * median position as three quarters of the cameras and than `size`, that of the scene or 0. Where these are more than
+ * an eighth of the cameras (of fewer than eight, more than one), the capture has several parts, and none is far. */
+pags_result pags_far_cameras_find(const double *positions, int64_t count, double size, bool *far,
+                                  pags_far_cameras *out);
 
 #ifdef __cplusplus
 }

@@ -13,8 +13,8 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "maths/maths.h"
-#include "scene/plain_cut.h"
 #include "scene/sh_rotate.h"
+#include "scene/splat_formats.h"
 
 /* ---- Baking ---- */
 

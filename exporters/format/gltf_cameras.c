@@ -13,7 +13,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
-#include "scene/camera_json.h"
+#include "scene/scene_json.h"
 
 /* A glTF camera that is already in the file. Views of the same intrinsics share it. */
 typedef struct kind {

@@ -22,8 +22,8 @@
 #include "exporters/proxy/proxy_error.h"
 #include "exporters/proxy/proxy_report.h"
 #include "scene/axes.h"
-#include "scene/object_name.h"
-#include "scene/place_json.h"
+#include "scene/object.h"
+#include "scene/scene_json.h"
 
 enum { NAME_SIZE = PAGS_OBJECT_NAME, MOST_GROUPS = 256 };
 

@@ -17,7 +17,7 @@
 #include "base/memory.h"
 #include "exporters/format/bake.h"
 #include "scene/axes.h"
-#include "scene/spz_records.h"
+#include "scene/splat_formats.h"
 
 /* FINE_FRACTION: the bits of fraction that make steps of a millimetre. */
 enum { SPZ_STREAMS = 6, MOST_FRACTION = 12, FINE_FRACTION = 10, FLAG_ANTIALIASED = 1, FLAG_EXTENSIONS = 2 };

@@ -20,7 +20,7 @@
 #include "exporters/proxy/background.h"
 #include "exporters/proxy/objects.h"
 #include "maths/maths.h"
-#include "scene/object_name.h"
+#include "scene/object.h"
 
 enum { NAME_SIZE = PAGS_OBJECT_NAME, PADDED_DEGREE = 3 };
 

@@ -9,12 +9,12 @@
 #include <pags/import.h>
 #include "base/bytes.h"
 #include "base/json.h"
-#include "dataset/lens.h"
 #include "import/tfrecord.h"
 #include "import/waymo_message.h"
 #include "import/waymo_semantic.h"
 #include "raw_waymo.h"
 #include "same_file.h"
+#include "scene/lens.h"
 #include "shared_data.h"
 #include "unit/waymo_check.h"
 #include "unit/waymo_set.h"

@@ -6,7 +6,7 @@
 #include "base/sort.h"
 #include "base/text.h"
 #include "dataset/driving/motion.h"
-#include "scene/object_motion.h"
+#include "scene/object.h"
 
 #include <math.h>
 #include <stdlib.h>

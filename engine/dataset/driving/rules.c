@@ -9,8 +9,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
-#include "scene/camera_json.h"
-#include "scene/place_json.h"
+#include "scene/scene_json.h"
 
 #include <math.h>
 #include <stdio.h>

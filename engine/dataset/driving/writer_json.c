@@ -9,8 +9,7 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "dataset/driving/writer.h"
-#include "scene/camera_json.h"
-#include "scene/place_json.h"
+#include "scene/scene_json.h"
 
 /* Makes the path of a file of the layout and creates its folder. */
 static pags_result make_path(const pags_layout *layout, const char *name, char **out) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reads cameras.json of INRIA's train.py and camera paths of nerfstudio. */
-#include "scene/foreign_cameras.h"
+#include "scene/other_formats.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The table of unread splat formats; see unread_splats.h. */
-#include "scene/unread_splats.h"
+/* The splat formats of other programs that PAGS does not read, in one table: how each is recognised, and a remedy. */
+#include "scene/other_formats.h"
 
 #include <string.h>
 #include <strings.h>
@@ -12,14 +12,14 @@
 #define TILES "give one of its tiles, a .glb with KHR_gaussian_splatting"
 #define NO_SPLATS "a file of splats has KHR_gaussian_splatting or is a .ply, .spz, .sog or .splat"
 
-typedef struct unread_format {
+typedef struct unsupported_format {
   const char *name;    /* of the file, or its extension with the dot */
-  const char *magic;   /* its first bytes; NULL: none that tell it */
-  const char *keys[2]; /* of the root of its JSON, both; NULL: no JSON */
+  const char *magic;   /* its first bytes; NULL: not distinctive */
+  const char *keys[2]; /* two keys of the root of its JSON; NULL: no JSON */
   const char *what, *remedy;
-} unread_format;
+} unsupported_format;
 
-static const unread_format formats[] = {
+static const unsupported_format formats[] = {
     {".ksplat", NULL, {NULL}, "the format of the viewer GaussianSplats3D (.ksplat)", SPLAT_TRANSFORM},
     {".lcc", NULL, {"totalSplats", "cellLengthX"}, "LCC, the format of XGRIDS (.lcc)", SPLAT_TRANSFORM},
     {".lcc2", NULL, {NULL}, "LCC 2, the format of XGRIDS (.lcc2)", SPLAT_TRANSFORM},
@@ -50,24 +50,24 @@ static const unread_format formats[] = {
 
 enum { FORMATS = sizeof formats / sizeof *formats };
 
-static bool has_magic(const unread_format *f, const uint8_t *bytes, size_t size) {
+static bool has_magic(const unsupported_format *f, const uint8_t *bytes, size_t size) {
   return f->magic && size >= strlen(f->magic) && memcmp(bytes, f->magic, strlen(f->magic)) == 0;
 }
 
-static bool has_keys(const unread_format *f, const pags_json_value *root) {
+static bool has_keys(const unsupported_format *f, const pags_json_value *root) {
   return root && f->keys[0] && pags_json_member(root, f->keys[0]) && pags_json_member(root, f->keys[1]);
 }
 
-static bool has_name(const unread_format *f, const char *path) {
+static bool has_name(const unsupported_format *f, const char *path) {
   return strcasecmp(f->name, f->name[0] == '.' ? pags_path_extension(path) : pags_path_name(path)) == 0;
 }
 
-static pags_result refuse(const char *path, const unread_format *f) {
+static pags_result refuse(const char *path, const unsupported_format *f) {
   return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: is %s, which can't be read; %s", path, f->what, f->remedy);
 }
 
-pags_result pags_unread_splats_refuse(const char *path, const uint8_t *bytes, size_t size,
-                                      const pags_json_value *root) {
+pags_result pags_unsupported_splats_check(const char *path, const uint8_t *bytes, size_t size,
+                                          const pags_json_value *root) {
   for (int i = 0; i < FORMATS; i++)
     if (has_magic(&formats[i], bytes, size) || has_keys(&formats[i], root))
       return refuse(path, &formats[i]);
@@ -77,7 +77,7 @@ pags_result pags_unread_splats_refuse(const char *path, const uint8_t *bytes, si
   return PAGS_OK;
 }
 
-pags_result pags_unread_splats_refuse_folder(const char *folder) {
+pags_result pags_unsupported_splats_check_folder(const char *folder) {
   pags_dir_list list;
   PAGS_TRY(pags_dir_list_read(folder, &list));
   pags_result result = PAGS_OK;

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finds the Gaussians and views in the folders of other programs. */
-#include "scene/foreign_folder.h"
+/* Finds the Gaussians and views in the folders of other programs: the output of INRIA's train.py (Kerbl et al. 2023)
+ * and of programs that write the same (point_cloud/iteration_N/point_cloud.ply, cameras.json, cfg_args), one
+ * iteration's folder of it, and a SOG (meta.json and its pictures). */
+#include "scene/other_formats.h"
 
 #include <stdbool.h>
 #include <stdio.h>
@@ -11,7 +13,6 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "scene/foreign_cameras.h"
 
 /* ---- Iterations ---- */
 
@@ -59,7 +60,7 @@ static bool is_sog(const char *folder) {
   return found;
 }
 
-const char *pags_foreign_folder_kind(const char *folder) {
+const char *pags_other_folder_kind(const char *folder) {
   return is_sog(folder)                                                         ? "SOG"
          : pags_folder_has(folder, "point_cloud.ply") || has_iterations(folder) ? "training output"
                                                                                 : NULL;
@@ -100,7 +101,7 @@ static pags_result find_iteration(const char *folder, const char *clouds, const 
   return PAGS_OK;
 }
 
-pags_result pags_foreign_folder_find(const char *folder, char **file) {
+pags_result pags_other_folder_find(const char *folder, char **file) {
   *file = NULL;
   const char *const direct = is_sog(folder) ? (pags_folder_has(folder, "meta.json") ? "meta.json" : "lod-meta.json")
                              : pags_folder_has(folder, "point_cloud.ply") ? "point_cloud.ply"
@@ -167,7 +168,7 @@ static pags_result read_background(const char *path, pags_scene *scene) {
   return PAGS_OK;
 }
 
-pags_result pags_foreign_folder_views(const char *folder, pags_scene *scene) {
+pags_result pags_other_folder_views(const char *folder, pags_scene *scene) {
   typedef pags_result reader(const char *path, pags_scene *scene);
   static const char *const names[] = {"cameras.json", "cfg_args"};
   reader *const readers[] = {read_views, read_background};
