@@ -334,8 +334,7 @@ V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const fl
     const unsigned drawn = gather_slots(&sums, lanes, keys + first, splats + first, slot_start + first, slots);
     if (drawn) {
       bad += rows_backward(rolls, view, data + first, stride, &sums, drawn, splats + first, out->data + first,
-                           out->stride, out->mean2d + first, out->radius + first,
-                           out->bad ? out->bad + first : NULL);
+                           out->stride, out->mean2d + first, out->radius + first, out->bad ? out->bad + first : NULL);
       continue;
     }
     for (int p = 0; p < planes; p++)
