@@ -46,7 +46,8 @@ quick: all ## Check style, kernels and units: the first check of a change, below
 check: setup ## Run all tests: a change must pass them.
 	$(MAKE) all
 	cmake --build --preset release --parallel $(JOBS) --target tests
-	ctest --preset release --parallel $(JOBS); code=$$?; echo "make check ran everything except make $(NOT_CHECKED:%=check-%) guide."; exit $$code
+	@echo "make check does not run: make $(NOT_CHECKED:%=check-%) guide"
+	ctest --preset release --parallel $(JOBS)
 
 check-%:
 	@test -e scripts/check/$*.sh || { echo "make: no check-$*; make help lists the checks" >&2; exit 2; }

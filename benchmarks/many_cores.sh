@@ -32,14 +32,15 @@ for n in $counts; do
   echo "many_cores: $n of $cores cores" >&2
   pinned="taskset -c 0-$((n - 1))"
   rm -rf "$out/scene-$n"
-  $pinned "$binaries/pags" train "$data" -o "$out/scene-$n" --iterations "$steps" --preview-every 0 --threads $n --quiet
-  $pinned "$binaries/pags-bench" render "$out/scene-$n" --frames 12 --sizes 960x540,1920x1080 --modes off,lossless --threads $n --quiet \
+  $pinned "$binaries/pags" train "$data" -o "$out/scene-$n" --iterations "$steps" --preview-every 0 --threads "$n" --quiet
+  $pinned "$binaries/pags-bench" render "$out/scene-$n" --frames 12 --sizes 960x540,1920x1080 --modes off,lossless --threads "$n" --quiet \
     --json "$out/frames-$n.json"
   cmp "$out/scene-1/background.ply" "$out/scene-$n/background.ply"
 done
 echo "many_cores: predictions" >&2
 "$binaries/pags-bench" scaling "$data" -o "$out/scaling" --iterations "$steps" --quiet --measure "$out/curve.json" --json "$out/predicted.json"
 
+# shellcheck disable=SC2086 # a list of numbers
 python3 - "$out" "$steps" $counts <<'END' | tee "$out/table.txt"
 import json, os, platform, sys
 
