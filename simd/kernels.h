@@ -22,7 +22,7 @@ enum {
 #define PAGS_T_STOP 1e-4f
 #define PAGS_COLOUR_MAX 1e6f      /* of a Gaussian's shaded colour; the loss takes four of these in a product */
 #define PAGS_LOG2_255 7.99435344f /* -log2 of it */
-/* Of Gaussians that are drawn at the time of their line (scan.inl): the least q, and the most pixels a line. */
+/* Of Gaussians that are drawn at the time of their line (scan.h): the least q, and the most pixels a line. */
 #define PAGS_SCAN_LEAST 0.1f
 #define PAGS_SCAN_MOST 1.0f
 /* Added to the cut-off, in powers of two, by every test that excludes pixels before they are computed, so that no
@@ -198,7 +198,7 @@ enum {
   PAGS_SCORE_CRITICAL,
   PAGS_SCORE_SQUARED,
   PAGS_SCORE_SUMS
-}; /* of one (Gaussian, tile) pair; score.inl */
+}; /* of one (Gaussian, tile) pair; score.c */
 
 typedef struct pags_raster_score {
   const pags_splat *splats;
@@ -261,7 +261,7 @@ typedef struct pags_row_gradient {
                  * NULL */
 } pags_row_gradient;
 
-typedef struct pags_adam_step { /* of one plane; symbols as in adam.inl */
+typedef struct pags_adam_step { /* of one plane; symbols as in adam.c */
   float decay1, decay2;         /* b1^n, b2^n, n - 1 being the steps without a gradient since the last with one */
   float blend1, blend2;         /* 1 - b1, 1 - b2 */
   float rate;                   /* r c_k */
@@ -310,7 +310,7 @@ typedef struct pags_opacity_row {
   float scale;
 } pags_opacity_row;
 
-/* A row of pixels through a camera's vignette and response curve (light.inl). */
+/* A row of pixels through a camera's vignette and response curve (light.c). */
 enum { PAGS_LIGHT_BENDS = 6 };
 typedef struct pags_light_row {
   int width;                     /* planes are readable and writable up to the next multiple of 16 pixels */
@@ -344,7 +344,7 @@ typedef struct pags_kernels {
    * Cauchy-Binet formula, as a sum of squares that is never negative. `factor`: per row, the opacity is multiplied by
    * this, readable as far as the planes; 0: the row isn't drawn; NULL: 1. The backward pass needs no factor, since it
    * differentiates by the logarithm of the opacity. Returns how many rows are drawn at mid-exposure since they are
-   * too fast for the read-out (scan.inl); 0 without `scan`. */
+   * too fast for the read-out (scan.h); 0 without `scan`. */
   int (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
                  pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches);
 
@@ -377,12 +377,12 @@ typedef struct pags_kernels {
   void (*raster_depth)(const pags_raster_in *in, float *depth, int64_t stride, float farthest[PAGS_TILE_BLOCKS]);
   void (*raster_backward)(const pags_raster_back *in);
   void (*raster_score)(const pags_raster_score *in);
-  /* The weight of each splat at each pixel; weights.inl. */
+  /* The weight of each splat at each pixel; weights.c. */
   void (*raster_weights)(const pags_raster_weights *in);
 
   /* Fills `tile` for the tile with its top left pixel at (x0, y0) and prefetches its texels for sky_blend. */
   void (*sky_find)(const pags_sky_rays *rays, const float *texels, int x0, int y0, pags_sky_tile *tile);
-  /* rgb += transmittance * sky over a whole tile, to whose top left pixel the planes point; sky.inl. */
+  /* rgb += transmittance * sky over a whole tile, to whose top left pixel the planes point; sky.c. */
   void (*sky_blend)(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
                     const float *transmittance, float *const rgb[3]);
   /* Computes, for the pixels of the tile's rows y0, y0 + step, ... (1 + 15 / step rows), the texels and weights that
@@ -391,7 +391,7 @@ typedef struct pags_kernels {
    * and the weight weight[k] of the k-th texel. */
   void (*sky_cells)(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *row, int32_t *column,
                     float *const weight[4]);
-  /* One Adam step of `floats` colours of the sky, a multiple of 16; sky.inl. */
+  /* One Adam step of `floats` colours of the sky, a multiple of 16; sky.c. */
   void (*sky_adam)(const pags_sky_step *step, int floats, float *colour, float *first, float *second);
 
   /* Sums the slots of each drawn row and computes from them the gradients of the raw parameters (backward of shade
@@ -401,7 +401,7 @@ typedef struct pags_kernels {
                           const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start, const float *slots,
                           const pags_row_gradient *out);
 
-  /* Adam over `rows` rows of one plane of parameters and moments (adam.inl). Rows up to the next multiple of 16 are
+  /* Adam over `rows` rows of one plane of parameters and moments (adam.c). Rows up to the next multiple of 16 are
    * read and written too, with a gradient of zero. */
   void (*adam_replay)(float *p, const float *m, const float *v, int rows, const float *weights, int steps, float eps);
   void (*adam_update)(float *p, float *m, float *v, const float *gradient, int rows, const pags_adam_step *step);
@@ -413,14 +413,14 @@ typedef struct pags_kernels {
   /* range[0] = min, range[1] = max over rows of p and p - weight u, and of what range held. */
   void (*adam_reach)(const float *p, const float *m, const float *v, int rows, float weight, float eps, float range[2]);
 
-  /* L1 + D-SSIM and their gradient (ssim.inl). */
+  /* L1 + D-SSIM and their gradient (ssim.c). */
   void (*loss_rows)(pags_loss_rows *io);
-  /* Cross-entropy of the opacity of a row of pixels, or entropy for those that may be empty or full (opacity.inl).
+  /* Cross-entropy of the opacity of a row of pixels, or entropy for those that may be empty or full (opacity.c).
    * Returns the sum, not multiplied by `scale`. */
   double (*opacity_row)(const pags_opacity_row *in);
 
   /* A camera's light over a row of pixels, and its gradient: by the four numbers of the vignette, and by the logarithm
-   * of the slope of each piece of the curve divided by the piece's rise (light.inl). */
+   * of the slope of each piece of the curve divided by the piece's rise (light.c). */
   void (*light_row)(const pags_light_row *in);
   void (*light_back)(const pags_light_row *in, double by_vignette[4], double by_rises[PAGS_LIGHT_BENDS]);
 

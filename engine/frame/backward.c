@@ -5,7 +5,7 @@
  * gradients of its rows to the caller's receiver while they are in the cache. No array of all gradients exists.
  *
  * A sky needs no extra work in the tiles: its term of the picture, T sky, depends on the transmittance T as that of a
- * background colour does. The kernel (simd/raster_backward.inl) subtracts the Gaussians' contributions from the
+ * background colour does. The kernel (simd/raster_backward.c) subtracts the Gaussians' contributions from the
  * picture's colours front to back, so that either term is contained in the remainder. Only the texels of the sky have
  * a gradient of their own (sky.c). */
 #include <assert.h>

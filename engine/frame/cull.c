@@ -10,7 +10,7 @@
  * Boxes are padded for the rounding of the float transform. So a cluster that fails the test holds no Gaussian that
  * would pass the kernel's test, and the picture does not depend on how the Gaussians are grouped into clusters.
  *
- * With a rolling shutter (simd/scan.inl) a mean is drawn where it is at some u in [-1, 1], at c0 + u c1 + u^2 c2. All
+ * With a rolling shutter (simd/scan.h) a mean is drawn where it is at some u in [-1, 1], at c0 + u c1 + u^2 c2. All
  * three are affine in the mean, so that over the box each coordinate of c1 and of c2 is bounded by its value in the
  * middle and the half sizes. [x], [y] and [z] are widened by |c1| + |c2|, and the velocity is at most |c1| + 2 |c2|.
  * The shear adds to a row of J at most |m'| / q times |(x, y) J|, with
@@ -228,7 +228,7 @@ static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 /* reach_max of a part: log2(o / a)/k, plus the kernel's slack, for the part's largest opacity o and least alpha a;
- * k = log2(e)/2. With antialiasing a may be as low as 1/255 (simd/project.inl). */
+ * k = log2(e)/2. With antialiasing a may be as low as 1/255 (simd/projection.h). */
 static float largest_reach(const pags_part *part, const pags_projection *view) {
   const bool boosted = part->opacity_factor && part->opacity_factor_most > 1.0f;
   const float deepest = view->antialiased ? PAGS_LOG2_255 : view->alpha.lift - view->alpha.cut;

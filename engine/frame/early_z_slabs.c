@@ -15,7 +15,7 @@
  *   (c) transmittance never grows, since rounding is monotone: a pixel that has stopped stays stopped, whatever is
  *       left out behind;
  *   (d) a Gaussian that is left out lies behind what has been drawn, since K is a lower bound of the keys as floats,
- *       and its reach, which holds every pixel that the rasteriser could change (cull.c, project.inl), has only
+ *       and its reach, which holds every pixel that the rasteriser could change (cull.c, project.c), has only
  *       saturated blocks;
  *   (e) pixels beyond the picture's edge count as saturated.
  * A rolling shutter changes none of this: a Gaussian has one key, its depth when its line is read, for all pixels that

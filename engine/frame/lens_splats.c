@@ -2,7 +2,7 @@
 /* Projection of Gaussians through a lens, and its backward pass, in double precision, one Gaussian at a time.
  *
  * The covariance is projected by the Jacobian J of the lens at the mean (EWA: Zwicker et al. 2001), as in
- * simd/project.inl with its notation, where J is a pinhole's:
+ * simd/projection.h with its notation, where J is a pinhole's:
  *   M = J W R S,  [A B; B C] = M M' + low_pass I,  D0 = the sum of the squared 2x2 minors of M
  * Sigma points (Julier and Uhlmann 1997; Wu et al. 2024) were measured beside it (docs/lab/lenses.md).
  *
@@ -43,7 +43,7 @@ static void find_rotation(const float *data, int64_t stride, seen *s) {
   }
   const bool none = norm2 <= 0;
   const double inverse = none ? 0 : 1 / sqrt(norm2);
-  s->inverse_norm = fmin(inverse, 1e15); /* as in simd/project.inl */
+  s->inverse_norm = fmin(inverse, 1e15); /* as in simd/projection.h */
   for (int k = 0; k < 4; k++)
     s->quaternion[k] = none ? (k == 0 ? 1 : 0) : s->quaternion[k] * inverse;
   pags_rotation_from_quaternion(s->quaternion, s->rotation);
@@ -120,7 +120,7 @@ static void find_blocks(double mean, double extent, double size, uint16_t *first
   lens_blocks(mean, extent * 1.00001 + fabs(mean) * 1e-6 + 1e-3, size, first, end);
 }
 
-/* The cut of a part with antialiasing, as project_cuts of simd/project.inl. */
+/* The cut of a part with antialiasing, as project_cuts of simd/projection.h. */
 static pags_alpha_cut cut_of(const pags_projection *v, double compensation) {
   pags_alpha_cut cut = v->alpha;
   if (!v->antialiased || cut.floor == 0.0f)
@@ -195,7 +195,7 @@ int pags_frame_project_lens(const pags_frame *f, const view_cluster *c, const fl
 
 /* ---- Backward ---- */
 
-/* Adds up the row's slots, in single precision as gather_slots of simd/project_backward.inl and add_slots of splats.c
+/* Adds up the row's slots, in single precision as gather_slots of simd/project_backward.c and add_slots of splats.c
  * do, so that sums that another frame has taken have the same bits; the splat is drawn. */
 static void add_slots(const pags_splat *splat, const float *slots, double sums[PAGS_SLOT_FLOATS]) {
   const double ln2 = 0.69314718055994531;

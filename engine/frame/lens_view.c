@@ -190,7 +190,7 @@ void pags_frame_mask_lens(const pags_frame *f, int64_t tile) {
     }
 }
 
-/* One axis of simd/sky.inl's cell: the first texel, and the place 0..1 in the cell. */
+/* One axis of simd/sky.c's cell: the first texel, and the place 0..1 in the cell. */
 static int32_t sky_axis(float position, int size, float *rest) {
   const float half = 0.5f * (float)size, last = (float)(size - 1), last_cell = size > 1 ? (float)(size - 2) : 0.0f;
   const float u = fmaxf(fminf(position * half + (half - 0.5f), last), 0.0f);
@@ -199,7 +199,7 @@ static int32_t sky_axis(float position, int size, float *rest) {
   return first;
 }
 
-/* The cell that pixel (x, y) sees, as simd/sky.inl finds it from a direction; the first one where nothing is seen. */
+/* The cell that pixel (x, y) sees, as simd/sky.c finds it from a direction; the first one where nothing is seen. */
 static void find_cell(const pags_frame *f, int x, int y, int32_t *row, int32_t *column, float *along, float *down) {
   const int64_t pixel = (int64_t)y * f->stride + x;
   const double *const m = f->camera.world_from_camera;

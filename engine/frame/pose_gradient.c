@@ -21,7 +21,7 @@
 
 enum { ROWS = 64 }; /* rows whose SH terms are summed at a time */
 
-/* The generators G_a, the angular momentum matrices of the real spherical harmonics Y_k, with the signs of shade.inl:
+/* The generators G_a, the angular momentum matrices of the real spherical harmonics Y_k, with the signs of sh.h:
  * d(sum_k c_k Y_k(exp(-w) d))/dw_axis is the sum of value (c_row Y_column - c_column Y_row) over the entries of that
  * axis. The values are roots of small whole numbers. */
 static const struct turn {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The stages project and shade: projection of Gaussians to the screen (EWA splatting, Zwicker et al. 2001) and their
- * colours from spherical harmonics. They run the kernels over the clusters in view; the maths is in simd/project.inl
- * and simd/shade.inl. Where nothing is left out in between, clusters are shaded while their splats are in the cache. */
+ * colours from spherical harmonics. They run the kernels over the clusters in view; the maths is in simd/projection.h
+ * and simd/sh.h. Where nothing is left out in between, clusters are shaded while their splats are in the cache. */
 #include <string.h>
 
 #include "frame/lens_view.h"

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The stages raster and sample: front-to-back blending of each tile's list (Kerbl et al. 2023),
  *   C += T alpha c,  T *= 1 - alpha.
- * They run the kernels over the tiles: raster at every pixel (simd/raster.inl, which has the maths), then adding sky
- * and exposure; sample at points 4 pixels apart (simd/sample.inl). */
+ * They run the kernels over the tiles: raster at every pixel (simd/raster.c, which has the maths), then adding sky
+ * and exposure; sample at points 4 pixels apart (simd/sample.c). */
 #include <float.h>
 #include <string.h>
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Rolling shutter: how each part, and the directions of the sky's pixels, move while the picture is read. The kernels
- * (simd/scan.inl) find from it when each Gaussian is read. */
+ * (simd/scan.h) find from it when each Gaussian is read. */
 #include <math.h>
 #include <string.h>
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Deferred Adam: keeps account of the pending steps of each cluster and computes cluster bounds that hold while steps
- * are pending. The arithmetic of a step is in simd/adam.inl.
+ * are pending. The arithmetic of a step is in simd/adam.c.
  *
  * Bounds. Without further gradients, step s + j moves a parameter by rate c_(s+j) q^j u, where u has one sign, so the
  * parameter stays between p and p - W u, with W = sum over all j >= 1 of rate c_(s+j) q^j. (With a constant rate, c
@@ -68,7 +68,7 @@ static int active_planes(const pags_adam *adam, int64_t step) {
   return pags_plane_count(pags_schedule_sh_degree(adam->schedule, step));
 }
 
-/* Returns e_k of simd/adam.inl: Adam's epsilon times sqrt(1 - beta2^k), k = step. */
+/* Returns e_k of simd/adam.c: Adam's epsilon times sqrt(1 - beta2^k), k = step. */
 static float epsilon_at(const pags_adam *adam, int64_t step) {
   const pags_train_config *c = config_of(adam);
   return (float)(c->optimiser.epsilon * sqrt(-pags_expm1((double)step * pags_log(adam->schedule->beta2))));

@@ -12,7 +12,7 @@
  *     depth    (w/m) |D / alpha - sample|               d/dD = s (w/m) / alpha, d/dT = s (w/m) D / alpha^2
  *
  * Arguments of the logarithms are clamped to [1e-6, 1 - 1e-6], outside of which the gradient is zero:
- * simd/opacity.inl. Every row has its own sum; the sums are added in order. */
+ * simd/opacity.c. Every row has its own sum; the sums are added in order. */
 #include "train/driving_losses.h"
 
 #include <assert.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Evaluates the photometric loss in parallel: splits the picture into bands of rows, one block per band and channel,
- * and adds the bands' sums in order. The arithmetic is in simd/ssim.inl. */
+ * and adds the bands' sums in order. The arithmetic is in simd/ssim.c. */
 #include "train/photometric_loss.h"
 
 #include <assert.h>

@@ -8,6 +8,7 @@
  * which are the straight pieces of both, written as their bends. With w_j the rise of the curve's piece j and c_j =
  * min(max(6 u - j, 0), 1), the gradient by the logarithm of its slope is w_j (c_j - f) where 0 < u < 1, and that by a
  * number of the vignette is f' x times its share in b: a hat around q = k/3, the last ones straight on beyond 1. */
+#include "kernel.h"
 
 typedef struct light_pixels {
   vf q, bright;
@@ -36,7 +37,7 @@ V_INLINE vf light_curve(const pags_light_row *in, vf u) {
   return f;
 }
 
-static void light_row(const pags_light_row *in) {
+void KERNEL(light_row)(const pags_light_row *in) {
   for (int i = 0; i < in->width; i += V_LANES) {
     const light_pixels p = light_find(in, i);
     for (int c = 0; c < 3; c++)
@@ -44,7 +45,7 @@ static void light_row(const pags_light_row *in) {
   }
 }
 
-static void light_back(const pags_light_row *in, double by_vignette[4], double by_rises[PAGS_LIGHT_BENDS]) {
+void KERNEL(light_back)(const pags_light_row *in, double by_vignette[4], double by_rises[PAGS_LIGHT_BENDS]) {
   const vf zero = v_zero(), one = v_set(1.0f), two = v_set(2.0f);
   vf hats[4] = {zero, zero, zero, zero}, rises[PAGS_LIGHT_BENDS], all = zero;
   for (int k = 0; k < PAGS_LIGHT_BENDS; k++)

@@ -14,6 +14,7 @@
  * time so that each load serves both; blurred along the row; the three derivatives are computed from them, and
  * blurred along the columns and along the row; these give the gradient. A band computes the derivatives of 5 further
  * rows on either side and loads 10. */
+#include "kernel.h"
 
 enum {
   LOSS_RADIUS = 5,
@@ -266,7 +267,7 @@ static loss_state loss_begin(const pags_loss_rows *io) {
   return s;
 }
 
-static void loss_rows(pags_loss_rows *io) {
+void KERNEL(loss_rows)(pags_loss_rows *io) {
   loss_state s = loss_begin(io);
   for (int row = io->begin - 2 * LOSS_RADIUS; row < io->begin; row++)
     loss_load(&s, row);

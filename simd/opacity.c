@@ -7,6 +7,7 @@
  *
  * Arguments of the first two logarithms and the third's T are clamped to [1e-6, 1 - 1e-6], outside of which the slope
  * is zero. */
+#include "kernel.h"
 
 V_INLINE vf opacity_log(vf x) {
   return v_mul(v_log2(x), v_set(0.693147181f));
@@ -53,6 +54,6 @@ V_INLINE double opacity_all(const pags_opacity_row *in, bool unsure) {
   return (double)v_sum(sum);
 }
 
-static double opacity_row(const pags_opacity_row *in) {
+double KERNEL(opacity_row)(const pags_opacity_row *in) {
   return in->unsure ? opacity_all(in, true) : opacity_all(in, false);
 }

@@ -2,7 +2,7 @@
 /* Pruning scores of a (splat, tile) pair: how much of the splat is visible, how much of that where pixels are
  * critical, and how strongly the picture or the loss depends on it (the score of Speedy-Splat, Hanson et al. 2025).
  *
- * Pairs are walked front to back as in the backward pass (raster_backward.inl), with w = alpha T:
+ * Pairs are walked front to back as in the backward pass (raster_backward.c), with w = alpha T:
  *   seen     = sum of w n              n: weight of the pixel
  *   critical = sum of w n m            m: how critical the pixel is, 0..1
  *   squared  = sum of n (dL/dG)^2      G: value of the projected Gaussian at the pixel, alpha = o G; L: the loss,
@@ -12,6 +12,7 @@
  * backward), since otherwise an opaque splat would have no score where it covers most.
  *
  * With overlap `seen` and `critical` are sums of alpha instead, as if every splat were alone in the picture. */
+#include "blend.h"
 
 typedef struct score_tile {
   vf t[PAGS_TILE_BLOCKS], behind[PAGS_TILE_BLOCKS];
@@ -99,7 +100,7 @@ SCORE_VARIANT(score_seen, false, false)
 SCORE_VARIANT(score_overlap, true, false)
 SCORE_VARIANT(score_loss, false, true)
 
-static void raster_score(const pags_raster_score *in) {
+void KERNEL(raster_score)(const pags_raster_score *in) {
   if (in->rgb_gradient[0])
     score_loss(in);
   else

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The weights w = alpha T of a tile's splats at its pixels: the blending of raster.inl once more, for the passes that
+/* The weights w = alpha T of a tile's splats at its pixels: the blending of blend.h once more, for the passes that
  * sum something else than colour. Front to back like it, so that the weights are those of the picture, to the bit. */
+#include "blend.h"
 
 V_INLINE void weights_all(const pags_raster_weights *in, int degree) {
   vf px[PAGS_TILE_BLOCKS], py[PAGS_TILE_BLOCKS], t[PAGS_TILE_BLOCKS];
@@ -32,7 +33,7 @@ V_INLINE void weights_all(const pags_raster_weights *in, int degree) {
     v_store(in->transmittance + b * V_LANES, t[b]);
 }
 
-static void raster_weights(const pags_raster_weights *in) {
+void KERNEL(raster_weights)(const pags_raster_weights *in) {
   if (in->exp_degree >= 5)
     weights_all(in, 5);
   else

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Blends a tile at 4 x 4 sample points only, 4 pixels apart, each in the middle of the 4x4 pixels that it represents.
- * The samples fill one vector, whose state stays in registers. They are blended like pixels (raster.inl), with the
+ * The samples fill one vector, whose state stays in registers. They are blended like pixels (blend.h), with the
  * shorter polynomial for 2^x. */
+#include "blend.h"
 
 enum {
   SAMPLES_AHEAD = 16, /* how many splats ahead are prefetched */
@@ -34,8 +35,8 @@ V_INLINE void sample_tile(const pags_raster_in *in, const pags_raster_out *out, 
   raster_write(out, &state, 0, how);
 }
 
-static void sample(const pags_raster_in *in, const uint8_t *marks, int64_t mark_count, const pags_raster_out *out,
-                   float *marked) {
+void KERNEL(sample)(const pags_raster_in *in, const uint8_t *marks, int64_t mark_count, const pags_raster_out *out,
+                    float *marked) {
   raster_how how = {.degree = 3, .bounded = true, .eps = in->eps, .marks = marks, .mark_count = mark_count};
   if (!out->depth) {
     sample_tile(in, out, marked, how);

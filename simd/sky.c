@@ -6,6 +6,7 @@
  * bilinearly between the four corners of the cell that its direction meets, at the position (along, down) in [0, 1]
  * within the cell. Directions less than half a texel from the border of a face are clamped to the edge of the
  * outermost cell. A map of one texel a side has one cell per face, all of whose corners are that texel. */
+#include "kernel.h"
 
 typedef struct sky_cells16 {
   vi row, column; /* of the top left texel; rows count on from face to face */
@@ -61,8 +62,8 @@ V_INLINE void sky_weights(vf along, vf down, vf t, vf weight[4]) {
   weight[2] = v_fnma(lower, along, lower), weight[3] = v_mul(lower, along);
 }
 
-static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *row, int32_t *column,
-                      float *const weight[4]) {
+void KERNEL(sky_cells)(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *row, int32_t *column,
+                       float *const weight[4]) {
   for (int y = 0; y * step < PAGS_TILE; y++) {
     const sky_cells16 c = sky_cells_of(rays, x0, y0 + y * step);
     vf of_row[4];
@@ -85,7 +86,7 @@ V_INLINE void sky_fetch(const float *texels, const int32_t *texel, int below) {
   }
 }
 
-static void sky_find(const pags_sky_rays *rays, const float *texels, int x0, int y0, pags_sky_tile *tile) {
+void KERNEL(sky_find)(const pags_sky_rays *rays, const float *texels, int x0, int y0, pags_sky_tile *tile) {
   for (int y = 0; y < PAGS_TILE; y++) {
     const sky_cells16 cells = sky_cells_of(rays, x0, y0 + y);
     int32_t *const texel = tile->texel + y * PAGS_TILE;
@@ -119,8 +120,8 @@ V_INLINE vf sky_load(const float *const at[4], int64_t on) {
 
 /* Adds the sky to a tile. Four pixels at a time: each group of four lanes loads red, green, blue and the float after
  * them at once, since gathering lane by lane takes five times as long. */
-static void sky_blend(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
-                      const float *transmittance, float *const rgb[3]) {
+void KERNEL(sky_blend)(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
+                       const float *transmittance, float *const rgb[3]) {
   const int64_t right = rays->size > 1 ? 3 : 0, below = right * rays->size,
                 last = 18 * (int64_t)rays->size * rays->size - 3;
   float all[20] = {0.0f}, ending[4] = {texels[last], texels[last + 1], texels[last + 2]};
@@ -148,7 +149,7 @@ static void sky_blend(const pags_sky_rays *rays, const float *texels, const pags
 }
 
 /* Adam (Kingma & Ba 2015). Products and sums are rounded one by one, by which all ISAs give the same bits. */
-static void sky_adam(const pags_sky_step *step, int floats, float *colour, float *first, float *second) {
+void KERNEL(sky_adam)(const pags_sky_step *step, int floats, float *colour, float *first, float *second) {
   const vf d1 = v_set(step->decay1), d2 = v_set(step->decay2), eps = v_set(step->eps);
   const vf b1 = v_set(1.0f - step->decay1), b2 = v_set(1.0f - step->decay2);
   for (int i = 0; i < floats; i += 16) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The backward pass of shade and project: gradients of the raw parameters from the partial sums of (splat, tile)
- * pairs, in the notation of project.inl.
+ * pairs, in the notation of project.c.
  *
  * Per row, with S.. the sums over its slots (times ln 2, since the falloff is a power of two):
  *   dL/dmx = 2 p Su               dL/dmy = 2 (w Sv - p h Su)
@@ -8,6 +8,8 @@
  *   dL/dopacity = S / (ln 2 opacity)
  * then through D = D0 + low (A0 + C0) + low^2 and the minors to M = J W R S. A0, B, C0 and D0 are all plain sums of
  * products of M's entries, so nothing cancels on the way. */
+#include "projection.h"
+#include "sh.h"
 
 typedef struct slot_sums {
   vf field[PAGS_SLOT_FLOATS];
@@ -96,7 +98,7 @@ V_INLINE void camera_backward(const projected *s, const scanned *scan, const pag
   gcam[2] = v_fma(free_x, s->tx, v_fma(free_y, s->ty, v_fnma(gj, s->inv_z, v_sub(gdepth, gshift))));
 }
 
-/* Back through the shear of scan.inl, t = (I + h (x, y)) J W with h = m' / q: turns dL/dt into dL/d(J W), and returns
+/* Back through the shear of scan.h, t = (I + h (x, y)) J W with h = m' / q: turns dL/dt into dL/d(J W), and returns
  * dL/dm' in gdrift. */
 static inline void shear_backward(const scanned *s, const pags_scan *scan, vf *gt, vf *gdrift) {
   vf gshear[2], galong[3];
@@ -345,9 +347,9 @@ V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const fl
   return bad;
 }
 
-static int project_backward(const pags_projection *view, const float *data, int64_t stride, int count,
-                            const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start,
-                            const float *slots, const pags_row_gradient *out) {
+int KERNEL(project_backward)(const pags_projection *view, const float *data, int64_t stride, int count,
+                             const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start,
+                             const float *slots, const pags_row_gradient *out) {
   if (view->scan)
     return all_rows_backward(true, view, data, stride, count, keys, splats, slot_start, slots, out);
   return all_rows_backward(false, view, data, stride, count, keys, splats, slot_start, slots, out);

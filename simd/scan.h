@@ -16,6 +16,10 @@
  * with W = camera_from_model at u; of a clamped row it is J W. This is of no use for what is smeared over many lines:
  * what keeps up with the read-out, q < 0.1, and what passes so close by that it moves more than a pixel while a line is
  * read, whose path isn't straight. Both are drawn as at u = 0, and so is what the iteration doesn't find. */
+#ifndef PAGS_SIMD_SCAN_H
+#define PAGS_SIMD_SCAN_H
+
+#include "kernel.h"
 
 enum { SCAN_STEPS = 4 }; /* errors are squared in each; at q = 1/2 the last one changes less than rounding does */
 #define SCAN_DONE 1e-4f  /* a mean whose last step was smaller takes no further one, whatever its neighbours do */
@@ -113,3 +117,5 @@ static inline vf scan_time(const pags_scan *scan, const pags_splat *splats, unsi
 static inline vf scan_eye(const pags_projection *view, int k, vf u) {
   return v_fma(u, v_fma(u, v_set(view->scan->eye2[k]), v_set(view->scan->eye1[k])), v_set(view->eye[k]));
 }
+
+#endif

@@ -14,6 +14,7 @@
  * through).
  *
  * Splats are the outer loop, so the twelve sums live in registers and are folded once per (splat, tile). */
+#include "blend.h"
 
 typedef struct backward_tile {
   vf t[PAGS_TILE_BLOCKS], behind[PAGS_TILE_BLOCKS];
@@ -143,7 +144,7 @@ V_INLINE void backward_all(const pags_raster_back *in, bool depth) {
   }
 }
 
-static void raster_backward(const pags_raster_back *in) {
+void KERNEL(raster_backward)(const pags_raster_back *in) {
   if (in->depth_gradient)
     backward_all(in, true);
   else

@@ -11,6 +11,7 @@
  * up to a relative error of (1 - b2^(j/2)) eps / sqrt v: under 2e-6 while gradients exceed 1e5 eps = 1e-10. So m and
  * v stay as they were at step s, and each step that is owed is p -= weight[j] u. Each of them is rounded by itself,
  * so that the bits do not depend on when the replay is done and in how many pieces. */
+#include "kernel.h"
 
 /* Returns u = m / (sqrt v + eps), which is 0 where both moments are 0. */
 static inline vf adam_direction(const float *m, const float *v, vf eps) {
@@ -19,8 +20,8 @@ static inline vf adam_direction(const float *m, const float *v, vf eps) {
 
 /* Replays steps without a gradient: p -= weights[j] u for j = 0 .. steps - 1, in this order. Four vectors at a time
  * hide the latency of the chain of subtractions. `rows` is rounded up to 16; the rows beyond hold zeros. */
-static void adam_replay(float *p, const float *m, const float *v, int rows, const float *weights, int steps,
-                        float eps) {
+void KERNEL(adam_replay)(float *p, const float *m, const float *v, int rows, const float *weights, int steps,
+                         float eps) {
   const vf e = v_set(eps);
   int i = 0;
   for (; i + 48 < rows; i += 64) {
@@ -50,7 +51,7 @@ static void adam_replay(float *p, const float *m, const float *v, int rows, cons
 
 /* One step with a gradient. Moments that are too small to matter are set to zero before they become denormal numbers,
  * which are slow: a first moment of 1e-30 moves p by at most 1e-15 times the rate. */
-static void adam_update(float *p, float *m, float *v, const float *gradient, int rows, const pags_adam_step *step) {
+void KERNEL(adam_update)(float *p, float *m, float *v, const float *gradient, int rows, const pags_adam_step *step) {
   const vf d1 = v_set(step->decay1), d2 = v_set(step->decay2), b1 = v_set(step->blend1), b2 = v_set(step->blend2);
   const vf r = v_set(step->rate), e = v_set(step->eps), small1 = v_set(1e-30f), small2 = v_set(1e-36f);
   for (int i = 0; i < rows; i += 16) {
@@ -67,8 +68,8 @@ static void adam_update(float *p, float *m, float *v, const float *gradient, int
 
 /* Marks the rows that must not be updated (kernels.h): comparisons are false for NaN, so that NaN counts as too
  * large. Runs before the update of the same rows, which then finds them in the cache. */
-static int adam_check(const float *p, int64_t p_stride, const float *gradient, int64_t gradient_stride, int planes,
-                      int rows, uint16_t *bad) {
+int KERNEL(adam_check)(const float *p, int64_t p_stride, const float *gradient, int64_t gradient_stride, int planes,
+                       int rows, uint16_t *bad) {
   const vf most = v_set(3e38f), steep = v_set(1e18f);
   unsigned any = 0;
   for (int i = 0; i < rows; i += 16) {
@@ -85,8 +86,8 @@ static int adam_check(const float *p, int64_t p_stride, const float *gradient, i
 
 /* Widens [range[0], range[1]] by the values that the rows can reach through replayed steps alone: those between p and
  * p - weight u, since all these steps have the same sign. Rows that are not finite are left out. */
-static void adam_reach(const float *p, const float *m, const float *v, int rows, float weight, float eps,
-                       float range[2]) {
+void KERNEL(adam_reach)(const float *p, const float *m, const float *v, int rows, float weight, float eps,
+                        float range[2]) {
   const vf w = v_set(weight), e = v_set(eps);
   vf least = v_set(range[0]), most = v_set(range[1]);
   for (int i = 0; i < rows; i += 16) {
