@@ -23,6 +23,7 @@
 #include "train/driving_losses.h"
 #include "train/dropout.h"
 #include "train/mcmc.h"
+#include "train/round.h"
 #include "train/score_pass.h"
 #include "train/shared_step.h"
 
@@ -338,7 +339,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   return PAGS_OK;
 }
 
-/* ---- One photograph ---- */
+/* ---- A round: one photograph per rank ---- */
 
 /* Adds up what the clusters of a part say about a motion of everything that the camera sees. */
 static void add_by_world(const double (*pose)[6], int64_t clusters, const double world_from_model[12],
@@ -383,19 +384,6 @@ static void keep_rest(pags_trainer *t, const pags_step_view *v) {
   }
 }
 
-/* Reads what drawing the view takes: its photograph and its LiDAR depth samples. */
-static pags_result read_view(pags_trainer *t, pags_step_view *v) {
-  PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
-  return t->state.schedule.config.losses.depth_weight > 0.0 ? load_depth(t, v->view) : PAGS_OK;
-}
-
-static pags_frame_options options_of(const pags_trainer *t, int64_t step, const pags_step_view *v) {
-  pags_frame_options options = pags_view_render_options(t, step);
-  options.keep_for_backward = 1;
-  options.depth_sum = t->render.depth[v->view].count > 0;
-  return options;
-}
-
 /* Composes the view's parts and makes room for what a step keeps of them. */
 static pags_result compose(pags_trainer *t, pags_step_view *v) {
   t->render.photograph = v->number;
@@ -416,51 +404,9 @@ static void clear_poses(pags_trainer *t) {
   }
 }
 
-/* Whether prunes rank Gaussians by derivatives of training's own loss. */
-static bool scores(const pags_trainer *t) {
-  const pags_train_config *const c = &t->state.schedule.config;
-  return !t->measuring && c->priority.prunes > 0 && c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
-}
-
-static pags_score_planes score_planes(const pags_trainer *t, const pags_picture_gradient *gradient) {
-  return pags_score_pass_training_planes(gradient, t->render.plane[ONES], t->render.plane[ZEROS]);
-}
-
-static pags_result train_view(pags_trainer *t, int64_t step, pags_step_view *v) {
-  pags_stage_time clock = pags_stage_now();
-  pags_render_context context = {t, step, 0};
-  pags_picture_gradient gradient;
-  PAGS_TRY(reserve_rest(t));
-  pags_tasks_mark(t->tasks, NULL, "photograph");
-  PAGS_TRY(read_view(t, v));
-  pags_stage_lap(&clock, &t->ms.wait);
-  pags_tasks_mark(t->tasks, NULL, "compose");
-  PAGS_TRY(compose(t, v));
-  const pags_frame_options options = options_of(t, step, v);
-  PAGS_TRY(pags_view_render_draw(t, step, &v->camera, &options, &v->picture));
-  pags_stage_lap(&clock, &t->ms.forward);
-  PAGS_TRY(reserve_planes(t, &v->picture));
-  pags_tasks_mark(t->tasks, NULL, "loss");
-  PAGS_TRY(losses(t, step, v, &gradient));
-  pags_stage_lap(&clock, &t->ms.loss);
-  clear_poses(t);
-  PAGS_TRY(pags_frame_backward(t->render.frame, &gradient, receive, &context, NULL));
-  if (scores(t)) {
-    const pags_score_planes planes = score_planes(t, &gradient);
-    PAGS_TRY(pags_frame_scores(t->render.frame, &planes, pags_score_pass_add_squares, t));
-  }
-  if (!t->measuring)
-    keep_rest(t, v);
-  pags_stage_lap(&clock, &t->ms.backward);
-  return PAGS_OK;
-}
-
-/* ---- Several photographs at a time, one a rank ---- */
-
 /* Projects this rank's Gaussians for each view of the round. */
 static pags_result project_views(pags_trainer *t, int64_t step, pags_step_view *views, int count) {
   pags_render_context context = {t, step, 0};
-  PAGS_TRY(reserve_rest(t));
   for (int i = 0; i < count; i++) {
     PAGS_TRY(compose(t, views + i));
     PAGS_TRY(pags_view_render_prepare(t, step));
@@ -472,50 +418,88 @@ static pags_result project_views(pags_trainer *t, int64_t step, pags_step_view *
   return PAGS_OK;
 }
 
-/* Draws this rank's view, evaluates the losses and sums up what each splat gets; `sky` keeps the sky's gradient.
- * *gradient: by the picture. */
-static pags_result draw_own(pags_trainer *t, int64_t step, pags_step_view *v, pags_sky_parts *sky,
-                            pags_picture_gradient *gradient) {
+/* Draws this rank's view and evaluates the losses. *gradient: by the picture. With several ranks, sums up the gradients
+ * of each splat and keeps those of the sky. */
+static pags_result draw_view(pags_trainer *t, int64_t step, pags_step_view *v, pags_picture_gradient *gradient) {
   pags_stage_time clock = pags_stage_now();
   pags_tasks_mark(t->tasks, NULL, "photograph");
-  PAGS_TRY(read_view(t, v));
+  PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
+  if (t->state.schedule.config.losses.depth_weight > 0.0)
+    PAGS_TRY(load_depth(t, v->view));
   pags_stage_lap(&clock, &t->ms.wait);
+  pags_tasks_mark(t->tasks, NULL, "compose");
   PAGS_TRY(compose(t, v));
-  const pags_frame_options options = options_of(t, step, v);
-  PAGS_TRY(pags_shared_views_draw(&t->shared, t->render.frame, false, alpha_min(t), &v->camera, &options, &v->picture));
+  pags_frame_options options = pags_view_render_options(t, step);
+  options.keep_for_backward = 1;
+  options.depth_sum = t->render.depth[v->view].count > 0;
+  if (shares(t))
+    PAGS_TRY(
+        pags_shared_views_draw(&t->shared, t->render.frame, false, alpha_min(t), &v->camera, &options, &v->picture));
+  else
+    PAGS_TRY(pags_view_render_draw(t, step, &v->camera, &options, &v->picture));
   pags_stage_lap(&clock, &t->ms.forward);
   PAGS_TRY(reserve_planes(t, &v->picture));
+  pags_tasks_mark(t->tasks, NULL, "loss");
   PAGS_TRY(losses(t, step, v, gradient));
   pags_stage_lap(&clock, &t->ms.loss);
-  PAGS_TRY(pags_sky_parts_catch(sky, &t->state.sky, gradient));
+  if (!shares(t))
+    return PAGS_OK;
+  PAGS_TRY(pags_sky_parts_catch(&t->sky_parts, &t->state.sky, gradient));
   return pags_shared_views_sums(&t->shared, t->render.frame, false, gradient);
 }
 
-/* Takes each view's sums back to the parameters of this rank's Gaussians, in the order of the views. */
-static pags_result go_back(pags_trainer *t, int64_t step, pags_step_view *views, int count, const uint8_t *objects) {
+/* Collective, with several ranks: shares the losses of a round and returns the sums of splats to their owners.
+ * objects[i]: the object opacity term was evaluated for view i. */
+static pags_result return_sums(pags_trainer *t, int64_t step, pags_step_view *views, int count, uint8_t *objects) {
+  PAGS_TRY(pags_shared_step_results(t, views, count));
+  int any = 0;
+  for (int i = 0; i < count; i++)
+    any |= objects[i] = views[i].objects_drawn;
+  if (any)
+    PAGS_TRY(pags_shared_views_return_sums(&t->shared, true, objects));
+  PAGS_TRY(pags_shared_views_return_sums(&t->shared, false, NULL));
+  return t->measuring ? PAGS_OK
+                      : pags_sky_parts_add(&t->sky_parts, t->shared.transport, &t->state.sky, &t->state.schedule, step);
+}
+
+/* Takes the gradients of view `i` of the round to the parameters of this rank's Gaussians. A process without other
+ * ranks has the view's parts and its object term in place; with several ranks they come back as sums. */
+static pags_result view_backward(pags_trainer *t, int64_t step, int i, pags_step_view *v,
+                                 const pags_picture_gradient *gradient, const uint8_t *objects) {
   pags_render_context context = {t, step, 0};
-  for (int i = 0; i < count; i++) {
-    PAGS_TRY(compose(t, views + i));
-    clear_poses(t);
-    if (objects[i]) {
-      PAGS_TRY(reserve_held(t));
-      PAGS_TRY(pags_shared_views_backward(&t->shared, i, true, objects, hold, &context));
-    }
-    PAGS_TRY(pags_shared_views_backward(&t->shared, i, false, NULL, receive, &context));
-    if (!t->measuring)
-      keep_rest(t, views + i);
+  if (shares(t))
+    PAGS_TRY(compose(t, v));
+  clear_poses(t);
+  if (objects[i]) {
+    PAGS_TRY(reserve_held(t));
+    PAGS_TRY(pags_shared_views_backward(&t->shared, i, true, objects, hold, &context));
   }
+  if (shares(t))
+    PAGS_TRY(pags_shared_views_backward(&t->shared, i, false, NULL, receive, &context));
+  else
+    PAGS_TRY(pags_frame_backward(t->render.frame, gradient, receive, &context, NULL));
+  if (!t->measuring)
+    keep_rest(t, v);
   return PAGS_OK;
 }
 
-/* Scores this rank's view by `gradient` and takes the scores of each view back to this rank's Gaussians. The scores
- * travel where the sums have been, so these must have been used. */
+/* Whether prunes rank Gaussians by derivatives of training's own loss. */
+static bool scores(const pags_trainer *t) {
+  const pags_train_config *const c = &t->state.schedule.config;
+  return !t->measuring && c->priority.prunes > 0 && c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
+}
+
+/* Scores this rank's view by `gradient` and takes the scores of each view to this rank's Gaussians. The scores travel
+ * in the memory of the sums, after these have been used. */
 static pags_result add_scores(pags_trainer *t, pags_step_view *views, int count,
                               const pags_picture_gradient *gradient) {
   pags_shared_views *const shared = &t->shared;
   pags_result mine = PAGS_OK;
-  if (pags_shared_views_draws(shared)) {
-    const pags_score_planes planes = score_planes(t, gradient);
+  if (pags_round_draws(t, count)) {
+    const pags_score_planes planes =
+        pags_score_pass_training_planes(gradient, t->render.plane[ONES], t->render.plane[ZEROS]);
+    if (!shares(t))
+      return pags_frame_scores(t->render.frame, &planes, pags_score_pass_add_squares, t);
     mine = pags_shared_views_scores(shared, t->render.frame, &planes);
   }
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
@@ -529,32 +513,29 @@ static pags_result add_scores(pags_trainer *t, pags_step_view *views, int count,
 }
 
 pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *views, int count) {
-  if (!shares(t))
-    return train_view(t, step, views);
   pags_shared_views *const shared = &t->shared;
-  uint8_t objects[PAGS_RANKS_MOST];
+  uint8_t objects[PAGS_RANKS_MOST] = {0};
   pags_picture_gradient gradient;
   pags_stage_time clock = pags_stage_now();
-  pags_shared_views_begin(shared, count);
-  PAGS_TRY(pags_shared_views_send(shared, project_views(t, step, views, count)));
-  pags_stage_lap(&clock, &t->ms.forward);
-  pags_result mine = PAGS_OK;
-  pags_sky_parts_begin(&t->sky_parts);
-  if (pags_shared_views_draws(shared))
-    mine = draw_own(t, step, views + shared->rank, &t->sky_parts, &gradient);
+  pags_result mine = reserve_rest(t);
+  if (shares(t)) {
+    pags_shared_views_begin(shared, count);
+    if (mine == PAGS_OK)
+      mine = project_views(t, step, views, count);
+    PAGS_TRY(pags_shared_views_send(shared, mine));
+    pags_stage_lap(&clock, &t->ms.forward);
+    pags_sky_parts_begin(&t->sky_parts);
+  }
+  if (mine == PAGS_OK && pags_round_draws(t, count))
+    mine = draw_view(t, step, views + shared->rank, &gradient);
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   clock = pags_stage_now();
-  PAGS_TRY(pags_shared_step_results(t, views, count));
-  int any = 0;
-  for (int i = 0; i < count; i++)
-    any |= objects[i] = views[i].objects_drawn;
-  if (any)
-    PAGS_TRY(pags_shared_views_return_sums(shared, true, objects));
-  PAGS_TRY(pags_shared_views_return_sums(shared, false, NULL));
-  if (!t->measuring)
-    PAGS_TRY(pags_sky_parts_add(&t->sky_parts, shared->transport, &t->state.sky, &t->state.schedule, step));
-  PAGS_TRY(pags_transport_agree(shared->transport, go_back(t, step, views, count, objects)));
-  if (!t->measuring)
+  if (shares(t))
+    PAGS_TRY(return_sums(t, step, views, count, objects));
+  for (int i = 0; mine == PAGS_OK && i < count; i++)
+    mine = view_backward(t, step, i, views + i, &gradient, objects);
+  PAGS_TRY(pags_transport_agree(shared->transport, mine));
+  if (shares(t) && !t->measuring)
     pags_shared_views_count(shared, &t->traffic);
   if (scores(t))
     PAGS_TRY(add_scores(t, views, count, &gradient));

@@ -143,7 +143,7 @@ class Ranks(rank_jobs.Jobs):
         """Once, with a way out, before anything is written."""
         for given, said, code in (
             (["--estimate"], "pags: an estimate can't be shared out to several ranks; ask for it in one process", 1),
-            (["--view"], "--view needs one process", 2),
+            (["--view"], "--view requires one process", 2),
         ):
             with self.subTest(given=given):
                 done = mpirun.run(2, [word for word in self.training("refused", *given) if word != "-q"])
@@ -172,7 +172,7 @@ class Ranks(rank_jobs.Jobs):
     def test_other_verbs(self):
         done = mpirun.run(2, [PAGS, "info", self.scene])
         self.assertEqual(done.returncode, 2)
-        self.assertEqual(done.stderr.count("pags: 'info' runs as one process, and mpirun started 2"), 1, done.stderr)
+        self.assertEqual(done.stderr.count("pags: 'info' runs as one process, but mpirun started 2"), 1, done.stderr)
         self.assertEqual(done.stdout.strip(), "")
 
     def test_wrong_usage_is_said_once(self):
