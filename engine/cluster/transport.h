@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Messages between the ranks of one job: processes on one or more machines (MPI), threads of one process (tests), or
- * one process alone, whose transport is NULL.
+/* Messages between the ranks of one job: processes on one or more machines (MPI), or one process alone, whose transport
+ * is NULL. Tests have ranks that are threads of one process (tests/cluster/thread_transport.c).
  *
  * All ranks call the collective functions in the same order, with sizes that agree: what rank a sends to rank b is as
  * large as what b receives from a. Sizes are bytes in 64 bits. A function must be called by one thread of a rank at a
@@ -90,11 +90,6 @@ double pags_transport_watchdog(void);
 /* Ends this rank's part. `failed`: without waiting for the others. NULL is allowed. Nothing may be under way unless
  * `failed`. With MPI, a failure ends the process with code 1, and mpirun ends the rest. */
 void pags_transport_destroy(pags_transport *transport, bool failed);
-
-/* Makes `ranks` transports of one process, one for each of the threads that play the ranks. bytes_a_second > 0 holds
- * what each rank sends, and what it receives, to that rate. `watchdog`: seconds. Each is destroyed by its rank. */
-pags_result pags_transport_create_threads(int ranks, double bytes_a_second, double watchdog,
-                                          pags_transport **transports);
 
 /* Whether this process was started by mpirun or srun as one of several or as a single rank of MPI. */
 bool pags_transport_started_by_mpi(void);

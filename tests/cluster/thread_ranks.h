@@ -10,6 +10,11 @@
 
 enum { THREAD_RANKS_MOST = 64 };
 
+/* Creates the transports of `ranks` threads of this process. bytes_a_second > 0 limits what each rank sends, and what
+ * it receives, to that rate. `watchdog`: seconds. Each rank destroys its own. */
+pags_result pags_transport_create_threads(int ranks, double bytes_a_second, double watchdog,
+                                          pags_transport **transports);
+
 /* What one rank does; returns "" or what was wrong. It may not use cmocka's asserts, which belong to the main thread.
  */
 typedef const char *rank_fn(pags_transport *transport, void *user);

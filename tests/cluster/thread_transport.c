@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Ranks as threads of one process, for tests. Every message is copied when it is sent and taken by its receiver, which
- * knows it by its sender and the transfer's number.
+/* A transport whose ranks are threads of one process. Every message is copied when it is sent. Its receiver identifies
+ * it by its sender and the number of the transfer.
  *
- * With a rate, a message arrives when both ends have been busy with it for bytes / rate seconds, one message after the
- * other at each end, both directions apart (a full-duplex network card). The data itself is there earlier; calls wait
- * for the time. */
+ * With a rate limit, a message arrives when both ends have been busy with it for bytes / rate seconds. Each end handles
+ * one message at a time per direction, as a full-duplex network card does. The data is available earlier; calls wait.
+ */
 #include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,6 +13,7 @@
 #include "base/clock.h"
 #include "base/memory.h"
 #include "cluster/backend.h"
+#include "cluster/thread_ranks.h"
 #include "port/port.h"
 
 typedef struct message {
