@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Parses the options that leave out Gaussians and applies them. */
+/* Parses and applies the options that remove Gaussians. */
 #include "cli/common/crop.h"
 
 #include <math.h>

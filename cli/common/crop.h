@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Options that leave out Gaussians: --crop-box, --crop-sphere, --min-opacity, --min-size, --max-size, --min-views. */
+/* Options that remove Gaussians: --crop-box, --crop-sphere, --min-opacity, --min-size, --max-size, --min-views,
+ * --edits. */
 #ifndef PAGS_CLI_CROP_H
 #define PAGS_CLI_CROP_H
 
@@ -33,10 +34,10 @@ typedef struct pags_crop {
       PAGS_TEXT("edits", 0, (where) + offsetof(pags_crop, edits), "FILE", "none",                                  \
                 "Clean-up and appearance rules, JSON (docs/cleanup.md).")
 
-/* Converts the arguments; returns the first that is not of its form, with the form in `expected`, or NULL. */
+/* Converts the arguments. Returns the first invalid one, and the expected form in `expected`; NULL if all are valid. */
 const char *pags_crop_parse(const pags_crop *crop, pags_filter *out, const char **expected);
 
-/* Applies the rules of --edits (pags_scene_cleanup), leaves Gaussians out (pags_scene_filter), and says how many are
+/* Applies the rules of --edits (pags_scene_cleanup), removes Gaussians (pags_scene_filter) and prints how many are
  * left. */
 pags_result pags_crop_apply(const pags_crop *crop, pags_scene *scene, double time, uint8_t *chosen,
                             const pags_session *session);

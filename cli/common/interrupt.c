@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Interrupts. Ctrl-C and a request to end (SIGTERM, SIGHUP, SIGUSR1, SIGUSR2, SIGXCPU) cancel the work under way, which
- * then saves its state; a second Ctrl-C ends the program at once. A mapped file that was cut short ends it with a
- * message. */
+/* Interrupts. Ctrl-C and termination requests (SIGTERM, SIGHUP, SIGUSR1, SIGUSR2, SIGXCPU) cancel the current work,
+ * which then saves its state. A second Ctrl-C ends the program immediately. Access to a truncated memory-mapped file
+ * ends it with a message. */
 #include "cli/common/progress.h"
 
 #include <stddef.h>
@@ -14,8 +14,8 @@ static volatile int64_t last_counted; /* when, ns */
 static pags_tasks *volatile cancelled_tasks;
 
 static void on_interrupt(bool keyboard) {
-  enum { BY_CTRL_C = 130 }; /* the exit code that shells give to it: 128 + SIGINT */
-  /* One Ctrl-C may come as several signals, from the terminal and from a program between, such as mpirun or make. */
+  enum { BY_CTRL_C = 130 }; /* the exit code of shells: 128 + SIGINT */
+  /* One Ctrl-C may arrive as several signals, from the terminal and from a parent such as mpirun or make. */
   const int64_t now = pags_port_clock_ns(), one_press = 300000000;
   if (interrupted && keyboard && now - last_counted >= one_press)
     pags_port_exit_at_once(BY_CTRL_C);

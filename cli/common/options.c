@@ -583,7 +583,7 @@ void pags_options_help(const pags_verb *verb, const void *defaults) {
     snprintf(left, sizeof left, "  %s--%s%s%s", short_form, option->name, value ? " " : "",
              value ? option->metavar : "");
     print_default(option, defaults, standard, sizeof standard);
-    bool unit = option->unit != NULL, shown = standard[0] != 0 && !option->required; /* what must be given has none */
+    bool unit = option->unit != NULL, shown = standard[0] != 0 && !option->required; /* required options have none */
     snprintf(text, sizeof text, "%s%s%s%s%s%s%s%s", option->help, unit || shown ? " [" : "", unit ? option->unit : "",
              unit && shown ? "; " : "", shown ? "default " : "", shown ? standard : "", unit || shown ? "]" : "",
              option->required ? " (required)" : "");

@@ -36,9 +36,8 @@ typedef enum pags_option_type {
   PAGS_OPTION_COLOR,    /* double[3], "r,g,b", each 0..1 */
   PAGS_OPTION_SPAN,     /* int64_t[2], "A-B", both included, "A-" (to the end, -1) or "A" */
   PAGS_OPTION_STRING,   /* const char *, points into argv */
-  PAGS_OPTION_WORDS,    /* pags_words; may be given repeatedly */
-  PAGS_OPTION_PAIRS     /* pags_words with values: NAME VALUE, or NAME=VALUE where VALUE has a comma; may be given
-                           repeatedly */
+  PAGS_OPTION_WORDS,    /* pags_words; repeatable */
+  PAGS_OPTION_PAIRS     /* pags_words with values: NAME VALUE, or NAME=VALUE if VALUE has a comma; repeatable */
 } pags_option_type;
 
 enum { PAGS_MAX_WORDS = 128 }; /* more than the number of fields of the training */
@@ -62,7 +61,7 @@ typedef struct pags_option {
   double minimum, maximum; /* range of numbers, sizes and durations, both ends included; equal: unlimited */
   const char *metavar;     /* "N", "FILE"; of an ENUM its choices, "default|mcmc" */
   const char *unit;        /* "steps"; NULL: none */
-  /* the default as help shows it, if the stored value doesn't tell; NULL: show the stored value; "": show nothing */
+  /* default shown in the help, if it differs from the stored value; NULL: show the stored value; "": show nothing */
   const char *fallback;
   const char *help;
   /* field of the training's configuration, whose row in the field table completes this one; NULL: this row is
@@ -89,7 +88,7 @@ typedef struct pags_option {
 #define PAGS_UNLIMITED HUGE_VAL
 
 typedef struct pags_positional {
-  const char *metavar; /* in brackets: may be left out; NULL ends the list */
+  const char *metavar; /* in brackets: optional; NULL ends the list */
   const char *help;
 } pags_positional;
 
@@ -126,7 +125,7 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
 /* Whether the option was given on the command line; `name` must be in the table. */
 bool pags_option_given(const pags_parsed *parsed, const char *name);
 
-/* From now on neither usage errors nor help are printed: another rank of the job does that. */
+/* Turns usage errors and help off: another rank of the job prints them. */
 void pags_options_silence(void);
 
 /* Prints "PROGRAM VERB: <message>" on stderr; returns PAGS_EXIT_USAGE. */
@@ -139,25 +138,24 @@ int pags_usage_error(const pags_verb *verb, const char *format, ...)
 /* Prints one help entry: `left`, then, from the help column on, `text` wrapped to `width` columns. */
 void pags_options_entry(const char *left, const char *text, int width);
 
-/* Prints the shortest decimal that reads back as the same double: 0.0001, 20, 1e9. */
+/* Prints the shortest decimal that is parsed to the same double: 0.0001, 20, 1e9. */
 void pags_options_real(char *text, size_t size, double value);
 
 void pags_options_help(const pags_verb *verb, const void *defaults);
 
-/* Returns the entry of `names` (NULL-terminated) with the smallest edit distance to `word`; NULL if none is near
- * enough to be meant. */
+/* Returns the entry of `names` (NULL-terminated) with the smallest edit distance to `word`; NULL if none is close. */
 const char *pags_nearest_name(const char *word, const char *const *names);
 
 /* ---- Options without effect on the given input ---- */
 
 typedef struct pags_option_rule {
   const char *names; /* options of the verb's table, separated by blanks; NULL ends the rules */
-  bool applies;      /* whether they have an effect on what is given */
-  const char *needs; /* what they need, for the message */
+  bool applies;      /* whether they have an effect on the given input */
+  const char *needs; /* what they require, for the message */
 } pags_option_rule;
 
-/* Returns the first rule of which options are given that have no effect, and writes those into `names`, such as
- * "--shift, --fps"; NULL if all that are given have one. */
+/* Returns the first violated rule, and the given options without effect in `names`, such as "--shift, --fps"; NULL if
+ * every given option has an effect. */
 const pags_option_rule *pags_option_idle(const pags_parsed *parsed, const pags_option_rule *rules, char *names,
                                          size_t size);
 

@@ -11,8 +11,8 @@
 #include "base/log.h"
 #include "base/memory.h"
 
-/* Tolerance for poses, which differ by rounding after they were written as decimals and read back: metres, relative
- * for large coordinates, and entries of the rotation matrix. */
+/* Tolerance for poses, which are rounded when they are written as decimals: metres, relative for large coordinates;
+ * entries of the rotation matrix. */
 static const double pose_tolerance = 1e-5;
 
 static const pags_scene_view *find_view(const pags_scene *scene, const char *name) {
@@ -60,7 +60,7 @@ static bool same_camera(const pags_camera *a, const pags_camera *b) {
          pags_lens_model_same(&a->lens, &b->lens);
 }
 
-/* Whether two views can't be the same one: other places, not rounding. */
+/* Whether two cameras are at different places, beyond rounding. */
 static bool far_apart(const pags_camera *a, const pags_camera *b) {
   double distance = 0, size = 1;
   for (int i = 3; i < 12; i += 4) {
@@ -82,8 +82,8 @@ static pags_result check_same_camera(const pags_dataset *dataset, const pags_sce
       pags_dataset_path(dataset), mine->name, other->width, other->height, mine->camera.width, mine->camera.height);
 }
 
-/* Whether the data set is another part of the capture than the one that the scene was trained on: it has none of its
- * views. One of the same name at another place is another view. */
+/* Whether the data set is another part of the capture, without any view of the scene. A view of the same name at
+ * another place is a different view. */
 static bool is_other_part(const pags_scene *scene, const pags_dataset *dataset) {
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
@@ -137,7 +137,7 @@ static pags_result open_dataset(const pags_scene *scene, const char *path, pags_
   if (!scene->view_count)
     return pags_dataset_open(path, &options, out);
   options.downscale = 1;
-  options.split_every = scene->fps > 0 ? options.split_every : 0; /* which are held out, the scene says */
+  options.split_every = scene->fps > 0 ? options.split_every : 0; /* the scene stores which views are held out */
   bool bends = false;
   for (int64_t i = 0; i < scene->view_count; i++)
     bends = bends || pags_camera_bends(&scene->views[i].camera);

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Opens the photographs that a scene is compared with, undistorted, shrunk and split as they were for its
- * training. */
+/* Opens the photographs for comparison with a scene, undistorted, downscaled and split as for its training. */
 #ifndef PAGS_CLI_PHOTOGRAPHS_H
 #define PAGS_CLI_PHOTOGRAPHS_H
 
@@ -24,31 +23,30 @@ typedef struct pags_photographs {
   pags_photographs_view *views; /* the views to compare, in the data set's order */
 } pags_photographs;
 
-/* Opens the data set `path`; `scene` must outlive `out`. If the scene records its views, they decide the downscale
- * (from the focal lengths), which views are compared and which of them were held out; a view whose photograph is
- * missing or whose camera differs is an error. But a file that the user named (`given`) may be another part of the
- * capture, such as a transforms_test.json: views of the scene may be missing there, and where none is there all of its
- * views count as held out. If the scene has no views (a bare splat file), `options` decides all
- * of this. */
+/* Opens the data set `path`; `scene` must outlive `out`. If the scene stores its views, they determine the downscale
+ * factor (from the focal lengths), the compared views and which of them are held out; a missing photograph or a
+ * different camera is an error. A file named by the user (`given`), such as a transforms_test.json, may be another part
+ * of the capture: views may then be missing, and if all are, every view of the file counts as held out. For a scene
+ * without views (a splat file), `options` determines all of this. */
 pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
                                   bool given, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
-/* Opens `dataset` or, if it is NULL, the scene's own data set, for a scene that records its views: where its
- * photographs are and how they were opened, unless `options` says it, is what the scene says. */
+/* Opens `dataset`, or the scene's own data set if it is NULL, for a scene that stores its views. Options that aren't
+ * set in `options` are those of the scene. */
 pags_result pags_photographs_open_for(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
                                       pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
-/* As pags_photographs_open, of all views of a data set that is open already and stays the caller's; view i is the data
- * set's view i. */
+/* As pags_photographs_open, for all views of an open data set, which remains the caller's; view i is view i of the data
+ * set. */
 pags_result pags_photographs_of(pags_dataset *dataset, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
 void pags_photographs_close(pags_photographs *photographs);
 
-/* The camera that the scene draws views[i] with: the data set's, or the scene's where training has corrected its pose;
- * with a rolling shutter if the scene was trained with it. */
+/* The camera to render views[i] with: the data set's, or the scene's if training corrected its pose; with the rolling
+ * shutter of training. */
 pags_camera pags_photographs_camera(const pags_photographs *photographs, int64_t i);
 
 /* A photograph as F32 RGB in [0, 1]. */
 typedef struct pags_photograph {
   pags_image image;
-  uint8_t *mask;    /* one byte a pixel; NULL: every pixel counts */
+  uint8_t *mask;    /* one byte per pixel; NULL: all pixels count */
   pags_photo photo; /* the photograph as decoded, with its labels */
 } pags_photograph;
 

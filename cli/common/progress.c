@@ -18,7 +18,7 @@ double pags_seconds(void) {
   return 1e-3 * pags_clock_ms();
 }
 
-/* Why standard output could first not be written: later calls don't know any more. */
+/* The first error of standard output; later calls no longer know it. */
 static int output_error;
 
 void pags_output_flush(FILE *stream) {
@@ -29,7 +29,7 @@ void pags_output_flush(FILE *stream) {
 
 int pags_output_end(int code) {
   pags_output_flush(stdout);
-  if ((!output_error && !ferror(stdout)) || code != PAGS_EXIT_OK) /* another failure has its message already */
+  if ((!output_error && !ferror(stdout)) || code != PAGS_EXIT_OK) /* another failure has printed its message */
     return code;
   fprintf(stderr, "%s: standard output: %s\n", pags_program_name,
           output_error ? strerror(output_error) : "part of it couldn't be written");

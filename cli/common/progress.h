@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Progress output of a verb: one line rewritten in place on a terminal, plain lines elsewhere: after a second,
- * then more and more rarely, at last every ten seconds. Errors are never printed this way. Also whether standard output
- * took everything. */
+/* Progress output of a verb: one line rewritten in place on a terminal; elsewhere plain lines, the first after one
+ * second, later at most every ten seconds. Errors are never printed this way. Also interrupts (the first Ctrl-C stops
+ * cleanly, another more than 0.3 s later exits), and the check that standard output took everything. */
 #ifndef PAGS_CLI_PROGRESS_H
 #define PAGS_CLI_PROGRESS_H
 
@@ -16,7 +16,7 @@ typedef struct pags_progress {
   int length;               /* length of the line now shown on the terminal, characters */
   /* of pags_progress_watch: when the current phase began (0: not yet), and at which fraction of the work */
   double begun, from;
-  double fraction; /* of the work done so far, 0..1 */
+  double fraction; /* share of the work done, 0..1 */
 } pags_progress;
 
 #if defined(__GNUC__)
@@ -25,23 +25,22 @@ typedef struct pags_progress {
 #define PAGS_CLI_PRINTF
 #endif
 
-/* As fflush; keeps the reason for pags_output_end if this is standard output and can't be written. */
+/* As fflush; on failure for standard output, stores the reason for pags_output_end. */
 void pags_output_flush(FILE *stream);
-/* The exit code of a program that has done all else with `code`: in place of 0 it is 1, and a message is printed, if
- * part of what was printed couldn't be written to standard output. */
+/* Returns the exit code: `code`, but 1 instead of 0, with a message, if part of the output couldn't be written to
+ * standard output. */
 int pags_output_end(int code);
 
 pags_progress pags_progress_begin(FILE *stream);
-/* Whether it is time for another line; callers ask first, since building a line may cost something. */
+/* Whether the next line is due; callers ask before they build a line, which may cost time. */
 bool pags_progress_due(const pags_progress *progress);
 /* Shows the status line: rewritten in place on a terminal, a new line elsewhere. */
 void pags_progress_show(pags_progress *progress, const char *format, ...) PAGS_CLI_PRINTF;
-/* Prints a line that stays, above the status line. */
+/* Prints a permanent line above the status line. */
 void pags_progress_say(pags_progress *progress, const char *format, ...) PAGS_CLI_PRINTF;
-/* A pags_progress_fn whose user pointer is a pags_progress: shows `what`, the per cent done and the time left.
- * Returns 0, which cancels the work, once it was interrupted. The time left is extrapolated from the first call on,
- * so that work done before (as of a resumed run) doesn't count; a fraction smaller than the last one begins a new
- * phase. */
+/* A pags_progress_fn whose user pointer is a pags_progress: shows `what`, the per cent done and the time left. Returns
+ * 0, which cancels the work, after an interrupt. The time left is extrapolated from the first call, so that work done
+ * earlier (resumed runs) doesn't count; a smaller fraction starts a new phase. */
 int pags_progress_watch(void *progress, double fraction, const char *what);
 /* Clears the status line on the terminal. */
 void pags_progress_end(pags_progress *progress);
@@ -61,7 +60,7 @@ const char *pags_format_bytes(double bytes, char *text, size_t size);
  * tasks are destroyed. */
 void pags_interrupt_install(pags_tasks *tasks);
 
-/* Does as if Ctrl-C had been pressed, but any number of times. */
+/* Has the effect of one Ctrl-C, also if called repeatedly. */
 void pags_interrupt_ask(void);
 
 bool pags_interrupted(void);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a training took of each of its ranks; see ranks_train.h. */
+/* Implements ranks_train.h. */
 #include "cli/common/ranks_train.h"
 
 #include <stdio.h>

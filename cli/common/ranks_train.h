@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a training took of each of its ranks, for the verb's report. */
+/* Resources that a training took on each rank, for the report. */
 #ifndef PAGS_CLI_RANKS_TRAIN_H
 #define PAGS_CLI_RANKS_TRAIN_H
 
@@ -19,7 +19,7 @@ typedef struct pags_rank_shares {
   pags_rank_share *each; /* freed by the caller */
 } pags_rank_shares;
 
-/* Collective: brings what every rank says of its training to rank 0. */
+/* Collective: gathers the results of all ranks on rank 0. */
 pags_result pags_rank_shares_gather(const pags_train_result *own, pags_rank_shares *out);
 
 /* "on 4 ranks of 1 thread, which sent each other 1.2 GB, 0.7 MB a photograph; at most 61 MB a rank\n" */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The options by which splat files are read: what they don't say themselves. */
+/* Options for splat files: axes and up axis, if the file stores none. */
 #ifndef PAGS_CLI_READING_H
 #define PAGS_CLI_READING_H
 
@@ -21,7 +21,7 @@ typedef struct pags_reading {
                   "Axes of a splat file: where x, y and z point (left or right, up or down, forward or back); " \
                   "\"file\": as recorded in the .spz, else rub for .spz and rdf (as PLY) for other formats.")
 
-/* Sets what the options say of a scene that has been loaded with the axes chosen. */
+/* Applies the options to a scene that was loaded with these axes. */
 static inline void pags_reading_apply(const pags_reading *reading, pags_scene *scene) {
   if (reading->up)
     scene->up = (pags_up)reading->up;

@@ -10,7 +10,7 @@
 
 typedef struct pags_report {
   pags_json_writer json;
-  char *text; /* lines gathered so far, printed at the end only, so that a failure half way prints nothing */
+  char *text; /* lines, printed only at the end, so that a failure prints none of them */
   size_t size, capacity;
   int indent;
   bool failed;
@@ -34,7 +34,7 @@ void pags_report_place(pags_report *report, const pags_place *place);
 
 /* Adds a printed line only; the caller writes the JSON counterpart to `json` itself. */
 void pags_report_line(pags_report *report, const char *key, const char *format, ...) PAGS_PRINTF(3, 4);
-/* The same with a name of the data, an object's id say, which is printed as options take it. */
+/* The same with a name from the data, such as an object's id, printed in the form that options take. */
 void pags_report_named(pags_report *report, const char *name, const char *format, ...) PAGS_PRINTF(3, 4);
 
 void pags_report_begin_group(pags_report *report, const char *key); /* opens a JSON object */

@@ -21,8 +21,8 @@
 
 static pthread_mutex_t warnings_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* Keeps a line; false if it is there already, as it is when an input is opened twice. One that there is no memory for
- * is printed and lost to --json. */
+/* Stores a line; false if it was stored before (an input may be opened twice). If memory is short, the line is printed
+ * but missing in --json. */
 static bool keep_line(char ***lines, int64_t *count, const char *line) {
   for (int64_t i = 0; i < *count; i++)
     if (!strcmp((*lines)[i], line))
@@ -66,7 +66,7 @@ pags_result pags_session_check(const pags_session *session) {
                    (long long)session->warning_count - 1);
 }
 
-/* Brings the warnings of all ranks to rank 0, which prints those that it hasn't had. */
+/* Gathers the warnings of all ranks on rank 0, which prints the new ones. */
 static pags_result gather_warnings(pags_session *session) {
   size_t size = 1;
   for (int64_t i = 0; i < session->warning_count; i++)

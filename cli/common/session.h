@@ -16,17 +16,17 @@ typedef struct pags_session {
   int threads;      /* 0: the number of processors that this process may use */
   const char *json; /* file, "-" for stdout, NULL: none */
   int strict, quiet;
-  bool answers; /* what it prints is the verb's result, unless --json takes it */
+  bool answers; /* the printed lines are the verb's result, unless --json is given */
   FILE *people; /* stream for messages to people: stdout; stderr if JSON goes to stdout; NULL if quiet */
   pags_tasks *tasks;
-  /* The warnings that the library logged so far, each once. */
+  /* Warnings of the library, without repetitions. */
   char **warnings;
   int64_t warning_count;
-  /* Its informative lines so far, each once. */
+  /* Informative lines of the library, without repetitions. */
   char **notes;
   int64_t note_count;
   pags_lock *lock; /* of the output folder, or file; NULL: none */
-  bool parted;     /* the ranks have agreed on a failure, and call nothing collective any more */
+  bool parted;     /* the ranks have agreed on a failure; no collective call may follow */
 } pags_session;
 
 /* Rows for the end of a verb's option table; `owner` is the verb's struct, which has a member `session`. */
@@ -70,9 +70,8 @@ typedef struct pags_session {
  * messages; it is an error where the verb's result goes there. */
 pags_result pags_session_begin(pags_session *session);
 
-/* The ranks of a job meet here at the end of each piece of work: all get the same result, that of the lowest rank that
- * failed, and rank 0 gets everyone's warnings. The first piece of work that a rank fails in must be the last. With one
- * process it returns `result`. */
+/* Synchronises the ranks at the end of each piece of work: all get the result of the lowest rank that failed, and rank
+ * 0 gets all warnings. The first failed piece of work must be the last. With one process it returns `result`. */
 pags_result pags_session_meet(pags_session *session, pags_result result);
 
 /* Ends the threads, prints the error message if `result` is an error, and returns the exit code. With several ranks,
@@ -100,8 +99,8 @@ pags_result pags_prepare_folder(pags_session *session, const char *path);
 /* Checks that a file of this name could be created, and locks it until the session ends. */
 pags_result pags_prepare_file(pags_session *session, const char *path);
 
-/* Writes the name of a view without extension into `out`: "cam0/DSC_01.JPG" -> "cam0/DSC_01". Of a name that would
- * leave the folder that it is put in, as "../DSC_01.JPG", only what follows the last slash is taken. */
+/* Writes the name of a view without extension into `out`: "cam0/DSC_01.JPG" -> "cam0/DSC_01". A name that leaves its
+ * folder, such as "../DSC_01.JPG", is reduced to the part after the last slash. */
 void pags_stem(const char *name, char *out, size_t size);
 
 #endif

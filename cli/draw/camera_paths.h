@@ -8,11 +8,11 @@
 #include <stdbool.h>
 #include "scene/survey.h"
 
-/* Makes an orbit of `frames` cameras at 30 frames a second, upright and looking at a centre; after the last frame the
- * orbit closes at the first, or goes back along the arc that the photographs cover. With photographs: around the point
- * nearest to their optical axes, near their cameras. Without: around all that is there, as near as shows it whole, or
- * within the closed room that it makes. In a drive: from above, around a place ahead of the drive's middle. `stand`
- * other than PAGS_STAND_AUTO: from outside, or from within, whatever there is. The eye stays out of what is solid. */
+/* Makes an orbit of `frames` upright cameras at 30 frames/s that look at a centre. The path closes, or returns along
+ * the arc that the photographs cover. With photographs: around the point nearest to their optical axes, near their
+ * cameras. Without: around the whole scene, as near as possible with all of it in the picture, or inside the closed
+ * room that it forms. For a drive: from above, around a place ahead of its middle. `stand` other than PAGS_STAND_AUTO
+ * forces outside or inside. The camera avoids solid cells. */
 pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags_stand stand, pags_camera_path *out);
 
 /* Lists the cameras of the training views, unchanged; may be none. */

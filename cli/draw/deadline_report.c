@@ -95,7 +95,7 @@ void pags_deadline_report_print(const pags_deadline_report *d, const pags_sessio
     if (d->at_step[k]) {
       /* Print what this step reduces, and in which share of the frames (in per cent) it was used. */
       double share = 100 * (double)d->at_step[k] / n;
-      if (step->eps <= 0) /* only the first step draws in full; every other step is bounded */
+      if (step->eps <= 0) /* only the first step has full quality */
         pags_say(session, "  %5.1f %% of frames: full quality\n", share);
       else
         pags_say(session,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Renders frames within the time budget of --budget-ms (pags/deadline.h) and gathers statistics: how many frames met
- * the budget, what was reduced, and the error of every few frames against full quality. */
+/* Renders frames within the time budget of --budget-ms (pags/deadline.h) and gathers statistics: frames within the
+ * budget, quality steps, and the error of some frames against full quality. */
 #ifndef PAGS_CLI_DEADLINE_REPORT_H
 #define PAGS_CLI_DEADLINE_REPORT_H
 
@@ -13,9 +13,9 @@ typedef struct pags_deadline_report {
   pags_deadline *deadline;
   pags_deadline_controller controller;
   pags_frame *full_frame; /* renders the full-quality frames to compare with */
-  float *priority;        /* of each Gaussian id */
+  float *priority;        /* per Gaussian id */
   int64_t ids;
-  int check_every; /* compare every so many frames with full quality */
+  int check_every; /* compare every Nth frame with full quality */
   int64_t frames, met, checked;
   int64_t at_step[PAGS_DEADLINE_WHOLE_STEPS];
   double sum_ms, worst_ms, sum_full_tiles;

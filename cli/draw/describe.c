@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Describes a scene as JSON: the place to begin, recorded cameras, objects with their boxes and tracks. */
+/* Describes a scene as JSON for pages: start camera, recorded cameras, objects with boxes and tracks. */
 #include "cli/draw/describe.h"
 
 #include "cli/draw/camera_paths.h"
@@ -13,7 +13,7 @@
 
 /* ---- Where to begin ---- */
 
-/* The mean of the cameras' own up axes, where they agree; else the scene's. */
+/* The mean of the cameras' up axes if they agree; else the up axis of the scene. */
 static pags_vec3 find_up(const pags_scene *scene) {
   pags_vec3 sum = {0, 0, 0};
   for (int64_t i = 0; i < scene->view_count; i++)
@@ -34,7 +34,7 @@ pags_result pags_view_start_find(const pags_scene *scene, pags_view_start *out) 
   const pags_vec3 up = find_up(scene);
   *out = (pags_view_start){.camera = path.cameras[0], .up = {up.x, up.y, up.z}, .distance = AHEAD};
   if (!drive) {
-    /* The two cameras that look at the centre of an orbit from opposite sides are twice as far apart as it is. */
+    /* The distance between opposite cameras of an orbit is twice its radius. */
     const pags_vec3 a = pags_camera_column(&path.cameras[0], 3), b = pags_camera_column(&path.cameras[FRAMES / 2], 3);
     out->distance = fmax(0.5 * pags_vec_length(pags_vec_sub(a, b)), 1e-3);
   }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Orbits: closed paths round a scene's middle. How far off and how high the eye is may differ from azimuth to azimuth:
- * it stays near the cameras that took the photographs, or where there are none as far away as shows the whole object,
- * or within the room (scene/survey.h), and out of walls. World coordinates are absolute, in double. */
+/* Orbits: closed paths around the centre of a scene. Distance and height of the camera vary with azimuth: it stays near
+ * the training cameras; without photographs, at a distance that shows the whole object, or inside the room
+ * (scene/survey.h); and outside of walls. World coordinates are absolute, in double. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -17,7 +17,7 @@ enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, OBJECT_FOCAL = 1000, ROOM_FOC
 
 static const double pi = 3.14159265358979323846;
 static const double closed =
-    1; /* cells of a room for each solid one: less is a street or a corner, which shows better from outside */
+    1; /* room cells per solid cell: a lower ratio is a street or a corner, which is better seen from outside */
 
 /* An orbit's geometry and lens. */
 typedef struct orbit {
@@ -54,7 +54,7 @@ static void stand_up(orbit *o, pags_vec3 up) {
 
 /* ---- The eye ---- */
 
-/* Interpolates one of the eye's two distances at an azimuth (radians). */
+/* Interpolates radius or height of the camera at an azimuth (radians). */
 static double at_azimuth(const double values[AZIMUTHS], double angle) {
   const double turn = angle / (2 * pi), place = (turn - floor(turn)) * AZIMUTHS;
   const int i = (int)place % AZIMUTHS;
@@ -81,8 +81,7 @@ static void look_from(const orbit *o, pags_vec3 eye, pags_camera *camera) {
   pags_camera_set_column(camera, 3, eye);
 }
 
-/* Smooths distances round the circle so that none grows: first the least of the neighbours, then their mean, in which
- * each of the least is at most the distance itself. */
+/* Smooths distances along the circle without increasing any: minimum over the neighbours, then mean of the minima. */
 static void smooth_down(double values[AZIMUTHS]) {
   double least[AZIMUTHS];
   for (int i = 0; i < AZIMUTHS; i++) {
@@ -121,7 +120,7 @@ static bool shows_box(const orbit *o, const pags_vec3 corners[8], double radius,
   return true;
 }
 
-/* Round an object: as near as shows all of the box. */
+/* Orbit around an object, as near as possible with the whole box in the picture. */
 static void orbit_of_box(const pags_scene *scene, const pags_survey *survey, orbit *o) {
   static const double slope = 0.25; /* looking a little down */
   const double *lo = survey->lo, *hi = survey->hi, *origin = scene->origin;
@@ -146,7 +145,7 @@ static void orbit_of_box(const pags_scene *scene, const pags_survey *survey, orb
   }
 }
 
-/* Within a room: from its sides across its middle, seven eighths of the way to where it ends. */
+/* Orbit inside a room: looks from its sides across the centre, at 7/8 of the distance to the wall. */
 static void orbit_of_room(const pags_scene *scene, const pags_survey *survey, orbit *o) {
   double sorted[AZIMUTHS];
   const double *m = survey->middle, reach = survey->step * (survey->n[0] + survey->n[1] + survey->n[2]);
@@ -213,8 +212,8 @@ static bool nearest_to_axes(const pags_scene *scene, pags_vec3 *out) {
   return ahead * 10 >= scene->view_count * 8;
 }
 
-/* Keeps the eye near the photographs' cameras: its distance and height are means of theirs, in which those of like
- * azimuth count most. */
+/* Keeps the camera near the training cameras: distance and height are weighted means, with a Gaussian weight in
+ * azimuth. */
 static void follow_cameras(const double *angles, const double *radii, const double *heights, int64_t count, orbit *o) {
   static const double like = 0.25; /* radians */
   for (int a = 0; a < AZIMUTHS; a++) {
@@ -270,7 +269,7 @@ static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *su
   o->lens.lens = (pags_lens_model){0}; /* pictures of an orbit are pinholes' */
   free(radii);
 
-  /* Where the eye would be in something solid it is moved towards the centre. */
+  /* Moves the camera towards the centre where it would be inside something solid. */
   for (int a = 0; a < AZIMUTHS; a++)
     for (int k = 0; k < 40; k++) {
       const pags_vec3 eye = eye_at(o, 2 * pi * a / AZIMUTHS, o->radius[a], o->height[a]);
@@ -283,7 +282,7 @@ static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *su
   return PAGS_OK;
 }
 
-/* The same without the cameras that stand far from all others. */
+/* The same without outlying cameras. */
 static pags_result orbit_of_near_views(const pags_scene *scene, const pags_survey *survey, orbit *o) {
   const size_t count = (size_t)scene->view_count;
   const double *lo = survey->lo, *hi = survey->hi;
@@ -311,8 +310,8 @@ static pags_result orbit_of_near_views(const pags_scene *scene, const pags_surve
   return result;
 }
 
-/* Orbit for a drive, whose cameras look along a street and so have no common centre: circles, from above, a place
- * ahead of the mean camera position, nearer where something is in the way. */
+/* Orbit for a drive, whose cameras look along a street and have no common centre: circles above a place ahead of the
+ * mean camera position, nearer where something is in the way. */
 static void orbit_of_drive(const pags_scene *scene, const pags_survey *survey, orbit *o) {
   enum { AHEAD = 6, RADIUS = 14, HEIGHT = 9 }; /* metres; low enough to show the sides that the cameras saw */
   const pags_vec3 base = pags_camera_column(&scene->views[0].camera, 3);
@@ -326,7 +325,7 @@ static void orbit_of_drive(const pags_scene *scene, const pags_survey *survey, o
   o->lens = scene->views[0].camera;
   o->lens.lens = (pags_lens_model){0}; /* pictures of an orbit are pinholes' */
   for (int a = 0; a < AZIMUTHS; a++) {
-    double share = 0.35; /* what is nearer to the centre is what is looked at */
+    double share = 0.35; /* anything nearer to the centre is the subject */
     while (share < 1 &&
            cell_of(scene, survey, eye_at(o, 2 * pi * a / AZIMUTHS, share * RADIUS, share * HEIGHT)) != PAGS_CELL_SOLID)
       share += 0.02;

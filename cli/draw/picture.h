@@ -60,7 +60,7 @@ pags_result pags_picture_writer_create(const pags_composition *composition, unsi
                                        pags_picture_format format, int bits, pags_picture_writer *out);
 void pags_picture_writer_destroy(pags_picture_writer *writer);
 
-/* Scratch memory for three planes of the largest picture so far. Starts zeroed. */
+/* Scratch memory for three planes of the largest picture. Starts zeroed. */
 typedef struct pags_plane_scratch {
   float *data; /* freed by the owner */
   size_t capacity;
@@ -88,9 +88,10 @@ typedef struct pags_picture_names {
   char **items; /* names without folder and extension, in the order of the views */
 } pags_picture_names;
 
-/* A view's name is its photograph's without the extension: "cam0/DSC_01.JPG" is "cam0/DSC_01"; of one that would leave
- * the folder, "../DSC_01.JPG", only what follows the last slash. Where an earlier view has that name (a.jpg and a.png,
- * or A.jpg), the extension stays, "a.png"; where that is another's, too, the number of the view follows, "a.png-12". */
+/* A view is named after its photograph without extension: "cam0/DSC_01.JPG" is "cam0/DSC_01"; a name that leaves the
+ * folder, "../DSC_01.JPG", is reduced to the part after the last slash. If an earlier view has that name (a.jpg and
+ * a.png, or A.jpg), the extension stays, "a.png"; if that is taken as well, the number of the view follows, "a.png-12".
+ */
 pags_result pags_picture_names_of_scene(const pags_scene *scene, pags_picture_names *out);
 pags_result pags_picture_names_of_dataset(const pags_dataset *dataset, pags_picture_names *out);
 void pags_picture_names_destroy(pags_picture_names *names);

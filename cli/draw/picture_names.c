@@ -26,7 +26,7 @@ static int by_name(const void *a, const void *b) {
   return order ? order : (left->number > right->number) - (left->number < right->number);
 }
 
-/* Gives an entry the next of its names: the stem of its view, the whole name, then that with its number. */
+/* Moves an entry to its next candidate name: the stem, the whole name, the whole name with its number. */
 static pags_result rename_entry(entry *e) {
   const char *whole = pags_path_is_inside(e->view) ? e->view : pags_path_name(e->view);
   const size_t length = strlen(whole), stem = length - strlen(pags_path_extension(whole));
@@ -41,7 +41,7 @@ static pags_result rename_entry(entry *e) {
   return PAGS_OK;
 }
 
-/* Renames every entry that an earlier view has the name of, until there is none. */
+/* Renames entries until no two names are equal. */
 static pags_result make_differ(entry *entries, int64_t count) {
   for (bool same = true; same;) {
     same = false;

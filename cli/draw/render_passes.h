@@ -7,7 +7,7 @@
 
 typedef struct pags_render_passes {
   pags_composition *composition;
-  const pags_picture_writer *writer; /* whose channels say which passes; both must outlive this */
+  const pags_picture_writer *writer; /* its channels select the passes; both must outlive this */
   pags_moment moments[2];            /* before, after; their parts are `copies` */
   pags_part *copies[2];
   bool known[2];
@@ -15,8 +15,8 @@ typedef struct pags_render_passes {
   int capacity[3];   /* parts that the copies and the names have room for */
 } pags_render_passes;
 
-/* Composes what motion on one side (0: before, 1: after) refers to, at the camera's time; NULL: nothing moves on that
- * side. It uses the composition's parts, so the picture itself is composed after it. */
+/* Composes the scene at the time of the neighbouring camera (side 0: before, 1: after), for motion; NULL: no motion on
+ * that side. It uses the composition's parts, so compose the picture itself afterwards. */
 pags_result pags_render_passes_moment(pags_render_passes *passes, int side, const pags_camera *camera);
 /* Computes the passes of the picture that `frame` has drawn of these parts, as composed by pags_compose. */
 pags_result pags_render_passes_draw(pags_render_passes *passes, pags_frame *frame, const pags_part *parts,

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Gives each camera the read-out of `from` and its mean velocity from the camera before to the one behind. */
+/* Gives each camera the readout of `from` and its mean velocity between the cameras before and after it. */
 static pags_result roll_along(const pags_shutter *from, pags_viewpoints *v) {
   for (int64_t i = 0; i < v->count; i++) {
     const int64_t before = i > 0 ? i - 1 : i, behind = i + 1 < v->count ? i + 1 : i;

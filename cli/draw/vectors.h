@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Vectors of three doubles by value, the columns of a camera's pose, and quantiles: what camera paths are computed
- * with. */
+/* Vectors of three doubles by value, columns of a camera pose, and quantiles, for camera paths. */
 #ifndef PAGS_CLI_VECTORS_H
 #define PAGS_CLI_VECTORS_H
 

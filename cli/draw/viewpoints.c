@@ -39,7 +39,7 @@ static bool wanted(pags_split split, int test) {
   return split == PAGS_SPLIT_ALL || (split == PAGS_SPLIT_TEST) == (test != 0);
 }
 
-/* Fails if there is no view; `way`: what would do. */
+/* Fails if there is no view; `way`: the remedy. */
 static pags_result check_any(const pags_viewpoints *viewpoints, pags_split split, const char *where, const char *way) {
   if (viewpoints->count)
     return PAGS_OK;

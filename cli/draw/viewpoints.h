@@ -30,16 +30,16 @@ void pags_viewpoints_destroy(pags_viewpoints *viewpoints);
 
 /* ---- pags render --shutter ---- */
 
-/* An index in the option's choices; AS_RECORDED without it: rolling where a camera says so. */
+/* Index of the option's choices; AS_RECORDED if not given: rolling if the camera has a rolling shutter. */
 typedef enum pags_shutter_choice {
   PAGS_SHUTTER_AS_RECORDED = -1,
   PAGS_SHUTTER_GLOBAL,
   PAGS_SHUTTER_ROLLING
 } pags_shutter_choice;
 
-/* Sets the cameras' shutters as chosen. ROLLING: if none of them has one, they get the read-out of the scene's first
- * view that has one, and their velocities along the path. PAGS_ERROR_ARGUMENT if there is none, or no time between the
- * cameras. */
+/* Sets the shutters of the cameras. ROLLING: if none of them has one, they get the readout of the scene's first view
+ * with a rolling shutter, and their velocities along the path. PAGS_ERROR_ARGUMENT if there is no such view, or no time
+ * between the cameras. */
 pags_result pags_shutter_choose(pags_shutter_choice choice, const pags_scene *scene, pags_viewpoints *viewpoints);
 
 #endif

@@ -52,7 +52,7 @@ static void put_axes(pags_html *html, const pags_chart *chart, const axis *x, co
                 chart->x_name);
 }
 
-/* A line through the points, of which those are skipped that are less than half a pixel beside the last. */
+/* A line through the points; skips points less than half a pixel from the previous one. */
 static void put_line(pags_html *html, const pags_curve *c, const axis *x, const axis *y) {
   double last = -HUGE_VAL;
   for (int64_t i = 0; i < c->count; i++) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a scene is made of: Gaussians by object, histograms of their priorities and sizes, bytes of the files. */
+/* Contents of a scene: Gaussians per object, histograms of priorities and sizes, bytes of the files. */
 #ifndef PAGS_CLI_HTML_REPORT_CONTENTS_H
 #define PAGS_CLI_HTML_REPORT_CONTENTS_H
 

@@ -25,7 +25,7 @@ void pags_html_text(pags_html *html, const char *text);
  * have attributes behind it. */
 void pags_html_element(pags_html *html, const char *name, const char *text);
 
-/* Appends cells of a table's row: text; a number, a dash if it isn't finite; a count with its thousands apart. */
+/* Appends table cells: text; a number, a dash if it isn't finite; a count with grouped thousands. */
 void pags_html_cell(pags_html *html, const char *text);
 void pags_html_number(pags_html *html, int decimals, double value);
 void pags_html_count(pags_html *html, int64_t value);
@@ -38,7 +38,7 @@ void pags_html_end_table(pags_html *html);
 /* Appends a JPEG file as a picture with a caption. */
 void pags_html_picture(pags_html *html, const pags_sink *jpeg, int width, int height, const char *caption);
 
-/* Writes a count with its thousands apart, "1 234 567", into `text`, which it returns. */
+/* Writes a count with grouped thousands, "1 234 567", into `text`, which it returns. */
 const char *pags_html_thousands(int64_t value, char text[32]);
 
 #endif

@@ -17,15 +17,14 @@ typedef struct pags_html_report_settings {
   const char *dataset;   /* compare with the photographs of this data set, which must be there; NULL: the scenes' own */
   pags_dataset_options dataset_options;
   int64_t pictures;            /* views that are shown as pictures, at most */
-  double seconds;              /* time to draw views in; those left over are named. 0: no limit */
+  double seconds;              /* time limit for rendering views, seconds; the remaining views are named. 0: no limit */
   const pags_session *session; /* its threads; with --strict a warning about a scene leaves the page unwritten */
   pags_progress *progress;
   const volatile int *cancel; /* a non-zero value ends the work; NULL: none */
 } pags_html_report_settings;
 
-/* What a page holds of a scene. */
 typedef struct pags_html_report_facts {
-  int64_t views, measured, pictures; /* held-out views; of these measured; of these with pictures */
+  int64_t views, measured, pictures; /* held-out views; measured ones; ones with pictures */
   double psnr, ssim;                 /* means over the held-out views that were measured; NaN: none was */
 } pags_html_report_facts;
 
@@ -42,7 +41,7 @@ pags_result pags_html_report_write(const pags_html_report_settings *settings, co
 void pags_html_report_of_training(const pags_session *session, const char *scene,
                                   const pags_dataset_options *dataset_options, const pags_train_result *result);
 
-/* Joins the words of a command as a shell takes them: "pags VERB ...". The caller frees it; NULL if out of memory. */
+/* Joins the words of a command, quoted for a shell: "pags VERB ...". The caller frees it; NULL if out of memory. */
 char *pags_command_line(const char *verb, int argc, char *const *argv);
 
 #endif

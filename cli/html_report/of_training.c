@@ -46,7 +46,7 @@ void pags_html_report_of_training(const pags_session *session, const char *scene
   free(page);
 }
 
-/* Whether a shell takes the word as it stands. */
+/* Whether a word needs no quotes in a shell. */
 static bool is_plain(const char *word) {
   static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_./=,:+@%";
   return *word && word[strspn(word, plain)] == 0;

@@ -7,8 +7,8 @@
 #include <string.h>
 #include <time.h>
 
-/* Colours: A is blue, B is orange and dashed, so that they are told apart by everybody and on paper. The policy refuses
- * whatever isn't in the page, should a name ever get through. */
+/* A is blue, B is orange and dashed, for colour-blind readers and prints. The policy refuses anything that isn't in the
+ * page, in case a name is not escaped. */
 static const char head[] =
     "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
     "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
@@ -171,7 +171,7 @@ static bool is_flag(const pags_report_run *run, const char *key, bool wanted) {
   return flag && flag->type == PAGS_JSON_BOOL && flag->boolean == wanted;
 }
 
-/* Says what became of the training, and what isn't known. */
+/* States how the training ended, and what is unknown. */
 static void put_state(pags_html *html, const pags_report_run *run, int count, int number) {
   const double bad = pags_run_log_number(&run->log, NULL, "bad_rows");
   const char *first = pags_run_log_text(&run->log, "first_bad_row");
@@ -289,7 +289,7 @@ static void put_region(pags_html *html, const pags_report_run *runs, int count, 
   pags_html_put(html, "</tr>\n");
 }
 
-/* Says which views the figures are of. */
+/* Names the views that the figures are measured on. */
 static void put_extent(pags_html *html, const pags_report_views *views, int count, int number) {
   const char *kind = views->held_out ? "held-out views" : "views, none of which was held out";
   if (views->absent) {

@@ -9,7 +9,7 @@
 #include "cli/html_report/run_log.h"
 #include "cli/html_report/views.h"
 
-/* All that the page says of a scene. */
+/* Contents of the page about one scene. */
 typedef struct pags_report_run {
   const char *path; /* as it was given */
   const char *name; /* the end of the path, or all of it where that tells nothing */
@@ -18,7 +18,7 @@ typedef struct pags_report_run {
   pags_scene_contents contents;
   pags_run_log log;
   pags_report_views views;
-  pags_json *notes, *config; /* what was modelled and why; the training's configuration. NULL: not known */
+  pags_json *notes, *config; /* how each object was modelled, and the training configuration; NULL: unknown */
 } pags_report_run;
 
 void pags_page_begin(pags_html *html, const pags_report_run *runs, int count);

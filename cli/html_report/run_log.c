@@ -77,7 +77,7 @@ static pags_result read_log(pags_run_log *log, const char *path) {
   return result;
 }
 
-/* Keeps the message of a file that can't be read, which the page then shows, and goes on. */
+/* Stores the message about an unreadable file, which the page shows; not an error. */
 static pags_result note_fault(pags_run_log *log, pags_result result) {
   if (result == PAGS_OK || result == PAGS_ERROR_MEMORY)
     return result;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a training wrote about itself into the scene's folder: log.jsonl as curves, and report.json. */
+/* Logs of a training in the scene's folder: log.jsonl as curves, and report.json. */
 #ifndef PAGS_CLI_HTML_REPORT_RUN_LOG_H
 #define PAGS_CLI_HTML_REPORT_RUN_LOG_H
 
@@ -21,7 +21,7 @@ typedef struct pags_run_log {
     int64_t count, capacity;
   } curves[PAGS_LOG_CURVES];
   int64_t lines, unread; /* lines of the log; of these not readable, as the last one of a run that was killed */
-  pags_json *report;     /* report.json; NULL: there is none */
+  pags_json *report;     /* report.json; NULL: missing */
   char *fault;           /* why a file that is there couldn't be read; NULL: all that are there were */
 } pags_run_log;
 

@@ -22,7 +22,7 @@ enum {
 
 /* ---- Opening ---- */
 
-/* Whether a failure means that something isn't there or can't be read, so that the page goes without it. */
+/* Whether a failure means missing or unreadable photographs, without which the page is written. */
 static bool is_absence(pags_result result) {
   return result != PAGS_OK && result != PAGS_ERROR_MEMORY && result != PAGS_CANCELLED;
 }
@@ -101,8 +101,8 @@ pags_report_view *pags_report_views_find(const pags_report_views *views, const c
 
 /* ---- An order that is evenly spread at any time ---- */
 
-/* The number behind `index` in the van der Corput sequence of `count` numbers: counts up with the bits of the number
- * reversed, and leaves out those that are `count` or more. Begins with 0 and ends with `count`. */
+/* The successor of `index` in the van der Corput sequence of `count` numbers: increments the bit-reversed number and
+ * skips numbers of `count` or more. Starts with 0, ends with `count`. */
 static int64_t next_spread(int64_t index, int64_t count) {
   int64_t top = 1;
   while (top < count)
@@ -156,7 +156,7 @@ static pags_result encode(const pags_image *from, const uint8_t (*tint)[3], pags
   return result;
 }
 
-/* The error of each pixel, the mean over its channels, ERROR_GAIN times; 0 where the mask leaves it out. */
+/* ERROR_GAIN times the error of each pixel (mean over channels); 0 where masked. */
 static pags_result encode_error(const pags_image *render, const pags_photograph *photograph, pags_report_view *view) {
   uint8_t tint[256][3];
   float rgb[3];
@@ -189,7 +189,7 @@ static pags_result encode_float(const pags_image *image, pags_report_view *view,
   return result;
 }
 
-/* Measures the picture and makes the small ones; `photograph` is NULL where there is none. */
+/* Measures the picture and makes the small ones; `photograph` may be NULL. */
 static pags_result finish_view(pags_report_view *view, const pags_image *render, const pags_photograph *photograph,
                                pags_tasks *tasks) {
   if (photograph)

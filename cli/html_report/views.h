@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The recorded views of a report: their scores beside the photographs, and small pictures of some of them. */
+/* The recorded views of a report: their scores against the photographs, and small pictures of some of them. */
 #ifndef PAGS_CLI_HTML_REPORT_VIEWS_H
 #define PAGS_CLI_HTML_REPORT_VIEWS_H
 
@@ -22,7 +22,7 @@ typedef struct pags_report_view {
   const pags_scene_view *scene_view; /* NULL: the scene records no views */
   int64_t photograph;                /* index in the photographs; -1: it has none */
   bool shown;                        /* chosen for pictures */
-  bool drawn;                        /* measured, as far as it has a photograph, within the time */
+  bool drawn;                        /* measured, if it has a photograph and time was left */
   pags_view_score score;
   int width, height;                  /* of its pictures */
   pags_sink jpeg[PAGS_VIEW_PICTURES]; /* empty: none */
@@ -31,8 +31,8 @@ typedef struct pags_report_view {
 typedef struct pags_report_views {
   pags_photographs photographs;
   bool opened;   /* whether there are photographs */
-  char *absent;  /* why there are none, or why one of them couldn't be read; NULL: all are there */
-  bool held_out; /* the views are the held-out ones; otherwise, since there are none, all */
+  char *absent;  /* why photographs are missing or unreadable; NULL: all were read */
+  bool held_out; /* the views are the held-out ones; false: all views, since none is held out */
   int64_t count;
   pags_report_view *items;
   pags_mean_score mean; /* over the views that were measured */
@@ -44,12 +44,12 @@ typedef struct pags_report_views {
 pags_result pags_report_views_open(const pags_scene *scene, const char *path, const pags_html_report_settings *settings,
                                    pags_report_views *out);
 
-/* Chooses at most `most` views for pictures, evenly spread; with `other` (may be NULL) only such as both have by name,
- * in both. */
+/* Chooses at most `most` evenly spread views for pictures; with `other` (may be NULL) only views whose names occur in
+ * both, for both. */
 void pags_report_views_choose(pags_report_views *views, pags_report_views *other, int64_t most);
 
-/* Draws the views, measures them beside their photographs and makes the pictures, in an order that is evenly spread at
- * any time, until the settings' seconds have passed. */
+/* Renders the views, measures them against their photographs and makes the pictures, until the settings' seconds have
+ * passed. At any time the finished views are evenly spread. */
 pags_result pags_report_views_draw(pags_report_views *views, pags_composition *composition,
                                    const pags_html_report_settings *settings);
 

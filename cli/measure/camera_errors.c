@@ -16,7 +16,7 @@
 #include "base/text.h"
 #include "base/vec3.h"
 
-/* Metres that count as much as one radian: things that cameras of a street look at are that far away. */
+/* Metres that are weighted as one radian: the typical distance of objects in a street. */
 static const double reach = 10.0;
 static const double degrees_per_radian = 57.29577951308232;
 
@@ -85,7 +85,7 @@ static void measure(const pags_scene *scene, const truth *t, bool recorded, pags
           for (int j = 0; j < 3; j++)
             a[3 * k + j] -= q[k] * q[j];
         }
-      } else { /* what is left */
+      } else { /* remaining errors */
         pags_cross3(turn, q, lever);
         for (int k = 0; k < 3; k++) {
           squares[view->test != 0][0] += pow(d[k] - push[k] - lever[k], 2);

@@ -11,9 +11,9 @@ typedef struct pags_camera_error {
   double metres, degrees;
 } pags_camera_error;
 
-/* Errors of training and of held-out views, as recorded and as training has corrected them; each after the rigid motion
- * of all recorded, or corrected, cameras of training views that brings them nearest to the truth: where the world lies
- * is no error. */
+/* Errors of training and held-out views, as recorded and as corrected by training; each after the rigid motion that
+ * brings all recorded (or corrected) training cameras nearest to the truth, since the placement of the world is
+ * arbitrary. */
 typedef struct pags_camera_errors {
   int64_t views[2]; /* training views, held-out views; 0: the data set has no truth */
   pags_camera_error recorded[2], corrected[2];

@@ -32,7 +32,7 @@ pags_result pags_depth_errors_add(pags_depth_errors *errors, const pags_dataset 
 /* Appends errors that another rank has gathered. */
 pags_result pags_depth_errors_append(pags_depth_errors *errors, const double *more, int64_t count);
 
-/* Summarises all errors added so far; sorts them in place. */
+/* Summarises all errors; sorts them in place. */
 pags_depth_figures pags_depth_errors_figures(pags_depth_errors *errors);
 /* Writes the JSON member `depth`: an object, or null without samples. */
 void pags_depth_figures_put_json(pags_json_writer *writer, const pags_depth_figures *figures);

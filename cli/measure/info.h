@@ -20,8 +20,8 @@ typedef struct pags_scene_facts_options {
 /* Loads the scene folder or splat file at `path` and adds its facts to the report. */
 pags_result pags_scene_facts(pags_report *report, const char *path, const pags_scene_facts_options *options);
 
-/* Counts the Gaussians of each of the scene's objects: of its own model, or of the background's those that carry its
- * number. The caller frees *out. PAGS_ERROR_MEMORY; then *out is NULL. */
+/* Counts the Gaussians of each object: those of its own model, or those of the background that carry its number. The
+ * caller frees *out. PAGS_ERROR_MEMORY; then *out is NULL. */
 pags_result pags_scene_object_gaussians(const pags_scene *scene, int64_t **out);
 
 /* A JSON value in words, in `text` if it must be written: "yes" for true; "..." for an array or object. */
@@ -41,15 +41,14 @@ pags_result pags_overlay(const pags_dataset *dataset, const char *folder, pags_s
 
 /* ---- pags info --sheet: a contact sheet with a map ---- */
 
-/* Writes `file` (PNG or JPEG by its ending), 1,600 pixels wide. Photographs: of a driving set a row a camera (at most
- * 12), its number at the left, with at most 8 time steps, their numbers in the corners; of a static set at most 32
- * views, evenly chosen, with their numbers. The map looks down along the set's up axis, the path's longest way to the
- * right: cameras blue, held-out ones red, numbers and a view cone at the steps of the photographs, moving objects at
- * these steps by category with a stroke to their front, parked ones grey, LiDAR of these steps or the
- * points of the data set, a scale bar in metres (of a static set in units of its world).
- *
- * Adds a report group "sheet" with the file and what the numbers stand for. PAGS_ERROR_IO, PAGS_ERROR_FORMAT (a
- * photograph), PAGS_ERROR_ARGUMENT (the ending), PAGS_ERROR_MEMORY, PAGS_CANCELLED. */
+/* Writes `file` (PNG or JPEG by its extension), 1,600 pixels wide. Photographs: for a driving set one row per camera
+ * (at most 12) with its number, and at most 8 time steps with their numbers; for a static set at most 32 views with
+ * their numbers, evenly spaced. The map looks down along the up axis; the longest extent of the path is horizontal. It
+ * shows cameras (blue; held out: red), numbers and view cones at the steps of the photographs, moving objects at these
+ * steps by category with a stroke to their front, parked objects (grey), LiDAR of these steps or the points of the data
+ * set, and a scale bar in metres (static sets: world units).  Adds a report group "sheet" with the file and the meaning
+ * of the numbers. PAGS_ERROR_IO, PAGS_ERROR_FORMAT (a photograph), PAGS_ERROR_ARGUMENT (the extension),
+ * PAGS_ERROR_MEMORY, PAGS_CANCELLED. */
 pags_result pags_sheet(const pags_dataset *dataset, const char *file, const pags_session *session, pags_report *report);
 
 #endif

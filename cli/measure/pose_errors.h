@@ -12,13 +12,12 @@ typedef struct pags_pose_error {
   double metres, degrees;             /* errors of the scene's poses, corrected by training */
 } pags_pose_error;
 
-/* Errors of the objects that have a model of their own. In `relative`, each track's mean error, in the object's
- * frame, is subtracted first: where the origin lies in an object is a convention of the labels that no photograph
- * determines. */
+/* Errors of objects with a model of their own. In `relative`, each track's mean error in the object's frame is
+ * subtracted first: the origin of an object is a convention of the labels that no photograph determines. */
 typedef struct pags_pose_errors {
   int64_t objects, keyframes, held_out_keyframes; /* objects 0: the data set has no truth */
   pags_pose_error absolute, relative;             /* errors at trained keyframes */
-  pags_pose_error held_out;                       /* errors at the other keyframes, whose times training never saw */
+  pags_pose_error held_out;                       /* errors at the other keyframes, which training never used */
 } pags_pose_errors;
 
 /* Measures the errors against truth/instances/instances_info.json of the data set; all zero if there is no such

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags eval: compares the Gaussians' priorities with a synthetic street's truth, which tells whether the surface
- * nearest to a Gaussian is critical. */
+/* pags eval: compares the priorities of Gaussians with the truth of a synthetic street: whether the nearest surface is
+ * critical. */
 #include "cli/measure/priority_truth.h"
 
 #include <math.h>

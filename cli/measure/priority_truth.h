@@ -14,7 +14,7 @@
  * pixel. A seen Gaussian is counted if its mean lies within 5 cm of its owner and more than 15 cm from any surface of
  * the other kind; the kinds are critical and other. */
 typedef struct pags_priority_truth {
-  int64_t seen, counted; /* seen 0: there is no truth */
+  int64_t seen, counted; /* seen 0: no truth */
   /* of the seen ones not counted: further than 5 cm from any surface; within 15 cm of both kinds */
   int64_t astray, between;
   double left_out_weight; /* the left-out Gaussians' share of the summed weights of all seen ones */

@@ -65,7 +65,7 @@ static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
   return lo[0] <= hi[0];
 }
 
-/* Size in bytes of a SOG that lies in a folder: its meta.json and all WebP pictures beside it. */
+/* Size in bytes of a SOG folder: its meta.json and all WebP pictures. */
 static pags_result sog_bytes(const char *meta, uint64_t *bytes) {
   pags_dir_list list = {0};
   uint64_t size;
@@ -335,8 +335,7 @@ static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
   pags_report_line(report, "modelled", "%s", "");
   report->indent += 2;
 
-  /* Print the trainer's notes for people key by key, whatever keys they have: the trainer alone decides what it
-   * notes. */
+  /* Print the trainer's notes, whatever their keys: the trainer alone decides what it notes. */
   const pags_json_value *object = pags_json_root(json);
   for (const pags_json_value *v = object->first; v; v = v->next) {
     char text[1000];
@@ -440,7 +439,7 @@ static void put_priorities(pags_report *report, const pags_scene *scene) {
 
 /* ---- The whole report ---- */
 
-/* Says which axes a splat file was read in, and who says so, where that is a question. */
+/* Reports the axes in which a splat file was read and their source, unless they are fixed by the format. */
 static void put_axes(pags_report *report, const pags_splat_facts *file) {
   char text[64];
   if (file->axes == PAGS_AXES_UNKNOWN)
@@ -449,8 +448,7 @@ static void put_axes(pags_report *report, const pags_splat_facts *file) {
   pags_report_text(report, "axes", text);
 }
 
-/* Says which axis is up, and who says so: the file (also by the record of its axes), an option, or nobody, so that -y
- * is assumed. */
+/* Reports the up axis and its source: the file (also the record of its axes), an option, or the default -y. */
 static void put_up(pags_report *report, const pags_scene *scene, const pags_reading *reading) {
   const pags_splat_facts *file = &scene->file;
   const bool record = file->axes_from && strcmp(file->axes_from, "record") == 0;

@@ -30,7 +30,7 @@ static int64_t next_step(const pags_dataset *dataset, int64_t view, int64_t step
   return step + (view == 0 || pags_dataset_view(dataset, view)->frame != pags_dataset_view(dataset, view - 1)->frame);
 }
 
-/* A row a camera, the columns evenly chosen time steps. */
+/* One row per camera; the columns are evenly spaced time steps. */
 static void choose_drive(sheet *s) {
   const int64_t count = pags_dataset_view_count(s->dataset);
   int64_t steps = 0, step = -1;

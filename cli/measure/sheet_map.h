@@ -7,10 +7,10 @@
 #include <pags/image.h>
 #include <stdbool.h>
 
-/* Where the map's world lies on its picture: pixel x = scale * (p . across) + at[0], y = scale * (p . down) + at[1]. */
+/* Projection of the map: pixel x = scale * (p . across) + at[0], y = scale * (p . down) + at[1]. */
 typedef struct pags_map {
   double across[3], down[3]; /* unit vectors of the world on the ground plane */
-  double scale;              /* pixels a unit of the world */
+  double scale;              /* pixels per world unit */
   double at[2];
   int width, height; /* pixels */
 } pags_map;

@@ -12,8 +12,8 @@ typedef struct pags_shifted_view_score {
   char name[64]; /* name of the folder, such as "right_1" */
   int64_t views;
   double psnr, ssim;  /* means over the views */
-  int64_t road_views; /* those with pixels of the road, told by NNNNN_semantic.png beside the picture */
-  double road_psnr;   /* of those pixels, their mean over these views; NaN without such views */
+  int64_t road_views; /* views with road pixels, according to NNNNN_semantic.png in the same folder */
+  double road_psnr;   /* mean over these views of the PSNR of road pixels; NaN without such views */
 } pags_shifted_view_score;
 
 typedef struct pags_shifted_view_scores {
@@ -22,7 +22,7 @@ typedef struct pags_shifted_view_scores {
 } pags_shifted_view_scores;
 
 /* Renders the cameras of every DATASET/truth/shift/NAME/path.json, `downscale` times smaller, and measures PSNR and
- * SSIM against the pictures beside it. Fails if the data set has none. With `images` (a folder, may be NULL) also
+ * SSIM against the pictures in that folder. Fails if the data set has none. With `images` (a folder, may be NULL) also
  * writes NAME_00000_render.png and NAME_00000_truth.png, and so on. */
 pags_result pags_shifted_views_measure(const char *dataset, double downscale, pags_composition *composition,
                                        pags_frame *frame, const pags_frame_options *options,

@@ -61,7 +61,7 @@ pags_result pags_view_score_measure(const pags_image *render, const pags_photogr
   return result;
 }
 
-/* A mean over the values measured so far; NaN is skipped. */
+/* A running mean; NaN is skipped. */
 typedef struct running_mean {
   double sum;
   int64_t count;

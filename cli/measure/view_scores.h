@@ -26,10 +26,9 @@ typedef struct pags_view_score {
   const char *name;
   int test;
   double psnr[PAGS_REGION_COUNT], ssim[PAGS_REGION_COUNT]; /* NaN: not measured, or no pixel of that region */
-  /* NaN: not measured. psnr_unexposed: of the picture in the scene's own colours; the other scores are of the picture
-   * as the camera exposes it */
+  /* NaN: not measured. psnr_unexposed: without the exposure of the camera, which the other scores include */
   double lpips, psnr_unexposed;
-  /* NaN: not measured. Of the right half of the picture, by the pose as it is and fitted to the left half */
+  /* right half of the picture, with the given pose and with the pose fitted to the left half; NaN: not measured */
   double psnr_right, psnr_right_fitted;
 } pags_view_score;
 
@@ -40,7 +39,7 @@ pags_view_score pags_view_score_make(const char *name, int test);
 void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride,
                        uint16_t *regions);
 
-/* Fills the score's PSNR and SSIM of each region: of the rendering (F32) beside the photograph. */
+/* Computes PSNR and SSIM of each region from the rendering (F32) and the photograph. */
 pags_result pags_view_score_measure(const pags_image *render, const pags_photograph *photograph, pags_tasks *tasks,
                                     pags_view_score *score);
 

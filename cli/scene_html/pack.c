@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The bytes, gzip: u32 size of a header in JSON, the header, then planes of bytes in the order in which the header's
- * `planes` names them. Neighbours in a plane are neighbours in space, which is what gzip lives on. */
+/* Format, gzip-compressed: u32 size of the header, the header as JSON, then planes of bytes in the order of the
+ * header's `planes`. Neighbours in a plane are neighbours in space, which gzip exploits. */
 #include "cli/scene_html/pack.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@
 
 enum { CELL_FLOATS = 6, STEPS = 65535, MOST_MODELS = 65535, ROTATION_STEPS = 1023, EVEN = 8192 };
 static const double cell_side = 16;  /* metres */
-static const float scale_range = 14; /* ln of the largest sigma over the least that is told apart: a millionth */
+static const float scale_range = 14; /* ln of the ratio of the largest to the smallest distinct sigma, 1e6 */
 
 /* Gaussians that share a frame: the background, or those of an object. */
 typedef struct web_model {
@@ -85,9 +85,9 @@ static pags_result put_book(packer *p, const char *name, const pags_codebook *bo
   return PAGS_OK;
 }
 
-/* Writes values, `planes` of `rows` each, one plane after the other, through a codebook of their own. The values of the
- * book are those with the least squared errors, for these values and a tenth as many that are spread evenly over their
- * range: what is rare, such as the sigmas of what is large, isn't far off either. */
+/* Writes values, `planes` of `rows` each, one plane after the other, through a codebook. The codebook minimises the
+ * squared errors of these values and of a tenth as many spread evenly over their range, so that rare values such as
+ * large sigmas are approximated as well. */
 static pags_result put_values(packer *p, const char *name, const char *book_name, const float *values, int64_t planes,
                               int64_t rows) {
   double lo = HUGE_VAL, hi = -HUGE_VAL;
@@ -182,8 +182,8 @@ static pags_result add_model(packer *p, const pags_part *part, int64_t object, p
   return PAGS_OK;
 }
 
-/* Lists all models and their rows. Each part of the composition becomes a model; where it stands doesn't matter, since
- * rows are taken as they are: relative to the origin, or in the frame of an object that has a track. */
+/* Lists all models and their rows. Each part of the composition becomes a model. Its pose is irrelevant, since rows are
+ * relative to the origin, or in the frame of an object with a track. */
 static pags_result list_models(packer *p) {
   const pags_scene *scene = pags_composition_scene(p->composition);
   const size_t objects = (size_t)scene->object_count + 1;

@@ -15,8 +15,8 @@
 typedef struct pags_web_settings {
   const char *description; /* JSON: what pags_view_describe writes */
   int sh_degree;           /* highest degree of harmonics, 0..3 */
-  /* A rank for each Gaussian, by id, and the least that is packed; NULL: all are. Gaussians that no picture can show,
-   * fainter than their model's alpha_min, never are. */
+  /* Rank of each Gaussian, by id, and the lowest rank packed; NULL: all. Gaussians that no picture can show, fainter
+   * than their model's alpha_min, are never packed. */
   const int32_t *rank;
   int64_t least_rank;
   pags_progress_fn *progress; /* NULL: none */

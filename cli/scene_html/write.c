@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The file is the player's page (page/, which cmake/page.cmake makes one text) with the pack as base64 in it. Whatever
- * a scene says, names of objects above all, is within the pack, so that none of it can be read as HTML. */
+/* The file is the player's page (page/, joined by cmake/page.cmake) with the pack in base64. All texts of a scene,
+ * above all names of objects, are inside the pack, so that none can be read as HTML. */
 #include "cli/scene_html/write.h"
 
 #include "cli/draw/camera_paths.h"
@@ -61,7 +61,7 @@ static pags_result save(const char *path, const pags_web_pack *pack) {
 
 /* ---- The size ---- */
 
-/* Cameras whose pictures say what contributes: those that were trained on, else an orbit. */
+/* Cameras for measuring contributions: the training cameras, else an orbit. */
 static pags_result find_cameras(const pags_scene *scene, pags_camera_path *out) {
   PAGS_TRY(pags_camera_path_views(scene, out));
   if (out->count)
@@ -85,8 +85,8 @@ static int compare_contributors(const void *a, const void *b) {
   return x->weight < y->weight ? -1 : x->weight > y->weight ? 1 : (x->id > y->id) - (x->id < y->id);
 }
 
-/* Packs fewer and fewer Gaussians, of those in ascending order the last, until the file is small enough; but never less
- * than a tenth. How many fewer is what the bytes of one Gaussian promise, by the last two files, and a little more. */
+/* Packs fewer Gaussians, lowest ranks first, until the file is small enough; never less than a tenth. The number
+ * follows from the bytes per Gaussian between the last two files, with a margin. */
 static pags_result shrink(pags_composition *composition, pags_web_settings *web, const pags_html_settings *settings,
                           int64_t all, pags_web_pack *pack) {
   const double target = (double)settings->target_size, average = (double)pack->size / (double)pack->gaussians;

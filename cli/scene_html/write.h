@@ -7,9 +7,9 @@
 #include <pags/tasks.h>
 
 typedef struct pags_html_settings {
-  const char *name;     /* what the scene is called */
+  const char *name;     /* name of the scene */
   int sh_degree;        /* highest degree of harmonics, 0..3 */
-  uint64_t target_size; /* most bytes of the file; 0: no limit */
+  uint64_t target_size; /* maximum size of the file, bytes; 0: no limit */
   pags_tasks *tasks;
   pags_progress_fn *progress; /* NULL: none */
   void *user;
@@ -17,16 +17,16 @@ typedef struct pags_html_settings {
 
 typedef struct pags_html_report {
   int64_t gaussians;   /* written */
-  int64_t left_out;    /* of those that can be seen, left out for the size */
+  int64_t left_out;    /* visible Gaussians left out for the size */
   int sh_degree;       /* of what was written */
   int sh_degree_asked; /* what the scene and the settings would have given */
   double left;         /* share of all contributions that those left out had */
   uint64_t bytes;
 } pags_html_report;
 
-/* Writes the file, complete or not at all. Takes over the scene, which is zeroed, on failure as well. To keep a target
- * size, first degrees of harmonics are given up, then Gaussians, faintest contribution first; PAGS_ERROR_LIMIT if even
- * a tenth of them don't fit. The bytes are the same for any number of threads. */
+/* Writes the file, complete or not at all. Takes over the scene, which is zeroed, also on failure. For a target size,
+ * degrees of harmonics are dropped first, then Gaussians, lowest contribution first; PAGS_ERROR_LIMIT if even a tenth
+ * of them don't fit. Bit-identical for any number of threads. */
 pags_result pags_html_write(pags_scene *scene, const char *path, const pags_html_settings *settings,
                             pags_html_report *report);
 

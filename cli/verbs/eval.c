@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags eval: renders a scene's views and compares them with their photographs (PSNR, SSIM, LPIPS, by region), with
- * LiDAR depth, and with the truth of synthetic data sets. */
+/* pags eval: renders a scene's views and compares them with photographs (PSNR, SSIM, LPIPS, per region), LiDAR depth,
+ * and the ground truth of synthetic data sets. */
 #include "cli/common/options.h"
 #include "cli/common/photographs.h"
 #include "cli/common/progress.h"
@@ -189,7 +189,7 @@ static pags_result compare_unexposed(evaluation *eval, const pags_camera *camera
   return result;
 }
 
-/* Scores the right half of the photograph, as its pose is and as its left half has it. */
+/* Scores the right half of the photograph with the given pose and with the pose fitted to the left half. */
 static pags_result compare_fitted(evaluation *eval, const pags_camera *camera, const pags_frame_options *exposed,
                                   const pags_part *parts, int part_count, const pags_photo *photo,
                                   pags_view_score *score) {
@@ -200,7 +200,7 @@ static pags_result compare_fitted(evaluation *eval, const pags_camera *camera, c
   return PAGS_OK;
 }
 
-/* Whether the mask of a photograph leaves no pixel. */
+/* Whether a photograph is fully masked. */
 static bool is_blank(const pags_photograph *photo) {
   const size_t count = (size_t)photo->image.width * (size_t)photo->image.height;
   for (size_t i = 0; photo->mask && i < count; i++)
@@ -376,7 +376,7 @@ static void print_more(const evaluation *eval) {
 
 /* ---- The verb ---- */
 
-/* The options that open the photographs: those of the training, unless the command line has others. */
+/* The options for the photographs: those of the training, unless given on the command line. */
 static pags_dataset_options choose_photographs(const evaluation *eval) {
   pags_dataset_options chosen = eval->arguments->options;
   if (!pags_option_given(eval->parsed, "image-folder"))
@@ -389,7 +389,7 @@ static pags_dataset_options choose_photographs(const evaluation *eval) {
   return chosen;
 }
 
-/* The options that draw the pictures, likewise. */
+/* The options of rendering, likewise. */
 static void choose_picture(evaluation *eval) {
   const eval_arguments *arguments = eval->arguments;
   pags_frame_options *frame = &eval->options;
@@ -406,7 +406,8 @@ static void choose_picture(evaluation *eval) {
     frame->low_pass = arguments->low_pass;
 }
 
-/* Refuses options that the scene's own views overrule: their size and, but for the sweeps of a drive, the split. */
+/* Refuses options that the views stored in the scene override: their size and, except for the sweeps of a drive, the
+ * split. */
 static pags_result check_effect(const evaluation *eval, const char *scene_path) {
   const bool free = eval->scene->view_count == 0;
   const pags_option_rule rules[] = {
@@ -457,7 +458,7 @@ static pags_result open_all(evaluation *eval, const char *scene_path) {
   return pags_prepare_folder(eval->session, arguments->images);
 }
 
-/* Compares every chosen view with its photograph, this rank its share of them. */
+/* Compares this rank's share of the chosen views with their photographs. */
 static pags_result compare_all(evaluation *eval) {
   pags_progress progress = pags_progress_begin(eval->arguments->session.people);
   pags_result result = PAGS_OK;
@@ -492,7 +493,7 @@ static int compare_indices(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-/* A score on its way to rank 0; its name belongs to the rank that found it. */
+/* A score sent to rank 0; its name is memory of the sending rank. */
 typedef struct sent_score {
   int64_t view; /* compare_indices sorts by it */
   pags_view_score score;

@@ -160,8 +160,8 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   return result;
 }
 
-/* Finds the objects that --only names, or all where a crop may leave some out: one byte an object, 1 if chosen; NULL
- * without these options, which means all objects. */
+/* Finds the objects that --only names, or all objects if a crop may remove some: one byte per object, 1 if chosen; NULL
+ * without these options: all. */
 static pags_result choose(const export_arguments *arguments, const pags_scene *scene, uint8_t **chosen) {
   pags_object_edits words = {.without = arguments->only};
   pags_edit *edits = NULL;

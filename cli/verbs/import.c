@@ -80,7 +80,7 @@ static const struct {
               {"objects", "object", "objects"}};
 enum { COUNTS = sizeof counts / sizeof counts[0] };
 
-/* Prints a reason for what was left out, as the Python importers do. */
+/* Prints which items were left out and why, as the Python importers do. */
 static pags_result say_left_out(const pags_session *session, const pags_json *json, const pags_json_value *row) {
   const char *what, *why;
   const pags_json_value *which;
@@ -102,7 +102,7 @@ static pags_result say_left_out(const pags_session *session, const pags_json *js
   return PAGS_OK;
 }
 
-/* Reads what the import's account says: a line in words, and the members of --json. */
+/* Prints the result in import.json as a line of text and adds it to --json. */
 static pags_result report_account(import_arguments *arguments, const pags_json *json, double seconds,
                                   pags_json_writer *writer) {
   const pags_json_value *result, *rows, *row;
@@ -129,7 +129,8 @@ static pags_result report_account(import_arguments *arguments, const pags_json *
   return PAGS_OK;
 }
 
-/* Prints what was imported and left out, and writes the JSON. A set that an earlier version imported has no account. */
+/* Prints what was imported and left out, and writes the JSON. Data sets of earlier versions have no result in
+ * import.json. */
 static pags_result report(import_arguments *arguments, const char *kind, double seconds) {
   pags_json_writer writer;
   pags_json *json = NULL;

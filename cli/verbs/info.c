@@ -76,7 +76,7 @@ static const pags_verb verb = {.name = "info",
 
 typedef enum info_kind { INFO_SCENE, INFO_DATASET, INFO_OTHER } info_kind;
 
-/* Refuses options that are of another kind of input than this one. */
+/* Refuses options for other kinds of input. */
 static pags_result check_effect(const info_arguments *arguments, const char *path, info_kind kind) {
   static const char *const kinds[] = {"a scene or splat file", "a data set", "such a file"};
   const pags_option_rule rules[] = {
@@ -191,7 +191,7 @@ static pags_result describe_cameras(pags_report *report, const info_arguments *a
 
 /* ---- Recognising a file and the verb ---- */
 
-/* Whether a file begins as a picture of the usual kinds, or is called like one of another kind (BMP, HDR, ...). */
+/* Whether a file starts like a picture of a common format, or has the extension of another one (BMP, HDR, ...). */
 static bool is_image(const char *path, const unsigned char *head) {
   static const struct {
     const char *magic;
@@ -281,7 +281,7 @@ static bool begins_as_splat(const unsigned char *head) {
   return false;
 }
 
-/* Whether a folder is a scene. One of photographs in which another program has left its output is a data set. */
+/* Whether a folder is a scene. A folder of photographs with the output of another program in it is a data set. */
 static bool is_scene_folder(const char *path) {
   static const char *const captures[] = {"dataset.json", "transforms.json", "transforms_train.json", "sparse"};
   const char *const kind = pags_scene_folder_kind(path);
@@ -350,8 +350,8 @@ static pags_result describe(pags_report *report, info_arguments *arguments, cons
   if (head[blanks] == '{' || head[blanks] == '[')
     return describe_json(report, arguments, path);
 
-  /* Anything else is a file of another program, which the data set's reader names, or a splat file: its loader tells
-   * the format. */
+  /* Anything else is a file of another program, which the data set's reader names, or a splat file, whose loader
+   * recognises the format. */
   const bool splat = is_splat(path, head);
   if (!splat && (!begins_as_splat(head) || memcmp(head, "PK", 2) == 0))
     PAGS_TRY(pags_unsupported_splats_check(path, head, got, NULL));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags merge: puts the scenes of a split drive's blocks together (docs/blocks.md). */
+/* pags merge: merges the scenes of a split drive's blocks (docs/blocks.md). */
 #include "cli/common/progress.h"
 #include "cli/common/session.h"
 #include "cli/verbs/verbs.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Starts the Python package pags_recordings (tools/recordings). Never from the working directory: a file of the
- * package is started by its path, or Python is told to leave that directory out. */
+/* Starts the Python package pags_recordings (tools/recordings), never from the working directory: a file of the package
+ * is started by its path, or that directory is removed from Python's path. */
 #include "cli/verbs/verbs.h"
 
 #include <stdio.h>
@@ -22,7 +22,7 @@ static const char python[] = "python3";
 static const char own_python[] = "/.venv/bin/python";
 #endif
 
-/* Runs the installed package, if it is of this version. */
+/* Runs the installed package if its version matches. */
 static const char installed[] =
     "import sys\n"
     "sys.path[:] = [p for p in sys.path if p]\n"
@@ -47,7 +47,7 @@ bool pags_python_import_knows(const char *kind) {
   return false;
 }
 
-/* Finds the package beside the program: as it is installed, or in the sources of a build. */
+/* Finds the package next to the program: installed, or in the source tree of a build. */
 static char *find_beside(void) {
   static const char *const places[] = {"../share/pags/recordings", "../tools/recordings"};
   char folder[4096], *found = NULL;

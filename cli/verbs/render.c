@@ -551,7 +551,7 @@ static pags_result render(render_run *run, const pags_parsed *parsed, unsigned c
   return write_json(run);
 }
 
-/* Refuses options that have no effect on what is drawn. */
+/* Refuses options without effect on the pictures. */
 static int check_effect(const render_arguments *arguments, const pags_parsed *parsed) {
   const bool along = !pags_option_given(parsed, "split") && !arguments->camera;
   const bool orbit = along && !strcmp(arguments->path, "orbit"), ego = along && !strcmp(arguments->path, "ego");

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags report: writes one page on a scene, or on two side by side. */
+/* pags report: writes an HTML report of a scene, or of two scenes side by side. */
 #include "cli/common/options.h"
 #include "cli/common/progress.h"
 #include "cli/html_report/html_report.h"
@@ -53,7 +53,7 @@ static const pags_verb verb = {
     .positionals = positionals,
     .options = options};
 
-/* The folder of a scene.json, which stands for it; a copy of any other path. */
+/* Returns the folder of a scene.json; a copy of any other path. */
 static char *folder_of(const char *path) {
   return !strcmp(pags_path_name(path), "scene.json") && pags_file_exists(path) ? pags_path_folder(path)
                                                                                : pags_text_copy(path);

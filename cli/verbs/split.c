@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags split: cuts a long drive into blocks that are trained each by itself (docs/blocks.md). Before that it trains a
- * small scene of the whole drive, from which all blocks take their sky and their mean exposure. */
+/* pags split: splits a long drive into blocks that are trained separately (docs/blocks.md). First it trains a small
+ * scene of the whole drive, from which all blocks take their sky and mean exposure. */
 #include "cli/common/progress.h"
 #include "cli/common/session.h"
 #include "cli/verbs/verbs.h"
@@ -17,7 +17,7 @@
 #include "port/port.h"
 
 enum {
-  WHOLE_WIDTH = 480, /* pixels: photographs of the whole drive are shrunk to at most this */
+  WHOLE_WIDTH = 480, /* maximum width of photographs for the scene of the whole drive, pixels */
   WHOLE_VISITS = 4,  /* steps of its training for each photograph, within these bounds */
   WHOLE_LEAST_STEPS = 1000,
   WHOLE_MOST_STEPS = 30000,
@@ -82,7 +82,7 @@ static pags_result open_small(const split_arguments *arguments, const char *path
   return pags_dataset_open(path, &chosen, out);
 }
 
-/* Trains the scene of the whole drive, or goes on with it. */
+/* Trains the scene of the whole drive, or resumes its training. */
 static pags_result train_whole(split_arguments *arguments, const pags_dataset *small, const char *folder) {
   int64_t training = 0;
   for (int64_t i = 0; i < pags_dataset_view_count(small); i++)
@@ -120,7 +120,7 @@ static pags_result train_whole(split_arguments *arguments, const pags_dataset *s
   return PAGS_OK;
 }
 
-/* Whether the folder has a scene whose training has come to its end. */
+/* Whether the folder has a finished scene. */
 static pags_result find_finished(const char *folder, bool *finished) {
   int64_t done = 0, asked = 0;
   *finished = false;
@@ -140,8 +140,8 @@ static pags_result find_finished(const char *folder, bool *finished) {
   return result;
 }
 
-/* Makes the scene of the whole drive unless it is there: trained by an earlier call, or by the user. Of a finished
- * training the scene is kept, but not the checkpoint. */
+/* Trains the scene of the whole drive unless a finished one exists, from an earlier call or from the user. Afterwards
+ * the checkpoint is deleted. */
 static pags_result make_whole(split_arguments *arguments, const char *path, int width) {
   char *folder = pags_path_join(arguments->output, "whole");
   char *checkpoint = folder ? pags_path_join(folder, "checkpoint.pags") : NULL;
@@ -256,7 +256,7 @@ int pags_verb_split(int argc, char **argv) {
   pags_result result = pags_session_begin(&arguments.session);
   pags_dataset *dataset = NULL;
   pags_blocks split = {0};
-  char *absolute = pags_port_real_path(parsed.positionals[0]); /* blocks find the recording from any folder */
+  char *absolute = pags_port_real_path(parsed.positionals[0]); /* the absolute path works from any folder */
   const char *path = absolute ? absolute : parsed.positionals[0];
   if (result == PAGS_OK)
     result = pags_dataset_open(path, &arguments.dataset, &dataset);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags synth: writes synthetic scenes with known truth: a street (a ray-traced driving set) or a town (a scene of
- * Gaussians). */
+/* pags synth: generates data with ground truth: a street (a ray-traced driving set) or a town (a scene of Gaussians).
+ */
 #include "cli/common/progress.h"
 #include "cli/common/session.h"
 #include "cli/verbs/verbs.h"
@@ -9,8 +9,8 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Options that both kinds share are stored here and copied into the kind's own options by make_street and make_town;
- * -1: the kind's own default. */
+/* Options of both kinds are stored here; make_street and make_town copy them into the kind's own options. -1: the
+ * default of the kind. */
 typedef struct synth_arguments {
   pags_session session;
   const char *output, *size;
@@ -18,7 +18,7 @@ typedef struct synth_arguments {
   uint64_t seed;
   pags_street_options street;
   pags_words faults; /* NAME=VALUE each */
-  int frames;        /* -1: the kind's own default */
+  int frames;        /* -1: the default of the kind */
   pags_town_options town;
   pags_town_facts town_facts;
 } synth_arguments;

@@ -23,7 +23,7 @@
 #include "base/text.h"
 #include "port/port.h"
 
-/* What the progress callback uses. */
+/* State of the progress callback. */
 typedef struct viewers {
   pags_progress *progress;
   pags_watch *watch; /* NULL: no page */
@@ -142,9 +142,8 @@ static const pags_positional positionals[] = {{"DATASET",
 
 /* ---- Completing the option table ---- */
 
-/* Completes the rows that name a field of the training: type, offset, range, unit, default and help come from the
- * field table. A switch's help text is a verb phrase, so that the help of --no-NAME is "don't" followed by that
- * text. */
+/* Completes the rows that name a training field: type, offset, range, unit, default and help come from the field table.
+ * The text of a switch is imperative; the help of --no-NAME is "Don't" and that text. */
 static void complete_rows(void) {
   static char negated[8][96];
   int negated_count = 0;
@@ -259,7 +258,7 @@ static pags_result watch_begin(const train_arguments *arguments, pags_dataset *d
   return result;
 }
 
-/* A page that asks to stop does what Ctrl-C does. */
+/* A page's stop request has the effect of Ctrl-C. */
 static bool watch_step(pags_watch *watch, const pags_train_progress *now) {
   if (watch && !pags_watch_step(watch, now))
     pags_interrupt_ask();
@@ -367,7 +366,7 @@ static void report(const train_arguments *arguments, const pags_train_result *re
 
 /* ---- The verb ---- */
 
-/* Warns of options of driving sets, which change nothing of the training on a static one. */
+/* Warns of options for driving sets that have no effect on a static one. */
 static void warn_of_idle(const train_arguments *arguments, const pags_dataset *dataset) {
   const pags_option_rule rules[] = {{"no-objects no-tracks no-sky no-lidar-start critical-weight critical-growth",
                                      pags_dataset_fps(dataset) > 0, "driving sets"},
@@ -379,7 +378,7 @@ static void warn_of_idle(const train_arguments *arguments, const pags_dataset *d
                      names, pags_dataset_kind(dataset), idle->needs);
 }
 
-/* Opens the data set and says what is in it. */
+/* Opens the data set and prints its contents. */
 static pags_result open_dataset(const train_arguments *arguments, const char *path, pags_dataset **out) {
   PAGS_TRY(pags_dataset_open(path, &arguments->dataset, out));
   const pags_dataset *dataset = *out;
@@ -411,7 +410,7 @@ static pags_result open_dataset(const train_arguments *arguments, const char *pa
   return pags_session_check(&arguments->session);
 }
 
-/* All ranks keep the limits that rank 0 has chosen by its machine. */
+/* All ranks use the memory limits of rank 0. */
 static pags_result share_limits(pags_train_options *shared) {
   uint64_t limits[] = {shared->max_memory, shared->image_cache};
   PAGS_TRY(pags_transport_broadcast(pags_ranks(), 0, limits, sizeof limits));

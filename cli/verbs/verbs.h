@@ -20,14 +20,14 @@ int pags_verb_view(int argc, char **argv);
 
 /* ---- Imports by the Python package pags_recordings (tools/recordings) ---- */
 
-/* The kinds it has, as a sentence names them. */
+/* Its kinds, as listed in messages. */
 #define PAGS_PYTHON_IMPORT_KINDS "argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or photos"
 
 bool pags_python_import_knows(const char *kind);
 
-/* `pictures`: of kind photos, how many are taken at most; 0: the package's default. Goes on as the package's program,
- * which lies beside this program or is installed for Python in the same version. Returns only where it couldn't be
- * started: PAGS_ERROR_UNSUPPORTED with what to do, PAGS_ERROR_MEMORY. */
+/* Replaces this program by the package's: the one next to this program, or the installed one of the same version.
+ * `pictures`: for kind photos, maximum number of photographs; 0: the package's default. Returns only if it can't be
+ * started: PAGS_ERROR_UNSUPPORTED with the remedy, PAGS_ERROR_MEMORY. */
 pags_result pags_python_import(const char *kind, const char *source, const char *folder,
                                const pags_import_options *options, int pictures, const char *json, bool quiet);
 

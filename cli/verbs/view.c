@@ -77,7 +77,7 @@ static pags_result open_scene(const view_arguments *arguments, const char *path,
   return pags_composition_create(&scene, out);
 }
 
-/* Says to a machine where the server listens, once it does. */
+/* Writes the address and port as JSON once the server listens. */
 static pags_result write_json(const view_arguments *arguments, const pags_server *server) {
   pags_json_writer json;
   pags_json_writer_init(&json, 2);

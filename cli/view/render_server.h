@@ -48,7 +48,7 @@ void pags_render_server_reply(pags_render_server *server, int session, pags_view
 /* Queues an error message for a page whose request is invalid. */
 void pags_render_server_refuse(pags_render_server *server, int session, const char *text);
 
-/* Returns the next message for a page; false if there is none. The caller frees out->bytes. */
+/* Takes the next message of a page; false if the queue is empty. The caller frees out->bytes. */
 bool pags_render_server_next_message(pags_render_server *server, int session, pags_view_message *out);
 
 #endif

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The camera of the page: round a point, flying, along the drive, or exactly a recorded one.
+// The camera of the page: orbiting a point, flying, along the drive, or exactly at a recorded one.
 import * as V from './vector.js';
 
 const MOST_PITCH = 1.55;
@@ -68,8 +68,8 @@ export class Camera {
     return V.lookAlong(this.eye, this.forward(), this.up);
   }
 
-  // What the server draws for a canvas of so many pixels. A recorded frame fits into it; otherwise, where the shapes differ, the longer side
-  // shows more than the recorded frame and the shorter one less.
+  // The camera to render for a canvas of this size in pixels. A recorded frame fits inside; otherwise, if the aspect
+  // ratios differ, the longer side shows more than the recorded frame and the shorter side less.
   look(width, height, time) {
     const lens = this.lens, pose = this.pose(time);
     const x = width / lens.width, y = height / lens.height, fit = this.view >= 0 ? Math.min(x, y) : Math.sqrt(x * y);
@@ -104,7 +104,7 @@ export class Camera {
     else this.pivot = V.add(this.eye, V.scale(this.forward(), this.distance));
   }
 
-  // Moves by so many pixels of a picture with this focal length, so that what is at the pivot stays under the pointer.
+  // Pans by a number of pixels of a picture with this focal length, so that the pivot stays under the pointer.
   pan(dx, dy, focal, time) {
     this.leave(time);
     if (this.mode === 'drive') return;
@@ -132,7 +132,7 @@ export class Camera {
     this.pivot = V.add(this.pivot, by);
   }
 
-  // Turns round a point from now on.
+  // Orbits around a point from now on.
   focus(point, time, distance) {
     const pose = this.pose(time);
     this.view = -1;

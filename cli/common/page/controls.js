@@ -79,11 +79,11 @@ export function listen(stage, {camera, commands, pick, focusAt, change, time, fo
   window.addEventListener('keyup', (event) => down.delete(event.code));
   window.addEventListener('blur', () => down.clear());
 
-  // The keys by which one flies, as amounts forward, right and up; null: none is down.
+  // The pressed flying keys, as amounts forward, right and up; null: no key.
   return {flying: () => (down.size ? [0, 1, 2].map((i) => [...down].reduce((sum, code) => sum + FLY[code][i], 0)) : null)};
 }
 
-// The panel beside the picture: finding an object, help, and whether the panel shows; `changed` is called when the picture has another size.
+// The side panel: object search, help, and hiding the panel; `changed` is called when the picture size changes.
 export function listenToPanel(changed) {
   const $ = (id) => document.getElementById(id);
   $('filter').oninput = () => {

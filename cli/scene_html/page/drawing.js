@@ -283,14 +283,14 @@ export class Drawing {
     return texture;
   }
 
-  // Writes `words`, so many a texel, into the bound texture, whose rows have `width` texels.
+  // Writes `words`, a given number per texel, into the bound texture, whose rows have `width` texels.
   write(words, each, width, format, type) {
     const {gl} = this, texels = words.length / each, whole = Math.floor(texels / width);
     if (whole) gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, whole, format, type, words.subarray(0, each * whole * width));
     if (texels > whole * width) gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, whole, texels - whole * width, 1, format, type, words.subarray(each * whole * width));
   }
 
-  // A texture of `words`, four a texel, in rows of so many texels.
+  // A texture of `words`, four per texel, in rows of a given number of texels.
   table(words, width, internal, format, type) {
     const texture = this.storage(width, Math.max(1, Math.ceil(words.length / 4 / width)), internal);
     this.write(words, 4, width, format, type);

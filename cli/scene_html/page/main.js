@@ -69,7 +69,7 @@ class Player {
     return [Math.max(16, Math.round(box.width * ratio)), Math.max(16, Math.round(box.height * ratio))];
   }
 
-  // Where the picture lies on the stage: a recorded camera's keeps its shape.
+  // Position of the picture on the stage: a recorded camera keeps its aspect ratio.
   place() {
     const {look} = this, box = $('stage').getBoundingClientRect(), scale = Math.min(box.width / look.width, box.height / look.height);
     this.frame = {scale, x: (box.width - look.width * scale) / 2, y: (box.height - look.height * scale) / 2};
@@ -86,7 +86,7 @@ class Player {
     return this.state.solo >= 0 ? object === this.state.solo : !this.state.hidden.has(object);
   }
 
-  // Takes up the present look: where each model is in front of its camera.
+  // Prepares the current look: the pose of each model in front of its camera.
   see() {
     const {header, scene, state} = this;
     this.look = this.fixed ?? this.camera.look(...this.size(), state.time);
@@ -137,7 +137,7 @@ class Player {
     }
   }
 
-  // Takes note of how long a picture took: moving ones get coarser where that is long.
+  // Records the time of a picture: pictures of a moving camera get coarser if it is long.
   adapt(took) {
     this.drawn = 0;
     if (this.whole) return; // a sharp one says nothing of the coarse ones

@@ -4,7 +4,7 @@ import * as V from './vector.js';
 
 const STILL = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
 
-// world_from_model, relative to the scene's origin, of a model at a time after the scene's begin; null: it isn't there.
+// world_from_model, relative to the scene's origin, of a model at a time after the start of the scene; null: absent.
 export function modelPose(model, time) {
   if (!model.times) return STILL;
   for (const [part, times] of model.times.entries()) {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sorts Gaussians by depth, from far to near, in a worker.
 
-// The worker's code, made text: it uses nothing from outside of itself. First comes {models, places, radii}; then for each look the rows of
-// camera_from_model of each model, whether it is drawn, and the pyramid of the picture; the answer is the order of those that may be seen. A
-// pick asks for what is seen along a ray (x, y, 1) of the last look.
+// The worker's code as text: it uses nothing outside of itself. The first message is {models, places, radii}. Each
+// later one has, for one look, the rows of camera_from_model of each model, its visibility, and the view frustum; the
+// answer is the order of the visible Gaussians. A pick asks for the object along a ray (x, y, 1) of the last look.
 function work() {
   let models, places, radii, solid, keys, low, order, counts, last;
 
@@ -93,14 +93,14 @@ export class Sorter {
     this.worker.postMessage({models, places, radii: data.radii, solid: data.solid}, [places.buffer, data.radii.buffer, data.solid.buffer]);
   }
 
-  // What is seen along the ray (x, y, 1) of the last look, of a picture with this focal length: {depth, object} or null.
+  // Object along the ray (x, y, 1) of the last look, for a picture with this focal length: {depth, object} or null.
   pick(x, y, focal) {
     const serial = this.picked = (this.picked ?? 0) + 1;
     this.worker.postMessage({pick: {x, y, focal, serial}});
     return new Promise((done) => this.picks.set(serial, done));
   }
 
-  // Asks for the order of a look unless it is still at another; whether it was asked.
+  // Requests the order for a look unless a request is pending; returns whether it did.
   ask(message) {
     if (this.busy) return false;
     this.busy = true;

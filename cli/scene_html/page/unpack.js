@@ -111,7 +111,8 @@ function unpackSky(header, planes) {
   return {words, range};
 }
 
-// Everything that is drawn: the header with models, rows, tables; `radii` are the largest sigmas, metres, `solid` opacities as bytes.
+// Everything to draw: the header with models, rows, tables; `radii` are the largest sigmas, metres, `solid` opacities
+// as bytes.
 export function unpack(bytes) {
   const {header, planes} = splitPlanes(bytes), radii = new Float32Array(header.gaussians);
   const {rows, places} = unpackRows(header, planes, radii);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The line to the server: says what is looked at, gives out pictures and answers, and connects again when it breaks.
+// The connection to the server: sends looks, distributes pictures and answers, and reconnects when it breaks.
 export class Link {
   constructor({onLook, onPicture, onAnswer, onState}) {
     Object.assign(this, {onLook, onPicture, onAnswer, onState});
@@ -47,7 +47,7 @@ export class Link {
     if (this.send({type: 'pick', serial, x, y})) this.waiting.set(serial, done);
   }
 
-  // Asks something of a run; the answer goes to `done`.
+  // Sends a request about a run; `done` receives the answer.
   ask(type, more, done) {
     const serial = ++this.serial;
     if (this.send({type, serial, ...more})) this.waiting.set(serial, done);

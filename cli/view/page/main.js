@@ -57,7 +57,7 @@ function size() {
   return [Math.max(16, Math.round(box.width * ratio)), Math.max(16, Math.round(box.height * ratio))];
 }
 
-// Where a picture of the look lies on the stage.
+// Position of a picture of the look on the stage.
 function place() {
   const box = $('stage').getBoundingClientRect();
   const scale = Math.min(box.width / look.width, box.height / look.height);
@@ -112,7 +112,7 @@ function turn(now) {
   requestAnimationFrame(turn);
 }
 
-// Something that was moved by hand: a preview of the path ends.
+// A manual change ends the preview of the path.
 function change() {
   state.preview = null;
   state.changed = true;

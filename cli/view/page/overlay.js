@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is drawn over the picture: boxes and tracks of objects, recorded cameras, measured points.
+// Drawn over the picture: boxes and tracks of objects, recorded cameras, measured points.
 import * as V from './vector.js';
 import {along} from './camera.js';
 
@@ -22,7 +22,7 @@ export class Overlay {
     this.context = canvas.getContext('2d');
   }
 
-  // `frame` is where the picture lies on the stage: {x, y, scale}, in CSS pixels a pixel of the look.
+  // `frame`: position of the picture on the stage, {x, y, scale}, in CSS pixels per pixel of the look.
   draw(scene, look, frame, show) {
     const ratio = window.devicePixelRatio, box = this.canvas.getBoundingClientRect();
     const width = Math.round(box.width * ratio), height = Math.round(box.height * ratio);

@@ -39,7 +39,7 @@ export class Run {
     this.link.ask(kind, {}, (state) => this.show(state));
   }
 
-  // Asks for a second click, which comes within some seconds.
+  // Asks for a second click within some seconds.
   stop() {
     const button = $('stop-run');
     if (this.sure) {
