@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# cmake -DSOURCE=folder -DOUT=file -DCOMPILER=text -DWITH=text -DWITHOUT=text -DCOMMIT=hash -P build_facts.cmake: writes the header that
-# pags --version prints, and only if it has changed. Without a COMMIT git is asked; "+" behind it: files differ from it.
+# cmake -DSOURCE=folder -DOUT=file -DCOMPILER=text -DWITH=text -DWITHOUT=text -DCOMMIT=hash -P build_facts.cmake: writes the header with
+# the output of pags --version if it has changed. An empty COMMIT: the one of git, with "+" if files differ from it.
 cmake_minimum_required(VERSION 3.24)
 if(NOT COMMIT)
   set(COMMIT unknown)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# cmake -DPROGRAM=pags -DFOLDER=bin -DSTRIP=strip -P copy_program.cmake: copies a program into a folder and the shared libraries that it needs
-# into FOLDER/lib, where the program looks first, so that it runs on machines that have none of them. Left to the system are the C library's
-# parts, which belong to its kernel and loader. What a cross build links statically is copied alone: its libraries can't be asked for here.
+# cmake -DPROGRAM=pags -DFOLDER=bin -DSTRIP=strip -P copy_program.cmake: copies a program into FOLDER, and its shared libraries into
+# FOLDER/lib, where the program searches first, so that it runs on machines without them. The parts of the C library stay the system's: they
+# belong to kernel and loader. A cross build links statically; only its program is copied.
 cmake_minimum_required(VERSION 3.24)
 file(COPY ${PROGRAM} DESTINATION ${FOLDER})
 get_filename_component(name ${PROGRAM} NAME)
@@ -14,7 +14,7 @@ file(GET_RUNTIME_DEPENDENCIES EXECUTABLES ${PROGRAM} RESOLVED_DEPENDENCIES_VAR f
 if(missing)
   message(FATAL_ERROR "${PROGRAM}: these shared libraries aren't found: ${missing}")
 endif()
-foreach(library ${found}) # under the name that is asked for: the file itself, not a link, which a zip doesn't keep
+foreach(library ${found}) # the file itself under the name that the program loads: a zip keeps no links
   get_filename_component(name ${library} NAME)
   file(REAL_PATH ${library} file)
   file(MAKE_DIRECTORY ${FOLDER}/lib)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # pags_test_each_cpu(NAME TARGET ARGS...): runs a test once per set of kernels, as NAME@scalar, NAME@avx2, ... A set that this
-# machine lacks counts as skipped. Where pags_only_cpus is set, those alone.
+# machine does not support counts as skipped. pags_only_cpus limits the sets.
 function(pags_test_each_cpu name target)
   set(cpus scalar)
   if(PAGS_SIMD AND CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")

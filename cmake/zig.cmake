@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# Toolchain: clang as zig brings it, with the C libraries of other systems. PAGS_TARGET is one of the names below; PAGS_CROSS is the
-# folder that scripts/setup_cross.sh filled; libraries are looked for in PAGS_CROSS/TARGET alone (scripts/cross.sh).
+# Toolchain: the clang of zig, with the C libraries of other systems. PAGS_TARGET is one of the names below; PAGS_CROSS is the folder that
+# scripts/setup_cross.sh filled; libraries are searched only in PAGS_CROSS/TARGET (scripts/cross.sh).
 if(NOT PAGS_CROSS)
   set(PAGS_CROSS "$ENV{PAGS_CROSS}")
 endif()
@@ -13,7 +13,7 @@ if(NOT EXISTS ${pags_zig})
   message(FATAL_ERROR "${pags_zig} isn't there: run make setup-cross")
 endif()
 
-# The oldest system that is served is part of zig's name of the target.
+# The name of a target in zig includes the oldest supported system.
 if(PAGS_TARGET STREQUAL "linux-x64-glibc2.17")
   set(pags_triple x86_64-linux-gnu.2.17)
   set(CMAKE_SYSTEM_NAME Linux)
@@ -40,7 +40,7 @@ endif()
 
 set(CMAKE_C_COMPILER ${pags_zig} cc -target ${pags_triple})
 set(CMAKE_CXX_COMPILER ${pags_zig} c++ -target ${pags_triple})
-# CMake takes these as one file each, and zig has them as words: scripts of one line, written once.
+# CMake expects one file for each tool, but zig has subcommands: scripts of one line, written once.
 foreach(tool ar ranlib)
   set(script ${PAGS_CROSS}/zig-${tool})
   if(NOT EXISTS ${script})
@@ -51,8 +51,7 @@ foreach(tool ar ranlib)
   set(CMAKE_${name} ${script} CACHE FILEPATH "" FORCE)
 endforeach()
 
-# What is built is shipped: without symbols of its own, and without this machine's paths. Of a file for macOS -s takes nothing but what debuggers
-# read; local names go by -x.
+# Products are distributed without local symbols and without paths of this machine. For macOS -s removes only debugging data, and -x local names.
 set(pags_strip -s)
 if(CMAKE_SYSTEM_NAME STREQUAL "Darwin")
   string(APPEND pags_strip " -Wl,-x")

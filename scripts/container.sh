@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# container.sh [ARCHIVE [IMAGE]]: puts the program of dist/pags-VERSION-linux-x64.tar.gz, or of ARCHIVE, into a container image, by default
-# dist/pags-VERSION-container.tar (an archive of OCI). Beside it the image has Debian's C library and a shell, and nothing that is updated
-# or listens. Needs mmdebstrap and buildah; as root, or as a user whom both may serve.
+# container.sh [ARCHIVE [IMAGE]]: puts the program of ARCHIVE (default dist/pags-VERSION-linux-x64.tar.gz) into a container image, an OCI archive
+# (default dist/pags-VERSION-container.tar). The image also has Debian's C library and a shell, and nothing that needs updates or listens.
+# Requires mmdebstrap and buildah, and root or a user who may run both.
 set -eu
 archive=${1:+$(realpath "$1")}
 image=${2:+$(realpath "$2")}
@@ -21,7 +21,7 @@ work=$(mktemp -d)
 storage="--root $work/storage --runroot $work/run --storage-driver vfs" # of its own: no image of this machine's is touched
 trap 'rm -rf "$work"' EXIT
 trap 'exit 130' HUP INT TERM
-# Unpacked alone: nothing of the packages is run, and what configures them isn't there.
+# Packages are unpacked only: none of their scripts runs, and the tools that configure them are not installed.
 mmdebstrap --variant=extract --include=libc6,busybox-static,base-files bookworm "$work/root" http://deb.debian.org/debian >"$work/log" 2>&1 ||
   { tail "$work/log" >&2; exit 1; }
 rm -rf "$work/root/var/cache" "$work/root/var/lib/apt" "$work/root/usr/share/locale"

@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# cross.sh TARGET [CMAKE OPTION...]: builds the program, the library and the Python module for another system into build-cross/TARGET, with
-# the libraries that are linked built once into PAGS_CROSS/TARGET (scripts/setup_cross.sh fetches what both are made of). At the end a
-# line for each product says what it asks of the system.
+# cross.sh TARGET [CMAKE OPTION...]: builds the program, the library and the Python module for another system into build-cross/TARGET. The
+# libraries that they link are built once, into PAGS_CROSS/TARGET, from sources that scripts/setup_cross.sh downloads. Ends with a line per
+# product: the system libraries and the oldest system that it requires.
 set -eu
 cd "$(dirname "$0")/.."
 targets="windows-x64 macos-arm64 macos-x64 linux-x64-glibc2.17 linux-arm64"

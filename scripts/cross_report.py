@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""cross_report.py FOLDER: a line for each program and library that a cross build made: file, kind and processor, size, the libraries that it
-asks the system for, and the oldest system that has all of what it asks for. Reads ELF, Mach-O and PE itself. Fails where there is nothing."""
+"""cross_report.py FOLDER: prints a line for each program and library of a cross build: file, kind and processor, size, required system
+libraries, and the oldest system that has them. Reads ELF, Mach-O and PE. Fails where it finds no file."""
 
 import os
 import re
@@ -16,7 +16,7 @@ def text_at(data, at):
 
 
 def elf(data):
-    """Returns kind, processor, needed libraries, and the highest version of each library's symbols that is asked for."""
+    """Returns kind, processor, required libraries, and the highest required symbol version of each library."""
     (machine,) = struct.unpack_from("<H", data, 18)
     start, size, count = (*struct.unpack_from("<Q", data, 40), *struct.unpack_from("<HH", data, 58))
     sections = [struct.unpack_from("<IIQQQQIIQQ", data, start + i * size) for i in range(count)]

@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The main job from end to end, with no download: records a drive along a ray-traced street, trains on it, renders the drive and the
-# same drive from the lane to the right, compares with pictures that training never saw, and exports proxies for other tools.
-# OUT=FOLDER is where results go, ITERATIONS=N how long to train.
+# A reconstruction from end to end, without downloads: makes a recording of a drive along a ray-traced street, trains on it, renders the drive
+# and the same drive 2 m to the right, compares held-out views with their photographs, and exports proxies.
+# OUT=FOLDER: results (default build/demo). ITERATIONS=N: training steps (default 3000).
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -43,8 +43,8 @@ train, scores, export = (json.load(open(f"{sys.argv[1]}/{name}.json")) for name 
 test = scores["test"]
 print(f"  {train['gaussians']} Gaussians after {train['iterations']} steps in {train['seconds']:.0f} s, "
       f"{train['iterations_per_second']:.0f} steps a second at the end")
-print(f"  held-out views: PSNR {test['psnr']:.2f} dB, SSIM {test['ssim']:.4f}; what is critical {test['psnr_critical']:.2f} dB, "
-      f"what moves {test['psnr_moving']:.2f} dB")
+print(f"  held-out views: PSNR {test['psnr']:.2f} dB, SSIM {test['ssim']:.4f}; critical pixels {test['psnr_critical']:.2f} dB, "
+      f"moving pixels {test['psnr_moving']:.2f} dB")
 for shift in scores["shift"]:
     print(f"  camera moved, {shift['name']}: PSNR {shift['psnr']:.2f} dB, SSIM {shift['ssim']:.4f}")
 if "proxies" not in export:
@@ -52,7 +52,7 @@ if "proxies" not in export:
 critical = [proxy for proxy in export["proxies"] if proxy["critical"]]
 off = sorted(proxy["error"]["proxy_to_gaussians"]["mean"] for proxy in critical if "proxy_to_gaussians" in proxy["error"])
 print(f"  proxies of {len(critical)} cars, pedestrians and cyclists, {sum(proxy['watertight'] for proxy in critical)} of them closed, "
-      f"and {len(export['proxies']) - len(critical)} of what stands still in {export['seconds']:.0f} s; "
+      f"and {len(export['proxies']) - len(critical)} of the static scene in {export['seconds']:.0f} s; "
       f"{off[len(off) // 2]:.3f} m off the Gaussians' surface (median of {len(off)})")
 END
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads what `pags VERB --help` prints, from which pages of the manual, man pages and completions are made."""
+"""Parses the output of `pags VERB --help`, the source of pages of the manual, man pages and completions."""
 
 import re
 import subprocess
@@ -10,8 +10,8 @@ def printed(program, *arguments):
 
 
 def read(text):
-    """Splits a help text into its usage, its other paragraphs, and its sections, each (heading, [(left, text)]). Of an entry, `left` is what
-    is typed: names and the placeholder of the value. Lines that are indented further continue the entry above them."""
+    """Splits a help text into its usage, its other paragraphs, and its sections, each (heading, [(left, text)]). `left` holds the words that
+    users type: names and the placeholder of the value. Lines that are indented further continue the entry above them."""
     usage, paragraphs, sections = "", [], []
     for block in text.strip("\n").split("\n\n"):
         heading, entries = [], []

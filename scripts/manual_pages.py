@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""manual_pages.py PAGS FOLDER: writes what a system asks for besides a program, from what the program PAGS says of itself, below FOLDER:
-man/man1/pags.1 and a page a verb; completions of verbs, options, choices and fields for bash, zsh and fish."""
+"""manual_pages.py PAGS FOLDER: writes man pages and shell completions from the help of the program PAGS, below FOLDER:
+man/man1/pags.1 and a page per verb; completions of verbs, options, choices and fields for bash, zsh and fish."""
 
 import os
 import re

@@ -209,7 +209,7 @@ def engine_wheel(build, target, others):
 
 
 def recordings_wheel():
-    """What writes and imports recordings, in Python alone."""
+    """The wheel of tools/recordings, which is pure Python."""
     folder = os.path.join(ROOT, "tools/recordings")
     needed = [
         line for line in read(folder, "requirements.txt").decode().splitlines() if line and not line.startswith("#")

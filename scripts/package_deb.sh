@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# package_deb.sh [FOLDER]: builds the Debian packages of the commit that is checked out into FOLDER, by default dist/, and checks them with
-# lintian. Its files' times are the commit's, or SOURCE_DATE_EPOCH.
+# package_deb.sh [FOLDER]: builds the Debian packages of the checked-out commit in FOLDER (default dist/) and checks them with lintian. Files
+# have the time of the commit, or SOURCE_DATE_EPOCH.
 set -eu
 cd "$(dirname "$0")/.."
 mkdir -p "${1:-dist}"
@@ -9,7 +9,7 @@ out=$(cd "${1:-dist}" && pwd)
 for tool in dpkg-buildpackage dh lintian; do
   command -v $tool >/dev/null || { echo "package-deb: no $tool; Debian has it: apt-get install dpkg-dev debhelper dh-python lintian" >&2; exit 1; }
 done
-[ -z "$(git status --porcelain --untracked-files=no)" ] || echo "package-deb: what is built is the commit; files that differ from it are left out" >&2
+[ -z "$(git status --porcelain --untracked-files=no)" ] || echo "package-deb: builds the commit; uncommitted changes are left out" >&2
 version=$(sed -n 's/^#define PAGS_VERSION_\(MAJOR\|MINOR\|PATCH\) //p' engine/include/pags/base.h | paste -sd .)
 PAGS_COMMIT=$(git rev-parse --short=12 HEAD)
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
@@ -25,7 +25,7 @@ cp -r packaging/debian "$source/debian"
 {
   echo "pags ($version) stable; urgency=medium"
   echo
-  echo "  * CHANGELOG.md says what has changed."
+  echo "  * See CHANGELOG.md for the changes."
   echo
   echo " -- The PAGS authors <maintainers@pags.invalid>  $(LC_ALL=C date -u -R -d "@$SOURCE_DATE_EPOCH")"
 } >"$source/debian/changelog"

@@ -1,8 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# setup_blender_new.sh [SUITE]: the Blender of a newer Debian (sid unless named), for windows under this one: a folder with that Debian's packages and,
-# beside it, a program that runs its Blender within it. Prints the program's path, which BLENDER_NEW takes. For root on Debian, 2.5 GB; PAGS_BLENDER_ROOT
-# names the folder.
+# setup_blender_new.sh [SUITE]: installs the Blender of a newer Debian (default sid) in a folder, PAGS_BLENDER_ROOT, with a program that runs it
+# there with windows on this system. Prints the path of the program, for BLENDER_NEW. Requires root, Debian and 2.5 GB.
 set -eu
 suite=${1:-sid}
 root=${PAGS_BLENDER_ROOT:-$HOME/.cache/pags-blender-$suite}
@@ -13,7 +12,7 @@ for tool in debootstrap unshare chroot; do
 done
 mkdir -p "$(dirname "$root")"
 
-# What is mounted within the folder is so for this command alone.
+# Mounts inside the folder exist for this command only.
 within() { # COMMAND...
   unshare -m sh -c 'root=$1; shift
     for folder in proc sys dev; do mount --rbind /$folder "$root/$folder"; done

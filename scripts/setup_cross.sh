@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# setup_cross.sh: fetches what cross builds need (scripts/cross_sources.txt) into PAGS_CROSS, by default ~/.cache/pags-cross: the compiler
-# zig and the sources of the libraries that are linked. Each file is checked by its hash. What is there already is not fetched again.
-#   PAGS_CROSS/files    what was fetched; files that lie here with the right hash are taken as they are
+# setup_cross.sh: downloads the compiler zig and the sources of libraries for cross builds (scripts/cross_sources.txt) into PAGS_CROSS (default
+# ~/.cache/pags-cross). Each file is checked by its hash. Files that exist are not downloaded again.
+#   PAGS_CROSS/files    downloads; files with the right hash are used
 #   PAGS_CROSS/sources  the unpacked sources, Debian's patches applied: a folder for each row
 #   PAGS_CROSS/zig      the compiler
 set -eu
@@ -38,7 +38,7 @@ list_archives() {
   # shellcheck disable=SC2016 # the words with a dollar sign are apt-get's
   apt-get indextargets --format '$(ORIGIN) deb-src $(REPO_URI) $(RELEASE) $(COMPONENT)' "Created-By: Packages" | sed -n 's/^Debian //p' |
     grep -v security | sort -u >"$cross/apt/sources.list"
-  apt update >/dev/null || true # what isn't found is told below
+  apt update >/dev/null || true # missing files are reported below
   listed=yes
 }
 

@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# setup_godot.sh [SUITE]: the Godot 4 of a newer Debian (sid unless named), for make check-tools: its package and those that it needs, unpacked into a
-# folder of their own, which PAGS_GODOT_ROOT names, and beside that a program that runs it with these libraries. Prints the program's path. 0.7 GB; needs
-# apt and dpkg-deb, no root.
+# setup_godot.sh [SUITE]: unpacks the Godot 4 of a newer Debian (default sid), with the packages that it depends on, in a folder, PAGS_GODOT_ROOT,
+# for make check-tools, and writes a program that runs it with these libraries. Prints the path of the program. Requires apt, dpkg-deb and
+# 0.7 GB, no root.
 set -eu
 suite=${1:-sid}
 root=${PAGS_GODOT_ROOT:-$HOME/.cache/pags-godot-$suite}

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# setup_windows.sh: a Python for Windows with Blender as its module bpy, PAGS_CROSS/windows-python/python.exe, made of scripts/windows_sources.txt.
-# Each file is checked by its hash and kept in PAGS_CROSS/files; files that lie there with the right hash are taken as they are.
+# setup_windows.sh: makes a Python for Windows with Blender as its module bpy, PAGS_CROSS/windows-python/python.exe, from the files listed in
+# scripts/windows_sources.txt. Each is checked by its hash and kept in PAGS_CROSS/files.
 set -eu
 cd "$(dirname "$0")/.."
 table=scripts/windows_sources.txt

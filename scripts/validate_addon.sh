@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# validate_addon.sh [BLENDER]: validates the add-on's folder and zip by BLENDER, a Blender of 4.2 or newer or a Python with the
-# module bpy; without an argument by the `blender` on the PATH. Says so where there is none.
+# validate_addon.sh [BLENDER]: validates the folder and the zip of the add-on by BLENDER (default the `blender` on the PATH): Blender 4.2 or
+# later, or a Python with the module bpy. Prints a line where there is none.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 zip=$(ls build/pags-blender-*.zip) || exit 1

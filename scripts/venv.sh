@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# venv.sh FOLDER: makes FOLDER/.venv from FOLDER/requirements.txt, or makes it anew when that file has changed. Fails where it can't.
+# venv.sh FOLDER: makes FOLDER/.venv from FOLDER/requirements.txt, or updates it when that file has changed. Fails if pip fails.
 set -u
 cd "$1" || exit 1
 

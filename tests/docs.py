@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""docs.py: the rules that the documentation keeps to. Prints each fault as FILE:LINE: what is wrong, and fails if there was one.
+"""docs.py: checks the documentation. Prints each fault as FILE:LINE: fault, and fails if there is one.
 
-- A page of the manual, docs/*.md, and CONTRIBUTING.md have at most 1,500 words each. What stands between "<!-- generated" and
+- A page of the manual, docs/*.md, and CONTRIBUTING.md have at most 1,500 words each. Text between "<!-- generated" and
   "<!-- end -->" is not counted.
 - Every link to a file of the repository, and every #heading of such a link, exists. So does every docs/....md that a source names.
 - A program that a page shows below "<!-- file: PATH -->" is that file.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""foreign_wheels.py PAGS WHEEL...: wheels for Linux on 64-bit ARM and for macOS, which this machine can't run as they are. What the name of a wheel
-promises is read out of its files: processor, oldest system, libraries, the module's entry, on macOS the signature, whose hashes are those of
-the pages. The program for ARM is run under qemu beside PAGS, a build of the same commit with kernels that fuse multiply-add, as NEON's do:
-twenty steps of training and a picture have the same bits.
+"""foreign_wheels.py PAGS WHEEL...: checks wheels for Linux on 64-bit ARM and for macOS, which this machine cannot run directly. Compares the name of
+a wheel with its files: processor, oldest system, libraries, entry of the module; on macOS also the signature, whose hashes must be those of
+the pages. The program for ARM runs under qemu and is compared with PAGS, a build of the same commit whose kernels fuse multiply-add, like
+NEON's: twenty training steps and a picture must have the same bits.
 
 Mach-O, its export trie and its code signature are as <mach-o/loader.h> and <kern/cs_blobs.h> of Apple's XNU describe them."""
 
@@ -69,7 +69,7 @@ def macho_exports(data):
 
 
 def signature_faults(data):
-    """What is wrong with a Mach-O file's ad-hoc signature, a line each."""
+    """The faults of the ad-hoc signature of a Mach-O file, a line each."""
     blobs = [struct.unpack_from("<II", data, at + 8) for command, at in load_commands(data) if command == 0x1D]
     if not blobs:
         return ["not signed"]
@@ -163,7 +163,7 @@ class Wheels(unittest.TestCase):
         for path, _, _ in self.files("manylinux_2_17_aarch64"):
             folder = Path(tempfile.mkdtemp(prefix="pags-wheels-"))
             self.addCleanup(shutil.rmtree, folder, True)
-            # pip refuses a wheel of another processor unless it is told to take that one's, into a folder.
+            # pip accepts a wheel for another processor only with --platform, into a folder.
             self.succeeds(
                 sys.executable,
                 "-m",

@@ -21,8 +21,8 @@ EXCEPTIONS = {
     "subdiv.cc.o": {"sin", "cos", "sincos"}
 }  # OpenSubdiv's headers: masks of limit tangents, which nothing of ours reads
 
-# What shared libraries get from libwebp, which is linked in: its encoder estimates sizes of files by them. What the pictures decode to
-# doesn't depend on that. Our own objects are checked in their static libraries.
+# Functions that libwebp, linked into shared libraries, calls: its encoder estimates file sizes by them. Decoded pictures do not depend on
+# that. Our own objects are checked in their static libraries.
 LIBWEBP = {"log", "log10", "pow"}
 
 

@@ -8,7 +8,8 @@
 
 typedef enum picture_format { PICTURE_PNG, PICTURE_JPEG, PICTURE_EXR } picture_format;
 
-/* Makes the file of kind `kind` (0, 1, ...) with so many pixels, and a name that says what it is, ".png", ".jpg" or
+/* Makes the file of kind `kind` (0, 1, ...) with this number of pixels, and a name that tells its contents, ".png",
+ * ".jpg" or
  * ".exr" at its end. Returns 0, and makes none, if there are no more kinds. Stops the program on errors. */
 int picture_file(picture_format format, int kind, int width, int height, file_bytes *out, char name[96]);
 

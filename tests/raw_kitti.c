@@ -115,7 +115,7 @@ typedef struct rig {
 } rig;
 
 /* A sensor rig with about KITTI's dimensions: the inertial unit 0.8 m behind and below the Velodyne, camera 2 six
- * centimetres beside camera 0. */
+ * centimetres to the side of camera 0. */
 static rig make_rig(const raw_kitti *s) {
   static const double lever[3] = {-0.8086759, 0.3195559, -0.7997231}, none[3] = {0, 0, 0};
   const double t2[3] = {0.0597, -0.0003, 0.0027}, shifts[4] = {0, -s->baseline, t2[0], t2[0] - s->baseline};

@@ -11,7 +11,7 @@ its bytes), text of USD without comments. Headers, the scene's configuration, re
     tests/same_bits.py --reference-build PROGRAM     takes a build that is there
     --quick                                          a few small rows of the synthetic street, under a minute
 
-What the reference wrote is kept beside it, keyed by its hash, and a row that both programs have run with the same result is not run
+Outputs of the reference are kept next to its program, keyed by its hash. A row that both programs have run with the same result is not run
 again. Data sets that are not there (../shared/data) are skipped with a line that says so. Exit code: 0 all the same, 1 a difference or a
 failure, 2 wrong usage. A line of each difference names file, array, index and both values.
 """
@@ -62,7 +62,7 @@ class Program:
         return self.texts[arguments]
 
     def spell(self, verb, flag, value):
-        """The arguments for `flag value` in the form that this program takes; a value of True stands for a switch. An option that train no
+        """The arguments for `flag value` in the form that this program takes; True as a value means a switch. An option that train no
         longer has becomes --set of its field."""
         if flag == "--preset" and value in ("plain", "default") and "|plain" not in self.text("train", "--help"):
             if value == "plain":  # what this program does without being asked

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Test data outside of the repository: in the folder named by PAGS_SHARED_DATA, or else in ../shared/data beside the
+/* Test data outside of the repository: in the folder named by PAGS_SHARED_DATA, or else in ../shared/data next to the
  * sources. */
 #ifndef PAGS_TESTS_SHARED_DATA_H
 #define PAGS_TESTS_SHARED_DATA_H

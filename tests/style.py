@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""style.py [CC [CXX]]: checks the sources without running them. Prints each fault as FILE:LINE: what is wrong, and fails
-if there was one. Format, circles of files and the length of functions are tests/figures.py's.
+"""style.py [CC [CXX]]: checks the sources without running them. Prints each fault as FILE:LINE: fault, and fails
+if there is one. Format, circles of files and the length of functions are tests/figures.py's.
 
 - Characters: no tabs, no blanks at the end of a line, a newline at the end of a file; C and C++ in ASCII, without notes of unfinished work.
-- Includes, quoted or <pags/...>, lead to a file of the repository and go one way: KNOWS says which folders a folder may include from. A
+- Includes, quoted or <pags/...>, lead to a file of the repository and go one way: KNOWS lists the folders that a folder may include from. A
   public header belongs to the folder that implements it (HEADERS).
 - A C or C++ file that a comment names is one of the repository's.
 - Public headers compile alone, as C17 and as C++17."""
@@ -63,7 +63,7 @@ KNOWS = {
     "tests": ENGINE + ["exporters", "cli", "blender_addon", "benchmarks", "tests/reference"],
 }
 
-# What systems differ in is asked for in one folder. POSIX threads are everywhere. Tests ask tests/system.h for most of it, and examples are what users write.
+# Functions that differ between systems are called in one folder. POSIX threads are everywhere. Tests use tests/system.h; examples are code of users.
 PORT = "engine/port"
 SYSTEM_HEADERS = re.compile(r"^(unistd|fcntl|dirent|dlfcn|sched|signal|poll|termios|pwd|glob|libgen|langinfo|malloc|xlocale|windows|io|direct|process"
                             r"|sys/\w+|mach/\w+|arpa/\w+|netinet/\w+|linux/\w+|asm/\w+)\.h$")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""wheel.py WHEEL PAGS: the wheel for Linux on x86-64, installed into a fresh environment from a folder in which nothing else lies, beside the
-program PAGS, a build of the same commit: what both write has the same bits, in Python as well. PAGS_OLD_ROOT names the folder of an older
-Debian, in which the installed program is run as well (as root).
+"""wheel.py WHEEL PAGS: installs the wheel for Linux on x86-64 into a fresh environment, from a folder without other files, and compares it with
+the program PAGS, a build of the same commit: outputs have the same bits, in Python too. PAGS_OLD_ROOT: the folder of an older Debian, in
+which the installed program also runs (as root).
 
-The capture fox is read from PAGS_SHARED_DATA, or from ../shared/data beside the sources, if it is there."""
+The capture fox is read from PAGS_SHARED_DATA, or from ../shared/data next to the sources, if present."""
 
 import os
 import shutil

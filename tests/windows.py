@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""windows.py PAGS.EXE PAGS: the program for Windows under wine beside the one for Linux: what both write has the same bits; paths that Windows
-treats in its own way, places that can't be written to, Ctrl-C.
+"""windows.py PAGS.EXE PAGS: compares the program for Windows under wine with the one for Linux: outputs have the same bits; checks special paths
+of Windows, places without write access, Ctrl-C.
 
-Splat files and the capture fox are read from PAGS_SHARED_DATA, or from ../shared/data beside the sources, if they are there."""
+Splat files and the capture fox are read from PAGS_SHARED_DATA, or from ../shared/data next to the sources, if present."""
 
 import glob
 import json
@@ -61,7 +61,7 @@ def writes_gltf():
     return not said.returncode
 
 
-PICTURES = ""  # a small PNG, beside a small PLY
+PICTURES = ""  # a small PNG, next to a small PLY
 
 
 class Case(unittest.TestCase):
@@ -96,7 +96,7 @@ class Case(unittest.TestCase):
 
 
 class Bits(Case):
-    """What both programs write."""
+    """Outputs of both programs."""
 
     kinds = [
         ("out.ply",),
@@ -274,7 +274,7 @@ class Places(Case):
         self.succeeds("export", self.ply, self.path("shut/out.spz"), **someone)
 
     def someone_else(self):
-        """What run_windows takes to run as the user nobody, who gets this test's folder, a copy of the program and a folder of wine's own."""
+        """Arguments of run_windows for the user nobody, who owns the test folder, a copy of the program and a folder for wine."""
         nobody = pwd.getpwnam("nobody")
         home = os.path.join(self.folder, "home")
         os.makedirs(home)
@@ -314,7 +314,7 @@ class Interrupt(Case):
     """Ctrl-C, which reaches programs that have a console: wine gives them one on a terminal."""
 
     def interrupted(self, when, *arguments):
-        """Exit code and output of a program that Ctrl-C interrupts after so many seconds, or once there is a file of that path."""
+        """Exit code and output of a program that Ctrl-C interrupts after a number of seconds, or once a file exists."""
         helper = os.path.join(os.path.dirname(WINDOWS), "tests", "windows_interrupt.exe")
         if not os.path.exists(helper):
             self.skipTest(f"no {helper}: the build has no tests")

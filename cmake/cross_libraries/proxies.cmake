@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# What proxies, glTF and synthetic data need beyond the rest.
+# Libraries for proxies, glTF and synthetic data.
 
 # config(NAME TARGET LIBRARY DEFINITIONS...): what find_package(NAME) reads.
 function(config name target library)
@@ -19,7 +19,7 @@ target_include_directories(qhull_r PRIVATE ${PAGS_SOURCES}/qhull/src)
 file(GLOB headers ${PAGS_SOURCES}/qhull/src/libqhull_r/*.h)
 install(FILES ${headers} DESTINATION include/libqhull_r)
 
-# Of OpenSubdiv the tables of refinement and stencils, without its evaluators on graphics cards.
+# OpenSubdiv: the tables of refinement and stencils, without evaluators for graphics cards.
 library(osdCPU opensubdiv opensubdiv/sdc/*.cpp opensubdiv/vtr/*.cpp opensubdiv/far/*.cpp opensubdiv/version.cpp)
 install(DIRECTORY ${PAGS_SOURCES}/opensubdiv/opensubdiv DESTINATION include FILES_MATCHING PATTERN "*.h")
 

@@ -17,7 +17,7 @@ rm -rf "$root/packages" "$root/dist"
 mkdir "$root/packages" "$root/dist"
 cp "$packages/"*pags*_*.deb "$root/packages/"
 cp "$packages/"pags_*.deb "$root/dist/"
-# What the README says, but for the build, which is over, and sudo.
+# The installation line of the README, without the build and sudo.
 line=$(sed -n 's/^make deb && sudo \(apt install [^#]*[^# ]\) *#.*/\1/p' README.md)
 [ -n "$line" ] || { echo "check-deb: README.md has no line 'make deb && sudo apt install ...'" >&2; exit 1; }
 
@@ -41,7 +41,8 @@ run sh -ec 'cd /tmp; rm -rf street scene proxies.glb
   pags export scene scene.spz -q
   python3 -c "import pags; scene = pags.load(\"scene\"); picture = pags.render(scene, scene.views[0]); print(\"drawn in Python:\", memoryview(picture.rgba).shape)"
   ls -l proxies.glb scene.spz'
-# The add-on beside the Python module: it can be switched on, draws, and a script gets the module of the package. Blender without the add-on starts, too.
+# The add-on together with the Python module: it can be switched on and draws, and a script imports the module of the package. Blender also
+# starts without the add-on.
 run env PYTHONDONTWRITEBYTECODE=1 sh -ec 'cd /tmp; rm -f frame.png
   blender -b --factory-startup -noaudio --python-exit-code 3 --python-expr "import pags; assert pags.load and pags.__file__.startswith(\"/usr/lib/python3/dist-packages/\")" >log 2>&1 || { cat log; exit 1; }
   blender -b --factory-startup -noaudio --python-exit-code 3 --addons pags_blender --python-expr "

@@ -21,7 +21,7 @@ mkdir -p "$work/another folder" "$work/home" "$work/cross/files"
 cp "$cross/files/"*.dsc "$cross/files/"*.tar.* "$work/cross/files/"
 git clone -q . "$clone"
 cd "$clone"
-other=$(locale -a | grep -v '^C\|^POSIX\|^en' | head -n 1) # where there is none that is farther from this one, C
+other=$(locale -a | grep -v '^C\|^POSIX\|^en' | head -n 1) # C where no other locale is installed
 export HOME="$work/home" PAGS_CROSS="$work/cross" LC_ALL="${other:-C}" TZ=Asia/Tokyo JOBS=1 CCACHE_DISABLE=1
 sh scripts/setup_cross.sh >"$work/log" 2>&1 || { tail -n 30 "$work/log" >&2; exit 1; } # by the true clock: dpkg-source sets times
 failed=0

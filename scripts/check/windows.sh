@@ -28,7 +28,7 @@ tail -f /dev/null --pid=$$ | wine cmd /c more >/dev/null 2>&1 &
 wine cmd /c exit 0 </dev/null >/dev/null 2>&1
 
 failed=0
-# What is left out needs no Windows: checks of the sources. A test may be named twice: for the machine's best kernels and for a set of them.
+# Without checks of the sources, which do not depend on the system. A test may have two names: for the best kernels and for a set of kernels.
 ctest --test-dir "$build" --parallel "$jobs" --output-on-failure -E '^(style|figures|docs|tools\.|outside\.)' || failed=1
 grep -h '\.\.\. skipped \|^skipped: ' "$build/Testing/Temporary/LastTest.log" | sort -u || true
 grep -v '^#' tests/windows_lacks.txt | sed 's/^/left out: /'

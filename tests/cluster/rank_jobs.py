@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of jobs of several ranks share: a small street, a training of it, and how such a job is followed and ended."""
+"""Shared by the tests of jobs with several ranks: a small street, its training, and functions that watch and end such a job."""
 
 import os
 import shutil
@@ -120,7 +120,7 @@ class Jobs(unittest.TestCase):
             self.assertTrue(data == shared[file], f"{name}/{file}")
 
     def goes_on(self, name, numbers):
-        """So many ranks, one being a single process, go on with a run that has ended early, to the bits of one that hasn't."""
+        """Each number of ranks (1: a single process) resumes a run that ended early and reaches the bits of an uninterrupted run."""
         for ranks in numbers:
             copy = f"{name}-{ranks}"
             shutil.copytree(self.path(name), self.path(copy))

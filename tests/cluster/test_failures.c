@@ -98,7 +98,7 @@ static void try_once(int64_t refused, uint64_t expected) {
     assert_true(hash_of_scene() == expected);
 }
 
-/* One process goes on with what a failed run has left, to the bits of a run that hasn't failed. */
+/* One process resumes from the checkpoint of a failed run and reaches the bits of a run without failure. */
 static bool goes_on(uint64_t expected) {
   char path[1100];
   snprintf(path, sizeof path, "%s/checkpoint.pags", run.folder);
@@ -124,7 +124,7 @@ static void allocations(void **unused) {
   run.config.objects.fourier_gain = 0;
   for (int rank = 0; rank < RANKS; rank++)
     assert_non_null(run.tasks[rank] = pags_tasks_create(1));
-  train(0); /* twice: the first run allocates what is kept for the whole process */
+  train(0); /* twice: the first run makes allocations that last as long as the process */
   const int64_t count = train(0);
   const uint64_t expected = hash_of_scene();
   assert_int_equal(run.results[0], PAGS_OK);

@@ -26,7 +26,7 @@ LONG = unittest.skipUnless(KILLS, "make check-cluster")
 
 class Failures(rank_jobs.Jobs):
     def lines(self, err):
-        """What the ranks themselves have said."""
+        """The lines printed by the ranks, without those of mpirun."""
         return [line for line in err.split("\n") if line.startswith("pags: ")]
 
     def has_ended(self, done, *said):
@@ -143,7 +143,7 @@ class Failures(rank_jobs.Jobs):
 
     @LONG
     def test_full_disk(self):
-        """A disk that holds a checkpoint of three shards, of which the first alone has the sky, but not a second one beside it."""
+        """A disk with room for one checkpoint of three shards (the first includes the sky), but not for two."""
         self.seconds_alone()
         size = os.path.getsize(os.path.join(self.path("alone"), "checkpoint.pags")) // 1024
         disk = tempfile.mkdtemp(prefix="pags-disk-")

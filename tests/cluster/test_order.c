@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Orders, order statistics, sums and shares of rows over one to five ranks with random splits, beside the serial ones.
- */
+/* Orders, order statistics, sums and shares of rows over one to five ranks with random splits, compared with serial
+ * code. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -51,7 +51,7 @@ static void split(int64_t count, int ranks, uint64_t seed, int64_t *begin) {
     begin[r] = (int64_t)at[r];
 }
 
-/* `few` > 0: only so many different high halves, so that the low ones decide. */
+/* `few` > 0: the number of different high halves, so that the low halves decide. */
 static void fill(job *j, int ranks, int64_t count, uint32_t few, uint64_t seed) {
   j->count = count;
   for (int64_t i = 0; i < count; i++) {

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""test_ranks.py PAGS: mpirun pags train, render and eval, beside one process; how they end when a rank fails, dies, stops or is asked to end.
-PAGS_KILLS: at so many random moments a rank is killed, and ranks are stopped (make check-cluster: 10)."""
+"""test_ranks.py PAGS: mpirun pags train, render and eval, compared with one process; and with a rank that fails, dies, stops or gets a signal.
+PAGS_KILLS: number of random moments at which a rank is killed, and at which ranks are stopped (make check-cluster: 10)."""
 
 import json
 import os
@@ -188,7 +188,7 @@ class Ranks(rank_jobs.Jobs):
         self.assertEqual(done.stderr.count("nowhere"), 1, done.stderr)
 
     def test_disk_full_on_one_rank(self):
-        """A limit of file size stands for a full disk: rank 1 can write no picture."""
+        """A limit of file size simulates a full disk: rank 1 can write no picture."""
         script = f'[ "$OMPI_COMM_WORLD_RANK" = 0 ] || {{ ulimit -f 0; }}; exec "{PAGS}" render "{self.scene}" -o "{self.path("full")}" --frames 6 --threads 1'
         done = mpirun.run(2, ["sh", "-c", script])
         self.assertEqual(done.returncode, 1)

@@ -251,7 +251,7 @@ static void a_failed_save_leaves_the_old_one(void **unused) {
   assert_int_equal(count_files(), before);
   assert_true(run_ranks(2, 0, 60, load, &fingerprint));
   assert_true(pags_port_remove_folder(blocked));
-  assert_true(run_ranks(3, 0, 60, save, &fingerprint)); /* and what blocked it gone, it goes on */
+  assert_true(run_ranks(3, 0, 60, save, &fingerprint)); /* without the obstacle it succeeds */
   assert_int_equal(count_files(), before - 1);
 }
 

@@ -63,8 +63,8 @@ static const char *run_rank_of_training(pags_transport *transport, void *user) {
 }
 
 /* A view takes of other ranks what docs/lab/cluster-model.md says: each splat there and its sums back, but for the
- * share of the rank that draws it, which is one of all in the mean; within a tenth, as the goal was set. What comes
- * back for pictures of the moving objects alone is in that tenth. */
+ * share of the rank that draws it (on average 1 / ranks), with a tolerance of 10 %. The tolerance covers the sums of
+ * pictures that show moving objects only. */
 static void check_traffic(const shared_run *run, int ranks) {
   pags_train_traffic all = {0};
   for (int r = 0; r < ranks; r++) {
@@ -82,7 +82,7 @@ static void check_traffic(const shared_run *run, int ranks) {
              (long long)all.bytes_there, (long long)all.bytes_back, away);
 }
 
-/* Trains in one process if `ranks` is 0; goes on with what is in the folder, if anything is. */
+/* Trains in one process if `ranks` is 0; resumes from a checkpoint in the folder. */
 static pags_train_result train(const pags_train_config *config, const char *name, int ranks, int threads) {
   static char folder[1024];
   shared_run *const run = calloc(1, sizeof *run);

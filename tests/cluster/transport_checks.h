@@ -6,7 +6,7 @@
 #include "cluster/transport.h"
 
 /* Runs all checks on this rank. Returns "" or what was wrong, valid until the next call on this thread. `large` > 0:
- * one exchange brings so many bytes from rank 0 to the last rank. */
+ * one exchange sends this number of bytes from rank 0 to the last rank. */
 const char *transport_checks(pags_transport *transport, int64_t large);
 
 #endif

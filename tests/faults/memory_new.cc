@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-// operator new as our own C++ objects call it, failed by the memory guard as malloc is. What libstdc++ frees of it
-// isn't counted.
+// operator new for our own C++ objects: the memory guard makes it fail, like malloc. Blocks that libstdc++ frees
+// are not counted.
 #include <cstddef>
 #include <new>
 

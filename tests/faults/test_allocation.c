@@ -3,8 +3,8 @@
  * run must end with PAGS_ERROR_MEMORY or, where the allocation was optional, with the same result as without the
  * failure; nothing may crash or leak.
  *
- * Of operations with too many allocations to try every n, the first hundred are all tried and the others sampled;
- * PAGS_FAULTS=N tries N times as many. */
+ * Where an operation makes too many allocations to fail each of them, the first hundred fail in turn and the others are
+ * sampled; PAGS_FAULTS=N samples N times as many. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -348,7 +348,7 @@ static void run_operation(void **state) {
   const char *const more = getenv("PAGS_FAULTS");
   const int64_t samples = (o->samples ? o->samples : SAMPLES) * (more ? strtoll(more, NULL, 10) : 1);
   snprintf(place, sizeof place, "%s", scratch(o->path));
-  /* Twice: the first run allocates what is kept for the whole process. */
+  /* Twice: the first run makes allocations that last as long as the process. */
   for (int i = 0; i < 2; i++)
     if (run_with(o, 0) != PAGS_OK)
       fail_msg("%s: %s", o->name, pags_error_message());

@@ -32,7 +32,7 @@ SAVE = [
     if number
 ]
 STOP = [signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU]
-REAL_TIME = range(signal.SIGRTMIN + 1, signal.SIGRTMAX)  # of these the first and the last stand for all
+REAL_TIME = range(signal.SIGRTMIN + 1, signal.SIGRTMAX)  # the first and the last are tested
 CATCHABLE = sorted(signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP} - set(REAL_TIME))
 CHOSEN = CATCHABLE if MOMENTS > 1 else [signal.SIGHUP, signal.SIGQUIT]
 
@@ -43,7 +43,7 @@ def name_of(number):
 
 class Interrupts(Faults):
     def interrupt(self, number, after, arguments):
-        """Runs a command and sends it a signal after so many seconds. Returns its code, None if it had ended before."""
+        """Runs a command and sends it a signal after `after` seconds. Returns its exit code, or None if it ended earlier."""
         running = self.start(*arguments)
         time.sleep(after)
         late = running.poll() is not None
@@ -156,7 +156,7 @@ class Together(Faults):
     """Several processes at one folder at the same time, begun at random moments."""
 
     def run_together(self, commands, dice, longest):
-        """Starts the commands one after the other within so many seconds. Returns their codes; one that is refused names another one."""
+        """Starts the commands in sequence within `longest` seconds. Returns their exit codes; a refused one names another process."""
         running = []
         for command in commands:
             running.append(self.start(*command))

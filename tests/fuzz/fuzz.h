@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Fuzz targets, one for each reader, in one source for each group of readers, on top of the drivers in fuzz.c.
- * docs/reliability.md says how to run and add them.
+ * See docs/reliability.md for running and adding them.
  *
  * A target supplies valid files as seeds, accepts any bytes and must return: its input is either refused with a
  * message, or gives a result with the reader's guarantees. A check that fails calls FUZZ_CHECK, which stops the

@@ -19,7 +19,7 @@ typedef struct window_file {
   pags_window_box data, shown;
   int channels; /* 1: Y, 3: RGB, 4: RGBA */
   bool parts;   /* depth comes in a part of its own before the colours */
-  bool layer;   /* the colours are a layer's, beside those of another one */
+  bool layer;   /* the colours belong to one of two layers */
 } window_file;
 
 enum { DESCRIPTION = 12 };

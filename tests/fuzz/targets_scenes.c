@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fuzz targets of scene.json with the files beside it, and of camera and path files. */
+/* Fuzz targets of scene.json with the other files of its folder, and of camera and path files. */
 #include "fuzz/fuzz.h"
 
 #include <math.h>

@@ -146,7 +146,7 @@ static int run_packed(const uint8_t *data, size_t size) {
   }
   FUZZ_CHECK(pags_packed_unpack(&packed, &g) == PAGS_OK);
   FUZZ_CHECK(pags_gaussians_find_bad(&g, NULL) == 0);
-  /* Clusters' bounds must contain what is drawn of their rows. */
+  /* Bounds of clusters must contain the visible extent of their rows. */
   for (int64_t c = 0; c < packed.clusters.count; c++)
     FUZZ_CHECK(isfinite(packed.clusters.lo[0][c]) && isfinite(packed.clusters.sigma[c]));
   pags_gaussians_destroy(&g);

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* check_scaling: holds the predictions of pags-bench scaling against the clock, where truth can be had: frames of a
  * random scene on two threads, and the same slowed on purpose, by a block of known length that is made serial and by
- * one that is made four times as long. What slows them is added to the record of one thread by arithmetic; it isn't
- * recorded. Needs a quiet machine with two cores or more, hence no part of make check (make check-scaling). Fails where
- * the measured median lies more than 5 % outside of the predicted range, and where the range is so wide, on a machine
- * that isn't quiet, that it says nothing. */
+ * one that is made four times as long. The slow blocks are added to the record of one thread by arithmetic; they are
+ * not recorded. Needs a quiet machine with two cores or more, hence no part of make check (make check-scaling). Fails
+ * where the measured median lies more than 5 % outside of the predicted range, and where the range is so wide, on a
+ * machine that isn't quiet, that it says nothing. */
 #include <math.h>
 #include <pags/clusters.h>
 #include <pags/frame.h>
@@ -15,7 +15,7 @@
 #include "port/port.h"
 
 enum { GAUSSIANS = 30000, WIDTH = 960, HEIGHT = 540, ROUNDS = 41, BLOCKS = 8 };
-static const int64_t block_ns = 8000000; /* long beside a frame, so that one more or less shows */
+static const int64_t block_ns = 8000000; /* long compared with a frame, so that one more or less is visible */
 
 typedef enum way { PLAIN, SERIAL_BLOCK, LONG_BLOCK, WAYS } way;
 static const char *const way_names[WAYS] = {"frames", "a block made serial", "a block four times as long"};
