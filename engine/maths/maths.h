@@ -6,7 +6,7 @@
  * results differ in everything that follows. So the functions are compiled in: the files in musl/ are those of
  * musl 1.2.3, as they are, which descend from FreeBSD's msun and from Arm's optimized-routines; they are plain C,
  * compiled without fused multiply-add. Errors are under 1 ulp, of atan2 and erfc under 3, of exp, exp2, log and pow in
- * double about 0.52 (tests/unit/test_maths.c measures them).
+ * double about 0.52 (tests/unit/maths/test_maths.c measures them).
  *
  * They take and return what C17's functions of these names (without pags_) do, domain errors and infinities included,
  * set no errno, need no state and may be called from any thread. Code of ours calls no other transcendental function of

@@ -240,7 +240,7 @@ static void test_clips(const pags_kernels *k) {
 }
 
 /* With a rolling shutter: the scalar kernel's bits on every machine, rows that aren't usable aren't drawn. Their values
- * are compared with the oracle's in tests/unit/test_shutter.c. */
+ * are compared with the oracle's in tests/unit/frame/test_shutter.c. */
 static void test_rolling(const pags_kernels *k) {
   int drawn = 0, moved = 0, held = 0;
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)

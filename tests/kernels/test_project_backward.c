@@ -247,7 +247,7 @@ static void test_poison(const pags_kernels *k) {
 }
 
 /* With a rolling shutter: the scalar kernel's bits on every machine. The values are compared with differences of the
- * oracle in tests/unit/test_shutter.c. */
+ * oracle in tests/unit/frame/test_shutter.c. */
 static void test_rolling(const pags_kernels *k) {
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
     for (int kind = ROWS_ORDINARY; kind <= ROWS_AWKWARD; kind++) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Vignettes and response curves (train/photometry.h): gradients beside finite differences, what is held, and that those
- * of three cameras are found. */
+/* Vignettes and response curves (train/photometry.h): gradients compared with finite differences, fixed values, and
+ * recovery of those of three cameras. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -97,7 +97,7 @@ static void test_non_finite_rows(void **state) {
   fixture_destroy(&f);
 }
 
-/* #3: Gaussians at the camera centre, at z = 0 beside it, and close to it. */
+/* #3: Gaussians at the camera centre, at z = 0 to its side, and close to it. */
 static void test_at_the_camera(void **state) {
   (void)state;
   fixture f = fixture_create(12, 6);
@@ -257,7 +257,7 @@ static void test_near_planes(void **state) {
   fixture_destroy(&f);
 }
 
-/* Planes that clip, beside the same Gaussians made transparent: the same bits, with Early-Z as well. */
+/* Clipping planes, compared with the same Gaussians made transparent: the same bits, with Early-Z too. */
 static void test_clips(void **state) {
   (void)state;
   enum { COUNT = 300 };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Lens models and undistortion: against the models' definitions, against analytic pictures, and against the picture
- * size that COLMAP chooses; which lens a view keeps, and what is seen through it. */
+ * size that COLMAP chooses; which lens a view keeps, and the view through it. */
 #include <pags/image.h>
 
 #include "dataset/driving/pixel_rays.h"

@@ -173,7 +173,7 @@ static void test_bad_files(void **state) {
   scratch_expect(pags_image_size(scratch_path(s, "text.jpg"), &width, &height), unknown, "text.jpg");
 }
 
-/* Without OpenImageIO the refusal says what is read and what the file is; with it the file is read. */
+/* Without OpenImageIO the refusal names the supported formats and the kind of the file; with it the file is read. */
 static void test_other_formats(void **state) {
   scratch *s = *state;
   pags_image image;

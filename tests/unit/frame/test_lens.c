@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lenses: the formulas, the engine's frame and its gradients beside the oracle, whose formulas are its own; the affine
- * projection beside rays through the lens; culling. */
+/* Lenses: formulas, frames and gradients compared with the oracle, which has its own formulas; the affine projection
+ * compared with rays through the lens; culling. */
 #include "unit/random_scene.h"
 #include "unit/scratch.h"
 
@@ -184,8 +184,8 @@ static void test_file(void **state) {
 
 /* ---- Pictures ---- */
 
-/* The engine differs from the oracle by rounding, except where rounding may change a decision. Beside a fisheye's
- * circle nothing is seen. */
+/* The engine differs from the oracle by rounding, except where rounding may change a decision. Outside of a fisheye's
+ * circle the picture is empty. */
 static void test_engine_is_the_oracle(void **state) {
   (void)state;
   const reference_recipe recipe = reference_recipe_default();
@@ -223,7 +223,7 @@ static void test_engine_is_the_oracle(void **state) {
 }
 
 /* Threads, clusters and their order change no bit: clusters are culled by bounds that hold. Nor does drawing in slabs,
- * whose proof takes the same bounds. Gaussians of unequal sizes, many of them beside the picture and close by. */
+ * whose proof takes the same bounds. Gaussians of unequal sizes, many of them just outside of the picture. */
 static void test_bits(void **state) {
   (void)state;
   reference_recipe recipe = reference_recipe_default();
@@ -300,7 +300,8 @@ static double rms(const double *a, const double *b) {
   return sqrt(sum / (3 * PIXELS));
 }
 
-/* Beside the largest density along each pixel's ray: the lens's derivatives at the mean, and sigma points. */
+/* The lens's derivatives at the mean, and sigma points, compared with the largest density along the ray of each pixel.
+ */
 static void test_rays(void **state) {
   (void)state;
   static const double sizes[][2] = {{0.3, 1}, {1, 3}, {3, 8}};

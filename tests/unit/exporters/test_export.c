@@ -526,7 +526,7 @@ static void test_proxies_of_a_scene(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-/* A small ball beside the large one, not connected to it, is part of the mesh. */
+/* A small ball near the large one, not connected to it, is part of the mesh. */
 static void test_what_stands_off_is_kept(void **state) {
   (void)state;
   char path[1024];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Corrections of camera poses (train/camera_poses.h): their gradients beside finite differences, what is held, what
- * lies between, and that a wrong pose is found. */
+/* Corrections of camera poses (train/camera_poses.h): gradients compared with finite differences, fixed poses, poses
+ * between two corrections, and recovery of a wrong pose. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

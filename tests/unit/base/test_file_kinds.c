@@ -80,7 +80,8 @@ static void a_link_is_followed(void) {
   assert_int_equal(kind_of(scratch("link")), S_IFLNK);
   assert_holds(scratch("target"), "made");
 
-  /* The temporary ".part" file lies beside the link's target, which may be on another file system than the link. */
+  /* The temporary ".part" file lies in the folder of the link's target, which may be on another file system than the
+   * link. */
   pags_file_writer writer;
   assert_int_equal(pags_make_dirs(scratch("far")), PAGS_OK);
   assert_int_equal(symlink("far/away", scratch("there")), 0);

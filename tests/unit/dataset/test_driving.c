@@ -222,7 +222,7 @@ static void without_times_and_boxes(void **state) {
 }
 
 /* For each case one file of a sound set is replaced (or removed, if the replacement is NULL), and the message must
- * say what is wrong. */
+ * name the fault. */
 static void bad_files_are_explained(void **state) {
   (void)state;
   static const struct {

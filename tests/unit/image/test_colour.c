@@ -263,7 +263,7 @@ static void test_jpeg(void **state) {
   const profile whole = make_profile("RGB ", display_p3, FORMULA, 0);
   const size_t half = whole.size / 2;
   pags_image_facts facts;
-  for (int missing = 0; missing < 2; missing++) { /* the second part comes first; or there is none */
+  for (int missing = 0; missing < 2; missing++) { /* the second part comes first, or is missing */
     profile parts = {.size = 0};
     for (uint32_t part = 2; part > (uint32_t)missing; part--) {
       const size_t begin = part == 1 ? 0 : half, end = part == 1 ? half : whole.size;

@@ -71,7 +71,7 @@ static void test_level_ground_is_no_part(void **state) {
   (void)state;
   assert_true(level(car, 0, 0, 0.08, 120));
   assert_false(level(car, 0, 0, 0.2, 120));   /* too high above the road */
-  assert_true(level(car, 0, 0.95, 0.2, 120)); /* a footway beside the car */
+  assert_true(level(car, 0, 0.95, 0.2, 120)); /* a footway next to the car */
   assert_false(level(car, 0, 0.95, 0.4, 120));
   assert_false(upright(car, 0, -0.95, 0.2, 120)); /* the car's side */
 }

@@ -134,7 +134,7 @@ static void test_no_oscillation(void **state) {
     }
 }
 
-/* A scene that gets slower, slowly or at once: the time is kept again after so many frames. */
+/* A scene that gets slower, gradually or suddenly: frames meet the deadline again after a number of frames. */
 static void test_a_scene_that_gets_slower(void **state) {
   (void)state;
   int met;

@@ -234,7 +234,7 @@ static void extension_records_are_skipped(void **state) {
   free_spz_parts(&parts);
 }
 
-/* The record of the coordinate system says which axes the file has, wherever it stands; an option outdoes it. The
+/* The record of the coordinate system names the axes of the file, at any position; an option overrides it. The
  * right values are those of the same bytes read as RUB, turned. */
 static void the_axes_are_those_of_the_record(void **state) {
   (void)state;

@@ -118,7 +118,7 @@ static void motion_is_travel_or_spread(void **state) {
   }
 }
 
-/* Labels of six or more that lie about one place are a parked thing's, however far apart they are. */
+/* Six or more labels around one place belong to a parked object, whatever their distances. */
 static void jitter_is_no_motion(void **state) {
   (void)state;
   double labels[40][3] = {{0}};

@@ -251,7 +251,7 @@ static sums *oracle(const fixture *f, const reference_picture *picture) {
   return all;
 }
 
-/* Compares a pixel's ranks: each sum with the oracle's of the name that the value stands for, and that none that was
+/* Compares a pixel's ranks: each sum with the oracle's of the same name, and that none that was
  * left out is larger. A weight is a product of some tens of float factors: 2e-5 is a hundred times their rounding. */
 static int compare_matte(const fixture *f, const result *got, const sums *want, int m, int pixel) {
   double left[NAMES], least = INFINITY;

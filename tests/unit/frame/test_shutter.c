@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rolling shutter: the engine's frame and its gradients beside the oracle; both beside the definition, each line of the
- * picture drawn as a picture of its own at the time at which it is read. */
+/* Rolling shutter: the engine's frame and gradients compared with the oracle; both compared with the definition, in
+ * which each line is drawn as a separate picture at its read-out time. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>
@@ -97,8 +97,8 @@ static const char *const directions[] = {"top_to_bottom", "bottom_to_top", "left
 
 /* The engine differs from the oracle by rounding, as with a global shutter, except where rounding may change a
  * decision, and by its poses: the oracle's are exact, the engine's on a parabola through three of them, which at the
- * 0.02 radians a read-out of this test is off by 1e-7 radians within the picture and 1e-6 beside it. 1e-3 is a quarter
- * of a grey level. */
+ * 0.02 radians a read-out of this test is off by 1e-7 radians within the picture and 1e-6 outside of it. 1e-3 is a
+ * quarter of a grey level. */
 static void test_engine_is_the_oracle(void **state) {
   (void)state;
   const reference_recipe recipe = reference_recipe_default();
@@ -133,8 +133,8 @@ static void test_engine_is_the_oracle(void **state) {
   }
 }
 
-/* Beside the picture drawn line by line: what is left of the error of a global shutter. A Gaussian is an ellipse in a
- * picture whose lines were read at different times only to first order, which small ones meet best. */
+/* Compared with the picture drawn line by line: the remaining part of the error of a global shutter. A Gaussian is an
+ * ellipse in a picture whose lines were read at different times only to first order, which small ones meet best. */
 static void test_line_by_line(void **state) {
   (void)state;
   const reference_recipe small = reference_recipe_default();

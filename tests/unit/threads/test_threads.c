@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Parallel loops and background jobs: each index runs once, nested loops, cancellation, jobs beside loops, and a host
- * application's own threads. */
+/* Parallel loops and background jobs: each index runs once, nested loops, cancellation, jobs during loops, and threads
+ * of a host application. */
 #include <pags/tasks.h>
 
 #include <pthread.h>

@@ -346,7 +346,7 @@ static void check_generated(bool alex) {
       pags_tasks *tasks = pags_tasks_create(threads);
       assert_int_equal(pags_lpips_distance(lpips, &a, &b, tasks, &distance), PAGS_OK);
       /* Sums of up to 3,456 floats: their roundings, 6e-8 each, are random and average out over pixels and channels.
-       * What is left is 1e-7 at most. */
+       * The rest is at most 1e-7. */
       assert_near(distance, expected, 5e-7 * expected);
       if (threads == 1)
         first = distance;

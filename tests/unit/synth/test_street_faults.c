@@ -307,7 +307,7 @@ static void test_distortion(void **state) {
   pags_image_destroy(&wanted);
 }
 
-/* The rays of a fisheye are those of the lens that the set says, and nothing is seen beside its circle. */
+/* The rays of a fisheye are those of the lens that the set says, and the picture is empty outside of its circle. */
 static void test_fisheye(void **state) {
   (void)state;
   pags_street_options options = small_street(10);

@@ -312,7 +312,7 @@ static void test_copies(void **state) {
 }
 
 /* Rows far from the others of their cluster, or with far larger harmonics, cost the others no accuracy and keep their
- * own values: one, a few, half of a cluster, all rows apart from each other, and some of an unfinished cluster. */
+ * own values: one, a few, half of a cluster, all rows far from each other, and some of an unfinished cluster. */
 static void test_stray_rows(void **state) {
   (void)state;
   static const float far[] = {1e3f, 1e6f, -1e12f, 1e30f, -3e38f, 3e38f};
@@ -400,7 +400,8 @@ static void test_stray_rows_and_culling(void **state) {
   }
 }
 
-/* What is written can be read again: colours beyond 0 to 1, also negative ones. What can't isn't written. */
+/* Every written file can be read: colours beyond 0 to 1, also negative ones. Values that no reader accepts are not
+ * written. */
 static void test_written_is_readable(void **state) {
   (void)state;
   pags_gaussians g = make_cloud(100, 0);

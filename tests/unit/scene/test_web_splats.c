@@ -8,7 +8,7 @@
 
 #include <pags/scene.h>
 #include "base/log.h"
-#include "scratch.h"
+#include "unit/scratch.h"
 #include "web_files.h"
 
 #include <cmocka.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The decoders of PNG, JPEG and EXR beside OpenImageIO's: the same size, samples and refusals, over generated files of
- * every kind, whole, cut off and damaged, and over the test data's pictures. Skipped where OpenImageIO is not. */
+/* The decoders of PNG, JPEG and EXR compared with OpenImageIO's: same size, samples and refusals, for generated files
+ * of every kind, whole, truncated and damaged, and for the pictures of the test data. Skipped without OpenImageIO. */
 #include <pags/image.h>
 
 #include "base/rng.h"
@@ -36,7 +36,7 @@ static size_t bytes_of(const pags_image *image) {
 }
 
 /* Decodes a file both ways, with all of its channels and without alpha. Returns 1 if both give the same, 0 if both
- * refuse it; -1 if they differ, after a line that says how. */
+ * refuse it; -1 if they differ, after a line with the difference. */
 static int compare(const char *path, const char *name) {
   int outcome = 0;
   for (int most = 4; most >= 3; most--) {
