@@ -46,7 +46,7 @@ void pags_rank_shares_describe(const pags_rank_shares *shares, int threads, char
   char sent[32], view[32], peak[32];
   const pags_rank_share all = add_up(shares);
   const double views = all.traffic.views > 0 ? (double)all.traffic.views : 1.0;
-  snprintf(text, size, "on %d ranks of %d %s, which sent each other %s, %s a photograph; at most %s a rank\n",
+  snprintf(text, size, "on %d ranks of %d %s, which sent each other %s, %s per photograph; at most %s per rank\n",
            shares->count, threads, threads == 1 ? "thread" : "threads",
            pags_format_bytes((double)all.bytes_sent, sent, sizeof sent),
            pags_format_bytes((double)(all.traffic.bytes_there + all.traffic.bytes_back) / views, view, sizeof view),

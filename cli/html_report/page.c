@@ -177,8 +177,8 @@ static void put_state(pags_html *html, const pags_report_run *run, int count, in
   const char *first = pags_run_log_text(&run->log, "first_bad_row");
   if (is_flag(run, "finished", false)) {
     begin_sentence(html, "warn", count, number);
-    pags_html_put(html,
-                  "The training was stopped before its last step; <code>pags train --resume</code> goes on.</p>\n");
+    pags_html_put(
+        html, "The training was stopped before its last step; <code>pags train --resume</code> continues it.</p>\n");
   }
   if (is_flag(run, "resumed", true)) {
     begin_sentence(html, "soft", count, number);
@@ -186,16 +186,16 @@ static void put_state(pags_html *html, const pags_report_run *run, int count, in
   }
   if (run->log.fault) {
     begin_sentence(html, "warn", count, number);
-    pags_html_put(html, "A file of the training can't be read and is left out: ");
+    pags_html_put(html, "A file of the training can't be read: ");
     pags_html_text(html, run->log.fault);
     pags_html_put(html, "</p>\n");
   } else if (!run->log.report) {
     begin_sentence(html, "soft", count, number);
-    pags_html_put(html, "There is no report.json of a training: its time, memory and command line aren't known.</p>\n");
+    pags_html_put(html, "There is no report.json of a training: its time, memory and command line are unknown.</p>\n");
   }
   if (bad > 0) {
     begin_sentence(html, "warn", count, number);
-    pags_html_put(html, "%.0f updates were left out because a number wasn't finite; the first was ", bad);
+    pags_html_put(html, "%.0f updates were skipped because a value wasn't finite; the first was ", bad);
     pags_html_text(html, first ? first : "not noted");
     pags_html_put(html, "</p>\n");
   }
@@ -206,9 +206,9 @@ void pags_page_figures(pags_html *html, const pags_report_run *runs, int count) 
     const char *key, *label;
     figure_kind kind;
   } of_report[] = {{"psnr", "PSNR, training views", DECIBELS},
-                   {"seconds", "time of training", DURATION},
-                   {"iterations_per_second", "iterations a second, at the end", RATE},
-                   {"peak_rss_bytes", "memory at the peak", BYTES}};
+                   {"seconds", "training time", DURATION},
+                   {"iterations_per_second", "iterations/s, at the end", RATE},
+                   {"peak_rss_bytes", "peak memory", BYTES}};
   const char *kind = runs[0].views.held_out ? "held-out views" : "views";
   double values[4][2], regions[2][2], rest[3][2];
   char label[64];
@@ -228,7 +228,7 @@ void pags_page_figures(pags_html *html, const pags_report_run *runs, int count) 
   if (count == 1)
     pags_html_put(html, "<dl class=\"cards\">\n");
   else
-    pags_html_begin_table(html, "|#A|#B|#B beside A");
+    pags_html_begin_table(html, "|#A|#B|#B relative to A");
   snprintf(label, sizeof label, "PSNR, %s", kind);
   put_figure(html, count, label, DECIBELS, regions[0]);
   snprintf(label, sizeof label, "SSIM, %s", kind);
@@ -262,12 +262,12 @@ void pags_page_curves(pags_html *html, const pags_report_run *runs, int count) {
   }
   pags_html_put(html, "</div>\n");
   if (!any)
-    pags_html_put(html, "<p class=\"soft\">There is no log.jsonl to draw curves of.</p>\n");
+    pags_html_put(html, "<p class=\"soft\">There is no log.jsonl, so there are no curves.</p>\n");
   for (int k = 0; k < count; k++)
     if (runs[k].log.unread) {
       begin_sentence(html, "warn", count, k);
-      pags_html_put(html, "%lld of %lld lines of log.jsonl can't be read and are left out.</p>\n",
-                    (long long)runs[k].log.unread, (long long)runs[k].log.lines);
+      pags_html_put(html, "%lld of %lld lines of log.jsonl can't be read.</p>\n", (long long)runs[k].log.unread,
+                    (long long)runs[k].log.lines);
     }
 }
 
@@ -291,10 +291,10 @@ static void put_region(pags_html *html, const pags_report_run *runs, int count, 
 
 /* Names the views that the figures are measured on. */
 static void put_extent(pags_html *html, const pags_report_views *views, int count, int number) {
-  const char *kind = views->held_out ? "held-out views" : "views, none of which was held out";
+  const char *kind = views->held_out ? "held-out views" : "views, none of them held out";
   if (views->absent) {
     begin_sentence(html, "warn", count, number);
-    pags_html_put(html, "Photographs that can't be had are left out, and figures beside them: ");
+    pags_html_put(html, "Photographs are missing, and so are the figures that need them: ");
     pags_html_text(html, views->absent);
     pags_html_put(html, "</p>\n");
   }
@@ -302,9 +302,10 @@ static void put_extent(pags_html *html, const pags_report_views *views, int coun
     begin_sentence(html, "soft", count, number);
     pags_html_put(html, "Means over %lld of %lld %s, as <code>pags eval</code> measures them.%s</p>\n",
                   (long long)views->mean.views, (long long)views->count, kind,
-                  views->drawn < views->count ? " As many were measured, evenly spread, as fit into the time that a "
-                                                "training gives to its report; <code>pags report</code> measures all."
-                                              : "");
+                  views->drawn < views->count
+                      ? " Only evenly spaced views that fit into the time limit of a "
+                        "report after training were measured; <code>pags report</code> measures all."
+                      : "");
   }
 }
 
@@ -328,13 +329,12 @@ static void put_view_chart(pags_html *html, const pags_report_run *runs, int cou
 }
 
 void pags_page_quality(pags_html *html, const pags_report_run *runs, int count) {
-  static const char *const names[PAGS_REGION_COUNT] = {
-      "whole picture",      "critical: vehicles, pedestrians, cyclists",
-      "all else",           "moving",
-      "vehicles that move", "pedestrians that move",
-      "cyclists that move"};
+  static const char *const names[PAGS_REGION_COUNT] = {"whole picture",   "critical: vehicles, pedestrians, cyclists",
+                                                       "all else",        "moving",
+                                                       "moving vehicles", "moving pedestrians",
+                                                       "moving cyclists"};
   bool measured = false;
-  pags_html_put(html, "<h2>Beside the photographs</h2>\n");
+  pags_html_put(html, "<h2>Comparison with the photographs</h2>\n");
   for (int k = 0; k < count; k++) {
     put_extent(html, &runs[k].views, count, k);
     measured = measured || runs[k].views.mean.views;
@@ -391,8 +391,7 @@ static void put_left_out(pags_html *html, const pags_report_views *views) {
     left += !views->items[i].jpeg[PAGS_VIEW_PICTURE_RENDER].size;
   if (!left)
     return;
-  pags_html_put(html,
-                "<details><summary>%lld of %lld views have no picture here, to keep the page small</summary>\n<p>",
+  pags_html_put(html, "<details><summary>%lld of %lld views have no picture, to keep the page small</summary>\n<p>",
                 (long long)left, (long long)views->count);
   for (int64_t i = 0; i < views->count && named < MOST; i++)
     if (!views->items[i].jpeg[PAGS_VIEW_PICTURE_RENDER].size) {
@@ -414,7 +413,7 @@ void pags_page_views(pags_html *html, const pags_report_run *runs, int count) {
   else if (runs[0].views.opened || runs[count - 1].views.opened)
     pags_html_put(html,
                   "<p class=\"soft\">Error: mean difference of the channels, from none (dark) to a quarter of the "
-                  "range or more (pale yellow); none where a mask leaves pixels out.</p>\n");
+                  "range or more (pale yellow); masked pixels are dark.</p>\n");
   for (int64_t i = 0; i < runs[0].views.count; i++) {
     const pags_report_view *view = &runs[0].views.items[i];
     const pags_report_view *pair[2] = {view, count == 2 ? pags_report_views_find(&runs[1].views, view->name) : NULL};

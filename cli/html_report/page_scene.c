@@ -26,7 +26,7 @@ static void put_note(pags_html *html, const char *key, const char *text) {
 /* All that training noted, whatever keys it has, but for the objects, which have a table of their own. */
 static void put_notes(pags_html *html, const pags_json_value *notes) {
   char text[1000];
-  pags_html_begin_table(html, "subject|what was done, and why");
+  pags_html_begin_table(html, "subject|model and reason");
   for (const pags_json_value *v = notes->first; v; v = v->next) {
     if (!strcmp(v->key, "objects"))
       continue;
@@ -49,13 +49,13 @@ void pags_page_modelled(pags_html *html, const pags_report_run *runs, int count)
     any = any || runs[k].notes;
   if (!any)
     return;
-  pags_html_put(html, "<h2>What was modelled, and why</h2>\n");
+  pags_html_put(html, "<h2>Models and reasons</h2>\n");
   for (int k = 0; k < count; k++) {
     pags_page_scene_heading(html, runs, count, k);
     if (runs[k].notes)
       put_notes(html, pags_json_root(runs[k].notes));
     else
-      pags_html_put(html, "<p class=\"soft\">The scene doesn't say.</p>\n");
+      pags_html_put(html, "<p class=\"soft\">Not stored in the scene.</p>\n");
   }
 }
 
@@ -141,14 +141,14 @@ static void put_object_table(pags_html *html, const pags_report_run *run) {
     order[o] = (ranked){o, run->contents.of_object[o]};
   qsort(order, (size_t)count, sizeof *order, compare_ranked);
   pags_html_begin_table(html,
-                        "object|class|#Gaussians|critical|modelled, and why|#moved by training, m|#turned, degrees|"
+                        "object|class|#Gaussians|critical|model and reason|#moved by training, m|#turned, degrees|"
                         "#seen, s");
   for (int64_t i = 0; i < count && i < MOST; i++)
     put_object(html, run, order[i].object);
   pags_html_end_table(html);
   if (count > MOST)
     pags_html_put(html,
-                  "<p>%lld objects with fewer Gaussians are left out; <code>pags info SCENE --objects</code> lists "
+                  "<p>%lld objects with fewer Gaussians aren't listed; <code>pags info SCENE --objects</code> lists "
                   "all.</p>\n",
                   (long long)(count - MOST));
   free(order);
@@ -210,9 +210,9 @@ void pags_page_histograms(pags_html *html, const pags_report_run *runs, int coun
 
 static void put_stages(pags_html *html, const pags_report_run *runs, int count) {
   static const char *const stages[][2] = {{"wait", "waiting for photographs"},
-                                          {"forward", "drawing the view"},
+                                          {"forward", "rendering the view"},
                                           {"loss", "loss"},
-                                          {"backward", "gradients and their step"},
+                                          {"backward", "gradients and optimiser"},
                                           {"density", "densify and prune"}};
   enum { STAGES = sizeof stages / sizeof stages[0] };
   double ms[STAGES][2], sum[2] = {0, 0};
@@ -225,7 +225,7 @@ static void put_stages(pags_html *html, const pags_report_run *runs, int count) 
   if (!(most > 0))
     return;
   pags_html_put(html, "<h3>Time by stage</h3>\n");
-  pags_html_begin_table(html, count == 2 ? "stage|#A, ms a step|#B, ms a step|" : "stage|#ms a step|#share|");
+  pags_html_begin_table(html, count == 2 ? "stage|#A, ms per step|#B, ms per step|" : "stage|#ms per step|#share|");
   for (int i = 0; i < STAGES; i++) {
     pags_html_put(html, "<tr><th scope=\"row\">%s</th>", stages[i][1]);
     for (int k = 0; k < count; k++)
@@ -310,7 +310,7 @@ void pags_page_making(pags_html *html, const pags_report_run *runs, int count) {
     pags_html_put(html, "<h3>Settings that differ</h3>\n");
     put_settings(html, runs, count, true);
   }
-  pags_html_put(html, "<details><summary>Every setting of the training</summary>\n");
+  pags_html_put(html, "<details><summary>All training settings</summary>\n");
   put_settings(html, runs, count, false);
   pags_html_put(html, "</details>\n");
 }

@@ -270,7 +270,7 @@ pags_result pags_overlay(const pags_dataset *dataset, const char *folder, pags_s
                    "more than 5 % of the LiDAR points lie on sky: extrinsics, camera_axes or "
                    "lidar_frame of dataset.json (--kind) may be wrong"},
                   {share_value(o.in_boxes) < 0.5,
-                   "most LiDAR points about the boxes of moving vehicles lie outside of them: boxes, "
+                   "most LiDAR points around the boxes of moving vehicles lie outside of them: boxes, "
                    "LiDAR or their times may be wrong"},
                   {share_value(o.on_vehicles) < 0.5,
                    "most LiDAR points in the boxes of moving vehicles don't lie on vehicles in the "

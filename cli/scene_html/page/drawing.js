@@ -225,7 +225,7 @@ function compile(gl, vertex, fragment) {
 export class Drawing {
   constructor(canvas, data) {
     const gl = canvas.getContext('webgl2', {antialias: false, alpha: false, depth: false, stencil: false, powerPreference: 'high-performance'});
-    if (!gl) throw new Error('This browser has no WebGL 2, which draws the scene. Another browser, or hardware acceleration in its settings, would do.');
+    if (!gl) throw new Error('This browser has no WebGL 2. Use another browser, or turn on hardware acceleration in its settings.');
     this.gl = gl;
     this.canvas = canvas;
     this.data = data;
@@ -257,7 +257,7 @@ export class Drawing {
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.textures.places, 0);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, this.textures.colors, 0);
     gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
-    if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) !== gl.FRAMEBUFFER_COMPLETE) throw new Error('The graphics of this device can\'t draw into tables of whole numbers, which the player needs. Another device would do.');
+    if (gl.checkFramebufferStatus(gl.FRAMEBUFFER) !== gl.FRAMEBUFFER_COMPLETE) throw new Error('The graphics of this device can\'t render to integer textures, which the player needs. Use another device.');
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.textures.sky);
     const size = Math.max(1, header.skySize);
     gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGB10_A2, size, size, 6, 0, gl.RGBA, gl.UNSIGNED_INT_2_10_10_10_REV, header.skySize ? data.sky.words : null);

@@ -52,7 +52,7 @@ class Player {
       this.dirty = true;
     }, (text) => notice(text, true));
     this.drawing = new Drawing($('picture'), data);
-    $('picture').addEventListener('webglcontextlost', () => notice('The graphics of this device gave the scene up. Load the page again.', true));
+    $('picture').addEventListener('webglcontextlost', () => notice('The graphics of this device lost the scene. Reload the page.', true));
     this.controls = listen($('stage'), {
       camera: this.camera, commands: this.commands(), pick: (x, y) => this.pick(x, y), focusAt: (x, y) => this.focusAt(x, y),
       change: () => this.change(), time: () => this.state.time, focal: () => (this.look ? this.look.fx * this.frame.scale : 500)

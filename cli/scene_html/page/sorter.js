@@ -76,7 +76,7 @@ export class Sorter {
     const address = URL.createObjectURL(new Blob([`(${work})()`], {type: 'text/javascript'}));
     this.worker = new Worker(address);
     URL.revokeObjectURL(address);
-    this.worker.onerror = () => onError('This browser runs no worker of a page from the disk, which sorts the scene. Another browser would do.');
+    this.worker.onerror = () => onError('This browser runs no workers in local pages, which the player needs. Use another browser.');
     this.busy = false;
     this.picks = new Map();
     this.worker.onmessage = ({data: answer}) => {

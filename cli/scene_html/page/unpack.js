@@ -6,8 +6,8 @@ const CODEBOOK = 256;
 // The bytes of the page's data elements, which are removed.
 export async function readPage(progress) {
   const elements = [...document.querySelectorAll('script.data')], parts = [];
-  if (!elements.length) throw new Error('The file is not complete: it holds no data.');
-  if (typeof DecompressionStream === 'undefined') throw new Error('This browser is too old: one of 2023 or later is needed.');
+  if (!elements.length) throw new Error('The file is incomplete: it has no data.');
+  if (typeof DecompressionStream === 'undefined') throw new Error('This browser is too old; use one from 2023 or later.');
   for (const [i, element] of elements.entries()) {
     const text = atob(element.textContent), bytes = new Uint8Array(text.length);
     for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
@@ -18,7 +18,7 @@ export async function readPage(progress) {
   try {
     return new Uint8Array(await new Response(new Blob(parts).stream().pipeThrough(new DecompressionStream('gzip'))).arrayBuffer());
   } catch {
-    throw new Error('The file is damaged: its data can\'t be unpacked. Get it once more.');
+    throw new Error('The file is damaged: its data can\'t be unpacked. Download it again.');
   }
 }
 
@@ -33,7 +33,7 @@ function splitPlanes(bytes) {
     at += count * rows;
   }
   if (header.format !== 1) throw new Error(`The file's format is ${header.format}: this player knows format 1.`);
-  if (at !== bytes.length) throw new Error('The file is damaged: its data has not the size that it says.');
+  if (at !== bytes.length) throw new Error('The file is damaged: its data has the wrong size.');
   return {header, planes};
 }
 

@@ -36,7 +36,7 @@ const link = new Link({
     if (message.serial === wipe.serial) setWipe(0); // there is no photograph
   },
   onState: (open, reason, over) => {
-    notice(open ? '' : reason || 'No connection to pags; trying again ...', true);
+    notice(open ? '' : reason || 'No connection to pags; retrying ...', true);
     if (over) run?.end(reason);
   }
 });
@@ -208,7 +208,7 @@ function choose(index) {
 function pick(x, y) {
   link.pick(...toPicture(x, y), (found) => {
     if (state.measuring) {
-      if (!found.hit) return notice('Nothing is there to measure from.');
+      if (!found.hit) return notice('There is nothing at this point.');
       state.points = state.points.length === 2 ? [found.point] : [...state.points, found.point];
       $('picked').textContent = state.points.length < 2 ? 'Click the second point.' : `${V.length(V.sub(state.points[0], state.points[1])).toFixed(3)} m`;
       return drawOverlay();
@@ -312,7 +312,7 @@ function savePicture() {
 
 function refreshKeys() {
   const count = recorder.keys.length, without = [...state.hidden].map((i) => ` --without ${scene.objects[i].id}`).join('');
-  $('keys').textContent = count ? `${count} camera${count > 1 ? 's' : ''}. Draw a saved path by\npags render ${scene.name} --path path.json${without} -o pictures` : 'No cameras yet.';
+  $('keys').textContent = count ? `${count} camera${count > 1 ? 's' : ''}. Render a saved path with\npags render ${scene.name} --path path.json${without} -o pictures` : 'No cameras yet.';
   for (const id of ['key-clear', 'key-save']) $(id).disabled = !count;
   $('key-play').disabled = count < 2;
   drawOverlay();

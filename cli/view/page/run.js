@@ -9,7 +9,7 @@ const plots = [
   {id: 'curve-loss', name: 'Loss', column: LOSS, text: (v) => v.toFixed(4)},
   {id: 'curve-psnr', name: 'PSNR', column: PSNR, text: (v) => `${v.toFixed(2)} dB`, held: true},
   {id: 'curve-gaussians', name: 'Gaussians', column: GAUSSIANS, text: short, zero: true},
-  {id: 'curve-rate', name: 'Steps a second', column: RATE, text: (v) => v.toFixed(1), zero: true},
+  {id: 'curve-rate', name: 'Steps/s', column: RATE, text: (v) => v.toFixed(1), zero: true},
   {id: 'curve-memory', name: 'Memory', column: MEMORY, text: (v) => `${(v / 1e6).toFixed(0)} MB`, zero: true}
 ];
 
@@ -72,7 +72,7 @@ export class Run {
       `${short(state.gaussians)} Gaussians, ${state.rate.toFixed(1)} steps a second, ${duration(state.seconds)} trained\n` +
       `pages took ${(100 * state.share).toFixed(1)} % of the time, ${(100 * state.mostShare).toFixed(0)} % at most` +
       (state.badRows ? `\n${state.badRows} updates left out` : '');
-    $('run-said').textContent = state.saving ? 'A checkpoint follows the step.' : state.said;
+    $('run-said').textContent = state.saving ? 'The checkpoint follows this step.' : state.said;
     this.listWorst(state.worst);
     for (const plot of plots) this.draw(plot);
   }
