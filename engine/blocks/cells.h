@@ -18,7 +18,8 @@ typedef struct pags_cells {
 pags_result pags_cells_create(const pags_blocks *split, pags_cells *cells);
 void pags_cells_destroy(pags_cells *cells);
 
-/* Returns the block in whose cell a place lies (metres, absolute). Of stands at the same distance the first counts. */
+/* Returns the block in whose cell a place lies (metres, absolute). If two stands are equally near, the first one
+ * counts. */
 int pags_cells_find(const pags_cells *cells, const double place[3]);
 
 #endif

@@ -62,7 +62,7 @@ static pags_result check_finished(const char *folder, const pags_scene *head, co
                    folder, (long long)head->iterations, (long long)iterations);
 }
 
-/* ---- Scenes beside each other ---- */
+/* ---- Comparison of scenes ---- */
 
 /* Compares the configurations of two blocks' trainings. half_until is what each run has decided by its own number of
  * Gaussians. */
@@ -121,7 +121,7 @@ static pags_result compare_with_first(const pags_trained *trained, int b) {
 
 /* ---- All scenes ---- */
 
-/* Says which blocks are missing or not trained, before anything is read. */
+/* Reports missing and untrained blocks, before anything is read. */
 static pags_result check_present(const pags_blocks *split, const char *folder, const pags_trained *trained) {
   int lacking = 0, first = -1;
   for (int b = 0; b < split->count; b++) {

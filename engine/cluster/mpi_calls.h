@@ -25,7 +25,7 @@ typedef struct pags_mpi {
   /* Messages are matched by their two ends, `tag` (0 .. 32767) and order. false: failed. */
   bool (*send)(const void *data, int bytes, int to, int tag, pags_mpi_request *request);
   bool (*receive)(void *data, int bytes, int from, int tag, pags_mpi_request *request);
-  /* 1: the message is over, *bytes of it were received; 0: not yet; -1: it failed, and `why` says how. */
+  /* 1: the message is over, *bytes of it were received; 0: not yet; -1: it failed; `why` has the reason. */
   int (*test)(pags_mpi_request *request, int *bytes, char *why, size_t size);
   void (*end)(void);       /* all ranks together; nothing may be under way */
   void (*abort)(int code); /* ends the processes of all ranks */

@@ -117,7 +117,7 @@ pags_result pags_order_find(pags_transport *transport, const pags_key *sorted, i
   for (int i = 0; i < found; i++)
     keys[i] = (pags_key){0, 0};
 
-  /* The key at a position is the largest bound that has at most so many keys below it, unless that is behind all. */
+  /* The key at a position is the largest bound that has at most that many keys below it, unless that is behind all. */
   for (int bit = 128 - bits; result == PAGS_OK && bit >= 0; bit -= bits) {
     for (int i = 0; i < found; i++)
       for (int digit = 1; digit <= bounds; digit++)

@@ -2,8 +2,8 @@
 /* One sorted order of items that are spread over ranks, equal to sorting all of them in one place. All functions are
  * collective (cluster/transport.h); with one rank, whose transport is NULL, they are the serial ones.
  *
- * An item is its key; the keys of all ranks are distinct, which a number of the item in the low half sees to. What else
- * belongs to an item travels by pags_order_move, in either direction. */
+ * An item is its key; the keys of all ranks are distinct, which a number of the item in the low half sees to. Whatever
+ * else belongs to an item travels by pags_order_move, in either direction. */
 #ifndef PAGS_CLUSTER_ORDER_H
 #define PAGS_CLUSTER_ORDER_H
 

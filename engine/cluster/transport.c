@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Collective calls as transfers: each is a set of parts, one to and one from every rank, that the backend moves. A
- * broadcast and a gather go straight between the root and every other rank; what they carry is small beside what is
- * exchanged. */
+ * broadcast and a gather go straight between the root and every other rank; what they carry is small compared with what
+ * is exchanged. */
 #include "cluster/transport.h"
 
 #include <assert.h>

@@ -61,12 +61,12 @@ pags_result pags_transport_agree(pags_transport *transport, pags_result mine);
  * function ends with it where it may fail at one rank alone. */
 pags_result pags_transport_give_up(pags_transport *transport, pags_result mine);
 
-/* ---- News: no waiting, no order ---- */
+/* ---- Progress of ranks: no waiting, no order ---- */
 
-/* Tells the other ranks how much this one has done, in the caller's unit, and whether it ends early; they hear of it
+/* Reports the progress of this rank to the others, in the caller's unit, and whether it ends early. They receive it
  * within half a second. */
 void pags_transport_tell(pags_transport *transport, int64_t done, bool ends_early);
-/* The sum of what all ranks have told, and whether one of them ends early or can't be reached. */
+/* Returns the sum of the progress of all ranks, and whether one of them ends early or can't be reached. */
 void pags_transport_hear(const pags_transport *transport, int64_t *done, bool *ends_early);
 
 /* Whether this rank is the one that prints for all: rank 0, or the lowest that is left; and one that gave up. */

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The transport over MPI. One thread of each process, the messenger, makes all calls of MPI, so that messages travel
- * while the rank's own thread computes, which MPI alone doesn't promise; it sleeps between looks at them, where MPI's
- * own waiting would keep a processor busy.
+/* The transport over MPI. One thread of each process, the progress thread, makes all calls of MPI. Messages so travel
+ * while the rank's own thread computes, which MPI alone doesn't guarantee. Between two polls the progress thread
+ * sleeps; MPI's own waiting would keep a processor busy.
  *
- * Every quarter of a second the messenger sends its rank's news (what pags_transport_tell said) to every other rank. A
- * rank that no news come from for the watchdog's time is given up: its process is stopped or gone, or the link is down.
- * A rank's last news say that it leaves; after those nothing is under way between the two, and MPI can be ended.
+ * Every quarter of a second the progress thread sends a heartbeat to every other rank, with the progress that
+ * pags_transport_tell reported. A rank that sends no heartbeat for the time of the watchdog is given up: its process is
+ * stopped or gone, or the link is down. The last heartbeat of a rank says that it leaves. After it no message between
+ * the two ranks is pending, and MPI can be ended.
  *
- * A large part travels as messages of CHUNK bytes, since MPI counts by int. */
+ * A large part is split into messages of CHUNK bytes, since MPI counts in int. */
 #include <assert.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -21,9 +22,9 @@
 #include "port/module.h"
 #include "port/port.h"
 
-/* ---- What the launcher says ---- */
+/* ---- The launcher ---- */
 
-/* How many ranks the launcher says that it has started; 0: nothing is known. */
+/* Number of ranks according to the launcher; 0: unknown. */
 static int find_started_ranks(void) {
   static const char *const names[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"};
   for (int i = 0; i < 2; i++) {
@@ -53,29 +54,29 @@ pags_result pags_transport_create_mpi(pags_transport **transport) {
 
 enum {
   CHUNK = 64 << 20,
-  NEWS_TAG = 32767,
+  HEARTBEAT_TAG = 32767,
   TAGS = 32767,     /* of transfers, in turn */
-  LEAVING_MS = 1000 /* what a rank sent before its last news may come so much later than these */
+  LEAVING_MS = 1000 /* maximum delay of messages that a rank sent before its last heartbeat */
 };
-static const double news_every_ms = 250;
+static const double heartbeat_every_ms = 250;
 
-typedef struct news {
+typedef struct heartbeat {
   int64_t done;
   int32_t ends_early, leaves;
-} news;
+} heartbeat;
 
-/* Another rank. The messenger's alone but for `last`, which the lock guards. */
+/* Another rank. Only the progress thread uses it, except for `last`, which the lock guards. */
 typedef struct peer {
-  news sent, received; /* buffers of the messages under way */
+  heartbeat sent, received; /* buffers of the messages under way */
   pags_mpi_request send, receive;
   bool sending, said_leaving;
-  double heard_ms, left_ms; /* left_ms: when its last news came; 0: not yet */
-  news last;
+  double heard_ms, left_ms; /* left_ms: when its last heartbeat came; 0: not yet */
+  heartbeat last;
 } peer;
 
-/* A transfer under way, in the order of its begin. */
-typedef struct moving {
-  struct moving *next;
+/* A transfer that is pending, in the order of the begins. */
+typedef struct request {
+  struct request *next;
   int tag;
   int64_t count; /* messages: for each rank its chunks sent, then its chunks received */
   struct piece {
@@ -86,31 +87,31 @@ typedef struct moving {
   } *pieces;
   int64_t left; /* pieces that aren't over */
   bool done;
-} moving;
+} request;
 
 typedef struct mpi_transport {
   pags_transport base;
   const pags_mpi *mpi;
   double watchdog;
   char library[128];
-  pthread_t messenger;
+  pthread_t progress;
   peer *peers;
   int64_t number; /* of the next transfer */
 
   pthread_mutex_t lock; /* guards what follows */
   pthread_cond_t changed;
-  moving *begun; /* not yet the messenger's, last first */
-  news own;
-  bool started, leaving, over; /* over: the messenger has ended MPI */
+  request *submitted; /* not yet seen by the progress thread, last first */
+  heartbeat own;
+  bool started, leaving, over; /* over: the progress thread has ended MPI */
   bool failed;                 /* to be aborted */
   int silent;                  /* the rank that was given up; -1: none */
-  bool gave_up;                /* this rank has failed by itself, and speaks for all */
-  char broken[1024];           /* why nothing works any more; "": all is well */
+  bool gave_up;                /* this rank failed first, and reports the failure */
+  char broken[1024];           /* why calls fail; "": they don't */
 } mpi_transport;
 
-/* ---- The messenger ---- */
+/* ---- The progress thread ---- */
 
-/* Notes the first failure; every call of the rank's own thread then fails. */
+/* Records the first failure; every later call of the rank's own thread fails. */
 static void break_down(mpi_transport *self, int silent, const char *why) {
   pthread_mutex_lock(&self->lock);
   if (!self->broken[0]) {
@@ -132,7 +133,7 @@ static PAGS_PRINTF(3, 4) void lose_rank(mpi_transport *self, int rank, const cha
   break_down(self, rank, text);
 }
 
-static bool start_pieces(mpi_transport *self, moving *work) {
+static bool start_pieces(mpi_transport *self, request *work) {
   bool right = true;
   for (int64_t i = 0; right && i < work->count; i++) {
     struct piece *p = &work->pieces[i];
@@ -145,7 +146,7 @@ static bool start_pieces(mpi_transport *self, moving *work) {
 }
 
 /* Looks at the transfer's messages; true if one of them is newly over. */
-static bool look_at(mpi_transport *self, moving *work) {
+static bool look_at(mpi_transport *self, request *work) {
   const int64_t before = work->left;
   for (int64_t i = 0; i < work->count; i++) {
     struct piece *p = &work->pieces[i];
@@ -169,8 +170,8 @@ static bool look_at(mpi_transport *self, moving *work) {
   return work->left < before;
 }
 
-/* Takes what other ranks tell. */
-static void hear_news(mpi_transport *self, double now) {
+/* Receives the heartbeats of other ranks. */
+static void receive_heartbeats(mpi_transport *self, double now) {
   for (int rank = 0; rank < self->base.ranks; rank++) {
     peer *p = &self->peers[rank];
     int bytes;
@@ -186,7 +187,8 @@ static void hear_news(mpi_transport *self, double now) {
       pthread_mutex_lock(&self->lock);
       p->last = p->received;
       pthread_mutex_unlock(&self->lock);
-      if (!p->received.leaves && !self->mpi->receive(&p->received, sizeof p->received, rank, NEWS_TAG, &p->receive)) {
+      if (!p->received.leaves &&
+          !self->mpi->receive(&p->received, sizeof p->received, rank, HEARTBEAT_TAG, &p->receive)) {
         break_down(self, -1, "MPI takes no more messages");
         return;
       }
@@ -196,8 +198,8 @@ static void hear_news(mpi_transport *self, double now) {
   }
 }
 
-/* Tells this rank's news to all whose last ones are under way no more. Returns whether all know that it leaves. */
-static bool send_news(mpi_transport *self, const news *own) {
+/* Sends a heartbeat to each rank to which none is pending. Returns whether all know that this rank leaves. */
+static bool send_heartbeats(mpi_transport *self, const heartbeat *own) {
   bool known = true;
   for (int rank = 0; rank < self->base.ranks; rank++) {
     peer *p = &self->peers[rank];
@@ -209,7 +211,7 @@ static bool send_news(mpi_transport *self, const news *own) {
       p->sending = false;
     if (!p->sending && !p->said_leaving) {
       p->sent = *own;
-      p->sending = self->mpi->send(&p->sent, sizeof p->sent, rank, NEWS_TAG, &p->send);
+      p->sending = self->mpi->send(&p->sent, sizeof p->sent, rank, HEARTBEAT_TAG, &p->send);
       p->said_leaving = own->leaves != 0;
     }
     known &= p->said_leaving && !p->sending;
@@ -235,15 +237,15 @@ static bool join(mpi_transport *self) {
     peer *p = &self->peers[rank];
     p->heard_ms = pags_clock_ms();
     if (rank != self->base.rank)
-      self->mpi->receive(&p->received, sizeof p->received, rank, NEWS_TAG, &p->receive);
+      self->mpi->receive(&p->received, sizeof p->received, rank, HEARTBEAT_TAG, &p->receive);
   }
   if (!self->peers)
     snprintf(self->broken, sizeof self->broken, "out of memory for %d ranks", self->base.ranks);
   return self->peers != NULL;
 }
 
-/* Bytes that are under way. */
-static int64_t count_bytes(const moving *work) {
+/* Bytes that are pending. */
+static int64_t count_bytes(const request *work) {
   int64_t bytes = 0;
   for (; work; work = work->next)
     for (int64_t i = 0; i < work->count; i++)
@@ -251,67 +253,67 @@ static int64_t count_bytes(const moving *work) {
   return bytes;
 }
 
-/* Between looks at messages: the longer no message has come or gone whole, the longer the sleep; a new transfer ends
- * it. MPI moves a part of a message at each look: for as long as a line of 0.4 Gb/s takes for the bytes under way,
- * looks follow soon, since the line would wait for them. */
-static double choose_sleep(const moving *active, bool busy, double idle_ms) {
+/* Seconds to sleep between two polls: longer, the longer no message has been completed. A new transfer ends the sleep.
+ * MPI moves a part of a message at each poll. Polls follow quickly for as long as a line of 0.4 Gb/s takes for the
+ * pending bytes; otherwise the line would wait for them. */
+static double choose_sleep(const request *active, bool busy, double idle_ms) {
   const double eager = 50e-6, patient = 1e-3, resting = 20e-3, eager_ms = 10, slow_bytes_a_ms = 50e3;
   if (!busy)
     return resting;
   return idle_ms < eager_ms + (double)count_bytes(active) / slow_bytes_a_ms ? eager : patient;
 }
 
-static void *run_messenger(void *argument) {
+static void *run_progress(void *argument) {
   mpi_transport *self = argument;
   pthread_mutex_lock(&self->lock);
   const bool joined = join(self);
   self->started = true;
   pthread_cond_broadcast(&self->changed);
-  moving *active = NULL;
-  double looked_ms = pags_clock_ms(), moved_ms = looked_ms, told_ms = 0;
-  news told = {0};
+  request *active = NULL;
+  double looked_ms = pags_clock_ms(), moved_ms = looked_ms, sent_ms = 0;
+  heartbeat sent = {0};
   while (joined && !self->failed) {
-    /* What the rank's own thread wants. */
-    moving *begun = NULL;
-    for (moving *next; self->begun; self->begun = next) {
-      next = self->begun->next;
-      self->begun->next = begun;
-      begun = self->begun;
+    /* Take new requests of the rank's own thread. */
+    request *pending = NULL;
+    for (request *next; self->submitted; self->submitted = next) {
+      next = self->submitted->next;
+      self->submitted->next = pending;
+      pending = self->submitted;
     }
-    news own = self->own;
+    heartbeat own = self->own;
     own.leaves = self->leaving;
     const bool broken = self->broken[0] != '\0';
     pthread_mutex_unlock(&self->lock);
 
-    /* Time in which this process itself didn't run is no silence of the others. */
+    /* While this process was stopped, the silence of others doesn't count. */
     const double now = pags_clock_ms(), stopped_ms = now - looked_ms;
     for (int rank = 0; stopped_ms > 1000 && rank < self->base.ranks; rank++)
       self->peers[rank].heard_ms += stopped_ms;
     looked_ms = now;
 
-    moving **end = &active;
+    request **end = &active;
     while (*end)
       end = &(*end)->next;
-    *end = begun;
-    bool moved = begun != NULL;
-    for (; begun && !broken; begun = begun->next)
-      if (!start_pieces(self, begun))
+    *end = pending;
+    bool moved = pending != NULL;
+    for (; pending && !broken; pending = pending->next)
+      if (!start_pieces(self, pending))
         break;
-    for (moving *work = active; work && !broken; work = work->next)
+    for (request *work = active; work && !broken; work = work->next)
       moved |= look_at(self, work);
     moved_ms = moved ? now : moved_ms;
     bool known = false;
     if (!broken) {
-      hear_news(self, now);
-      if (own.leaves || now - told_ms >= news_every_ms || memcmp(&own, &told, sizeof own) != 0) {
-        known = send_news(self, &own);
-        told = own;
-        told_ms = now;
+      receive_heartbeats(self, now);
+      if (own.leaves || now - sent_ms >= heartbeat_every_ms || memcmp(&own, &sent, sizeof own) != 0) {
+        known = send_heartbeats(self, &own);
+        sent = own;
+        sent_ms = now;
       }
     }
 
     pthread_mutex_lock(&self->lock);
-    for (moving **at = &active; *at;)
+    for (request **at = &active; *at;)
       if ((*at)->left == 0) {
         (*at)->done = true;
         *at = (*at)->next;
@@ -326,7 +328,7 @@ static void *run_messenger(void *argument) {
       self->over = true;
       break;
     }
-    if (!self->begun && !self->failed)
+    if (!self->submitted && !self->failed)
       pags_port_condition_wait(&self->changed, &self->lock,
                                choose_sleep(active, active != NULL || (own.leaves && !broken), now - moved_ms));
   }
@@ -344,7 +346,7 @@ static int64_t count_chunks(int64_t bytes) {
   return (bytes + CHUNK - 1) / CHUNK;
 }
 
-static void add_pieces(moving *work, char *data, int64_t bytes, int rank, bool receives) {
+static void add_pieces(request *work, char *data, int64_t bytes, int rank, bool receives) {
   for (int64_t at = 0; at < bytes; at += CHUNK)
     work->pieces[work->count++] = (struct piece){
         .data = data + at, .bytes = (int)(bytes - at < CHUNK ? bytes - at : CHUNK), .rank = rank, .receives = receives};
@@ -355,7 +357,7 @@ static pags_result begin(pags_transport *transport, pags_transfer *transfer) {
   int64_t count = 0;
   for (int rank = 0; rank < transfer->ranks; rank++)
     count += count_chunks(transfer->parts[rank].send_bytes) + count_chunks(transfer->parts[rank].receive_bytes);
-  moving *work = calloc(1, sizeof *work);
+  request *work = calloc(1, sizeof *work);
   if (work)
     work->pieces = calloc((size_t)count + 1, sizeof *work->pieces);
   if (!work || !work->pieces) {
@@ -374,8 +376,8 @@ static pags_result begin(pags_transport *transport, pags_transfer *transfer) {
   pthread_mutex_lock(&self->lock);
   const bool broken = self->broken[0] != '\0';
   if (!broken) {
-    work->next = self->begun;
-    self->begun = work;
+    work->next = self->submitted;
+    self->submitted = work;
   }
   pthread_cond_broadcast(&self->changed);
   pthread_mutex_unlock(&self->lock);
@@ -388,14 +390,14 @@ static pags_result begin(pags_transport *transport, pags_transfer *transfer) {
 
 static pags_result finish(pags_transport *transport, pags_transfer *transfer) {
   mpi_transport *self = (mpi_transport *)transport;
-  moving *work = transfer->state;
+  request *work = transfer->state;
   pthread_mutex_lock(&self->lock);
   while (!work->done && !self->broken[0])
     pags_port_condition_wait(&self->changed, &self->lock, 1);
   const bool done = work->done;
   pthread_mutex_unlock(&self->lock);
   if (!done)
-    /* The messenger may still look at it: it stays until the process ends, which is soon. */
+    /* The progress thread may still use it. It is freed by the end of the process, soon. */
     return pags_fail(PAGS_ERROR_IO, "%s", self->broken);
   free(work->pieces);
   free(work);
@@ -414,7 +416,7 @@ static void hear(const pags_transport *transport, int64_t *done, bool *ends_earl
   mpi_transport *self = (mpi_transport *)transport;
   pthread_mutex_lock(&self->lock);
   for (int rank = 0; rank < transport->ranks; rank++) {
-    const news *of = rank == transport->rank ? &self->own : &self->peers[rank].last;
+    const heartbeat *of = rank == transport->rank ? &self->own : &self->peers[rank].last;
     *done += of->done;
     *ends_early |= of->ends_early != 0;
   }
@@ -431,7 +433,7 @@ static void give_up(pags_transport *transport, pags_result result, const char *m
   break_down(self, -1, message);
 }
 
-/* After the loss of a rank the lowest of the others speaks for all. */
+/* After the loss of a rank the lowest other rank reports for all. */
 static bool speaks(const pags_transport *transport) {
   mpi_transport *self = (mpi_transport *)transport;
   pthread_mutex_lock(&self->lock);
@@ -450,7 +452,7 @@ static void free_transport(mpi_transport *self) {
 static void destroy(pags_transport *transport, bool failed) {
   enum { FAILED_CODE = 1 };
   mpi_transport *self = (mpi_transport *)transport;
-  /* Seconds: for mpirun to read what the one who speaks has said, and for that one to say why. */
+  /* Seconds, so that the rank that reports can do so, and mpirun can read it. */
   const double patience = speaks(transport) ? 0.5 : 3;
   pthread_mutex_lock(&self->lock);
   self->leaving = true;
@@ -463,12 +465,13 @@ static void destroy(pags_transport *transport, bool failed) {
       pags_port_condition_wait(&self->changed, &self->lock, left * 1e-3);
     self->failed = true;
     pthread_cond_broadcast(&self->changed);
-    for (double left; (left = until_ms + most_ms - pags_clock_ms()) > 0;) /* the messenger's abort ends the process */
+    for (double left;
+         (left = until_ms + most_ms - pags_clock_ms()) > 0;) /* the progress thread's abort ends the process */
       pags_port_condition_wait(&self->changed, &self->lock, left * 1e-3);
     pags_port_exit_at_once(FAILED_CODE);
   }
   pthread_mutex_unlock(&self->lock);
-  pthread_join(self->messenger, NULL);
+  pthread_join(self->progress, NULL);
   free_transport(self);
 }
 
@@ -487,8 +490,8 @@ pags_result pags_transport_create_mpi(pags_transport **transport) {
                      "started as one of several by mpirun, but MPI can't be loaded: %s; expected pags_mpi.so beside "
                      "the program or in ../lib/pags, and Open MPI (Debian: libopenmpi3) installed",
                      module.reason);
-  /* With more ranks than cores Open MPI gives up its time slice at each look at a message. The messenger sleeps between
-   * its looks: where others compute, too, it would wait for them once more. */
+  /* With more ranks than cores Open MPI yields its time slice at each poll. The progress thread sleeps between polls;
+   * yielding would make it wait once more for other threads that compute. */
   if (!getenv("OMPI_MCA_mpi_yield_when_idle"))
     pags_port_set_environment("OMPI_MCA_mpi_yield_when_idle", "0");
   mpi_transport *self = calloc(1, sizeof *self);
@@ -499,7 +502,7 @@ pags_result pags_transport_create_mpi(pags_transport **transport) {
   pthread_mutex_init(&self->lock, NULL);
   pags_port_condition_create(&self->changed);
   const pags_port_signals signals = pags_port_block_signals(); /* handlers run on the main thread */
-  const bool running = pthread_create(&self->messenger, NULL, run_messenger, self) == 0;
+  const bool running = pthread_create(&self->progress, NULL, run_progress, self) == 0;
   pags_port_restore_signals(&signals);
   if (!running) {
     free_transport(self);

@@ -29,7 +29,7 @@ static bool is_clear(const pags_z_buffer *o, int x, int y) {
   return true;
 }
 
-/* Depth of the first occupied z-buffer cell at or below cell (x, y) in its column; 0 if there is none. */
+/* Depth of the first occupied z-buffer cell at or below cell (x, y) in its column; 0 if no cell is occupied. */
 static double depth_below(const pags_z_buffer *o, int x, int y) {
   for (; y < o->rows; y++)
     if (isfinite(o->depth[(int64_t)y * o->columns + x]))

@@ -20,7 +20,7 @@ pags_result pags_init_extent(const pags_dataset *dataset, const int64_t *views, 
 /* Makes one isotropic Gaussian per point, in Morton order. Its sigma is the root mean square
  * distance of the three nearest neighbours, at most 0.1 times `extent`; it has the point's colour and the
  * opacity init_opacity. Points that are not finite are left out; of more than `most` points every (points / most)th
- * is taken. Of these Gaussians `out` receives the rows [rows[0], rows[1]); NULL: all. */
+ * is taken. `out` receives these rows of them: [rows[0], rows[1]); NULL: all. */
 pags_result pags_init_gaussians(const pags_train_config *config, int64_t points, const float *xyz, const uint8_t *rgb,
                                 int64_t most, double extent, const int64_t *rows, pags_tasks *tasks,
                                 pags_gaussians *out);

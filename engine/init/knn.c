@@ -27,7 +27,7 @@ typedef struct tree {
   float *out;
 } tree;
 
-/* The three smallest squared distances so far, ascending. */
+/* The three smallest squared distances found, ascending. */
 typedef struct nearest {
   float d2[3];
 } nearest;

@@ -230,7 +230,7 @@ typedef enum around {
 } around;
 
 /* Finds the plane nearest to p among those that reach it in its own cell of one size and the six neighbours; `best`
- * receives it, NULL if there is none, and `across` the signed distance. */
+ * receives it, or NULL, and `across` the signed distance. */
 static around plane_of_level(const pags_lidar_planes *self, const float p[3], int level, const pags_lidar_plane **best,
                              float *across) {
   static const int8_t step[7][3] = {{0, 0, 0}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
@@ -257,7 +257,7 @@ static around plane_of_level(const pags_lidar_planes *self, const float p[3], in
   return found;
 }
 
-/* The plane to which p is pulled, of the smallest cells that have one; NULL if there is none or if p's own cell is
+/* The plane to which p is pulled, of the smallest cells that have one; NULL if no cell has one or if p's own cell is
  * rough. */
 static const pags_lidar_plane *finest_plane(const pags_lidar_planes *self, const float p[3], float *across) {
   const pags_lidar_plane *best = NULL;

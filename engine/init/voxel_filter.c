@@ -124,7 +124,7 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
       if (row.owner < 0) {
         key k = key_of(&row, level[i], side);
 
-        /* Hash table with open addressing: indices of the rows kept so far; keys[i] is the voxel of kept row i. */
+        /* Hash table with open addressing: indices of the kept rows; keys[i] is the voxel of kept row i. */
         uint64_t at = hash_of(&k) & mask;
         while (table[at] >= 0 && memcmp(&keys[table[at]], &k, sizeof k) != 0)
           at = (at + 1) & mask;

@@ -355,7 +355,7 @@ static void plane_reach(const pags_adam *adam, const pags_gaussians *g, int plan
   int rows = cluster_rows(adam, cluster, &first);
   range[0] = INFINITY;
   range[1] = -INFINITY;
-  /* If the cluster has had no gradient so far, both moments are 0 and any positive eps will do. */
+  /* If the cluster has had no gradient yet, both moments are 0 and any positive eps will do. */
   int64_t last = adam->moment_step[cluster] > 0 ? adam->moment_step[cluster] : 1;
   adam->kernels->adam_reach(pags_plane(g, plane) + first, pags_plane(&adam->first, plane) + first,
                             pags_plane(&adam->second, plane) + first, rows, (float)weight, epsilon_at(adam, last),

@@ -10,7 +10,7 @@
 
 typedef struct pags_adam6 {
   double first[6], second[6];
-  int64_t count; /* number of gradients so far, for the bias correction of the moments */
+  int64_t count; /* number of gradients to date, for the bias correction of the moments */
 } pags_adam6;
 
 /* Updates the moments with a gradient. `step` receives Adam's direction m / (sqrt v + 1e-15), bias-corrected; the

@@ -70,7 +70,8 @@ static void find_speed(pags_camera_poses *p, const pags_dataset *dataset, int64_
 pags_result pags_camera_poses_create(pags_camera_poses *p, const pags_dataset *dataset) {
   const int64_t count = pags_dataset_view_count(dataset);
   const double *origin = pags_dataset_origin(dataset);
-  *p = (pags_camera_poses){.trial = pags_trial_begin(), .count = count, .alone = pags_dataset_fps(dataset) <= 0.0};
+  *p = (pags_camera_poses){
+      .holdout = pags_holdout_test_begin(), .count = count, .alone = pags_dataset_fps(dataset) <= 0.0};
   p->step_of = calloc((size_t)count, sizeof *p->step_of);
   p->sensor_of = calloc((size_t)count, sizeof *p->sensor_of);
   if (p->step_of && p->sensor_of) {
@@ -107,7 +108,7 @@ void pags_camera_poses_destroy(pags_camera_poses *p) {
   free(p->speeds);
   free(p->places);
   free(p->turns);
-  *p = (pags_camera_poses){.trial = p->trial};
+  *p = (pags_camera_poses){.holdout = p->holdout};
 }
 
 /* Time of a time step: that of its first view. */
@@ -118,7 +119,7 @@ static double time_of(const pags_camera_poses *p, const pags_dataset *dataset, i
   return pags_dataset_view(dataset, i)->camera.time;
 }
 
-/* The correction of a time step; of one without gradients so far, linear in time between the next ones that have
+/* The correction of a time step; of one without gradients yet, linear in time between the next ones that have
  * some, or in a capture none. */
 static void step_value(const pags_camera_poses *p, const pags_dataset *dataset, int64_t step, double out[6]) {
   int64_t before = step, after = step;
@@ -216,7 +217,7 @@ bool pags_camera_poses_update(pags_camera_poses *p, const pags_dataset *dataset,
   double by_step[6], by_sensor[6], by_delay[6] = {0.0}, direction[3][6], begun[6];
   pags_camera_poses_gradient(p, dataset, view, by_world, by_step, by_sensor, by_delay);
 
-  /* A step that is visited for the first time goes on from what lies between its neighbours. */
+  /* A step that is visited for the first time starts from the interpolation of its neighbours. */
   pags_camera_part *rig = &p->items[p->step_of[view]], *own = &p->items[p->steps + p->sensor_of[view]];
   step_value(p, dataset, p->step_of[view], begun);
   if (!pags_adam6_step(&rig->moments, by_step, c, direction[0]) ||

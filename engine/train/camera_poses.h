@@ -6,7 +6,7 @@
  * cameras know nothing of each other, each photograph is a time step of its own, and those that aren't trained on stay
  * as they are.
  *
- * They are on trial first (trial.h). */
+ * They must pass a holdout test (holdout_test.h). */
 #ifndef PAGS_TRAIN_CAMERA_POSES_H
 #define PAGS_TRAIN_CAMERA_POSES_H
 
@@ -15,8 +15,8 @@
 #include <pags/dataset.h>
 
 #include "train/adam6.h"
+#include "train/holdout_test.h"
 #include "train/schedule.h"
-#include "train/trial.h"
 
 typedef struct pags_camera_part {
   double value[6]; /* rotation vector, radians, then translation, metres */
@@ -24,7 +24,7 @@ typedef struct pags_camera_part {
 } pags_camera_part;
 
 typedef struct pags_camera_poses {
-  pags_trial trial;
+  pags_holdout_test holdout;
   int64_t count; /* views of the data set; 0: poses are as recorded */
   bool alone;    /* a capture: each view is a time step, and they have one camera, which isn't corrected */
   int64_t steps, sensors;
@@ -37,9 +37,9 @@ typedef struct pags_camera_poses {
   double (*turns)[9];           /* per camera: its rotation to the world's axes in its first photograph */
 } pags_camera_poses;
 
-/* Starts with corrections of zero, on trial. */
+/* Starts with corrections of zero and a holdout test. */
 pags_result pags_camera_poses_create(pags_camera_poses *poses, const pags_dataset *dataset);
-/* Frees the corrections: the poses are as recorded again. The outcome of the trial stays. */
+/* Frees the corrections: the poses are as recorded again. The result of the test stays. */
 void pags_camera_poses_destroy(pags_camera_poses *poses);
 
 /* Returns a view's camera with its correction. A time step that no photograph has corrected yet, as those that are held

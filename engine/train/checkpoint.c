@@ -216,7 +216,7 @@ static pags_result put_tracks(section_writer *w, const pags_track_poses *tracks)
   return close_section(w);
 }
 
-/* Section KERN: the names of the kernels so far, with this process's, by whether they fuse multiply-add. */
+/* Section KERN: the names of the kernels used, with this process's, by whether they fuse multiply-add. */
 static pags_result put_kernels(section_writer *w, const pags_train_state *s) {
   pags_kernel_names names = s->kernels;
   const pags_kernels *const own = pags_kernels_get(NULL);
@@ -229,12 +229,12 @@ static pags_result put_kernels(section_writer *w, const pags_train_state *s) {
 
 /* The begin of sections CAMS and LITE; the parts follow. */
 typedef struct cameras_record {
-  pags_trial trial;
+  pags_holdout_test holdout;
   int64_t items;
 } cameras_record;
 
 static pags_result put_cameras(section_writer *w, const pags_camera_poses *p) {
-  const cameras_record record = {p->trial, pags_camera_poses_items(p)};
+  const cameras_record record = {p->holdout, pags_camera_poses_items(p)};
   PAGS_TRY(open_section(w, "CAMS", sizeof record + (size_t)pags_camera_poses_items(p) * sizeof *p->items));
   PAGS_TRY(put(w, &record, sizeof record));
   PAGS_TRY(put(w, p->items, (size_t)pags_camera_poses_items(p) * sizeof *p->items));
@@ -242,7 +242,7 @@ static pags_result put_cameras(section_writer *w, const pags_camera_poses *p) {
 }
 
 static pags_result put_photometry(section_writer *w, const pags_photometry *p) {
-  const cameras_record record = {p->trial, p->count};
+  const cameras_record record = {p->holdout, p->count};
   PAGS_TRY(open_section(w, "LITE", sizeof record + (size_t)p->count * sizeof *p->parts));
   PAGS_TRY(put(w, &record, sizeof record));
   PAGS_TRY(put(w, p->parts, (size_t)p->count * sizeof *p->parts));
@@ -336,9 +336,9 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
   PAGS_TRY(put_tracks(w, &s->tracks));
   PAGS_TRY(put_sky(w, &s->sky));
   PAGS_TRY(put_whole(w, "EXPO", s->exposures.items, exposure_bytes(&s->exposures)));
-  if (s->cameras.trial.state != PAGS_TRIAL_NONE)
+  if (s->cameras.holdout.state != PAGS_HOLDOUT_NONE)
     PAGS_TRY(put_cameras(w, &s->cameras));
-  if (s->photometry.trial.state != PAGS_TRIAL_NONE)
+  if (s->photometry.holdout.state != PAGS_HOLDOUT_NONE)
     PAGS_TRY(put_photometry(w, &s->photometry));
   if (s->nonfinite.count > 0)
     PAGS_TRY(
@@ -462,7 +462,7 @@ static bool is_sound_run(const run_record *r, const pags_dataset *dataset, const
 }
 
 /* Checks a model's record. Models are stored in rising order of their object number, the background (-1) first;
- * `before` is the object number of the model before this one, -2 if there is none. */
+ * `before` is the object number of the model before this one, -2: this is the first. */
 static bool is_sound_model(const model_record *m, const pags_train_config *config, int64_t before, int64_t objects) {
   int in_order = before == -2 ? m->object == -1 : m->object > before;
   return in_order && m->object < objects && m->count >= 0 && m->count <= INT32_MAX - 64 &&
@@ -601,15 +601,15 @@ static pags_result get_exposures(section_reader *r, const run_record *run, const
   return PAGS_OK;
 }
 
-/* Finds a section about what is on trial (trial.h); *fitted: its values follow the record. */
-static pags_result next_trial(section_reader *r, const char *tag, const pags_dataset *dataset, const uint8_t **payload,
-                              uint64_t *size, cameras_record *record, bool *fitted) {
+/* Finds a section about a holdout test (holdout_test.h); *fitted: its values follow the record. */
+static pags_result next_holdout_test(section_reader *r, const char *tag, const pags_dataset *dataset,
+                                     const uint8_t **payload, uint64_t *size, cameras_record *record, bool *fitted) {
   PAGS_TRY(next(r, tag, payload, size));
   if (*size < sizeof *record)
     return out_of_range(r, tag);
   memcpy(record, *payload, sizeof *record);
-  *fitted = record->trial.state == PAGS_TRIAL_RUNS || record->trial.state == PAGS_TRIAL_PAID;
-  return dataset && (*fitted || record->trial.state == PAGS_TRIAL_FAILED) ? PAGS_OK : out_of_range(r, tag);
+  *fitted = record->holdout.state == PAGS_HOLDOUT_RUNNING || record->holdout.state == PAGS_HOLDOUT_PASSED;
+  return dataset && (*fitted || record->holdout.state == PAGS_HOLDOUT_FAILED) ? PAGS_OK : out_of_range(r, tag);
 }
 
 static pags_result get_cameras(section_reader *r, const pags_dataset *dataset, pags_camera_poses *p) {
@@ -617,7 +617,7 @@ static pags_result get_cameras(section_reader *r, const pags_dataset *dataset, p
   uint64_t size = 0;
   cameras_record record;
   bool fitted = false;
-  PAGS_TRY(next_trial(r, "CAMS", dataset, &payload, &size, &record, &fitted));
+  PAGS_TRY(next_holdout_test(r, "CAMS", dataset, &payload, &size, &record, &fitted));
   if (fitted)
     PAGS_TRY(pags_camera_poses_create(p, dataset));
   if (record.items != pags_camera_poses_items(p) ||
@@ -629,7 +629,7 @@ static pags_result get_cameras(section_reader *r, const pags_dataset *dataset, p
     for (int k = 0; k < 6; k++)
       if (!isfinite(p->items[i].value[k]) || p->items[i].moments.count < 0)
         return out_of_range(r, "CAMS");
-  p->trial = record.trial;
+  p->holdout = record.holdout;
   return PAGS_OK;
 }
 
@@ -638,7 +638,7 @@ static pags_result get_photometry(section_reader *r, const pags_dataset *dataset
   uint64_t size = 0;
   cameras_record record;
   bool fitted = false;
-  PAGS_TRY(next_trial(r, "LITE", dataset, &payload, &size, &record, &fitted));
+  PAGS_TRY(next_holdout_test(r, "LITE", dataset, &payload, &size, &record, &fitted));
   if (fitted)
     PAGS_TRY(pags_photometry_create(p, dataset));
   if (record.items != p->count || size != sizeof record + (size_t)p->count * sizeof *p->parts)
@@ -650,7 +650,7 @@ static pags_result get_photometry(section_reader *r, const pags_dataset *dataset
     if (!pags_photometric_is_valid(&light) || p->parts[s].by_vignette.count < 0 || p->parts[s].by_slopes.count < 0)
       return out_of_range(r, "LITE");
   }
-  p->trial = record.trial;
+  p->holdout = record.holdout;
   return PAGS_OK;
 }
 

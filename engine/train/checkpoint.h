@@ -19,7 +19,7 @@
 
 #include "train/state.h"
 
-/* Writes the checkpoint to a temporary file beside `path`, then renames it. `fingerprint` identifies the data set's
+/* Writes the checkpoint to a temporary file next to `path`, then renames it. `fingerprint` identifies the data set's
  * views. */
 pags_result pags_checkpoint_save(const char *path, const pags_train_state *state, uint64_t fingerprint);
 /* Collective: the same of a run that several ranks share. Each writes its rows to its own `path`, rank 0 the sky as

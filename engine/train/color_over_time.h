@@ -7,7 +7,7 @@ struct pags_trainer;
 
 #include <pags/base.h>
 
-/* Renders every training view with the Gaussians trained so far and estimates, per moving object, how much of its
+/* Renders every training view with the current Gaussians and estimates, per moving object, how much of its
  * error a colour that varies over the track as five Fourier terms would remove: the mean error of the object's pixels
  * at each time step is fitted by least squares. Objects for which the fit promises at least fourier_gain dB get the
  * Fourier terms, all zero. No model may have pending Adam steps. */

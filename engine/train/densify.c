@@ -3,7 +3,7 @@
  *
  * The statistic is the norm of the gradient by a Gaussian's projected mean, in NDC, averaged over the views in which
  * the Gaussian was drawn. Where it is large, the Gaussian covers too much or too little: a large one is split into
- * two samples of itself with smaller sigmas, a small one is cloned in place (the two then drift apart by the
+ * two samples of itself with smaller sigmas, a small one is cloned in place (the two then separate by the
  * optimiser's noise). Gaussians that have become transparent are pruned, and, once opacities have been reset, those
  * that have become too large. If the limit on Gaussians leaves no room for all clones and splits, those with the
  * largest gradients are done, ties by row. */

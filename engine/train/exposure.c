@@ -50,7 +50,7 @@ void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *d
     value[k] = exposures->items[view].value[k] + camera->value[k];
 }
 
-/* Returns the nearest training view before (`step` -1) or after (1) a view; the view itself if there is none. */
+/* Returns the nearest training view before (`step` -1) or after (1) a view; the view itself if no such view exists. */
 static int64_t nearest_trained(const pags_dataset *dataset, int64_t view, int step) {
   const int64_t count = pags_dataset_view_count(dataset);
   int64_t i = view + step;

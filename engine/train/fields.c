@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The table of the training configuration's fields. Defaults, range checks, --set, --fields, the help of `pags
  * train`, checkpoints, scene.json and the documentation page of the command line are all derived from it. A row
- * without range, unit and text doesn't compile. Units are words of the field; "1" stands for a number without a unit.
- * Texts are in the imperative: the help of a flag --no-NAME is "don't" and the text. */
+ * without range, unit and text doesn't compile. Units are words of the field; "1" is a number without a unit.
+ * The text of a switch is an imperative sentence: the help of a flag --no-NAME is "Don't" and the text. */
 #include "train/fields.h"
 
 #include "train/schedule.h"

@@ -97,7 +97,7 @@ static double mean_square(const fit *f, const pags_picture *picture, int first, 
   return counted > 0 ? sum / (3.0 * (double)counted) : (double)NAN;
 }
 
-/* Mean depth of what is drawn; 1 where nothing is. */
+/* Mean depth of the drawn pixels; 1 if nothing is drawn. */
 static double mean_depth(const pags_picture *picture) {
   double depth = 0.0, weight = 0.0;
   for (int y = 0; y < picture->height; y++)

@@ -11,7 +11,7 @@ typedef struct pags_gradient_store {
   int64_t clusters, floats;
 } pags_gradient_store;
 
-/* Makes room for so many clusters and floats each; what was kept is lost where the store grows. PAGS_ERROR_MEMORY. */
+/* Makes room for `clusters` of `floats` each; the contents are lost if the store grows. PAGS_ERROR_MEMORY. */
 pags_result pags_gradient_store_reserve(pags_gradient_store *store, int64_t clusters, int64_t floats);
 void pags_gradient_store_destroy(pags_gradient_store *store);
 

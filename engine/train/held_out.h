@@ -16,7 +16,7 @@ typedef struct pags_measured_view {
 /* Collective: measures the views, which are the same at all ranks. Errors of photographs. */
 pags_result pags_held_out_views(pags_trainer *trainer, pags_measured_view *views, int count);
 
-/* Collective: measures the held-out views that stand for all of them, at most PAGS_HELD_OUT_VIEWS spread evenly over
+/* Collective: measures a sample of the held-out views, at most PAGS_HELD_OUT_VIEWS spread evenly over
  * the data set: trainer->held_out. Does nothing where none is held out. Errors of photographs. */
 pags_result pags_held_out_measure(pags_trainer *trainer);
 

@@ -56,15 +56,15 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
   pags_json_end_object(w);
 }
 
-/* Why something that was on trial is modelled or not, and what it brought. */
-static void put_trial(pags_json_writer *w, const pags_trial *trial) {
+/* Whether something passed its holdout test, and its gain. */
+static void put_holdout_test(pags_json_writer *w, const pags_holdout_test *test) {
   pags_json_put_string(w, "why",
-                       trial->state == PAGS_TRIAL_RUNS   ? "on trial"
-                       : trial->state == PAGS_TRIAL_PAID ? "photographs kept out are drawn better"
-                                                         : "photographs kept out are not drawn better");
-  if (isfinite(trial->gain)) {
-    pags_json_put_number(w, "gain_db", trial->gain);
-    pags_json_put_number(w, "standard_error_db", trial->uncertain);
+                       test->state == PAGS_HOLDOUT_RUNNING  ? "the holdout test is running"
+                       : test->state == PAGS_HOLDOUT_PASSED ? "photographs kept out are drawn better"
+                                                            : "photographs kept out are not drawn better");
+  if (isfinite(test->gain)) {
+    pags_json_put_number(w, "gain_db", test->gain);
+    pags_json_put_number(w, "standard_error_db", test->uncertain);
   }
 }
 
@@ -72,11 +72,11 @@ static void put_trial(pags_json_writer *w, const pags_trial *trial) {
 static void put_cameras(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
   const pags_camera_poses *p = &s->cameras;
   double metres = 0.0, radians = 0.0;
-  if (p->trial.state == PAGS_TRIAL_NONE)
+  if (p->holdout.state == PAGS_HOLDOUT_NONE)
     return;
   pags_json_begin_object(w, "camera_poses");
   pags_json_put_bool(w, "corrected", p->count > 0);
-  put_trial(w, &p->trial);
+  put_holdout_test(w, &p->holdout);
   for (int64_t i = 0; i < p->count; i++) {
     const pags_camera camera = pags_camera_poses_view(p, dataset, i);
     double inverse[12], motion[12], turn[3];
@@ -130,10 +130,10 @@ static void put_drive(pags_json_writer *w, const pags_dataset *dataset, const pa
   put_sky(w, s);
   pags_json_put_bool(w, "exposure", s->exposures.count > 0);
   put_cameras(w, dataset, s);
-  if (s->photometry.trial.state != PAGS_TRIAL_NONE) {
+  if (s->photometry.holdout.state != PAGS_HOLDOUT_NONE) {
     pags_json_begin_object(w, "light");
     pags_json_put_bool(w, "fitted", s->photometry.count > 0);
-    put_trial(w, &s->photometry.trial);
+    put_holdout_test(w, &s->photometry.holdout);
     pags_json_end_object(w);
   }
   pags_json_put_bool(w, "track_optimisation", s->schedule.config.objects.tracks);

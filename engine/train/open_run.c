@@ -19,7 +19,7 @@
 #include "train/other_views.h"
 #include "train/score_pass.h"
 #include "train/shards.h"
-#include "train/whole.h"
+#include "train/shared_parts.h"
 
 /* Upper bound, metres, of the extent of the background of a driving set. */
 static const double most_extent = 20;
@@ -136,7 +136,7 @@ static pags_result start_static(pags_trainer *t, const pags_train_config *config
         "%s: light is left out: it is for the rigs of driving sets, whose cameras are the same in all time "
         "steps",
         pags_dataset_path(t->dataset));
-  if (config->cameras.camera_poses && t->ranks > 1) /* their trial draws the whole scene again and again */
+  if (config->cameras.camera_poses && t->ranks > 1) /* their holdout test draws the whole scene repeatedly */
     pags_log_message(PAGS_LOG_WARNING,
                      "%s: camera_poses is left out: a capture's poses are corrected by one process, not by %d ranks",
                      pags_dataset_path(t->dataset), t->ranks);
@@ -252,7 +252,7 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
     PAGS_TRY(pags_camera_poses_create(&s->cameras, t->dataset));
   if (config->cameras.light)
     PAGS_TRY(pags_photometry_create(&s->photometry, t->dataset));
-  PAGS_TRY(pags_whole_take(t->dataset, true, s));
+  PAGS_TRY(pags_shared_parts_load(t->dataset, true, s));
   pags_log_message(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
                    (long long)s->models[0].total, (long long)(pags_state_gaussian_count(s) - s->models[0].total),
                    (long long)s->model_count - 1, s->sky.sky.size > 0 ? "modelled" : "not seen");
@@ -261,7 +261,7 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
 
 /* ---- Starting and resuming ---- */
 
-/* Makes sure that the Gaussians have a semantic priority S_sem exactly if the data set has labels that say what is
+/* Makes sure that the Gaussians have a semantic priority S_sem exactly if the data set has labels of what is
  * critical. */
 static pags_result set_priorities(const pags_trainer *t, pags_gaussians *g) {
   if (pags_score_pass_has_labels(t->dataset))
@@ -338,7 +338,7 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   if (field)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "%s: was begun with another %s; pass the same, or --overwrite to begin afresh", path, field);
-  PAGS_TRY(pags_whole_take(t->dataset, false, s));
+  PAGS_TRY(pags_shared_parts_load(t->dataset, false, s));
   const int64_t batch = s->schedule.batch, stop = pags_schedule_steps(&s->schedule, config->schedule.iterations);
   if (s->step < (s->clocked ? s->stop : stop))
     compare_kernels(path, &s->kernels);

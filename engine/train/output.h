@@ -39,7 +39,7 @@ typedef struct pags_log_entry {
   double loss, psnr;                               /* running means over about one pass through the training views */
   double step_loss, step_l1, step_ssim, step_psnr; /* of the step's view alone */
   pags_driving_losses terms;                       /* of the step's view alone, times their weights in the loss */
-  int64_t bad_rows; /* Gaussians' updates left out for a number that isn't finite, in the run so far */
+  int64_t bad_rows; /* Gaussians' updates left out for a number that isn't finite, in the whole run */
 } pags_log_entry;
 pags_result pags_output_log(pags_output *output, const pags_log_entry *entry);
 typedef struct pags_density_change { /* sums over all models */
@@ -51,7 +51,7 @@ pags_result pags_output_log_density(pags_output *output, int64_t step, const pag
                                     int64_t gaussians);
 pags_result pags_output_log_prune(pags_output *output, int64_t step, int64_t pruned, int64_t gaussians);
 
-/* Writes preview_STEP.png: the rendered picture beside its photograph. */
+/* Writes preview_STEP.png: the rendered picture next to its photograph. */
 pags_result pags_output_preview(const pags_output *output, int64_t step, const pags_picture *picture,
                                 const pags_photo *photo);
 
@@ -59,10 +59,10 @@ pags_result pags_output_preview(const pags_output *output, int64_t step, const p
  * gets one PLY for each SH degree that its Gaussians need, and an object's PLY has the highest degree that one of its
  * Gaussians needs. */
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state);
-/* Lists the data set's views in scene->views, which the caller frees, with the exposures found so far, and sets the
+/* Lists the data set's views in scene->views, which the caller frees, with the current exposures, and sets the
  * scene's span of time. */
 pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene);
-/* The scene of a run as it stands, which borrows the run's Gaussians, and its clusters by model. */
+/* The current scene of a run, which borrows the run's Gaussians, and its clusters by model. */
 typedef struct pags_described pags_described;
 pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, pags_described **out);
 const pags_scene *pags_described_scene(const pags_described *described);

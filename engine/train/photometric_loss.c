@@ -103,7 +103,7 @@ static void add_up(const loss_job *job, int64_t counted, pags_photometric_loss *
   }
 }
 
-/* So many rows that each worker gets a band of one channel, within the limits. */
+/* The number of rows with which each worker gets a band of one channel, within the limits. */
 static int rows_of_band(int height, int workers) {
   const int bands = workers / 3 > 1 ? workers / 3 : 1, rows = (height + bands - 1) / bands;
   return rows < LEAST_ROWS ? LEAST_ROWS : rows > MOST_ROWS ? MOST_ROWS : rows;

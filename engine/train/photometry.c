@@ -31,7 +31,7 @@ static void find_shares(const pags_camera *camera, double share[RINGS]) {
 }
 
 pags_result pags_photometry_create(pags_photometry *p, const pags_dataset *dataset) {
-  *p = (pags_photometry){.trial = pags_trial_begin()};
+  *p = (pags_photometry){.holdout = pags_holdout_test_begin()};
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const int64_t number = pags_dataset_view(dataset, i)->sensor;
     p->count = number >= p->count ? number + 1 : p->count;
@@ -49,7 +49,7 @@ pags_result pags_photometry_create(pags_photometry *p, const pags_dataset *datas
 
 void pags_photometry_destroy(pags_photometry *p) {
   free(p->parts);
-  *p = (pags_photometry){.trial = p->trial};
+  *p = (pags_photometry){.holdout = p->holdout};
 }
 
 /* Shares w of the curve's pieces. */

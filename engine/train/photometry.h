@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Vignette and response curve of each camera of the rig (pags/photometric.h), found in training beside the exposures.
+/* Vignette and response curve of each camera of the rig (pags/photometric.h), optimised together with the exposures.
  * The scene keeps its colours: a vignette has mean 1 over the picture, the logarithms of the curves' slopes have mean 0
- * over the cameras, and a rig of one camera has a straight curve. They are on trial first (trial.h). */
+ * over the cameras, and a rig of one camera has a straight curve. They must pass a holdout test (holdout_test.h). */
 #ifndef PAGS_TRAIN_PHOTOMETRY_H
 #define PAGS_TRAIN_PHOTOMETRY_H
 
@@ -12,8 +12,8 @@
 #include <pags/photometric.h>
 
 #include "train/adam6.h"
+#include "train/holdout_test.h"
 #include "train/schedule.h"
-#include "train/trial.h"
 
 typedef struct pags_photometry_part {
   double vignette[PAGS_VIGNETTING_RINGS];
@@ -23,7 +23,7 @@ typedef struct pags_photometry_part {
 } pags_photometry_part;
 
 typedef struct pags_photometry {
-  pags_trial trial;
+  pags_holdout_test holdout;
   int64_t count;               /* cameras of the rig, in the order of their numbers; 0: not modelled */
   pags_photometry_part *parts; /* by the camera's number */
 } pags_photometry;
@@ -34,10 +34,10 @@ typedef struct pags_photometric_gradient {
 } pags_photometric_gradient;
 
 pags_result pags_photometry_create(pags_photometry *photometry, const pags_dataset *dataset);
-/* Frees the parts; the outcome of the trial stays. */
+/* Frees the parts; the result of the test stays. */
 void pags_photometry_destroy(pags_photometry *photometry);
 
-/* The light of a camera, plain if there is none. */
+/* The light of a camera, neutral if it has none. */
 pags_photometric pags_photometry_of_sensor(const pags_photometry *photometry, int sensor);
 
 /* Writes what the camera makes of the picture to the planes out[c], as large as the picture's. PAGS_CANCELLED. */

@@ -60,7 +60,7 @@ static pags_result lowest_of_first(pags_transport *transport, const pags_spread_
   if (!all)
     return pags_out_of_memory("the numbers of %d ranks", pags_transport_ranks(transport));
   const pags_result result = pags_share_all(transport, &mine, sizeof mine, all);
-  int64_t carried = -1; /* the lowest position of the last value so far */
+  int64_t carried = -1; /* the lowest position of the current value */
   uint64_t value = 0;
   for (int r = 0; result == PAGS_OK && r <= pags_transport_rank(transport); r++) {
     if (all[r].count == 0)

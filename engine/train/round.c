@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws views that aren't a step's; see round.h. */
+/* Draws views outside of a step; see round.h. */
 #include "train/round.h"
 
 /* Splats that one frame projects and another draws need what the backward pass needs. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A round of views that aren't a step's: one process draws one view, several ranks one each (shared_views.h). The
+/* A round of views: a process alone draws one view, several ranks one each (shared_views.h). The
  * views are those of trainer->round[0 .. count), of which `view` and `camera` are set. */
 #ifndef PAGS_TRAIN_ROUND_H
 #define PAGS_TRAIN_ROUND_H

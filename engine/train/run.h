@@ -17,7 +17,7 @@
 
 /* What the photographs of a step leave until its end, in their order. */
 typedef struct pags_step_rest {
-  int64_t count; /* photographs so far */
+  int64_t count; /* photographs drawn */
   struct {
     int64_t view;
     double by_exposure[6];

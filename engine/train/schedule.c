@@ -29,7 +29,7 @@ static int64_t at_least(int64_t value, int64_t least) {
   return value < least ? least : value;
 }
 
-/* Sets the steps of the prunes by score and their rates. Early ones, while densify goes on, are moved to the next
+/* Sets the steps of the prunes by score and their rates. Early ones, during densification, are moved to the next
  * densify step, so that no densify follows them closely. */
 static void set_prunes(pags_schedule *s) {
   const pags_train_priority *p = &s->config.priority;

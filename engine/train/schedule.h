@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Says what happens at which step of a run: learning rates, SH degree, resolution, densify, reset, prune, the order
+/* Maps the steps of a run to events: learning rates, SH degree, resolution, densify, reset, prune, the order
  * of views. All are pure functions of (configuration, extent, number of training views, step). */
 #ifndef PAGS_TRAIN_SCHEDULE_H
 #define PAGS_TRAIN_SCHEDULE_H
@@ -59,13 +59,13 @@ typedef struct pags_schedule {
   int64_t quarter_until, half_until;
   int64_t tracks_from, fourier_from, object_term_from;
   int prunes;
-  int64_t prune_step[PAGS_MOST_PRUNES]; /* rising; while densify goes on, multiples of densify_every */
+  int64_t prune_step[PAGS_MOST_PRUNES]; /* rising; during densification, multiples of densify_every */
   double prune_rate[PAGS_MOST_PRUNES];  /* the share of Gaussians that each prune removes */
 } pags_schedule;
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views);
 
-/* The number of steps that see so many photographs, rounded up. */
+/* The number of steps that see `photographs` photographs, rounded up. */
 int64_t pags_schedule_steps(const pags_schedule *schedule, int64_t photographs);
 
 /* What all rates but those of positions are multiplied by at a step: 1 to rate_fall, times rate_factor. */

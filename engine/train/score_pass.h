@@ -26,7 +26,7 @@ typedef struct pags_score_pass {
 pags_result pags_score_pass_measure(pags_trainer *trainer, int rough, pags_score_pass *out);
 void pags_score_pass_destroy(pags_score_pass *scores); /* a zeroed struct is allowed */
 
-/* Returns whether the data set has any labels that say what is critical. */
+/* Returns whether the data set has any labels of critical classes. */
 bool pags_score_pass_has_labels(const pags_dataset *dataset);
 
 /* Sets S_sem of all rows that were seen. Does nothing if the data set has no labels, or if the configuration keeps

@@ -2,7 +2,7 @@
 /* Trims spherical harmonics that no training view needs, to make the finished scene smaller.
  *
  * Each Gaussian keeps the lowest SH degree at which its colour changes by at most `error`, in every direction from
- * which a training view can see it. What the removed terms have in common over these directions (the middle of their
+ * which a training view can see it. The common part of the removed terms over these directions (the middle of their
  * range, channel by channel) is added to the constant term. A pixel is a sum of colours whose weights add up to at
  * most 1, so no pixel of a training view changes by more than `error`. */
 #ifndef PAGS_TRAIN_SH_TRIM_H

@@ -34,7 +34,7 @@ static int64_t generation_of(const char *file, const char *name, bool *part) {
   return *part || (digits > 0 && end[1 + digits] == '\0') ? generation : 0;
 }
 
-/* Finds the newest generation of which a shard lies beside `path` and removes those of others than `keep`; keep < 0:
+/* Finds the newest generation of which a shard lies next to `path` and removes those of others than `keep`; keep < 0:
  * all stay. A shard that can't be removed stays. */
 static pags_result look_through(const char *path, int64_t keep, int64_t *newest) {
   pags_dir_list list;

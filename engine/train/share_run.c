@@ -9,8 +9,7 @@
 
 pags_result pags_share_run_check(const pags_train_options *options) {
   if (options->estimate && pags_transport_ranks(options->transport) > 1)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                     "an estimate can't be shared out to several ranks; ask for it in one process");
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "--estimate requires one process; it can't be shared between ranks");
   return PAGS_OK;
 }
 

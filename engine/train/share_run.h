@@ -9,7 +9,7 @@
 pags_result pags_share_run_check(const pags_train_options *options);
 /* Collective: begins to share. Every rank has its share of all models alone, as pags_shares_cut cuts it. */
 pags_result pags_share_run_begin(pags_trainer *trainer);
-/* Collective, when nothing more is drawn: brings the Gaussians to rank 0, which goes on to write the scene. */
+/* Collective, when nothing more is drawn: brings the Gaussians to rank 0, which then writes the scene. */
 pags_result pags_share_run_end(pags_trainer *trainer);
 void pags_share_run_destroy(pags_trainer *trainer); /* a zeroed one is allowed */
 /* Collective, after a step: *stop if one of the ranks wants to stop, *save if rank 0 wants a checkpoint; fails if one

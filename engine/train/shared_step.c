@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Brings together what the ranks know of a step; see shared_step.h. */
+/* Shares the results of a step between ranks; see shared_step.h. */
 #include "train/shared_step.h"
 
 #include <stdlib.h>
@@ -64,7 +64,7 @@ static pags_result share_poses(pags_trainer *t) {
   return result;
 }
 
-/* Adds up what the Gaussians of all ranks say about the camera of each photograph. */
+/* Adds up the gradients by the camera of each photograph over the Gaussians of all ranks. */
 static pags_result share_cameras(pags_trainer *t) {
   pags_step_rest *const r = &t->rest;
   const int ranks = t->shared.ranks;
@@ -95,7 +95,7 @@ pags_result pags_shared_step_nonfinite(pags_trainer *t) {
   pags_nonfinite *const n = &t->state.nonfinite;
   left_out mine, *const all = calloc((size_t)t->shared.ranks, sizeof *all);
   if (!all)
-    return pags_out_of_memory("what was left out of a step");
+    return pags_out_of_memory("skipped updates of a step");
   memset(&mine, 0, sizeof mine);
   mine.count = n->count - t->shared_nonfinite;
   mine.first = n->first;

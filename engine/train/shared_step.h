@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What all ranks must know of a step that they share: losses of photographs that others have drawn, gradients of poses
- * whose objects others own, of the cameras' poses and light, updates that were left out. Tracks, exposures, cameras and
+/* Results of a step that all ranks share: losses of photographs drawn by others, gradients of poses of objects owned by
+ * others, of camera poses and photometric calibration, and skipped updates. Tracks, exposures, cameras and
  * the sky are the same at every rank, which updates them from the same numbers. */
 #ifndef PAGS_TRAIN_SHARED_STEP_H
 #define PAGS_TRAIN_SHARED_STEP_H

@@ -158,12 +158,12 @@ pags_result pags_shared_views_scores(pags_shared_views *shared, pags_frame *fram
 
 /* ---- The way back ---- */
 
-/* Items of a view, of so many bytes each, that come back to this rank; all of them, or those of objects. */
+/* Items of a view, of `size` bytes each, that come back to this rank; all of them, or those of objects. */
 static int64_t returned_count(const pags_shared_views *shared, int view, bool objects) {
   return shared->sent[view] - (objects ? shared->sent_before[view] : 0);
 }
 
-/* Items of so many bytes each; `drawn`: NULL: all views of the round. */
+/* Items of `size` bytes each; `drawn`: NULL: all views of the round. */
 static pags_result give_back(pags_shared_views *shared, bool objects, const uint8_t *drawn, int64_t bytes) {
   pags_buffer *const own = objects ? &shared->object_splats : &shared->splats;
   pags_buffer *const returned = objects ? &shared->object_sums : &shared->sending;

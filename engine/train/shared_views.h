@@ -47,7 +47,7 @@ void pags_shared_views_begin(pags_shared_views *shared, int count);
 pags_result pags_shared_views_project(pags_shared_views *shared, int view, pags_frame *lender, const pags_part *parts,
                                       int part_count, const pags_camera *camera, const pags_frame_options *options,
                                       pags_touch_fn *touch, void *user);
-/* Collective: sends all splats to the ranks that draw them. `mine`: how this rank has fared so far; all ranks fail if
+/* Collective: sends all splats to the ranks that draw them. `mine`: the result of this rank; all ranks fail if
  * one has. */
 pags_result pags_shared_views_send(pags_shared_views *shared, pags_result mine);
 
@@ -55,7 +55,7 @@ bool pags_shared_views_draws(const pags_shared_views *shared); /* whether this r
 /* Draws the own view, or, with `objects`, only what isn't of the background. */
 pags_result pags_shared_views_draw(pags_shared_views *shared, pags_frame *frame, bool objects, float alpha_min,
                                    const pags_camera *camera, const pags_frame_options *options, pags_picture *out);
-/* Takes the sums of what was drawn. */
+/* Sums the gradients of the drawn splats. */
 pags_result pags_shared_views_sums(pags_shared_views *shared, pags_frame *frame, bool objects,
                                    const pags_picture_gradient *gradient);
 pags_result pags_shared_views_scores(pags_shared_views *shared, pags_frame *frame, const pags_score_planes *planes);

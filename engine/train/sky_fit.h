@@ -18,12 +18,12 @@ struct pags_kernels;
 typedef struct pags_sky_fit {
   const struct pags_kernels *kernels;
   pags_sky sky; /* size 0: the scene has no sky */
-  bool fixed;   /* it is another scene's and stays as it is (whole.h) */
+  bool fixed;   /* it is another scene's and stays as it is (shared_parts.h) */
   /* Each rank has all texels; of every ranks-th block of them, from block number `rank` on, it has the following as
    * well, and updates them. ranks 0: not shared, all blocks. */
   int rank, ranks;
   float *first, *second; /* Adam's moments, as the texels; a texel's change only with a gradient */
-  uint16_t *visits; /* per texel: number of gradients so far, at most 65535, for the bias correction of the moments */
+  uint16_t *visits; /* per texel: number of gradients to date, at most 65535, for the bias correction of the moments */
   pags_gradient_store sum;  /* of the step's photographs, where it has several: per block of texels */
   float (*correction)[2];   /* bias corrections by number of visits, made at the first step; not in the checkpoint */
   int64_t step;             /* the current one */

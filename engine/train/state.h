@@ -37,7 +37,7 @@ typedef struct pags_train_state {
   pags_exposures exposures;   /* count 0: exposure isn't modelled */
   pags_camera_poses cameras;  /* count 0: poses are as recorded */
   pags_photometry photometry; /* count 0: no vignettes and response curves */
-  pags_nonfinite nonfinite;   /* updates left out so far for a number that isn't finite */
+  pags_nonfinite nonfinite;   /* updates skipped because a number wasn't finite */
   pags_kernel_names kernels;  /* of the processes before this one */
 } pags_train_state;
 

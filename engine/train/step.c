@@ -7,7 +7,7 @@
  * taken in a fixed order.
  *
  * A step of several photographs (a batch) sees all of them with the same parameters. Their gradients by Gaussians and
- * sky are added up in the order of the photographs, and one Adam step follows by the mean. Each photograph by itself
+ * sky are added up in the order of the photographs, and one Adam step follows by the mean. Each photograph separately
  * counts for densify's statistics, dropout, the object opacity term, and one Adam step of the poses and exposures that
  * it shows, in their order. So the bits of a run depend on the size of a batch, not on who computes which photograph.
  */
@@ -28,8 +28,8 @@
 #include "train/shared_step.h"
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
-/* The object opacity term is evaluated for one of so many photographs: its picture changes slowly, and it costs a tenth
- * of a step. */
+/* The object opacity term is evaluated for one of OBJECTS_EVERY photographs: its picture changes slowly, and it costs a
+ * tenth of a step. */
 enum { OBJECTS_EVERY = 4, FINISH_GRAIN = 8 };
 enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, ZEROS, ONES, SHOWN, PLANES = SHOWN + 3 };
 
@@ -48,13 +48,13 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
     /* The stride is a multiple of 16 floats, so the size is one of 64 bytes. */
     p->plane[i] = pags_port_aligned_alloc(64, (size_t)floats * sizeof(float));
     if (!p->plane[i])
-      return pags_out_of_memory("gradients of a picture of %d x %d", picture->width, picture->height);
+      return pags_out_of_memory("gradients of a %d x %d picture", picture->width, picture->height);
     memset(p->plane[i], 0, (size_t)floats * sizeof(float));
   }
   free(p->emphasis);
   p->emphasis = calloc((size_t)floats, 1);
   if (!p->emphasis)
-    return pags_out_of_memory("what counts of a picture of %d x %d", picture->width, picture->height);
+    return pags_out_of_memory("loss weights of a %d x %d picture", picture->width, picture->height);
   for (int64_t i = 0; i < floats; i++)
     p->plane[ONES][i] = 1.0f;
   p->plane_floats = floats;
@@ -217,7 +217,7 @@ static pags_result reserve_held(pags_trainer *t) {
 }
 
 /* Evaluates the opacity term of the moving objects on a picture of them alone. Its gradients are kept until those of
- * the whole picture arrive. They are weighted by OBJECTS_EVERY, to stand for the steps without this term, too. */
+ * the whole picture arrive. They are weighted by OBJECTS_EVERY, which makes up for the steps without this term. */
 static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v) {
   pags_view_render *p = &t->render;
   pags_render_context context = {t, step, 1};
@@ -244,7 +244,7 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
                    : pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
 }
 
-/* What the loss needs before it begins, over the pixels of a picture's planes. */
+/* Preparation of the loss, over the pixels of a picture's planes. */
 typedef struct prepare_job {
   float *cleared[2];     /* planes of gradients to set to zero; NULL: none */
   const uint8_t *labels; /* NULL: no emphasis */
@@ -341,7 +341,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
 
 /* ---- A round: one photograph per rank ---- */
 
-/* Adds up what the clusters of a part say about a motion of everything that the camera sees. */
+/* Adds up the gradients of the clusters of a part by a rigid motion of the world. */
 static void add_by_world(const double (*pose)[6], int64_t clusters, const double world_from_model[12],
                          pags_exact_sum *by_world) {
   for (int64_t c = 0; c < clusters; c++) {
@@ -356,7 +356,7 @@ static void add_by_world(const double (*pose)[6], int64_t clusters, const double
   }
 }
 
-/* Keeps what the photograph says about exposure and poses until the step's end. The pose of a keyframe is summed over
+/* Keeps the gradients by exposure and poses until the step's end. The pose of a keyframe is summed over
  * clusters in their order; all clusters of an object are those of one rank. */
 static void keep_rest(pags_trainer *t, const pags_step_view *v) {
   pags_step_rest *r = &t->rest;
@@ -607,14 +607,14 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
                                s, step))
       pags_nonfinite_note(&t->state.nonfinite, 1,
                           &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_EXPOSURE});
-  for (int64_t i = 0; t->state.cameras.count > 0 && step > pags_trial_from(s) && i < r->count; i++) {
+  for (int64_t i = 0; t->state.cameras.count > 0 && step > pags_holdout_test_from(s) && i < r->count; i++) {
     double by_world[6];
     pags_exact_sum_value(&r->photographs[i].by_world, by_world);
     if (!pags_camera_poses_update(&t->state.cameras, t->dataset, r->photographs[i].view, by_world, s, step))
       pags_nonfinite_note(&t->state.nonfinite, 1,
                           &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_CAMERA});
   }
-  for (int64_t i = 0; t->state.photometry.count > 0 && step > pags_trial_from(s) && i < r->count; i++) {
+  for (int64_t i = 0; t->state.photometry.count > 0 && step > pags_holdout_test_from(s) && i < r->count; i++) {
     const int sensor = pags_dataset_view(t->dataset, r->photographs[i].view)->sensor;
     if (!pags_photometry_update(&t->state.photometry, sensor, &r->photographs[i].by_light, s, step))
       pags_nonfinite_note(&t->state.nonfinite, 1,

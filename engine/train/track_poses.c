@@ -75,7 +75,7 @@ static double hurry(const pags_schedule *schedule) {
 }
 
 /* Keeps the mean of a track's increments: the step `gone` that one keyframe was moved by is divided by the number of
- * keyframes that photographs have moved so far and added back to each of them. No photograph shows where in its box an
+ * keyframes that photographs have moved and added back to each of them. No photograph shows where in its box an
  * object lies, since moving all poses one way and the Gaussians the other way changes no picture; the mean of the
  * labels is the best estimate. */
 static void hold_mean(pags_track_poses *tracks, int64_t object, const double gone[6]) {

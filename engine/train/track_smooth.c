@@ -144,8 +144,8 @@ static int best_strength(const scores *s, int kind) {
 
 /* ---- Labels and increments ---- */
 
-/* Computes the rotation vector of `m` relative to the run's first keyframe. Of the equivalent vectors, whole turns
- * apart, `out` receives the one nearest to `before`, the vector of the keyframe before. */
+/* Computes the rotation vector of `m` relative to the run's first keyframe. `out` receives, among the
+ * equivalent vectors, which differ by whole turns, the one nearest to `before`, the vector of the keyframe before. */
 static void rotation_from(const double first[12], const double m[12], const double before[3], double out[3]) {
   double back[12], relative[12], least[3], best = INFINITY;
   pags_rigid_inverse(first, back);

@@ -22,6 +22,7 @@
 #include "train/density.h"
 #include "train/estimate.h"
 #include "train/held_out.h"
+#include "train/holdout_decision.h"
 #include "train/open_run.h"
 #include "train/score_pass.h"
 #include "train/sh_trim.h"
@@ -29,7 +30,6 @@
 #include "train/share_run.h"
 #include "train/size_limit.h"
 #include "train/step.h"
-#include "train/trial_end.h"
 #include "train/views.h"
 
 enum { ESTIMATE_STEPS = 50, MASKS_TEXT = 160 };
@@ -113,7 +113,7 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   pags_state_set_step(s, step);
 
   PAGS_TRY(check_nonfinite(t));
-  PAGS_TRY(pags_trials_end(t));
+  PAGS_TRY(pags_holdout_tests_decide(t));
   PAGS_TRY(pags_density_control(t));
   if (pags_schedule_is_half_decision(&s->schedule, step))
     decide_half_size(t);

@@ -60,7 +60,7 @@ typedef struct pags_render_context {
 pags_result pags_view_render_create(struct pags_trainer *trainer);
 void pags_view_render_destroy(struct pags_trainer *trainer);
 
-/* Sets the parts to those that exist at a view's time, with the poses trained so far. */
+/* Sets the parts to those that exist at a view's time, with the current poses. */
 void pags_view_render_compose(struct pags_trainer *trainer, int64_t view);
 /* Returns the camera that a view of the data set is drawn with, its size divided by `factor`. */
 pags_camera pags_view_render_camera(const struct pags_trainer *trainer, int64_t view, double factor);

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "train/trial_end.h"
+#include "train/holdout_decision.h"
 
 static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
   const uint8_t *b = bytes;
@@ -90,11 +90,12 @@ static void prepare_order(pags_trainer *t, int64_t photograph) {
   t->order_epoch = epoch;
 }
 
-/* Returns the data set's view of a photograph of these two passes. In place of one that is kept out of a trial, the
+/* Returns the data set's view of a photograph of these two passes. In place of one that holdout tests use, the
  * next one is seen. */
 static int64_t view_of(const pags_trainer *t, int64_t photograph) {
   int64_t index = t->order[(photograph - 1) - t->order_epoch * t->view_count];
-  if (pags_trials_keep_at(&t->state, pags_schedule_steps(&t->state.schedule, photograph)) && pags_trial_keeps(index))
+  if (pags_holdout_tests_active(&t->state, pags_schedule_steps(&t->state.schedule, photograph)) &&
+      pags_is_holdout_view(index))
     index = (index + 1) % t->view_count;
   return t->views[index];
 }

@@ -6,7 +6,7 @@
 
 #include "train/run.h"
 
-/* Number of views that the photo cache is told ahead of their use, to decode their photographs. */
+/* Number of views ahead of their use whose photographs the cache decodes. */
 enum { PAGS_TRAIN_AHEAD = 32 };
 
 /* Lists the training views and computes the fingerprint by which a checkpoint is recognised as belonging to them. */

@@ -216,7 +216,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
   return pags_model_report_write(dataset, state, &scene->notes);
 }
 
-/* Creates the description of the scene as it stands. */
+/* Creates the description of the current scene. */
 static pags_result create(const pags_dataset *dataset, const pags_train_state *state, bool by_degree,
                           pags_described **out) {
   pags_described *d = calloc(1, sizeof *d);

@@ -142,7 +142,7 @@ class Ranks(rank_jobs.Jobs):
     def test_train_refuses(self):
         """Once, with a way out, before anything is written."""
         for given, said, code in (
-            (["--estimate"], "pags: an estimate can't be shared out to several ranks; ask for it in one process", 1),
+            (["--estimate"], "pags: --estimate requires one process; it can't be shared between ranks", 1),
             (["--view"], "--view requires one process", 2),
         ):
             with self.subTest(given=given):

@@ -4,7 +4,7 @@
  *
  * Block-NeRF (Tancik et al. 2022) and VastGaussian (Lin et al. 2024) cut scenes so; here the cut goes along the drive.
  * A place belongs to the block from whose own time steps the rig came nearest to it: its cell. Of each block's
- * Gaussians merging keeps those in its cell; the rest are ghosts, which stand for what its photographs show beyond it.
+ * Gaussians merging keeps those in its cell; the rest are ghosts, which model what its photographs show beyond it.
  */
 #ifndef PAGS_BLOCKS_H
 #define PAGS_BLOCKS_H
@@ -41,7 +41,7 @@ PAGS_API pags_result pags_blocks_plan(const pags_dataset *dataset, double length
 
 PAGS_API void pags_blocks_destroy(pags_blocks *split); /* a zeroed one is allowed */
 
-/* Writes split.json, which says how the recording was cut. */
+/* Writes split.json, the description of the blocks. */
 PAGS_API pags_result pags_blocks_save(const pags_blocks *split, const char *folder);
 
 /* Reads the split.json of a folder. PAGS_ERROR_IO if it has none, PAGS_ERROR_FORMAT. The split must be destroyed on

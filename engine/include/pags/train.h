@@ -123,7 +123,7 @@ typedef struct pags_train_start {
   int random_start;    /* 1: random points in the common view of the cameras instead of matched ones */
   double init_opacity; /* their opacity; more than 1/255, below which nothing is drawn */
   int lidar_start;     /* 1: driving sets start from LiDAR points */
-  int lidar_points;    /* LiDAR points of the background to start from, at most, merged by voxels; objects' apart */
+  int lidar_points;    /* LiDAR points of the background to start from, at most, merged by voxels; without objects' */
 } pags_train_start;
 
 /* Spherical harmonics of the colour. */
@@ -138,7 +138,7 @@ typedef struct pags_train_density {
   int64_t densify_from;    /* steps of 30 000: densify only after this step */
   int64_t densify_until;   /* steps of 30 000: densify only before this */
   int64_t densify_every;   /* steps of 30 000 between densify steps, but at least one pass over the training views */
-  int64_t densify_apart;   /* and at least so many steps, or a 40th of the schedule if that is less */
+  int64_t densify_apart;   /* and at least this number of steps, or a 40th of the schedule if that is less */
   double densify_gradient; /* NDC: a Gaussian with a larger mean screen-space gradient is cloned or split */
   /* 1: the children of a split lie on either side of the parent's mean on its longest axis, and only that axis' sigma
    * is divided (ImprovedGS+, arXiv:2603.08661); 0: their means are drawn from the parent, and all sigmas are divided.
@@ -213,7 +213,8 @@ typedef struct pags_train_picture {
   double near_plane;    /* metres */
   double low_pass;      /* px^2, added to both variances of the 2D covariance */
   int antialiased;      /* 1: the 2D filter of Mip-Splatting */
-  int rolling_shutter;  /* 1: photographs are drawn as read line by line, where the data set says how (pags_shutter) */
+  int rolling_shutter;  /* 1: photographs are drawn as read line by line, if the data set has readout times
+                           (pags_shutter) */
   double alpha_min;     /* pags_gaussians.alpha_min of all models, 0..0.1; 0 with `antialiased` and MCMC */
   double background[3]; /* display-referred sRGB, 0..1; its fields are background_r, background_g and background_b */
   int cluster_size;     /* Gaussians culled together, a multiple of 16; changes speed, not results */
@@ -250,18 +251,18 @@ typedef struct pags_train_exposure {
   double exposure_rate; /* per step, of gains and offsets, falling to a tenth */
 } pags_train_exposure;
 
-/* What is recorded of a driving set's cameras isn't exact. Corrections of their poses: one for each time step, which
- * moves the whole rig, one for each camera, and each camera's delay. */
+/* Corrections of the recorded camera poses of a driving set: one per time step, which moves the whole rig, one per
+ * camera, and a time offset per camera. */
 typedef struct pags_train_cameras {
-  /* 1: they are fitted on trial, without one of eight training photographs, and after 0.3 of the schedule kept if they
-   * bring 0.3 dB or more on those; then these photographs are given back. Poses of held-out views lie between those of
+  /* 1: they are fitted without every eighth training photograph, and tested on these after 0.3 of the schedule: kept if
+   * they bring 0.3 dB or more. Then these photographs are trained on, too. Poses of held-out views lie between those of
    * their neighbours in time. Auto: 1 on driving sets, but 0 on a block of one and with presets PLAIN and PAPER. Not in
    * static sets. */
   int camera_poses;
   double camera_rotation_rate;    /* radians per step, falling to a tenth; divided by the visits of a time step / 100 */
   double camera_translation_rate; /* metres per step, likewise */
   double camera_delay_rate;       /* seconds per step, likewise, by the visits of a camera */
-  /* 1: a vignette and a response curve of each camera (pags/photometric.h) are fitted on trial and kept, likewise;
+  /* 1: a vignette and a response curve of each camera (pags/photometric.h) are fitted, tested and kept likewise;
    * auto: as of camera_poses. */
   int light;
   double
@@ -312,20 +313,20 @@ typedef struct pags_train_field {
   const char *name;  /* "densify_from"; `background` has three fields: background_r, _g, _b */
   const char *group; /* the member of pags_train_config that holds the field: "density" */
   pags_field_type type;
-  size_t offset;       /* of the value in pags_train_config, bytes */
-  double standard;     /* the default */
-  double least, most;  /* the range, both ends included */
-  const char *choices; /* names of a CHOICE: "default|mcmc"; NULL for other types */
-  const char *unit;    /* "1": no unit */
-  const char *rule;    /* "auto: ...", the rule that PAGS_FIELD_AUTO stands for; NULL: the field has no such value */
-  const char *text;    /* what the value does, as an imperative sentence */
-  double of_preset[PAGS_PRESETS]; /* what PAGS_FIELD_AUTO stands for with each preset; all 0: another rule */
+  size_t offset;                  /* of the value in pags_train_config, bytes */
+  double standard;                /* the default */
+  double least, most;             /* the range, both ends included */
+  const char *choices;            /* names of a CHOICE: "default|mcmc"; NULL for other types */
+  const char *unit;               /* "1": no unit */
+  const char *rule;               /* "auto: ...", the rule behind PAGS_FIELD_AUTO; NULL: the field has no such value */
+  const char *text;               /* what the value does */
+  double of_preset[PAGS_PRESETS]; /* the value of PAGS_FIELD_AUTO with each preset; all 0: another rule */
 } pags_train_field;
 
 /* Returns row `index` of the table, or NULL beyond its end. The rows of a group follow each other. */
 PAGS_API const pags_train_field *pags_train_field_at(int index);
 
-/* Returns the row of the field `name`, or NULL if there is none. */
+/* Returns the row of the field `name`, or NULL if there is no such field. */
 PAGS_API const pags_train_field *pags_train_field_find(const char *name);
 
 /* Sets the field `name` from text: a number, one of the field's choices, or "auto" if the field has a rule.
@@ -336,8 +337,8 @@ PAGS_API pags_result pags_train_config_set(pags_train_config *config, const char
 
 /* ---- Options and callbacks of a run ---- */
 
-/* A run between two steps, in the calls of a progress callback. What is done with it changes no bit of the run's
- * results, and its time counts neither for rates and estimates nor for the time limit. */
+/* A run between two steps, in the calls of a progress callback. Its use doesn't change the results of the
+ * run, and its time counts neither for rates and estimates nor for the time limit. */
 typedef struct pags_train_moment pags_train_moment;
 
 /* How well a view is shown. */
@@ -385,7 +386,7 @@ typedef struct pags_train_options {
   uint64_t image_cache;      /* size limit of the cache of decoded photographs, bytes; default 1 GiB */
   uint64_t max_memory;       /* memory limit, bytes, from which pags_train_bytes gives a limit on Gaussians; 0: none */
   int64_t checkpoint_every;  /* steps between checkpoints; 0: only when the run stops or is done. Default 1000 */
-  double checkpoint_minutes; /* minutes between checkpoints, beside checkpoint_every; 0: none */
+  double checkpoint_minutes; /* minutes between checkpoints, in addition to checkpoint_every; 0: none */
   int64_t log_every;         /* steps per line of log.jsonl; default 100 */
   int64_t preview_every;     /* steps per preview PNG; 0: none. Default 1000 */
   int held_out;              /* 1: with each preview, at most 8 held-out views are measured and logged. Default 0 */
@@ -417,7 +418,7 @@ PAGS_API pags_train_options pags_train_options_default(void);
 
 struct pags_composition; /* compose.h */
 
-/* Creates a composition of the scene as it stands, with all pending updates applied, which borrows the run's
+/* Creates a composition of the current scene, with all pending updates applied, which borrows the run's
  * Gaussians (pags_composition_borrow) and is valid until pags_train_moment_release. PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_train_moment_compose(pags_train_moment *moment, struct pags_composition **out);
 /* Frees what pags_train_moment_compose made; call it before the callback returns. */

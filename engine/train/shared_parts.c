@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Takes sky and exposures of a block's training from a scene of the whole recording (whole.h). */
-#include "train/whole.h"
+/* Loads the parts that blocks share; see shared_parts.h. */
+#include "train/shared_parts.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -10,21 +10,21 @@
 #include "base/sort.h"
 #include "scene/scene_json.h"
 
-typedef struct whole {
+typedef struct shared_parts {
   pags_scene scene; /* without its Gaussians */
   char *sky;        /* file of the sky; NULL: it has none */
-} whole;
+} shared_parts;
 
-static void destroy(whole *w) {
+static void destroy(shared_parts *w) {
   pags_scene_destroy(&w->scene);
   free(w->sky);
-  *w = (whole){0};
+  *w = (shared_parts){0};
 }
 
-static pags_result load(const char *folder, whole *w) {
+static pags_result load(const char *folder, shared_parts *w) {
   pags_scene_files files = {0};
   char *path = pags_path_join(folder, "scene.json");
-  *w = (whole){0};
+  *w = (shared_parts){0};
   if (!path)
     return pags_out_of_memory("%s", folder);
   pags_result result = pags_scene_json_read(path, &w->scene, &files);
@@ -70,7 +70,7 @@ static pags_result take_exposures(const char *folder, const pags_dataset *datase
   return PAGS_OK;
 }
 
-static pags_result take_sky(const whole *w, pags_sky_fit *fit) {
+static pags_result take_sky(const shared_parts *w, pags_sky_fit *fit) {
   pags_sky sky;
   if (!w->sky)
     return PAGS_OK;
@@ -85,9 +85,9 @@ static pags_result take_sky(const whole *w, pags_sky_fit *fit) {
   return result;
 }
 
-pags_result pags_whole_take(const pags_dataset *dataset, bool begin, pags_train_state *state) {
+pags_result pags_shared_parts_load(const pags_dataset *dataset, bool begin, pags_train_state *state) {
   const pags_block *block = pags_dataset_block(dataset);
-  whole w;
+  shared_parts w;
   if (!block || !block->whole)
     return PAGS_OK;
   pags_result result = load(block->whole, &w);

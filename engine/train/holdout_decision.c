@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The end of the trials; see trial_end.h. The photographs kept out moved neither what is on trial nor a Gaussian. Their
- * errors with and without it are compared photograph by photograph, which removes what makes one photograph harder than
- * another. */
-#include "train/trial_end.h"
+/* Evaluates holdout tests; see holdout_decision.h. The holdout photographs have changed neither the correction nor a
+ * Gaussian. Their errors with and without the correction are compared per photograph, which removes the differences in
+ * difficulty between photographs. */
+#include "train/holdout_decision.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -15,13 +15,13 @@
 #include "train/held_out.h"
 
 enum { MOST_VIEWS = 32, MOST_FITTED = 8 };
-/* The Gaussians have been trained with what is on trial, which alone brings 0.15 dB where there is nothing to correct,
- * and poses that are each by themselves 0.33. */
+/* The Gaussians were trained with the correction, which alone brings 0.15 dB where there is nothing to correct; with
+ * independent poses it is 0.33 dB. */
 static const double least_gain = 0.3, least_gain_alone = 0.6, least_errors = 2.0;
 
-typedef enum trial_of { OF_POSES, OF_LIGHT } trial_of;
+typedef enum holdout_subject { OF_POSES, OF_LIGHT } holdout_subject;
 
-typedef struct sums { /* over photographs, of what is gained, dB */
+typedef struct sums { /* of the gains of photographs, dB */
   int count;
   double sum, squares;
 } sums;
@@ -34,13 +34,13 @@ static void add(sums *s, double gain) {
   s->squares += gain * gain;
 }
 
-bool pags_trials_keep_at(const pags_train_state *s, int64_t step) {
-  return (s->cameras.trial.state != PAGS_TRIAL_NONE || s->photometry.trial.state != PAGS_TRIAL_NONE) &&
-         step <= pags_trial_end(&s->schedule);
+bool pags_holdout_tests_active(const pags_train_state *s, int64_t step) {
+  return (s->cameras.holdout.state != PAGS_HOLDOUT_NONE || s->photometry.holdout.state != PAGS_HOLDOUT_NONE) &&
+         step <= pags_holdout_test_until(&s->schedule);
 }
 
-/* The view as it is shown without what is on trial and with it. */
-static void set_pair(const pags_trainer *t, trial_of what, int64_t view, const pags_scene_view *shown,
+/* Sets pair[0] to the view without the correction and pair[1] to the view with it. */
+static void set_pair(const pags_trainer *t, holdout_subject what, int64_t view, const pags_scene_view *shown,
                      pags_measured_view pair[2]) {
   pags_measured_view *const without = pair, *const with = pair + 1;
   *without = *with = (pags_measured_view){.view = view, .shown = *shown};
@@ -51,23 +51,23 @@ static void set_pair(const pags_trainer *t, trial_of what, int64_t view, const p
     without->shown.photometric = (pags_photometric){.vignette = {0.0}};
 }
 
-/* Chooses at most `most` views of those that are kept out, spread evenly over them; returns their number. */
+/* Chooses at most `most` of the holdout views, evenly spaced; returns their number. */
 static int choose(const pags_trainer *t, int64_t most, int64_t chosen[MOST_VIEWS]) {
   int64_t kept = 0, seen = 0;
   int count = 0;
   for (int64_t i = 0; i < t->view_count; i++)
-    kept += pags_trial_keeps(i);
+    kept += pags_is_holdout_view(i);
   most = kept < most ? kept : most;
   for (int64_t i = 0; i < t->view_count && count < most; i++)
-    if (pags_trial_keeps(i) && seen++ == (2 * count + 1) * kept / (2 * most))
+    if (pags_is_holdout_view(i) && seen++ == (2 * count + 1) * kept / (2 * most))
       chosen[count++] = t->views[i];
   return count;
 }
 
-/* Compares the chosen photographs drawn without what is on trial and with it. */
-static pags_result compare(pags_trainer *t, trial_of what, const pags_scene_view *views, sums *gains) {
+/* Adds the gains of the chosen photographs with the correction. */
+static pags_result compare(pags_trainer *t, holdout_subject what, const pags_scene_view *views, sums *gains) {
   pags_measured_view(*const pairs)[2] = malloc(MOST_VIEWS * sizeof *pairs);
-  pags_result result = pairs ? PAGS_OK : pags_out_of_memory("the photographs of a trial");
+  pags_result result = pairs ? PAGS_OK : pags_out_of_memory("the photographs of a holdout test");
   result = pags_transport_agree(t->shared.transport, result);
   int64_t chosen[MOST_VIEWS];
   const int count = choose(t, MOST_VIEWS, chosen);
@@ -81,7 +81,7 @@ static pags_result compare(pags_trainer *t, trial_of what, const pags_scene_view
   return result;
 }
 
-/* Compares the right half of a photograph, drawn from where it was recorded and from where its left half fits. */
+/* Compares the right half of a photograph, drawn with the recorded pose and with the pose fitted to its left half. */
 static pags_result compare_fitted(pags_trainer *t, const pags_scene_view *shown, int64_t view, sums *gains) {
   pags_render_context context = {t, t->state.step + 1, 0};
   pags_frame_options options = pags_view_render_options(t, context.step);
@@ -97,8 +97,8 @@ static pags_result compare_fitted(pags_trainer *t, const pags_scene_view *shown,
   return PAGS_OK;
 }
 
-/* The same for photographs of a capture, whose corrections say nothing of a photograph kept out: if the poses of these
- * aren't exact, those of the others aren't either. */
+/* The same for a capture, where corrections of other photographs don't apply to a holdout photograph. If the poses of
+ * holdout photographs are inexact, the other poses are, too. */
 static pags_result compare_alone(pags_trainer *t, const pags_scene_view *views, sums *gains) {
   int64_t chosen[MOST_VIEWS];
   const int count = choose(t, MOST_FITTED, chosen);
@@ -107,7 +107,7 @@ static pags_result compare_alone(pags_trainer *t, const pags_scene_view *views, 
   return PAGS_OK;
 }
 
-static pags_result end(pags_trainer *t, trial_of what, const char *name, pags_trial *trial) {
+static pags_result end(pags_trainer *t, holdout_subject what, const char *name, pags_holdout_test *test) {
   sums gains = {0};
   pags_scene scene = {0};
   const bool alone = what == OF_POSES && t->state.cameras.alone;
@@ -115,34 +115,34 @@ static pags_result end(pags_trainer *t, trial_of what, const char *name, pags_tr
   result = pags_transport_agree(t->shared.transport, result);
   if (result == PAGS_OK && !alone)
     result = compare(t, what, scene.views, &gains);
-  else if (result == PAGS_OK && t->ranks == 1) /* a run that goes on on several ranks leaves poses as recorded */
+  else if (result == PAGS_OK && t->ranks == 1) /* a run that continues on several ranks keeps the recorded poses */
     result = compare_alone(t, scene.views, &gains);
   free(scene.views);
   PAGS_TRY(result);
   const double count = gains.count;
-  trial->gain = count > 0 ? gains.sum / count : 0.0;
-  trial->uncertain = count > 1 ? sqrt(fmax(gains.squares / count - trial->gain * trial->gain, 0.0) / (count - 1)) : 0.0;
-  const bool pays = count > 1 && trial->gain >= (alone ? least_gain_alone : least_gain) &&
-                    trial->gain > least_errors * trial->uncertain;
-  trial->state = pays ? PAGS_TRIAL_PAID : PAGS_TRIAL_FAILED;
-  pags_log_message(PAGS_LOG_INFO, "%s: %+.2f dB (standard error %.2f) on %d photographs kept out: %s", name,
-                   trial->gain, trial->uncertain, gains.count, pays ? "kept" : "left as recorded");
+  test->gain = count > 0 ? gains.sum / count : 0.0;
+  test->uncertain = count > 1 ? sqrt(fmax(gains.squares / count - test->gain * test->gain, 0.0) / (count - 1)) : 0.0;
+  const bool pays =
+      count > 1 && test->gain >= (alone ? least_gain_alone : least_gain) && test->gain > least_errors * test->uncertain;
+  test->state = pays ? PAGS_HOLDOUT_PASSED : PAGS_HOLDOUT_FAILED;
+  pags_log_message(PAGS_LOG_INFO, "%s: %+.2f dB (standard error %.2f) on %d photographs kept out of training: %s", name,
+                   test->gain, test->uncertain, gains.count, pays ? "kept" : "left as recorded");
   return PAGS_OK;
 }
 
-pags_result pags_trials_end(pags_trainer *t) {
+pags_result pags_holdout_tests_decide(pags_trainer *t) {
   pags_camera_poses *const poses = &t->state.cameras;
   pags_photometry *const light = &t->state.photometry;
-  if (t->state.step < pags_trial_end(&t->state.schedule))
+  if (t->state.step < pags_holdout_test_until(&t->state.schedule))
     return PAGS_OK;
-  if (poses->trial.state == PAGS_TRIAL_RUNS) {
-    PAGS_TRY(end(t, OF_POSES, "corrected camera poses", &poses->trial));
-    if (poses->trial.state == PAGS_TRIAL_FAILED)
+  if (poses->holdout.state == PAGS_HOLDOUT_RUNNING) {
+    PAGS_TRY(end(t, OF_POSES, "corrected camera poses", &poses->holdout));
+    if (poses->holdout.state == PAGS_HOLDOUT_FAILED)
       pags_camera_poses_destroy(poses);
   }
-  if (light->trial.state == PAGS_TRIAL_RUNS) {
-    PAGS_TRY(end(t, OF_LIGHT, "vignettes and response curves", &light->trial));
-    if (light->trial.state == PAGS_TRIAL_FAILED)
+  if (light->holdout.state == PAGS_HOLDOUT_RUNNING) {
+    PAGS_TRY(end(t, OF_LIGHT, "vignettes and response curves", &light->holdout));
+    if (light->holdout.state == PAGS_HOLDOUT_FAILED)
       pags_photometry_destroy(light);
   }
   return PAGS_OK;
