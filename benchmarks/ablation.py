@@ -574,7 +574,7 @@ def parse_arguments(words):
             own[i - 1 : i + 1] = [f"--rows={own[i]}"]
     built = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../build/pags")
     p = Parser("ablation.py", allow_abbrev=False, description=__doc__.split("\n\n")[0],
-               epilog="Ctrl-C stops with everything saved; the same command goes on. Any other option of pags train follows --, at the end.")
+               epilog="Ctrl-C stops with everything saved; the same command resumes it. Any other option of pags train follows --, at the end.")
     p.add_argument("dataset", metavar="DATASET", help="as for pags train")
     p.add_argument("-o", "--output", metavar="TABLE", required=True,
                    help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row; trainings are kept in TABLE.runs")
@@ -620,7 +620,7 @@ def main():
             write(given.json, ablation.json())
         return 0
     except Interrupted:
-        code, message = 3, "interrupted; the same command goes on from here"
+        code, message = 3, "interrupted; the same command resumes from here"
     except (Failure, OSError) as error:
         code, message = 1, f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
     if ablation:

@@ -243,7 +243,7 @@ def parse_arguments(words):
         own, rest = words[: words.index("--")], words[words.index("--") + 1 :]
     built = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../build/pags")
     p = Parser("jobs.py", allow_abbrev=False, description=__doc__.split("\n\n")[0],
-               epilog="Ctrl-C stops; the same command goes on with what is missing. Options of pags train follow --, at the end.")
+               epilog="Ctrl-C stops; the same command resumes it. Options of pags train follow --, at the end.")
     p.add_argument("dataset", metavar="DATASET", help="as for pags train")
     p.add_argument("-o", "--output", metavar="TABLE", required=True, help="write TABLE.md; measurements are kept in TABLE.runs")
     p.add_argument("-n", "--iterations", type=whole(1), default=1000, metavar="N", help="steps of each training [default %(default)s]")
@@ -264,7 +264,7 @@ def main():
         measurements.run()
         return 0
     except Interrupted:
-        code, message = 3, "interrupted; the same command goes on from here"
+        code, message = 3, "interrupted; the same command resumes from here"
     except (Failure, OSError) as error:
         code, message = 1, f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
     if measurements:

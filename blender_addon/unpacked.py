@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The __init__.py at the top of the add-on's zip, beside the folder pags_blender, which is the add-on. Where the whole zip was unpacked into a folder of its own
-among the add-ons, it makes that folder one. Such a folder called `pags`, which was the add-on's name once, is the Python API for `import pags`, too."""
+"""The __init__.py at the top of the add-on's zip, next to the folder pags_blender, the add-on. If the whole zip was unpacked into a folder of its own among
+the add-ons, this file makes that folder an add-on. A folder named `pags`, the add-on's former name, is then also the Python API for `import pags`."""
 
 import importlib
 
@@ -18,7 +18,7 @@ __all__ = ["bl_info", "register", "unregister"]
 
 
 def __getattr__(name):
-    """What the Python module has, else a part of the add-on."""
+    """An attribute of the Python module, else a submodule of the add-on."""
     if hasattr(native.module, name):
         return getattr(native.module, name)
     try:

@@ -51,21 +51,21 @@ PARTS = (properties, cleanup, jobs, importer, cameras, engine, overlay, inspecto
 PARTS += (exporter, native_splats, proxies, legend, picked, ui, inspect_panel, handlers, watch)
 
 
-FORMER = "pags"  # the add-on's name until it got out of the Python module's way
+FORMER = "pags"  # the add-on's former name, which is now that of the Python module
 
 
 def leave_former_copy():
-    """Switches off the copy that runs, and is chosen in the preferences, under the former name; returns its settings. Raises RuntimeError where a copy under
-    another name is on: both would register the same classes."""
+    """Disables the running copy of the add-on that has the former name, also in the preferences; returns its settings. Raises RuntimeError if a copy with
+    another name is enabled: both would register the same classes."""
     known = bpy.types.Operator.bl_rna_get_subclass_py("PAGS_OT_job")
     package = known.__module__.rpartition(".")[0] if known else ""
     if package not in {"", __package__, FORMER}:
-        raise RuntimeError(f"another copy of this add-on is switched on, as {package}; switch that one off first")
+        raise RuntimeError(f"another copy of this add-on is enabled as {package}; disable that copy first")
     former = bpy.context.preferences.addons.get(FORMER) if __package__ == "pags_blender" else None
     kept = {name: getattr(former.preferences, name) for name in ("program", "budget") if hasattr(former.preferences, name)} if former else {}
     if package == FORMER != __package__:
         addon_utils.disable(FORMER, default_set=True)
-        sys.modules.pop(FORMER)  # which is now the Python module's
+        sys.modules.pop(FORMER)  # now the name of the Python module
     elif former:
         bpy.context.preferences.addons.remove(former)
     return kept

@@ -9,13 +9,13 @@ import math
 
 import numpy as np
 
-CURVE = 256  # parts in which the shutter's curve is sampled
-NEAREST_FOCUS = 1e-3  # metres; nearer focus distances are drawn as this one
-FEWEST_BLADES = 3  # of a polygon; with fewer the aperture is a disk
+CURVE = 256  # number of samples of the shutter curve
+NEAREST_FOCUS = 1e-3  # metres; nearer focus distances are clamped to this
+FEWEST_BLADES = 3  # minimum corners of the aperture's polygon; with fewer it is a disk
 
 
 def radical_inverse(k, base):
-    """The digits of k behind the point, in reverse: 0 to 1, evenly spread over any run of k."""
+    """The radical inverse of k: its digits mirrored at the radix point, evenly spread over 0 to 1 for any run of k."""
     value, place = 0.0, 1.0 / base
     while k:
         k, digit = divmod(k, base)
@@ -27,12 +27,12 @@ def radical_inverse(k, base):
 
 
 def position_holder(scene):
-    """What has the property motion_blur_position: the render settings or, in older Blenders, EEVEE's."""
+    """The settings that have motion_blur_position: those of the render or, in older Blenders, of EEVEE."""
     return scene.render if hasattr(scene.render, "motion_blur_position") else scene.eevee
 
 
 def shutter(scene):
-    """When the shutter opens, and for how long, in frames from the frame that is drawn; (0, 0) without motion blur."""
+    """Opening time relative to the current frame and duration of the shutter, in frames; (0, 0) without motion blur."""
     render = scene.render
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return 0.0, 0.0
@@ -42,7 +42,7 @@ def shutter(scene):
 
 
 def by_curve(curve, shares):
-    """Times at which the shutter has let through these shares of the light; the curve says how far it is open."""
+    """Times by which the shutter has passed the given shares of the light, from its curve."""
     curve.initialize()
     middles = (np.arange(CURVE) + 0.5) / CURVE
     opening = np.array([max(0.0, curve.evaluate(curve.curves[0], float(t))) for t in middles])
@@ -55,7 +55,7 @@ def by_curve(curve, shares):
 
 
 def on_disk(u, v):
-    """A square onto a disk of radius 1 (Shirley and Chiu, A Low Distortion Map Between Disk and Square, 1997)."""
+    """Maps a square to a disk of radius 1 (Shirley and Chiu, A Low Distortion Map Between Disk and Square, 1997)."""
     a, b = 2 * u - 1, 2 * v - 1
     if a == 0 and b == 0:
         return 0.0, 0.0
@@ -67,7 +67,7 @@ def on_disk(u, v):
 
 
 def on_polygon(u, v, blades):
-    """A square onto a regular polygon with corners at distance 1, evenly: a triangle for each side."""
+    """Maps a square uniformly to a regular polygon with corners at distance 1: one triangle per side."""
     side = min(int(u * blades), blades - 1)
     out = math.sqrt(u * blades - side)
     x = y = 0.0
@@ -78,14 +78,14 @@ def on_polygon(u, v, blades):
 
 
 def aperture_point(dof, u, v):
-    """A point of an aperture of radius 1, right and up."""
+    """A point of an aperture of radius 1: right, up."""
     x, y = on_polygon(u, v, dof.aperture_blades) if dof.aperture_blades >= FEWEST_BLADES else on_disk(u, v)
     c, s = math.cos(dof.aperture_rotation), math.sin(dof.aperture_rotation)
     return (c * x - s * y) / dof.aperture_ratio, s * x + c * y
 
 
 def aperture_radius(camera):
-    """Metres, of a Blender camera (data); 0 without depth of field."""
+    """Aperture radius of a Blender camera (data) in metres; 0 without depth of field."""
     if not camera.dof.use_dof:
         return 0.0
     focal_length = 1e-3 * camera.lens if camera.type == "PERSP" else 1.0
@@ -93,7 +93,7 @@ def aperture_radius(camera):
 
 
 def focus_distance(camera, depsgraph):
-    """Metres along the axis of an evaluated camera object."""
+    """Focus distance of an evaluated camera object, metres along its axis."""
     dof = camera.data.dof
     if dof.focus_object is None:
         return max(dof.focus_distance, NEAREST_FOCUS)
@@ -107,10 +107,10 @@ def focus_distance(camera, depsgraph):
 
 
 def through(point, focus, values, pose):
-    """The camera (intrinsics and pose, as lens.of_camera gives them) moved to a point of its aperture, metres right and up: what is at the focus
-    distance stays where it is in the picture."""
+    """The camera (intrinsics and pose from lens.of_camera) moved to a point of its aperture, metres right and up. Points at the focus distance keep their
+    place in the picture."""
     values, pose = dict(values), pose.copy()
-    behind = values.get("ortho", 0.0)  # an orthographic camera is drawn from that far behind; rays go on straight to there
+    behind = values.get("ortho", 0.0)  # an orthographic camera is rendered from this far behind; up to there the rays are parallel
     for axis, offset, size, centre in ((0, point[0], "fx", "cx"), (1, -point[1], "fy", "cy")):
         values[centre] += values[size] * offset / focus
         pose[:3, 3] += offset * (behind + focus) / focus * pose[:3, axis]
@@ -121,7 +121,7 @@ def through(point, focus, values, pose):
 
 
 class Samples:
-    """What of a picture is blurred, and its samples; false where nothing is."""
+    """The active blur effects of a picture and its number of samples; false without any."""
 
     def __init__(self, scene, camera, count):
         """scene, camera: evaluated."""
@@ -146,10 +146,10 @@ class Samples:
 
 
 def mean(samples, prepare, submit, take):
-    """The mean colours of the samples' pictures, or None where the user has cancelled.
+    """The mean colours of all samples, or None if the user has cancelled.
 
-    prepare(offset, point) returns the arguments of a job, submit(*arguments) the job, take(job, k) the picture of sample k, or None. Equal arguments
-    one after another are drawn once. While one picture is drawn the arguments of the next are prepared."""
+    prepare(offset, point) returns the arguments of a job, submit(*arguments) the job, take(job, k) the picture of sample k, or None. Consecutive equal
+    arguments are rendered once. While one picture renders, the arguments of the next are prepared."""
     total = waiting = last = picture = None
     for k, (offset, point) in enumerate([*zip(samples.offsets, samples.points), (None, None)]):
         arguments = prepare(offset, point) if point is not None else None

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Placing cameras: at a photograph's, at the view, along the drive; paths that `pags render --path` takes,
-written and read."""
+"""Places cameras: at a photograph's position, at the view, along the drive; writes and reads paths for `pags render --path`."""
 
 import json
 import os
@@ -15,7 +14,7 @@ from . import curves, jobs, lens, native, whereabouts
 
 
 def root_of(context):
-    """The root of the PAGS scene to work on: the active object's, else the scene camera's, else the first one."""
+    """The root of the current PAGS scene: that of the active object, else of the scene camera, else the first root."""
     for candidate in (context.active_object, context.scene.camera):
         if candidate is not None and candidate.pags.kind != "NONE":
             return candidate if candidate.pags.kind == "ROOT" else candidate.pags.root
@@ -23,16 +22,16 @@ def root_of(context):
 
 
 class OnScene:
-    """Base of the operators on a PAGS scene. A subclass defines `work`, which returns the message to report; exceptions of the kinds `errors`
-    are reported as errors."""
+    """Base of the operators on a PAGS scene. A subclass defines `work`, which returns the message to report; exceptions of the types in `errors` are reported
+    as errors."""
 
     errors = (native.SceneError, OSError)
 
     def invoke(self, context, event):
-        """By hand. A scene that is still being read isn't waited for, as it is for scripts."""
+        """Called from the interface: unlike in scripts, does not wait for a scene that is still loading."""
         root = root_of(context)
         if root is not None and native.is_loading(whereabouts.absolute_path(root)):
-            self.report({"WARNING"}, "the scene is still being read; try it again in a moment")
+            self.report({"WARNING"}, "the scene is still loading; try again in a moment")
             return {"CANCELLED"}
         return self.asked(context, event)
 
@@ -57,7 +56,7 @@ class OnScene:
 
 
 class Frame:
-    """Converts between the scene's seconds and world axes and Blender's frames and world axes."""
+    """Converts between the scene's seconds and axes and Blender's frames and axes."""
 
     def __init__(self, context, root):
         self.root, self.context = root, context
@@ -78,7 +77,7 @@ class Frame:
         return pose @ lens.FLIP
 
     def view_of(self, camera, frame, width, height, render):
-        """The engine's camera (a dictionary) that sees what a Blender camera sees."""
+        """The engine's camera (a dictionary) with the same view as a Blender camera."""
         values, pose = lens.of_camera(
             camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y
         )
@@ -86,7 +85,7 @@ class Frame:
         moved = root @ pose
         pose, scale = lens.rigid(moved)
         if not np.allclose(scale * pose[:3, :3], moved[:3, :3], rtol=0, atol=1e-4 * scale):
-            raise lens.LensError(f"{self.root.name} is stretched or mirrored: no camera of the scene sees it so; give it one scale, above 0")
+            raise lens.LensError(f"{self.root.name} is stretched or mirrored: no camera can represent this; set its scale to one positive value for all axes")
         pose[:3, 3] += self.origin
         return {
             **{k: values[k] for k in ("width", "height", "fx", "fy", "cx", "cy")},
@@ -101,17 +100,17 @@ def set_frame(scene, frame):
 
 
 def along(job, scene, frames, visit):
-    """Steps that call `visit(frame, depsgraph)` with the timeline at each of the frames. Between the steps it is where the user has it."""
+    """Steps that call `visit(frame, depsgraph)` at each of the frames. Between steps the timeline returns to the user's frame."""
     users, away, end = scene.frame_current_final, False, time.perf_counter() + jobs.SLICE
     try:
         for number, frame in enumerate(frames):
             if time.perf_counter() > end:
                 set_frame(scene, users)
                 away = False
-                job.tell(number / len(frames), "going through the timeline")
+                job.tell(number / len(frames), "reading the timeline")
                 yield
                 if bpy.context.scene != scene:
-                    raise native.SceneError("another of the file's scenes was chosen meanwhile; try it again")
+                    raise native.SceneError("the active Blender scene has changed; try again")
                 users, end = scene.frame_current_final, time.perf_counter() + jobs.SLICE
             away = True
             set_frame(scene, frame)
@@ -146,16 +145,16 @@ def go_to(context, frame, view):
 
 
 class PAGS_OT_jump(OnScene, bpy.types.Operator):
-    """Go to a photograph of the recording: its time, its camera, and look through it"""
+    """Go to the time of a photograph and look through its camera"""
 
     bl_idname = "pags.jump"
     bl_label = "Jump to photograph"
     bl_options = {"REGISTER", "UNDO"}
 
     step: IntProperty(
-        name="Step", description="Photographs of this camera forward or back from the current time", default=0
+        name="Step", description="Move this many photographs of the camera forward or back from the current time", default=0
     )
-    name: StringProperty(name="Photograph", description="File name; empty: the nearest in time", default="")
+    name: StringProperty(name="Photograph", description="File name of the photograph; empty: the nearest in time", default="")
 
     def work(self, context, root):
         frame = Frame(context, root)
@@ -183,7 +182,7 @@ class PAGS_OT_jump(OnScene, bpy.types.Operator):
 
 
 class PAGS_OT_camera_here(bpy.types.Operator):
-    """Put a new camera where the view is and look through it"""
+    """Add a camera at the current view and look through it"""
 
     bl_idname = "pags.camera_here"
     bl_label = "Camera at view"
@@ -196,7 +195,7 @@ class PAGS_OT_camera_here(bpy.types.Operator):
     def execute(self, context):
         region = context.region_data
         data = bpy.data.cameras.new("view")
-        data.lens = context.space_data.lens / 2  # a 3D view's lens is given for a sensor of 72 mm, a camera's for 36 mm
+        data.lens = context.space_data.lens / 2  # a 3D view's lens refers to a sensor of 72 mm, a camera's to 36 mm
         data.clip_end = 10000
         camera = bpy.data.objects.new("view", data)
         context.scene.collection.objects.link(camera)
@@ -216,7 +215,7 @@ class PAGS_OT_size_of_camera(bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         camera = context.scene.camera
-        cls.poll_message_set("the scene's camera is none of the recording's; Nearest chooses one")
+        cls.poll_message_set("the scene's camera is not from the recording; choose one with Nearest")
         return camera is not None and camera.type == "CAMERA" and camera.data.pags.width > 0
 
     def execute(self, context):
@@ -226,26 +225,26 @@ class PAGS_OT_size_of_camera(bpy.types.Operator):
 
 
 class PAGS_OT_ego_path(OnScene, bpy.types.Operator):
-    """Make a camera that drives as the recording car did, shifted to another lane or height"""
+    """Add a camera that follows the recording car, shifted to another lane or height"""
 
     bl_idname = "pags.ego_path"
     bl_label = "Camera along the drive"
     bl_options = {"REGISTER", "UNDO"}
 
     lane: FloatProperty(
-        name="Lane shift", description="Metres to the right; negative to the left", default=0, unit="LENGTH"
+        name="Lane shift", description="Offset to the right in metres; negative: to the left", default=0, unit="LENGTH"
     )
     ahead: FloatProperty(name="Ahead", description="Metres forward", default=0, unit="LENGTH")
     height: FloatProperty(name="Height", description="Metres up", default=0, unit="LENGTH")
-    turn: FloatProperty(name="Turn", description="To the left", default=0, subtype="ANGLE")
+    turn: FloatProperty(name="Turn", description="Yaw to the left", default=0, subtype="ANGLE")
     sensor: IntProperty(
-        name="Sensor", description="Whose lens and direction to take; -1: the first", default=-1, min=-1
+        name="Sensor", description="Sensor that provides lens and direction; -1: the first", default=-1, min=-1
     )
 
     def work(self, context, root):
         source = self.source(context, root)
         if source is None:
-            raise native.SceneError("the scene was imported without its cameras, or nothing moved in it")
+            raise native.SceneError("the scene was imported without its cameras, or the car did not move")
         camera = source.copy()
         camera.data = source.data.copy()
         camera.name = "drive"
@@ -279,7 +278,7 @@ class PAGS_OT_ego_path(OnScene, bpy.types.Operator):
 
 
 def record_of(view):
-    """The record of a view as camera and path files hold it."""
+    """A view as an entry of camera and path files."""
     pose = np.linalg.inv(lens.view_matrix4(view))
     out = {k: view[k] for k in ("width", "height", "fx", "fy", "cx", "cy")}
     out["camera_from_world_quaternion_wxyz"] = list(quaternion(pose[:3, :3]))
@@ -289,7 +288,7 @@ def record_of(view):
 
 
 def quaternion(r):
-    """Quaternion w x y z of a 3x3 rotation in double precision (mathutils has only floats)."""
+    """Quaternion w x y z of a 3x3 rotation in double precision (mathutils has single precision only)."""
     w = np.sqrt(max(0.0, 1 + r[0, 0] + r[1, 1] + r[2, 2])) / 2
     x = np.sqrt(max(0.0, 1 + r[0, 0] - r[1, 1] - r[2, 2])) / 2
     y = np.sqrt(max(0.0, 1 - r[0, 0] + r[1, 1] - r[2, 2])) / 2
@@ -318,14 +317,14 @@ def rotation(q):
 
 
 class PAGS_OT_write_path(jobs.Long, OnScene, bpy.types.Operator, ExportHelper):
-    """Write the scene's camera over the frame range as a path that "pags render --path" takes"""
+    """Write the scene's camera over the frame range as a path that "pags render --path" reads"""
 
     bl_idname = "export_scene.pags_path"
     bl_label = "Write camera path"
 
     filename_ext = ".json"
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-    single: BoolProperty(name="This frame alone", description="A camera file for pags render --camera", default=False)
+    single: BoolProperty(name="Current frame", description="A camera file for pags render --camera", default=False)
 
     def invoke(self, context, event):
         self.by_hand = True
@@ -341,18 +340,18 @@ class PAGS_OT_write_path(jobs.Long, OnScene, bpy.types.Operator, ExportHelper):
         (width, height), scene_path = lens.picture_size(scene.render), whereabouts.absolute_path(root)
 
         def work(job):
-            yield jobs.beside(native.load, scene_path)
+            yield jobs.in_thread(native.load, scene_path)
             frame, found = Frame(bpy.context, root), []
 
             def visit(number, depsgraph):
                 camera = scene.camera.evaluated_get(depsgraph)
                 if camera.data.type != "PERSP":
-                    raise lens.LensError("a path holds perspective cameras alone")
+                    raise lens.LensError("a path supports perspective cameras only")
                 found.append(record_of(frame.view_of(camera, number, width, height, scene.render)))
 
             yield from along(job, scene, numbers, visit)
             record = found[0] if single else {"fps": scene.render.fps / scene.render.fps_base, "frames": found}
-            yield jobs.beside(write_json, path, record)
+            yield jobs.in_thread(write_json, path, record)
             return f"{len(found)} cameras in {path}"
 
         return work
@@ -374,10 +373,10 @@ class PAGS_OT_read_path(OnScene, bpy.types.Operator, ImportHelper):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
     timing: EnumProperty(
         name="Timing",
-        description="At which frames the file's cameras are to stand",
+        description="Frames at which to place the file's cameras",
         items=[
-            ("FRAMES", "A frame each", "One camera a frame of the timeline, from its start"),
-            ("TIMES", "By their times", "Where the file has times, at the scene's own times"),
+            ("FRAMES", "One per frame", "One camera per frame, from the start of the timeline"),
+            ("TIMES", "By their times", "At the times stored in the file, in seconds of the scene"),
         ],
         default="TIMES",
     )
@@ -405,7 +404,7 @@ class PAGS_OT_read_path(OnScene, bpy.types.Operator, ImportHelper):
             lenses.append({k: float(record[k]) for k in ("width", "height", "fx", "fy", "cx", "cy")})
             timed = self.timing == "TIMES" and "time" in record
             frames.append(frame.frame_of(float(record["time"])) if timed else context.scene.frame_start + i)
-        if len(set(frames)) < len(frames):  # several poses at one time: give each a frame of its own
+        if len(set(frames)) < len(frames):  # several poses at one time: give each its own frame
             frames = [context.scene.frame_start + i for i in range(len(frames))]
         self.make(context, frame.root, np.array(poses), lenses, frames)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clean-up and look: live settings of a scene and of each of its parts, which the picture and the exports obey. They become rules, JSON that the
-engine applies to a scene as it reads it (docs/cleanup.md); the files of the scene stay as they are.
+"""Clean-up and look: live settings of a scene and of each part, applied by renders and exports. They become rules, JSON that the engine applies when it loads
+a scene (docs/cleanup.md); the scene's files don't change.
 
-Colours are display-referred sRGB, as the scene has them: c' = contrast (saturation (tint * 2^(exposure / 2.2) c) - 1/2) + 1/2, one 3x4 matrix."""
+Colours are display-referred sRGB, as in the scene: c' = contrast (saturation (tint * 2^(exposure / 2.2) c) - 1/2) + 1/2, one 3x4 matrix."""
 
 import json
 
@@ -12,7 +12,7 @@ from bpy.props import CollectionProperty, EnumProperty, FloatProperty, FloatVect
 
 from . import cameras, draw, lens, reasons
 
-LUMA = np.array([0.2126, 0.7152, 0.0722])  # of Rec. 709
+LUMA = np.array([0.2126, 0.7152, 0.0722])  # luminance weights of Rec. 709
 DEFAULTS = {
     "exposure": 0.0,
     "tint": (1.0, 1.0, 1.0),
@@ -35,51 +35,51 @@ def changed(settings, context):
 
 class PagsCrop(bpy.types.PropertyGroup):
     volume: PointerProperty(
-        name="Volume", description="An Empty displayed as a cube or a sphere; move, turn and scale it", type=bpy.types.Object, update=changed
+        name="Volume", description="Empty displayed as a cube or a sphere; move, rotate and scale it", type=bpy.types.Object, update=changed
     )
     mode: EnumProperty(
         name="Crop",
-        description="What becomes of the Gaussians in it",
-        items=[("KEEP", "Keep inside", "Only what is in it stays"), ("REMOVE", "Remove inside", "What is in it goes")],
+        description="Effect on the Gaussians inside",
+        items=[("KEEP", "Keep inside", "Show only Gaussians inside"), ("REMOVE", "Remove inside", "Hide Gaussians inside")],
         update=changed,
     )
 
 
 class PagsLook(bpy.types.PropertyGroup):
-    exposure: FloatProperty(name="Exposure", description="Number of stops", soft_min=-5, soft_max=5, min=-20, max=20, update=changed)
+    exposure: FloatProperty(name="Exposure", description="Exposure in stops", soft_min=-5, soft_max=5, min=-20, max=20, update=changed)
     tint: FloatVectorProperty(
-        name="Tint", description="Factor of each channel", subtype="COLOR", default=(1, 1, 1), min=0, max=10, soft_max=1, update=changed
+        name="Tint", description="Factor per colour channel", subtype="COLOR", default=(1, 1, 1), min=0, max=10, soft_max=1, update=changed
     )
-    saturation: FloatProperty(name="Saturation", description="Number: 0 is grey, 1 as it is", default=1, min=0, soft_max=2, max=10, update=changed)
-    contrast: FloatProperty(name="Contrast", description="Number about middle grey; 1: as it is", default=1, min=0, soft_max=2, max=10, update=changed)
+    saturation: FloatProperty(name="Saturation", description="Saturation: 0 is grey, 1 is unchanged", default=1, min=0, soft_max=2, max=10, update=changed)
+    contrast: FloatProperty(name="Contrast", description="Contrast about middle grey: 1 is unchanged", default=1, min=0, soft_max=2, max=10, update=changed)
     opacity: FloatProperty(
-        name="Opacity", description="Number that multiplies each Gaussian's opacity; 0 removes them", default=1, min=0, soft_max=2, max=1000, update=changed
+        name="Opacity", description="Factor of each Gaussian's opacity; 0 hides all", default=1, min=0, soft_max=2, max=1000, update=changed
     )
     sh: FloatProperty(
-        name="View dependence", description="Number that multiplies the colours that change with the view; 0: none", default=1, min=0, max=10, soft_max=1, update=changed
+        name="View dependence", description="Factor of the view-dependent colour; 0 removes it", default=1, min=0, max=10, soft_max=1, update=changed
     )
-    least_opacity: FloatProperty(name="Least opacity", description="Fainter Gaussians are left out; 0 to 1", min=0, max=1, precision=3, update=changed)
+    least_opacity: FloatProperty(name="Least opacity", description="Hide Gaussians with a lower opacity, 0 to 1", min=0, max=1, precision=3, update=changed)
     least_size: FloatProperty(
-        name="Least size", description="Smaller Gaussians are left out, by their largest sigma", min=0, max=1e5, unit="LENGTH", precision=3, update=changed
+        name="Least size", description="Hide Gaussians whose largest sigma is below this", min=0, max=1e5, unit="LENGTH", precision=3, update=changed
     )
     greatest_size: FloatProperty(
-        name="Greatest size", description="Larger Gaussians are left out, by their largest sigma; 0: none", min=0, max=1e5, unit="LENGTH", precision=3, update=changed
+        name="Greatest size", description="Hide Gaussians whose largest sigma is above this; 0: none", min=0, max=1e5, unit="LENGTH", precision=3, update=changed
     )
     least_views: IntProperty(
         name="Least views",
-        description="What is in the picture of fewer training views is left out (floaters), a number; of the background and of parked objects",
+        description="Hide Gaussians seen in fewer than this number of training views (floaters); background and parked objects only",
         min=0,
         max=100000,
         update=changed,
     )
-    crops: CollectionProperty(name="Crops", description="Empties within or outside of which nothing is drawn", type=PagsCrop)
+    crops: CollectionProperty(name="Crops", description="Empties that limit the visible Gaussians", type=PagsCrop)
 
 
 # ---- Rules ----
 
 
 def matrix_of(look):
-    """The colour's 3x4 matrix, 12 numbers, or None where it changes nothing."""
+    """The colour's 3x4 matrix, 12 numbers, or None if it is the identity."""
     if look.exposure == 0 and tuple(look.tint) == (1, 1, 1) and look.saturation == 1 and look.contrast == 1:
         return None
     grey = (1 - look.saturation) * np.tile(LUMA, (3, 1)) + look.saturation * np.eye(3)
@@ -88,7 +88,7 @@ def matrix_of(look):
 
 
 def crop_of(crop, owner, depsgraph):
-    """A crop's rule, or None where its Empty is missing, is no cube or sphere, or has no volume."""
+    """A crop's rule, or None if its Empty is missing, is neither cube nor sphere, or has no volume."""
     volume = crop.volume
     if volume is None or volume.type != "EMPTY" or volume.empty_display_type not in {"CUBE", "SPHERE"}:
         return None
@@ -104,8 +104,8 @@ def crop_of(crop, owner, depsgraph):
 
 
 def rules_of(owner, index, depsgraph, everything=False):
-    """The rules, none or one, of an evaluated Blender object: of a root (everything), or of the part that stands for object `index`."""
-    if not owner.is_property_set("pags_look"):  # never touched: thousands of parts are asked at each redraw
+    """The rules (none or one) of an evaluated Blender object: of a root (whole scene), or of the part of object `index`."""
+    if not owner.is_property_set("pags_look"):  # unchanged settings return early: each redraw visits thousands of parts
         return []
     look, rule = owner.pags_look, {}
     for name in LIMITS:
@@ -130,17 +130,17 @@ def text_of(rules):
 
 
 def index_of(part):
-    """The number of the object that a part stands for, -1 for the background."""
+    """The object index of a part, -1 for the background."""
     return -1 if part.pags.kind == "BACKGROUND" else part.pags.index
 
 
 def parts_of(root):
-    """The Blender objects that stand for parts of a scene, by name."""
+    """The Blender objects that represent parts of a scene, by name."""
     return sorted((o for o in bpy.data.objects if o.pags.kind in {"BACKGROUND", "OBJECT"} and o.pags.root == root), key=lambda o: o.name)
 
 
 def edits_of(root, depsgraph):
-    """The rules of a scene as the exports take them; of several Blender objects that stand for one part, those of the first by name that has any."""
+    """The rules of a scene for exports. If several Blender objects represent one part, the first by name that has rules counts."""
     found = {}
     for part in parts_of(root):
         rules = rules_of(part.evaluated_get(depsgraph), index_of(part), depsgraph)
@@ -151,7 +151,7 @@ def edits_of(root, depsgraph):
 
 
 def preferred(owner):
-    """The object whose settings count in place of this one's, since both stand for one part; None where this one's do."""
+    """The other object of the same part whose settings apply instead; None if this object's own apply."""
     if owner.pags.kind == "ROOT":
         return None
     twins = [o for o in parts_of(owner.pags.root) if index_of(o) == index_of(owner)]
@@ -166,7 +166,7 @@ def preferred(owner):
 
 
 def owner_of(context):
-    """The object whose settings the panel shows: the active part, or else the scene's root."""
+    """The object whose settings the panel shows: the active part, else the scene's root."""
     active = context.active_object
     if active is not None and active.pags.kind in {"BACKGROUND", "OBJECT", "ROOT"}:
         return active
@@ -182,20 +182,20 @@ class OnOwner:
 
 
 class PAGS_OT_add_crop(OnOwner, bpy.types.Operator):
-    """Add an Empty that crops the scene, or the object that is active"""
+    """Add an Empty that crops the scene or the active object"""
 
     bl_idname = "pags.add_crop"
     bl_label = "Add crop"
 
     shape: EnumProperty(
         name="Shape",
-        description="The volume that the Empty shows",
-        items=[("CUBE", "Box", "A box, which may be turned and stretched"), ("SPHERE", "Sphere", "A sphere, which may be stretched")],
+        description="Shape of the crop volume",
+        items=[("CUBE", "Box", "Box; can be rotated and stretched"), ("SPHERE", "Sphere", "Sphere; can be stretched")],
     )
     mode: EnumProperty(
         name="Crop",
-        description="Which side of it is drawn",
-        items=[("KEEP", "Keep inside", "Leave out what is outside"), ("REMOVE", "Remove inside", "Leave out what is inside")],
+        description="Side of the volume that stays visible",
+        items=[("KEEP", "Keep inside", "Hide Gaussians outside"), ("REMOVE", "Remove inside", "Hide Gaussians inside")],
     )
 
     def execute(self, context):
@@ -211,13 +211,13 @@ class PAGS_OT_add_crop(OnOwner, bpy.types.Operator):
 
 
 class PAGS_OT_remove_crop(OnOwner, bpy.types.Operator):
-    """Take this crop away, its Empty too"""
+    """Remove this crop and its Empty"""
 
     bl_idname = "pags.remove_crop"
     bl_label = "Remove crop"
     bl_options = {"REGISTER", "UNDO"}
 
-    number: IntProperty(name="Number", description="Of the crop", min=0)
+    number: IntProperty(name="Number", description="Number of the crop to remove", min=0)
 
     def execute(self, context):
         crops = owner_of(context).pags_look.crops
@@ -231,7 +231,7 @@ class PAGS_OT_remove_crop(OnOwner, bpy.types.Operator):
 
 
 class PAGS_OT_reset_look(OnOwner, bpy.types.Operator):
-    """Set clean-up and look back, but for the crops"""
+    """Reset clean-up and look; crops stay"""
 
     bl_idname = "pags.reset_look"
     bl_label = "Reset"
@@ -259,7 +259,7 @@ class PAGS_PT_cleanup(bpy.types.Panel):
         layout.label(text="Whole scene" if owner.pags.kind == "ROOT" else f"{owner.name} alone", icon="OBJECT_DATA")
         twin = preferred(owner)
         if twin is not None:
-            reasons.explain(layout, f"{twin.name} stands for the same part; its settings count, not these")
+            reasons.explain(layout, f"{twin.name} represents the same part; its settings apply instead")
         layout.use_property_split = True
         column = layout.column(align=True)
         for name in ("exposure", "tint", "saturation", "contrast", "opacity", "sh"):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The recording's photographs beside the engine's pictures, in the 3D view through a recorded camera: a wipe, their difference or SSIM; and the list of
-all photographs by PSNR, worst first.
+"""Compares the recording's photographs with rendered pictures in the 3D view through a recorded camera (wipe, difference or SSIM), and lists all photographs
+by PSNR, worst first.
 
-What is compared is the scene as it was trained, without Blender's edits, exposed as training found the photograph. The pair is made beside Blender
-(a Job of its own, driven by a timer) once the view has rested on a photograph for a moment, and kept on the GPU."""
+The comparison uses the scene as trained, without edits from Blender, with the exposure found in training. A job of its own, driven by a timer, makes the pair
+in the background once the view has rested on a photograph, and keeps it on the GPU."""
 
 import json
 import os
@@ -17,13 +17,13 @@ from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProper
 
 from . import cameras, draw, inspector, jobs, lens, native, photographs, program, whereabouts
 
-REST = 0.15  # seconds that the view rests on a photograph before it is compared
+REST = 0.15  # seconds that the view must rest on a photograph before the comparison starts
 TICK = 0.02
-MOST = 3  # pairs kept: each is some 60 MB at 1920 x 1280
-GAIN = 4  # by which differences are shown
-ORDER = ("WIPE", "DIFFERENCE", "SSIM")  # as the shader numbers them
+MOST = 3  # cached pairs: some 60 MB each at 1920 x 1280
+GAIN = 4  # gain of the difference view
+ORDER = ("WIPE", "DIFFERENCE", "SSIM")  # numbers of the modes in the shader
 
-_pairs = {}  # by (entry, data set's folder as the user gave it, view's name): Pair, or the text of an error
+_pairs = {}  # by (entry, data set folder as set by the user, name of the view): Pair, or an error text
 _wanted, _since, _job, _job_key = None, 0.0, None, None
 _handle, _filling = None, False
 
@@ -32,7 +32,7 @@ _handle, _filling = None, False
 
 
 def ssim_map(a, b):
-    """SSIM at each pixel, mean of the channels, as `pags eval` computes it: Wang et al. 2004, window of 11 x 11, sigma 1.5, zeros beyond the border."""
+    """SSIM per pixel, mean of the channels, as in `pags eval`: Wang et al. 2004, window of 11 x 11, sigma 1.5, zeros beyond the border."""
     window = np.exp(-0.5 * ((np.arange(11) - 5) / 1.5) ** 2)
     window = (window / window.sum()).astype(np.float32)
 
@@ -52,7 +52,7 @@ def ssim_map(a, b):
 
 
 class Pair:
-    """A photograph and the engine's picture of it, arrays (height, width, 3), display-referred; `ssim` (height, width) is made when it is asked for."""
+    """A photograph and its rendered picture, arrays (height, width, 3), display-referred; `ssim` (height, width) is computed on demand."""
 
     def __init__(self, view, photograph, picture, psnr):
         self.view, self.photograph, self.picture, self.psnr = view, photograph, picture, psnr
@@ -64,7 +64,7 @@ class Pair:
         return said if self.ssim is None else f"{said}, SSIM {self.mean_ssim:.3f}"
 
     def texture(self, name):
-        """One of the pair's planes on the GPU, None where it has just been told to come: one a redraw, so that none is long."""
+        """One plane of the pair as a GPU texture, or None while it still has to be uploaded: one upload per redraw keeps redraws short."""
         if name not in self.textures:
             plane = getattr(self, name)[::-1]
             height, width = plane.shape[:2]
@@ -78,13 +78,13 @@ class Pair:
 def make(job, root, entry, view, threads):
     """Steps that make a Pair."""
     photograph = yield from photographs.load(job, root, entry, view)
-    picture, value = yield jobs.beside(inspector.measure, entry, view, threads, True, photograph)
+    picture, value = yield jobs.in_thread(inspector.measure, entry, view, threads, True, photograph)
     return Pair(view, photograph, picture, value)
 
 
 def add_ssim(job, pair):
     """Steps that add SSIM to a Pair and return it."""
-    pair.ssim = yield jobs.beside(ssim_map, pair.photograph, pair.picture)
+    pair.ssim = yield jobs.in_thread(ssim_map, pair.photograph, pair.picture)
     pair.mean_ssim = float(pair.ssim.mean())
     return pair
 
@@ -93,7 +93,7 @@ def add_ssim(job, pair):
 
 
 def current(context):
-    """What a 3D view looks at: (root, entry, view of the scene), or a text why there is no photograph of it."""
+    """The photograph that a 3D view looks at: (root, entry, view of the scene), or a text with the reason without one."""
     camera, scene = context.scene.camera, context.scene
     root = camera.pags.root if camera is not None and camera.pags.kind == "CAMERA" else None
     if root is None or context.region_data.view_perspective != "CAMERA":
@@ -115,7 +115,7 @@ def current(context):
 
 
 def pair_of(context):
-    """The Pair of what the view looks at, or a text: what is missing, or that it is being made, which is asked for here."""
+    """The Pair for the view, or a text: an error, or that the pair is being made. Requests the pair if missing."""
     global _wanted, _since
     found = current(context)
     if isinstance(found, str):
@@ -136,7 +136,7 @@ def pair_of(context):
 
 
 def tick():
-    """Makes the pair that was asked for last."""
+    """Makes the pair that was requested last."""
     global _wanted, _job, _job_key
     if _job is None:
         if _wanted is None:
@@ -151,7 +151,7 @@ def tick():
         made = _job.notice
     except jobs.ERRORS as error:
         made = f"comparison: {error}"
-    except ReferenceError:  # the scene was deleted meanwhile
+    except ReferenceError:  # the scene has been deleted meanwhile
         made = None
     except BaseException:
         _job = None
@@ -227,7 +227,7 @@ def shader():
 
 
 def place_of(context, view):
-    """Where a view's photograph lies in the region that looks through its camera: left, bottom, right, top in normalised device coordinates."""
+    """Place of a view's photograph in a region that looks through its camera: left, bottom, right, top in normalised device coordinates."""
     region, rv3d = context.region, context.region_data
     values, _ = lens.of_view(rv3d.window_matrix, rv3d.view_matrix, region.width, region.height)
     x = [values["fx"] * (u - view["cx"]) / view["fx"] + values["cx"] for u in (0, view["width"])]
@@ -264,9 +264,9 @@ def on_draw():
     program_.uniform_float("how", (ORDER.index(settings.comparison), settings.wipe, 1 / width, GAIN))
     _made["quad"].draw(program_)
     legend = {
-        "WIPE": "left the photograph, right the picture",
-        "DIFFERENCE": f"difference of the two, {GAIN} times as bright",
-        "SSIM": "SSIM from dark (1, alike) to light (0)",
+        "WIPE": "left: photograph, right: rendered picture",
+        "DIFFERENCE": f"difference, {GAIN} times amplified",
+        "SSIM": "SSIM from dark (1, equal) to light (0)",
     }
     draw.text(context, 0.5 + 0.25 * (place[0] + place[2]), 0.5 + 0.5 * place[1], f"{pair.line()}; {legend[settings.comparison]}")
 
@@ -275,7 +275,7 @@ def on_draw():
 
 
 def go(manager, context):
-    """One click in the list: the photograph's camera and time."""
+    """Go to the camera and time of a photograph in the list"""
     items = manager.pags_photographs
     if _filling or not 0 <= manager.pags_photograph < len(items):
         return
@@ -283,21 +283,21 @@ def go(manager, context):
     root, manager.pags_photographs_said = bpy.data.objects.get(item.root), ""
     try:
         if root is None:
-            raise native.SceneError(f"the scene {item.root} is gone; make the list anew")
+            raise native.SceneError(f"the scene {item.root} no longer exists; make the list again")
         frame = cameras.Frame(context, root)
         view = next((v for v in frame.scene.views if v["name"] == item.name), None)
         if view is None:
-            raise native.SceneError(f"the scene has no photograph {item.name} any more; make the list anew")
+            raise native.SceneError(f"the scene no longer has the photograph {item.name}; make the list again")
         cameras.go_to(context, frame, view)
     except native.SceneError as error:
         manager.pags_photographs_said = str(error)
 
 
 class PagsPhotograph(bpy.types.PropertyGroup):
-    root: StringProperty(name="Scene", description="Name of the scene's Empty")
-    psnr: FloatProperty(name="PSNR", description="Against the photograph, dB")
-    ssim: FloatProperty(name="SSIM", description="Against the photograph")
-    test: BoolProperty(name="Held out", description="Not trained on")
+    root: StringProperty(name="Scene", description="Name of the scene's root Empty")
+    psnr: FloatProperty(name="PSNR", description="PSNR against the photograph in dB")
+    ssim: FloatProperty(name="SSIM", description="SSIM against the photograph")
+    test: BoolProperty(name="Held out", description="Held out from training")
 
 
 class PAGS_UL_photographs(bpy.types.UIList):
@@ -310,7 +310,7 @@ class PAGS_UL_photographs(bpy.types.UIList):
 
 
 class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
-    """Compare every photograph of the recording with the engine's picture, as "pags eval" does, and list them, worst first"""
+    """Render every photograph of the recording, as "pags eval" does, and list them by PSNR, worst first"""
 
     bl_idname = "pags.rank"
     bl_label = "List photographs by PSNR"
@@ -319,16 +319,16 @@ class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
         command, path = program.command(context), whereabouts.absolute_path(root)
 
         def work(job):
-            entry = yield jobs.beside(native.load, path)
+            entry = yield jobs.in_thread(native.load, path)
             if not entry.scene.views:
                 raise native.SceneError("the scene has no photographs")
-            photographs.find(root, entry, entry.scene.views[0]["name"])  # says where it looked, and which field would do
+            photographs.find(root, entry, entry.scene.views[0]["name"])  # the error names the searched folders and the setting to change
             photographs.tell(job, root, entry)
             given = photographs.moved(root, entry)
             with tempfile.TemporaryDirectory(prefix="pags-list-") as folder:
                 target = os.path.join(folder, "eval.json")
                 words = ("eval", path, "--json", target, *(("--dataset", given) if given else ()))
-                yield jobs.beside(program.run, job, command, *words)
+                yield jobs.in_thread(program.run, job, command, *words)
                 with open(target, encoding="utf-8") as file:
                     figures = json.load(file)
             found = [(v["psnr"], v, split == "test") for split in ("train", "test") for v in figures[split]["per_view"]]
@@ -338,20 +338,20 @@ class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
 
 
 def fill(manager, root, found):
-    """Fills the list, worst first; returns what is to be told."""
+    """Fills the list, worst first; returns the message to report."""
     global _filling
     manager.pags_photographs.clear()
     manager.pags_photographs_said = ""
     for psnr, figures, test in found:
         item = manager.pags_photographs.add()
         item.name, item.root, item.test = figures["name"], root.name, test
-        item.psnr = psnr if psnr is not None else 99.0  # equal to the bit
+        item.psnr = psnr if psnr is not None else 99.0  # equal bits
         item.ssim = figures["ssim"] if figures["ssim"] is not None else 1.0
-    _filling = True  # nothing is chosen, and nobody is sent anywhere
+    _filling = True  # select no row, so that the view does not jump
     manager.pags_photograph = -1
     _filling = False
     worst = manager.pags_photographs[0]
-    return f"{len(found)} photographs; the worst is {worst.name} with {worst.psnr:.2f} dB"
+    return f"{len(found)} photographs; lowest PSNR: {worst.name}, {worst.psnr:.2f} dB"
 
 
 CLASSES = (PagsPhotograph, PAGS_UL_photographs, PAGS_OT_rank)
@@ -363,8 +363,8 @@ def register():
         bpy.utils.register_class(cls)
     manager = bpy.types.WindowManager
     manager.pags_photographs = CollectionProperty(type=PagsPhotograph, name="Photographs", description="Worst first")
-    manager.pags_photograph = IntProperty(name="Photograph", description="A click goes to its camera and time", default=-1, update=go)
-    manager.pags_photographs_said = StringProperty(name="Message", description="Why a click in the list went nowhere")
+    manager.pags_photograph = IntProperty(name="Photograph", description="Number of the selected photograph; a click on a row goes to its camera and time", default=-1, update=go)
+    manager.pags_photographs_said = StringProperty(name="Message", description="Why the selected photograph could not be shown")
     if not bpy.app.background:
         _handle = bpy.types.SpaceView3D.draw_handler_add(on_draw, (), "WINDOW", "POST_PIXEL")
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A CG object in the street: the PAGS scene drawn in a linked second scene, Blender's meshes by Cycles or EEVEE over it
-by depth, with proxies (or a plane for the road) that catch their shadows, in the light of the recording's surroundings."""
+"""Composites CG objects into the street: a linked second Blender scene renders the splats with PAGS, and Cycles or EEVEE renders Blender's meshes, merged by
+depth. Proxies, or a plane for the road, catch shadows; the recording's surroundings light the meshes."""
 
 import bpy
 import numpy as np
@@ -10,13 +10,13 @@ from . import cameras, curves, gather, jobs, lens, native, undistort, whereabout
 
 SECOND = "PAGS behind"
 LIGHT = "PAGS surroundings"  # name of the world and of its picture
-MINE = "pags_composite"  # mark of our nodes in the compositor
-SAMPLES = {True: 64, False: 128}  # of Cycles, with and without a denoiser; its own default of 4096 takes hours on a CPU
-SLACK = 0.15  # share of the distance by which a mesh may lie behind the splats; 1.6 m above the road it is 0.25 m in height
+MINE = "pags_composite"  # marks our nodes in the compositor
+SAMPLES = {True: 64, False: 128}  # Cycles samples with and without a denoiser; Blender's default of 4096 takes hours on a CPU
+SLACK = 0.15  # fraction of the distance by which a mesh may lie behind the splats; seen from 1.6 m above the road it is 0.25 m in height
 
 
 def second_scene(scene):
-    """A second Blender scene that links the collections of all PAGS scenes, the camera and the timeline, and renders with PAGS."""
+    """Creates a second Blender scene that links the collections of all PAGS scenes, the camera and the timeline, and renders with PAGS."""
     second = bpy.data.scenes.get(SECOND) or bpy.data.scenes.new(SECOND)
     roots = [o.name for o in scene.objects if o.pags.kind == "ROOT"]
     collections = [c for c in bpy.data.collections if any(name in c.objects for name in roots)]
@@ -88,7 +88,7 @@ def shadow_plane(scene, root, eyes, z):
 
 
 def use_catchers(scene, root, eyes, z):
-    """Puts the meshes that catch shadows (proxies where there are any, else a plane for the road) into a collection of the first scene; returns them."""
+    """Collects the shadow catchers (the proxies, else a plane for the road) in a collection of the first scene; returns them."""
     proxies = [o for o in scene.objects if o.get("pags_proxy") and o.type == "MESH"]
     collection = bpy.data.collections.get("PAGS shadow catchers") or bpy.data.collections.new("PAGS shadow catchers")
     if collection.name not in scene.collection.children:
@@ -104,7 +104,7 @@ def use_catchers(scene, root, eyes, z):
 
 
 def follow_visibility(scene, proxy):
-    """Gives an object's proxy the visibility keyframes of its object, so that it catches no shadow where the object isn't drawn."""
+    """Copies an object's visibility keyframes to its proxy, so that hidden objects cast no shadow."""
     part = next((o for o in scene.objects if o.pags.kind == "OBJECT" and o.parent == proxy.parent), None)
     if proxy.parent is None or proxy.parent.pags.kind != "TRACK" or part is None:
         return
@@ -118,7 +118,7 @@ def follow_visibility(scene, proxy):
 
 
 def hide_splats(scene):
-    """Hides the splats' preview points from the renders of the first scene: the second scene renders the splats."""
+    """Hides the preview points from renders of the first scene: the second scene renders the splats."""
     for part in scene.objects:
         if part.pags.kind in {"BACKGROUND", "OBJECT"} and len(part.users_collection) > 0:
             part.visible_camera = part.visible_shadow = part.visible_diffuse = part.visible_glossy = False
@@ -128,8 +128,8 @@ def hide_splats(scene):
 
 
 def panorama(entry, eye, turn, threads, width=512, side=192):
-    """What is seen all around a point (relative to the scene's origin), without the objects: linear RGB (height, width, 3), row 0 at the bottom, as
-    Cycles maps an equirectangular picture. `turn`: 3x3, from Blender's world to the scene's axes. Drawn as the six faces of a cube."""
+    """Environment picture around a point (relative to the scene's origin), without objects: linear RGB (height, width, 3), row 0 at the bottom, in Cycles'
+    equirectangular mapping. `turn`: 3x3, from Blender's world to the scene's axes. Rendered as the six faces of a cube."""
     height = width // 2
     longitude = 2 * np.pi * (0.5 - (np.arange(width) + 0.5) / width)
     latitude = np.pi * ((np.arange(height) + 0.5) / height - 0.5)
@@ -154,7 +154,7 @@ def panorama(entry, eye, turn, threads, width=512, side=192):
 
 
 def light_up(scene, picture):
-    """Makes the picture the scene's world. The world that was there stays in the file."""
+    """Sets the picture as the scene's world. The previous world stays in the file."""
     height, width = picture.shape[:2]
     image = bpy.data.images.get(LIGHT) or bpy.data.images.new(LIGHT, width, height, float_buffer=True)
     rgba = np.ones((height, width, 4), dtype=np.float32)
@@ -175,8 +175,8 @@ def light_up(scene, picture):
 
 
 def use_samples(scene):
-    """Samples and denoising with which Cycles ends within minutes and with what this Blender has: Debian's has no OpenImageDenoise, and Cycles
-    stops with an error where it is asked for. Samples that the user has set stay."""
+    """Sets samples and denoising so that Cycles ends within minutes. Debian's Blender has no OpenImageDenoise, and Cycles fails if that is selected. Samples
+    set by the user stay."""
     try:
         import _cycles
 
@@ -193,7 +193,7 @@ def use_samples(scene):
 
 
 def node_tree(scene):
-    """The compositor's node tree, made where there is none."""
+    """The compositor's node tree; created if missing."""
     if hasattr(scene, "compositing_node_group"):  # 5.x
         tree = scene.compositing_node_group
         if tree is None:
@@ -205,15 +205,15 @@ def node_tree(scene):
 
 
 def output_of(tree, scene):
-    """The tree's output node, made where there is none."""
+    """The tree's output node; created if missing."""
     kind = "NodeGroupOutput" if hasattr(scene, "compositing_node_group") else "CompositorNodeComposite"
     known = [node for node in tree.nodes if node.bl_idname == kind]
     return next((node for node in known if getattr(node, "is_active_output", True)), None) or next(iter(known), None) or tree.nodes.new(kind)
 
 
 def take_over(tree, scene):
-    """Removes what an earlier call has built. Returns the inputs that are to show the composite: those that it fed, and those that the scene's own
-    Render Layers node feeds. All other nodes and links are the user's and stay."""
+    """Removes the nodes of an earlier call. Returns the inputs to connect to the composite: those of the removed nodes, and those of the scene's own Render
+    Layers node. The user's nodes and links stay."""
     mine = [node for node in tree.nodes if MINE in node]
     sources = mine + [node for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers" and MINE not in node and node.scene == scene]
     links = [link for node in sources for output in node.outputs if node in mine or output.name == "Image" for link in output.links]
@@ -242,7 +242,7 @@ def math_node(tree, operation, first, second):
 
 def alpha_over(tree, behind, front):
     node = tree.nodes.new("CompositorNodeAlphaOver")
-    if "Background" in node.inputs:  # 5.x names them
+    if "Background" in node.inputs:  # names of 5.x
         tree.links.new(behind, node.inputs["Background"])
         tree.links.new(front, node.inputs["Foreground"])
     else:
@@ -257,7 +257,7 @@ def multiply(tree, share, picture, by):
         node = tree.nodes.new("CompositorNodeMixRGB")
         inputs, out = node.inputs, node.outputs[0]
     except RuntimeError:
-        node = tree.nodes.new("ShaderNodeMix")  # 5.x; its sockets for colours are the last of three kinds
+        node = tree.nodes.new("ShaderNodeMix")  # 5.x; its colour sockets are the last of three types
         node.data_type = "RGBA"
         inputs = [node.inputs[0]] + [socket for socket in node.inputs if socket.type == "RGBA"]
         out = next(socket for socket in node.outputs if socket.type == "RGBA")
@@ -268,10 +268,10 @@ def multiply(tree, share, picture, by):
 
 
 def build_nodes(scene, second, layer, tolerance):
-    """Builds the compositor's nodes: the street, darkened by the shadows on the catchers, and over it the meshes wherever they are no more than
-    `tolerance` metres behind the street's surface. A catcher may lie further behind, by SLACK of the distance: what is seen at grazing angles and off by
-    centimetres in height is off by metres along the ray. Anything that stands well before the catcher takes no shadow from it. The result goes where the
-    scene's Render Layers node went, so that the user's own nodes go on working. False where nothing of it reaches the output."""
+    """Builds the compositor's nodes: the street, darkened by the shadows on the catchers, and over it the meshes that are at most `tolerance` metres behind
+    the street's surface. A catcher may lie SLACK times the distance further behind: at grazing angles an error of centimetres in height is metres along the
+    ray. Objects well in front of the catcher take no shadow from it. The result replaces the scene's Render Layers node, so that the user's own nodes still
+    work. Returns false if no output shows it."""
     tree = node_tree(scene)
     fed, users = take_over(tree, scene), set(tree.nodes)
     front, behind = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeRLayers")
@@ -305,22 +305,22 @@ def build_nodes(scene, second, layer, tolerance):
 
 
 class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
-    """Set up F12 so that this file's meshes, rendered by Cycles or EEVEE, stand in the PAGS scene with their shadows on the road"""
+    """Set up F12 to render this file's meshes with Cycles or EEVEE into the PAGS scene, with shadows on the road"""
 
     bl_idname = "pags.composite"
     bl_label = "Composite with Cycles/EEVEE"
 
     engine: EnumProperty(
         name="Meshes by",
-        description="What renders this file's meshes",
+        description="Render engine of this file's meshes",
         items=[
-            ("CYCLES", "Cycles", "Catches shadows and hides by depth"),
-            ("EEVEE", "EEVEE", "Hides by depth; EEVEE catches no shadows"),
+            ("CYCLES", "Cycles", "Shadows on the road and occlusion by depth"),
+            ("EEVEE", "EEVEE", "Occlusion by depth; EEVEE supports no shadow catchers"),
         ],
     )
     tolerance: FloatProperty(
         name="Tolerance",
-        description="Metres that a mesh may be behind the splats and still be seen",
+        description="Maximum distance in metres of a visible mesh behind the splats",
         default=0.3,
         min=0,
         unit="LENGTH",
@@ -328,7 +328,7 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
 
     use_light: BoolProperty(
         name="Light of the surroundings",
-        description="Make the recording's sky, and what stands still around the camera, the world that lights the meshes",
+        description="Light the meshes with a world made of the recording's sky and of the static scene around the camera",
         default=True,
     )
 
@@ -341,17 +341,17 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
         if scene.camera is None:
             raise native.SceneError("there is no camera in the scene")
         if self.engine == "CYCLES" and not hasattr(scene, "cycles"):
-            raise native.SceneError("this Blender has no Cycles, or its add-on isn't enabled (Preferences > Add-ons)")
+            raise native.SceneError("this Blender has no Cycles, or its add-on is not enabled (Preferences > Add-ons)")
         path, engine, tolerance, use_light = whereabouts.absolute_path(root), self.engine, self.tolerance, self.use_light
         root_from_world = np.linalg.inv(lens.matrix(root.matrix_world))
         eye = (root_from_world @ lens.matrix(scene.camera.matrix_world))[:3, 3]
         turn = lens.rigid(root_from_world)[0][:3, :3]
 
         def work(job):
-            entry = yield jobs.beside(native.load, path)
-            z = yield jobs.beside(road_height, entry)
+            entry = yield jobs.in_thread(native.load, path)
+            z = yield jobs.in_thread(road_height, entry)
             if use_light:
-                light_up(scene, (yield jobs.beside(panorama, entry, eye, turn, threads)))
+                light_up(scene, (yield jobs.in_thread(panorama, entry, eye, turn, threads)))
             job.changes = True
             set_engine(scene, engine)
             scene.render.film_transparent = True
@@ -365,8 +365,8 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
                 layer.cycles.use_pass_shadow_catcher = True
             yield
             if not build_nodes(scene, second, layer.name, tolerance):
-                job.notes.append('the compositor\'s output shows something else: link the frame "PAGS composite" to where it is to be seen')
-            return "F12 draws the meshes in the street"
+                job.notes.append('the compositor\'s output shows something else: link the frame "PAGS composite" to it')
+            return "F12 now renders the meshes into the street"
 
         return work
 

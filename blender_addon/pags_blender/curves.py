@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keyframes in bulk, in Blenders with fcurves on actions (up to 4.x) and with layered actions (5.x)."""
+"""Writes keyframes in bulk, for Blenders with fcurves on actions (up to 4.x) and with layered actions (5.x)."""
 
 import bpy
 import numpy as np
@@ -7,7 +7,7 @@ from mathutils import Matrix
 
 
 def fcurve_owner(block):
-    """The object whose `new` makes fcurves for the ID's own action; the action is created where missing."""
+    """The object whose `new` creates fcurves for the ID's own action; creates the action if missing."""
     data = block.animation_data or block.animation_data_create()
     if data.action is None:
         data.action = bpy.data.actions.new(block.name)
@@ -42,7 +42,7 @@ def set_curve(block, path, index, frames, values, interpolation="LINEAR"):
 
 
 def quaternions(rotations):
-    """Quaternions (n, 4) w x y z of rotations (n, 3, 3), with signs chosen so that neighbours interpolate along the shorter arc."""
+    """Quaternions (n, 4) w x y z of rotations (n, 3, 3), with signs that interpolate along the shorter arc."""
     out = np.array([list(Matrix(r.tolist()).to_quaternion()) for r in rotations])
     for i in range(1, len(out)):
         if out[i] @ out[i - 1] < 0:
@@ -51,8 +51,7 @@ def quaternions(rotations):
 
 
 def set_track(block, frames, poses):
-    """Location and rotation keyframes of an object; poses (n, 3, 4) in its parent's frame. A single pose is
-    set without keyframes."""
+    """Sets location and rotation keyframes of an object; poses (n, 3, 4) in its parent's frame. A single pose is set without keyframes."""
     block.rotation_mode = "QUATERNION"
     turns = quaternions(poses[:, :, :3])
     block.location, block.rotation_quaternion = poses[0, :, 3], turns[0]
@@ -65,6 +64,6 @@ def set_track(block, frames, poses):
 
 
 def set_visibility(block, begin, end):
-    """Keyframes that show a block in the viewport and in renders only from frame `begin` until before `end`."""
+    """Keyframes that show a data block in viewport and renders from frame `begin` to before frame `end`."""
     for path in ("hide_viewport", "hide_render"):
         set_curve(block, path, 0, [begin - 1, begin, end], [1, 0, 1], "CONSTANT")

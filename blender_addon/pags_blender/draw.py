@@ -80,7 +80,7 @@ def part(name, left, right):
 
 
 def font(context):
-    """Sets the size of texts in a view; returns the scale of the user's interface."""
+    """Sets the text size of a view; returns the scale of the user interface."""
     scale = context.preferences.system.ui_scale
     try:
         blf.size(0, int(11 * scale))
@@ -90,7 +90,7 @@ def font(context):
 
 
 def text(context, x, y, said):
-    """A line over a view, its middle at x and its bottom a little above y, in shares of the region's size; as far as possible within the region."""
+    """Draws a line over a view, centred at x and a little above y (fractions of the region's size), moved into the region if possible."""
     region, scale = context.region, font(context)
     width, height = blf.dimensions(0, said)
     left = min(max(x * region.width - width / 2, 20 * scale), region.width - width - 20 * scale)
@@ -99,7 +99,7 @@ def text(context, x, y, said):
     blf.shadow(0, 5, 0, 0, 0, 1)
     blf.color(0, 1, 1, 1, 1)
     blf.position(0, left, bottom, 0)
-    for _ in range(3):  # one shadow alone is faint over light pictures
+    for _ in range(3):  # a single shadow is hard to see on light pictures
         blf.draw(0, said)
     blf.disable(0, blf.SHADOW)
 

@@ -7,11 +7,11 @@ import numpy as np
 from . import blur, gather, ignored, lens, native, passes
 from .native import SceneError
 
-EMPTY_DEPTH = 1e10  # depth of pixels without a surface, as Cycles writes it
+EMPTY_DEPTH = 1e10  # depth of pixels without a surface, as in Cycles
 
 
 def border_window(render, width, height):
-    """Render border as (x, y, width, height) in pixels with row 0 at the top, or None; Blender counts its border from the bottom."""
+    """Render border as (x, y, width, height) in pixels with row 0 at the top, or None; Blender counts from the bottom."""
     if not render.use_border:
         return None
     x0, x1 = int(render.border_min_x * width), int(render.border_max_x * width)
@@ -20,7 +20,7 @@ def border_window(render, width, height):
 
 
 def fill_pass(render_pass, buffer):
-    """Fills a whole render pass with one call: Blender 3.4 takes an array (pixels, channels), later versions a flat one."""
+    """Fills a render pass with one call: Blender 3.4 takes an array (pixels, channels), later versions a flat one."""
     flat = np.asarray(buffer).reshape(-1)
     try:
         render_pass.rect.foreach_set(flat)
@@ -54,7 +54,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         passes.register(self, scene, renderlayer)
 
     def render(self, depsgraph):
-        width, height = self.resolution_x, self.resolution_y  # Blender's: within a compositor, that of the scene that is rendered
+        width, height = self.resolution_x, self.resolution_y  # the scene being rendered; in a compositor that differs from the active one
         window = border_window(depsgraph.scene.render, width, height)
         size = window[2:] if window else (width, height)
         result = self.begin_result(
@@ -77,7 +77,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         self.error_set(text)
 
     def draw_into(self, depsgraph, result, width, height, window):
-        """Waits for the job with progress; False when the user cancelled."""
+        """Waits for the job and reports progress; false if the user cancelled."""
         scene, layer = depsgraph.scene, layer_of(result)
         state = gather.gather(depsgraph)
         if state is None:
@@ -85,7 +85,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
             return True
         if scene.camera is None:
             raise SceneError("there is no camera in the scene")
-        said = ([f"flattened by their scale and left out: {', '.join(state.flat)}"] if state.flat else []) + ignored.of_render(depsgraph, state)
+        said = ([f"omitted, since a scale of 0 flattens them: {', '.join(state.flat)}"] if state.flat else []) + ignored.of_render(depsgraph, state)
         for text in said:
             self.warn(text)
         frame, camera, now = state.load(True), scene.camera.original, scene.frame_current_final
@@ -95,10 +95,10 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         self.update_stats("PAGS", f"{frame.gaussians:,} Gaussians")
         picture = colours = None
         if not samples or outputs != ["rgba"]:
-            # With samples, all but the colours are those of the sharp picture at the frame itself.
+            # with samples, all passes except the colours are those of the sharp picture at the frame itself
             view, arguments = self.arguments(depsgraph, frame, drawn, camera, now, (width, height), window)
             arguments["outputs"] = [name for name in outputs if name != "rgba" or not samples]
-            # The last, since it goes to other frames and back: what was evaluated before is not to be used after it.
+            # Must be last: it changes the frame and back, which invalidates earlier evaluated data.
             passes.add_arguments(self, depsgraph, frame, drawn, scene.pags.hide_noncritical, arguments)
             picture = self.finish(native.renderer("final", threads).submit(frame.entry.scene, view, **arguments))
             if picture is None:
@@ -112,7 +112,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         return True
 
     def finish(self, job):
-        """The job's picture; None when the user cancelled."""
+        """The job's picture; None if the user cancelled."""
         while not job.wait(0.05):
             if self.test_break():
                 job.cancel()
@@ -120,10 +120,10 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         return job.take()
 
     def leave_empty(self, depsgraph, result):
-        """A view layer that shows nothing of a PAGS scene gets empty passes."""
+        """Writes empty passes for a view layer without visible PAGS scene."""
         if not any(o.pags.kind in gather.PARTS for o in bpy.data.objects):
             raise SceneError("there is no PAGS scene to render: import one (File > Import > PAGS scene)")
-        text = f"view layer {depsgraph.view_layer_eval.name}: nothing of a PAGS scene is visible, so the layer is empty"
+        text = f"view layer {depsgraph.view_layer_eval.name}: no PAGS scene is visible, so the layer is empty"
         self.warn(text)
         self.update_stats("PAGS", text)
         for render_pass in layer_of(result).passes:
@@ -131,7 +131,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
                 fill_pass(render_pass, np.full(result.resolution_x * result.resolution_y, EMPTY_DEPTH, dtype=np.float32))
 
     def arguments(self, depsgraph, frame, drawn, camera, now, size, window, point=None):
-        """The view of a picture and the keyword arguments of its job, colours alone. point: of the aperture; None: its middle."""
+        """The view of a picture and the keyword arguments of its job, colours only. point: on the aperture; None: its centre."""
         scene, render = depsgraph.scene, depsgraph.scene.render
         camera = camera.evaluated_get(depsgraph)
         values, pose = lens.of_camera(camera.data, camera.matrix_world, *size, render.pixel_aspect_x, render.pixel_aspect_y)
@@ -151,7 +151,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         return frame.camera(values, pose, now), arguments
 
     def blurred(self, depsgraph, frame, samples, camera, now, size, window):
-        """The colours with depth of field and motion blur; None when the user cancelled."""
+        """The colours with depth of field and motion blur; None if the user cancelled."""
         scene = depsgraph.scene
         number, subframe, settings = scene.frame_current, scene.frame_subframe, scene.pags
 
@@ -181,7 +181,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
                 self.frame_set(number, subframe)
 
     def hand_over(self, picture, colours, layer, frame, samples, said):
-        """Fills the passes. picture: None where there are colours alone; colours: of the blurred picture, or None."""
+        """Fills the passes. picture: None if only colours are rendered; colours: the blurred picture, or None."""
         planes = {"Combined": colours}
         if picture is not None:
             planes = {
@@ -226,12 +226,12 @@ OUTPUTS = {"Combined": "rgba", "Depth": "depth", "IndexOB": "object", "PriorityH
 
 
 def outputs_of(layer):
-    """The engine's outputs for the passes of a render layer."""
+    """The engine outputs required by the passes of a render layer."""
     return [OUTPUTS[p.name] for p in layer.passes if p.name in OUTPUTS] + passes.outputs(layer)
 
 
 def compatible_panels():
-    """Blender's own panels that make sense for this engine."""
+    """Blender's own panels that apply to this engine."""
     left_out = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
     for panel in bpy.types.Panel.__subclasses__():
         engines = getattr(panel, "COMPAT_ENGINES", None)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exports through the `pags` program, with the edits made in Blender: objects moved, deleted or hidden,
-tracks changed.
+"""Exports through the `pags` program with the edits made in Blender: objects moved, deleted or hidden, tracks changed.
 
-The program knows nothing of Blender. What it is given is a scene folder: scene.json with the tracks as the
-timeline has them now and without objects that are gone, and links to the models or copies of them."""
+The program does not read .blend files. Its input is a scene folder: scene.json with the tracks of the current timeline and without deleted objects, and links
+to or copies of the models."""
 
 import contextlib
 import json
@@ -17,11 +16,11 @@ from bpy_extras.io_utils import ExportHelper
 
 from . import cameras, cleanup, files, gather, jobs, lens, native, photographs, program, reasons, whereabouts
 
-ROWS = 65536  # of a splat file, read, changed and written at a time
+ROWS = 65536  # rows of a splat file per block
 
 
 def parts_by_index(context, root):
-    """Blender objects of the scene's objects by index, without those that were deleted."""
+    """The Blender objects of the scene's objects by index, without deleted ones."""
     out = {}
     for part in context.scene.objects:
         if part.pags.kind == "OBJECT" and part.pags.root == root and part.pags.index not in out:
@@ -30,7 +29,7 @@ def parts_by_index(context, root):
 
 
 def pose_now(root_inverse, part, origin):
-    """The rigid pose of a part, 4x4, and whether its scale had to be left out for it: a scene file has none."""
+    """The rigid pose of a part, 4x4, and whether a scale was dropped: scene files store no scale."""
     matrix = root_inverse @ lens.matrix(part.matrix_world)
     pose, _ = lens.rigid(matrix)
     scaled = not np.allclose(pose[:3, :3], matrix[:3, :3], rtol=0, atol=gather.SNAP_ROTATION)
@@ -39,17 +38,17 @@ def pose_now(root_inverse, part, origin):
 
 
 class Edited:
-    """Writes the scene with its edits in Blender as a scene folder."""
+    """Writes the edited scene as a scene folder."""
 
     def __init__(self, context, root, cleaned=""):
-        """cleaned: a folder with the scene after clean-up and look, which doesn't stay; empty: there is none, the scene's own is read."""
+        """cleaned: a temporary folder with the scene after clean-up and look; empty: read the original scene."""
         self.context, self.root, self.cleaned = context, root, cleaned
         self.frame = cameras.Frame(context, root)
         self.entry = self.frame.entry
         self.source = cleaned or self.entry.path
         if not os.path.isdir(self.source):
             raise native.SceneError(
-                f"{self.entry.path}: edits are saved of scene folders; this is a bare splat file, which Export writes as it is"
+                f"{self.entry.path}: saving edits requires a scene folder; this is a splat file, which Export writes"
             )
         self.dataset = photographs.dataset(root, self.entry)
         with open(os.path.join(self.source, "scene.json"), encoding="utf-8") as file:
@@ -58,8 +57,7 @@ class Edited:
         self.moved, self.gone, self.scaled = [], [], set()
 
     def collect(self, job):
-        """Steps that find the objects that were moved and their new track poses, by going through the timeline once. Between the steps the
-        timeline is where the user has it."""
+        """Steps that find moved objects and their new track poses in one pass over the timeline. Between steps the timeline returns to the user's frame."""
         parts, scene = parts_by_index(self.context, self.root), self.context.scene
         records = self.scene.get("objects", [])
         self.gone = [
@@ -112,12 +110,12 @@ class Edited:
                     self.moved.append((index, None, None))
 
     def left_out(self):
-        """What the written scene lacks of the edits, to be added to a report; empty where nothing."""
-        return f"; left out: the scale of {', '.join(sorted(self.scaled))}" if self.scaled else ""
+        """A report suffix with the edits missing from the written scene; empty if complete."""
+        return f"; not exported: the scale of {', '.join(sorted(self.scaled))}" if self.scaled else ""
 
     def write(self, folder, job):
-        """For a thread beside Blender's. Unchanged models become links to the old files, or copies where links can't be made. The Gaussians of a parked object are part of the
-        background: they are moved or cut out in a new file. Replaces no file; on failure, removes what it made."""
+        """Runs in a background thread. Unchanged models become links to the old files, or copies if links fail. The Gaussians of a parked object belong to
+        the background: they are moved or removed in a new file. Never replaces files; on failure, removes its own."""
         gone_models = {self.scene["objects"][i]["model"] for i in self.gone if self.scene["objects"][i].get("model")}
         rewrite = {i: None for i in self.gone if not self.entry.objects[i]["tracked"]}
         rewrite.update({i: (pose, wanted) for i, pose, wanted in self.moved if pose is not None and i not in self.gone})
@@ -160,14 +158,14 @@ def animated(block, path):
 
 
 def rewrite_background(source, rewrite, origin):
-    """Row count and blocks of bytes of a PLY written by PAGS, without the Gaussians of the objects that map to None and with those of others moved
-    from the old pose to the new. Spherical harmonics are rotated up to the first degree; higher degrees stay as they are."""
+    """Row count and blocks of bytes of a PLY written by PAGS, without the Gaussians of objects that map to None, and with those of other objects moved from
+    the old pose to the new. Spherical harmonics are rotated up to degree 1; higher degrees stay unchanged."""
     with open(source, "rb") as file:
         header = b""
         while not header.endswith(b"end_header\n"):
             line = file.readline()
             if not line:
-                raise native.SceneError(f"{source}: its header doesn't end")
+                raise native.SceneError(f"{source}: incomplete PLY header")
             header += line
     lines = header.decode().splitlines()
     kinds = {"float": "<f4", "int": "<i4"}
@@ -189,7 +187,7 @@ def rewrite_background(source, rewrite, origin):
 
 
 def blocks_of(source, offset, fields, rows):
-    """The rows of a PLY, at most ROWS at a time: neither does a whole scene take memory, nor does a step keep Python's lock for long."""
+    """The rows of a PLY, at most ROWS at a time, which bounds the memory and the time that Python's lock is held."""
     with open(source, "rb") as file:
         file.seek(offset)
         for first in range(0, rows, ROWS):
@@ -201,7 +199,7 @@ def of_object(rows, index):
 
 
 def kept(rows, rewrite):
-    """Which rows stay: all but those of the objects that map to None."""
+    """Mask of the rows that stay: all except those of objects that map to None."""
     keep = np.ones(len(rows), dtype=bool)
     for index, poses in rewrite.items():
         if poses is None:
@@ -234,7 +232,7 @@ def product(q, p):
 
 
 def rotate_first_degree(rows, mine, turn):
-    """Rotates the first degree of the spherical harmonics: coefficients 1 to 3 are a vector (-y, z, -x) times a constant."""
+    """Rotates degree 1 of the spherical harmonics: coefficients 1 to 3 are a vector (-y, z, -x) times a constant."""
     rest = [name for name in rows.dtype.names if name.startswith("f_rest_")]
     if not rest:
         return
@@ -256,7 +254,7 @@ LEVELS = [
 
 
 class PAGS_OT_export(jobs.Long, cameras.OnScene, bpy.types.Operator, ExportHelper):
-    """Export proxies or splats with the pags program, Blender's edits applied"""
+    """Export proxies or splats with the pags program, including edits made in Blender"""
 
     bl_idname = "export_scene.pags"
     bl_label = "Export from PAGS scene"
@@ -265,11 +263,11 @@ class PAGS_OT_export(jobs.Long, cameras.OnScene, bpy.types.Operator, ExportHelpe
     filter_glob: StringProperty(default="*.glb;*.gltf;*.ply;*.spz;*.splat;*.pagsz;*.usda;*.usdz", options={"HIDDEN"})
     content: EnumProperty(
         name="In glTF",
-        description="What a .glb or .gltf is to hold; .ply, .spz, .splat and .pagsz hold the Gaussians, .usda and .usdz both",
+        description="Content of .glb and .gltf files; .ply, .spz, .splat and .pagsz store the Gaussians, .usda and .usdz both",
         items=[*LEVELS, ("splats", "Gaussians", "The Gaussians themselves (KHR_gaussian_splatting)")],
     )
     edits: BoolProperty(
-        name="Apply edits", description="Objects moved, deleted or hidden and tracks changed in Blender", default=True
+        name="Apply edits", description="Include objects moved, deleted or hidden and tracks changed in Blender", default=True
     )
 
     def invoke(self, context, event):
@@ -290,14 +288,14 @@ class PAGS_OT_export(jobs.Long, cameras.OnScene, bpy.types.Operator, ExportHelpe
         return export(root, command, self.filepath, self.form(), self.edits)
 
     def form(self):
-        """The arguments of `pags export` for .glb and .gltf, which hold either splats or proxies; none for other extensions."""
+        """The arguments of `pags export` for .glb and .gltf, which store either splats or proxies; empty for other extensions."""
         if not self.filepath.endswith((".glb", ".gltf")):
             return []
         return ["--splats"] if self.content == "splats" else ["--proxy", self.content]
 
 
 def proxy_program(context):
-    """Path of the program; SceneError where it can't make proxies, glTF and USD."""
+    """Path of the program; raises SceneError if it supports no proxies, glTF and USD."""
     command, lacking = program.command(context), program.lacking(context)
     if lacking:
         raise native.SceneError(lacking)
@@ -309,9 +307,9 @@ def export(root, command, path, form, edits):
         with tempfile.TemporaryDirectory(prefix="pags-edited-") as folder:
             source, lacking = yield from source_of(job, root, os.path.join(folder, "scene"), edits)
             try:
-                yield jobs.beside(program.run, job, command, "export", source, path, *form)
+                yield jobs.in_thread(program.run, job, command, "export", source, path, *form)
             finally:
-                if job.stopped.is_set():  # on Windows a program can't be asked to end and to tidy up
+                if job.stopped.is_set():  # Windows has no signal that lets a program clean up
                     for part in (path + ".part", os.path.splitext(path)[0] + ".bin.part"):
                         with contextlib.suppress(OSError):
                             os.remove(part)
@@ -321,39 +319,39 @@ def export(root, command, path, form, edits):
 
 
 def source_of(job, root, folder, edits):
-    """Steps that return the path of what the program is to read: the scene itself, or a copy of it in `folder`, made of links, with Blender's edits
-    and with the data set where it is now; and what it lacks of the edits."""
+    """Steps that return the program's input (the scene itself, or in `folder` a copy made of links with Blender's edits and the current data set folder) and
+    the report suffix of missing edits."""
     path = whereabouts.absolute_path(root)
-    yield jobs.beside(native.load, path)
+    yield jobs.in_thread(native.load, path)
     cleaned = (yield from cleaned_of(job, root, path, os.path.join(os.path.dirname(folder), "cleaned"))) if edits else ""
     if not cleaned and (not os.path.isdir(path) or not (edits or root.pags.dataset)):
         return path, ""
     edited = Edited(bpy.context, root, cleaned)
     if edits:
         yield from edited.collect(job)
-    return (yield jobs.beside(edited.write, folder, job)), edited.left_out()
+    return (yield jobs.in_thread(edited.write, folder, job)), edited.left_out()
 
 
 def cleaned_of(job, root, path, folder):
-    """Steps that write the scene after its clean-up and look to `folder` and return that; empty where it has none."""
+    """Steps that write the scene after clean-up and look to `folder` and return its path; empty without clean-up."""
     rules = cleanup.edits_of(root, bpy.context.evaluated_depsgraph_get())
     if not rules:
         return ""
     job.tell(0, "clean-up and look")
     try:
-        yield jobs.beside(native.module.write_edited, path, rules, folder)
+        yield jobs.in_thread(native.module.write_edited, path, rules, folder)
     except (native.module.Error, MemoryError) as error:
         raise native.SceneError(str(error)) from error
     return folder
 
 
 class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
-    """Write the scene as Blender has it now into a new scene folder, which every pags command takes"""
+    """Write the edited scene as a new scene folder for all pags commands"""
 
     bl_idname = "pags.save_edited"
     bl_label = "Save edited scene"
 
-    directory: StringProperty(name="Folder", description="A new folder for the scene", subtype="DIR_PATH")
+    directory: StringProperty(name="Folder", description="New folder for the scene", subtype="DIR_PATH")
 
     def invoke(self, context, event):
         self.by_hand = True
@@ -365,16 +363,16 @@ class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
         if not folder:
             raise native.SceneError("choose a folder for the scene")
         if os.path.exists(os.path.join(folder, "scene.json")):
-            raise native.SceneError(f"{folder}: there is a scene already; choose another folder")
+            raise native.SceneError(f"{folder}: already contains a scene; choose another folder")
         path = whereabouts.absolute_path(root)
 
         def work(job):
-            yield jobs.beside(native.load, path)
+            yield jobs.in_thread(native.load, path)
             with tempfile.TemporaryDirectory(prefix="pags-cleaned-") as beside:
                 edited = Edited(bpy.context, root, (yield from cleaned_of(job, root, path, os.path.join(beside, "cleaned"))))
                 yield from edited.collect(job)
-                yield jobs.beside(edited.write, folder, job)
-            return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} left out{edited.left_out()}"
+                yield jobs.in_thread(edited.write, folder, job)
+            return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} removed{edited.left_out()}"
 
         return work
 

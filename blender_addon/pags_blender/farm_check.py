@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checks on a render node that the PAGS scenes of a .blend can be drawn as they were when it was saved: the add-on is switched on, in the file's version,
-and each scene is there, and the same. The add-on keeps this script in every .blend with a scene, and what it checks in the Blender scenes' custom property
-"pags_needs", so that it needs no add-on itself:
+"""Checks on a render node that all PAGS scenes of a .blend are present and unchanged, and that the add-on is enabled in the same version. The add-on stores
+this script in every .blend with a scene, and the expected values in the custom property "pags_needs" of the Blender scenes, so the script itself needs no
+add-on:
 
     blender -b FILE.blend --python-exit-code 1 --python-text pags_check.py -a
 
-ends before the first frame, with the reason and the exit code 1, where something is missing. Without it a Blender that hasn't the add-on writes empty frames
-and ends with 0. Ticked as *Register* in the text editor, it checks by itself wherever Blender may run the file's scripts (-y)."""
+ends before the first frame with the reason and exit code 1 if something is missing. Without the check, a Blender without the add-on writes empty frames and
+ends with 0. With *Register* ticked in the text editor, the check runs whenever Blender may run the file's scripts (-y)."""
 
 import hashlib
 import json
@@ -26,7 +26,7 @@ def digest(path):
 
 
 def named(value, folder):
-    """Relative names of the files of a folder that a JSON value mentions."""
+    """Relative names of the files in a folder that a JSON value mentions."""
     if isinstance(value, dict):
         value = value.values()
     elif isinstance(value, str):
@@ -37,8 +37,8 @@ def named(value, folder):
 
 
 def identity(path):
-    """[bytes, SHA-256] of what makes a scene or a data set the same one elsewhere. Of a file: of its content. Of a scene folder: of scene.json, without the
-    data set's place, and the files that it names. Of another folder: of the names and sizes of its files and of those in `images`."""
+    """[bytes, SHA-256] that identify a scene or a data set. A file: its content. A scene folder: scene.json, without the path of the data set, and the files
+    it names. Other folders: names and sizes of their files and of those in `images`."""
     if os.path.isfile(path):
         return [os.path.getsize(path), digest(path)]
     inner = os.path.join(path, "scene.json")
@@ -67,9 +67,9 @@ def is_same(path, record, identity_of):
 
 
 def choose(value, here, blend, record, identity_of=identity):
-    """Which scene or data set a path means: (path, remark, problem). value: the path as the root has it; here: the same, absolute, where `blend` is the file
-    that the root is in; record: what the add-on noted of it when it was chosen or saved, which may be empty. A file of the same name in another place is
-    taken where it has the same content, with a remark. problem: why none is taken; the path is then the one that is missing."""
+    """Resolves the path of a scene or data set: (path, remark, problem). value: the path as stored in the root; here: its absolute form with the root in
+    `blend`; record: the note that the add-on stored when the path was chosen or saved, may be empty. A file of the same name elsewhere is used, with a
+    remark, if its content is the same. problem: why none is used; the path is then the missing one."""
     place = record.get("place", "")
     recorded = not record or os.path.normcase(here) == os.path.normcase(place)
     if recorded and os.path.exists(here):
@@ -77,35 +77,35 @@ def choose(value, here, blend, record, identity_of=identity):
     beside = os.path.join(os.path.dirname(blend), os.path.basename(here)) if blend else here
     owned = os.path.normpath(os.path.join(os.path.dirname(record["blend"]), value[2:])) if record.get("blend") and value.startswith("//") else here
     there = [path for path in dict.fromkeys((here, owned, place or here, beside)) if os.path.exists(path)]
-    lost = f"{here} isn't what the .blend was saved with" if os.path.exists(here) else f"{here}, which the .blend was saved with, is missing"
+    lost = f"{here} is not the file that the .blend was saved with" if os.path.exists(here) else f"{here}, which the .blend was saved with, is missing"
     for path in there:
         if is_same(path, record, identity_of):
-            return path, "" if path == here else f"{lost}; what it was saved with is at {path} and is taken", ""
+            return path, "" if path == here else f"{lost}; using the same file at {path}", ""
     if place in there:
-        return place, f"{lost}; {place} is taken, which has changed since", ""
+        return place, f"{lost}; using {place}, which has changed since", ""
     unlike = next((path for path in there if path != here), "")
     if unlike:
-        lost += f"; {unlike} has its name, but {'other content' if record.get('sha256') else 'nothing was noted by which to tell that it is the same'}"
+        lost += f"; {unlike} has the same name, but {'different content' if record.get('sha256') else 'no record shows whether it is the same file'}"
     missing = place if os.path.exists(here) else here
-    return missing, "", f"{lost}; bring {f'that to {missing}' if missing != here else 'it there'}, or choose the path anew"
+    return missing, "", f"{lost}; restore the original at {missing}, or choose the path again"
 
 
 # ---- As a script of the .blend ----
 
 
 def faults(bpy):
-    """What this Blender lacks to render the file."""
+    """Why this Blender can't render the file, as a list of reasons."""
     engine = next((c for c in bpy.types.RenderEngine.__subclasses__() if getattr(c, "bl_idname", "") == "PAGS"), None)
     found, checked = [], set()
     for scene in bpy.data.scenes:
         if NEEDS not in scene or engine is not None and scene.render.engine != "PAGS":
-            continue  # without the add-on Blender doesn't say which engine the scene has
+            continue  # without the add-on Blender doesn't report the scene's engine
         needs = json.loads(scene[NEEDS])
         if engine is None:
-            return [f"the PAGS add-on, version {needs['version']}, isn't switched on in this Blender (blender --addons pags_blender, or in its preferences)"]
+            return [f"the PAGS add-on, version {needs['version']}, is not enabled in this Blender (blender --addons pags_blender, or in its preferences)"]
         version = sys.modules[engine.__module__.rpartition(".")[0] + ".native"].VERSION
         if list(map(int, version.split("."))) < [int(number) for number in needs["version"].split(".")[:2]]:
-            found.append(f"the PAGS add-on is version {version}; the file was saved with {needs['version']}")
+            found.append(f"the PAGS add-on has version {version}; the file was saved with {needs['version']}")
         for record in needs["scenes"]:
             own = bpy.path.abspath(scene.library.filepath, library=scene.library.parent) if scene.library is not None else bpy.data.filepath
             blend = bpy.path.abspath(record["library"], start=os.path.dirname(own)) if record["library"] else own
@@ -118,7 +118,7 @@ def faults(bpy):
             if problem:
                 found.append(f"{record['root']}: {problem}")
             elif record.get("sha256") and not is_same(path, record, identity):
-                found.append(f"{record['root']}: {path} isn't the scene that the .blend was saved with; save it again to render this one")
+                found.append(f"{record['root']}: {path} is not the scene that the .blend was saved with; save it again to render this one")
     return found
 
 
@@ -142,7 +142,7 @@ def main():
 if __name__ == "__main__":
     import bpy
 
-    if any(text.use_module and text.name.startswith("pags_check") for text in bpy.data.texts):  # run as the file was opened, perhaps for something else
+    if any(text.use_module and text.name.startswith("pags_check") for text in bpy.data.texts):  # run when the file was opened, perhaps not for a render
         bpy.app.handlers.render_init.append(lambda *_: main())
     else:
         main()

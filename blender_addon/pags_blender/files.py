@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""New files that never replace others: links to files that stay, or copies where links can't be made (FAT, network shares, Windows without the
-privilege)."""
+"""Writes new files without replacing existing ones: links to existing files, or copies if links fail (FAT, network shares, Windows without the privilege)."""
 
 import contextlib
 import os
@@ -11,16 +10,16 @@ from .native import SceneError
 
 
 def check_free(path):
-    """Raises SceneError when the path exists, also as a broken link."""
+    """Raises SceneError if the path exists, also as a broken link."""
     if os.path.lexists(path):
-        raise SceneError(f"{path}: is there already and is not replaced; choose a folder without it")
+        raise SceneError(f"{path}: already exists and is not replaced; choose another folder")
 
 
 def link_or_copy(source, target):
-    """Puts `source` at `target` as a symbolic link, or as a copy."""
+    """Creates `target` as a symbolic link to `source`, or as a copy."""
     source = os.path.abspath(source)
     if not os.path.isfile(source):
-        raise SceneError(f"{source}: there is no such file")
+        raise SceneError(f"{source}: file not found")
     check_free(target)
     try:
         os.symlink(source, target)
@@ -30,11 +29,11 @@ def link_or_copy(source, target):
     except (OSError, NotImplementedError):
         pass
     check_free(target)
-    complete(target, lambda part: shutil.copyfile(source, part), f"neither a link to nor a copy of {source} can be made")
+    complete(target, lambda part: shutil.copyfile(source, part), f"can neither link nor copy {source}")
 
 
 def complete(target, write, problem):
-    """Calls `write` with a temporary name beside `target` and renames the file to `target` once it is complete."""
+    """Calls `write` with a temporary name in the same folder and renames the file to `target` once complete."""
     part = f"{target}.{secrets.token_hex(4)}.part"
     try:
         write(part)
@@ -54,7 +53,7 @@ def write_blocks(path, blocks):
 
 
 class NewFiles:
-    """Context manager (`with NewFiles(folder) as new`) for files made together: if one fails, all of them, and the folders made for them, are removed again."""
+    """Context manager (`with NewFiles(folder) as new`) for files that belong together: on failure, all of them and their new folders are removed."""
 
     def __init__(self, folder):
         self.folder, self.made = folder, []
@@ -71,7 +70,7 @@ class NewFiles:
         return False
 
     def path(self, name):
-        """Path for a new file of this name; missing folders are created."""
+        """Path for a new file of this name; creates missing folders."""
         path = os.path.normpath(os.path.join(self.folder, name))  # scene files have '/' on Windows, too
         check_free(path)
         missing, folder = [], os.path.dirname(path)
@@ -82,7 +81,7 @@ class NewFiles:
             try:
                 os.mkdir(folder)
             except OSError as error:
-                raise SceneError(f"{folder}: can't make the folder: {error.strerror}") from error
+                raise SceneError(f"{folder}: can't create the folder: {error.strerror}") from error
             self.made.append(folder)
         return path
 
@@ -93,11 +92,11 @@ class NewFiles:
 
     def copy(self, source, name):
         path = self.path(name)
-        complete(path, lambda part: shutil.copyfile(source, part), f"{source} can't be copied")
+        complete(path, lambda part: shutil.copyfile(source, part), f"can't copy {source}")
         self.made.append(path)
 
     def write(self, name, blocks):
-        """Writes blocks of bytes one after another."""
+        """Writes blocks of bytes in order."""
         path = self.path(name)
-        complete(path, lambda part: write_blocks(part, blocks), "can't be written")
+        complete(path, lambda part: write_blocks(part, blocks), "can't write")
         self.made.append(path)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Collects from Blender's state what the engine has to draw: the visible scenes, their parts and poses, the time and the render settings.
+"""Collects from Blender the state that the engine renders: visible scenes, their parts and poses, time and render settings.
 
-All visible scenes are drawn in one frame. Its world is that of the leading scene: of those with a sky, or of all where none has one, the scene of
-the active camera, else the first by name. Sky, background and near plane are the leading scene's."""
+All visible scenes are rendered in one frame, in the world of the leading scene: of the scenes with a sky (or of all, if none has one) that of the active
+camera, else the first by name. Sky, background and near plane are those of the leading scene."""
 
 import numpy as np
 
@@ -10,20 +10,20 @@ from . import cleanup, lens, native, whereabouts, whereabouts
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0]
 NOWHERE = [np.nan] * 12
-# A part whose pose differs from its track by no more than this is drawn exactly at the track's pose: Blender's matrices have float precision.
+# A part within this distance of its track is drawn exactly at the track's pose: Blender's matrices have single precision.
 SNAP_METRES, SNAP_ROTATION = 2e-3, 3e-4
-ROUNDING = 2e-5  # lengths of a matrix's columns that differ from 1 by no more are those of a rotation in floats
-FLAT = 1e-9  # a matrix that shrinks volumes by more, beside the cube of its longest column, is one of an object flattened to nothing
+ROUNDING = 2e-5  # column lengths of a matrix within this distance of 1 count as a rotation in single precision
+FLAT = 1e-9  # a matrix with a smaller determinant, relative to the cube of its longest column, flattens the object
 
 
 def flattened(matrices):
-    """Of each 4x4 matrix, whether it takes space to a plane or less, so that it can't be inverted."""
+    """For each 4x4 matrix, whether it is singular: it maps space to a plane, a line or a point."""
     longest = np.linalg.norm(matrices[:, :3, :3], axis=1).max(axis=1)
     return ~(np.abs(np.linalg.det(matrices[:, :3, :3])) > FLAT * longest**3)
 
 
 class Gathered:
-    """State of one PAGS scene on which a picture depends, difference from camera and time."""
+    """The state of one PAGS scene that determines a picture, except camera and time."""
 
     def __init__(self, root, depsgraph):
         self.root_name = root.original.name_full
@@ -31,26 +31,25 @@ class Gathered:
         self.rules = cleanup.rules_of(root, -1, depsgraph, everything=True)
         self.world_from_root = lens.matrix(root.matrix_world)
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
-        self.keys, self.indices, self.poses = [], [], []  # of each part: key, object index (-1: background) and root_from_object, 4x4
+        self.keys, self.indices, self.poses = [], [], []  # for each part: key, object index (-1: background) and root_from_object, 4x4
         self.pass_index, self.looks = {}, {}
 
     def add(self, key, drawn, index, matrix_world):
-        """key: the Blender object's name and which of its instances the part is: the same at every frame."""
+        """key: name of the Blender object and of its instance, the same at every frame."""
         self.keys.append(key)
         self.indices.append(index)
         self.poses.append([v for row in matrix_world for v in row])
         self.pass_index[index] = drawn.original.pass_index
 
     def add_rules(self, drawn, index, depsgraph):
-        """The clean-up and look of an object or of the background; of several Blender objects that stand for one, those of the first by name that has
-        any."""
+        """Clean-up and look of an object or of the background. If several Blender objects represent one part, the first by name that has any counts."""
         found = cleanup.rules_of(drawn, index, depsgraph)
         if found and (index not in self.looks or drawn.name < self.looks[index][0]):
             self.looks[index] = (drawn.name, found)
 
     def finish(self):
-        """Stacks the poses of all parts into one array: thousands of small arrays would cost more than the rest of a redraw. Returns the names of
-        the parts that their scale has flattened, which are left out."""
+        """Stacks the poses of all parts into one array: thousands of small arrays would dominate the time of a redraw. Returns the names of parts omitted
+        because their scale flattens them."""
         self.edits = cleanup.text_of(self.rules + [rule for index in sorted(self.looks) for rule in self.looks[index][1]])
         if flattened(self.world_from_root[None])[0]:
             self.indices, self.keys = np.zeros(0, dtype=int), []
@@ -76,24 +75,24 @@ class Gathered:
 
 
 class Visible:
-    """All PAGS scenes that are visible; `flat` are the names of parts and scenes that are left out, since their scale has flattened them."""
+    """All visible PAGS scenes; `flat`: names of the parts and scenes omitted because their scale flattens them."""
 
     def __init__(self, scenes, camera_root):
         self.flat = [name for scene in scenes for name in scene.finish()]
         self.scenes = [scene for scene in scenes if len(scene.indices)]
         self.camera_root = camera_root
         self.frame = None
-        self.strangers, self.ignored = [], []  # objects that aren't drawn, and settings of parts that aren't obeyed
+        self.strangers, self.ignored = [], []  # Blender objects that are not drawn, and settings of parts that are ignored
 
     def key(self):
         return (self.camera_root, *(scene.identity for scene in self.scenes))
 
     def making(self):
-        """Whether a scene is drawn as it was before the last change of its clean-up and look, until the new one is ready."""
+        """Whether a scene still shows the state before the last change of its clean-up and look."""
         return any(native.is_making(scene.path, scene.root_name, scene.edits) for scene in self.scenes)
 
     def load(self, wait):
-        """The Frame of all scenes; None while one of them is loading (wait=False). Raises SceneError where one can't be loaded."""
+        """The Frame of all scenes; None while one is loading (wait=False). Raises SceneError if one can't be loaded."""
         entries = [native.edited(scene.path, scene.root_name, scene.edits, wait) for scene in self.scenes]
         if any(entry.loading or entry.scene is None for entry in entries):
             return None
@@ -106,11 +105,11 @@ class Visible:
 
 
 class Frame:
-    """The scenes of one frame, ready to be drawn: `scenes` and `entries` as picks number them, the leading scene first."""
+    """The scenes of one frame, ready to render: `scenes` and `entries` in the order of pick results, the leading scene first."""
 
     def __init__(self, scenes, entries, flat, lent=None):
-        """lent: whether the leading scene lends its sky alone, since its scale isn't uniform, and its Gaussians are drawn as another scene's, which
-        comes next; None: to be found out."""
+        """lent: whether only the sky of the leading scene is used as leading, since its scale isn't uniform; its Gaussians then follow as another scene.
+        None: to be determined."""
         self.lead, self.entry, self.flat = scenes[0], entries[0], flat
         self.origin = np.array(self.entry.info["origin"])
         world_from_frame, self.scale = lens.rigid(self.lead.world_from_root)
@@ -129,26 +128,26 @@ class Frame:
         return sum(entry.info["gaussians"] for entry in self.entries[self.lent :])
 
     def at(self, visible):
-        """The same scenes in another state of Blender's; what isn't there is as it is here."""
+        """The same scenes in another state of Blender; scenes missing there keep this state."""
         found = {(scene.root_name, scene.path): scene for scene in visible.scenes} if visible is not None else {}
         scenes = [found.get((scene.root_name, scene.path), scene) for scene in self.scenes]
         return Frame(scenes, self.entries, self.flat, self.lent)
 
     def time(self, k, frame):
-        """Scene k's time in seconds at a (fractional) frame of the timeline; that of a scene without a duration stands still."""
+        """Scene k's time in seconds at a (fractional) frame of the timeline; constant for a scene without duration."""
         info = self.entries[k].info
         if info["time_end"] <= info["time_begin"]:
             return info["time_begin"]
         return self.entries[k].info["time_begin"] + (frame - self.scenes[k].frame_start) / self.scenes[k].fps
 
     def clips(self, planes):
-        """Planes of Blender's world as the engine takes them, of the leading scene's coordinates; None where there are none."""
+        """Planes of Blender's world in the leading scene's coordinates, for the engine, or None."""
         out = np.array(planes, dtype=np.float64).reshape(-1, 4) @ np.linalg.inv(self.frame_from_world)
         out[:, 3] -= out[:, :3] @ self.origin
         return tuple(map(tuple, out.tolist())) or None
 
     def camera(self, lens_values, world_from_camera, frame):
-        """The engine's camera (a dictionary) of a camera pose in Blender's world."""
+        """The engine's camera (a dictionary) for a camera pose in Blender's world."""
         pose, _ = lens.rigid(self.frame_from_world @ world_from_camera)
         pose[:3, 3] += self.origin
         out = {key: lens_values[key] for key in ("width", "height", "fx", "fy", "cx", "cy")}
@@ -157,15 +156,14 @@ class Frame:
         return out
 
     def parts(self, k, frame, critical_only=False):
-        """Of what is drawn of scene k: keys, and placements."""
+        """Keys and placements of the drawn parts of scene k."""
         if k == 0 and self.lent or self.entries[k].bare:
             return [], []
         scene, entry = self.scenes[k], self.entries[k]
         return keys(scene, entry, critical_only), placements(scene, entry, self.time(k, frame), critical_only)
 
     def contents(self, frame, drawn, object_values=False):
-        """Keyword arguments of submit, render and pick for what is drawn; drawn: the placements of each scene; object_values: with the values of
-        the object pass."""
+        """Keyword arguments of submit, render and pick. drawn: placements of each scene; object_values: include the values of the object pass."""
         found = []
         for k, (scene, entry) in enumerate(zip(self.scenes, self.entries)):
             own = {"placements": drawn[k]}
@@ -177,7 +175,7 @@ class Frame:
         return {**found[0], "others": found[1:]}
 
     def contents_at(self, frame, critical_only=False):
-        """The same of everything at a frame of the timeline."""
+        """The same keyword arguments for a frame of the timeline."""
         return self.contents(frame, [self.parts(k, frame, critical_only)[1] for k in range(len(self.scenes))])
 
     def world_from_scene(self, k):
@@ -195,28 +193,28 @@ class Frame:
         return {"exposure": self.entries[k].scene.exposure(camera.data.pags.sensor, self.time(k, frame))}
 
     def counts(self, stats):
-        """What became of the scenes' Gaussians in a picture with these statistics; the first number is that of the sidebar, added up."""
+        """Text on the Gaussians of a picture from its statistics; the first number is the total that the sidebar shows."""
         told, absent = f"{self.gaussians:,} Gaussians", self.gaussians - stats["gaussians"]
-        told += f", {absent:,} not here now" if absent > 0 else f", {stats['gaussians']:,} with duplicates" if absent < 0 else ""
+        told += f", {absent:,} absent at this time" if absent > 0 else f", {stats['gaussians']:,} with duplicates" if absent < 0 else ""
         told += f", {stats['gaussians'] - stats['shaded']:,} culled, {stats['ms']:.0f} ms"
         early = stats["in_view"] - stats["loaded"] + stats["hidden"]
         return told + (f" ({early:,} by Early-Z)" if early > 0 else "")
 
     def remarks(self, settings):
-        """What a user has to know of several scenes, and of parts left out; empty otherwise."""
+        """A note on several scenes and omitted parts; empty if neither applies."""
         count = len({scene.root_name for scene in self.scenes})
         behind = f", {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}" if own_background(settings) is None else ""
         said = [f"{count} scenes{behind}"] if count > 1 else []
-        said += [f"clean-up and look leave nothing of {s.root_name}" for s, entry in zip(self.scenes[self.lent :], self.entries[self.lent :]) if entry.bare]
-        return "; ".join(said + ([f"flattened by their scale and left out: {', '.join(self.flat[:3])}"] if self.flat else []))
+        said += [f"clean-up and look hide all of {s.root_name}" for s, entry in zip(self.scenes[self.lent :], self.entries[self.lent :]) if entry.bare]
+        return "; ".join(said + ([f"omitted, since a scale of 0 flattens them: {', '.join(self.flat[:3])}"] if self.flat else []))
 
 
-PARTS = {"BACKGROUND", "OBJECT"}  # kinds of objects that stand for Gaussians
+PARTS = {"BACKGROUND", "OBJECT"}  # kinds of objects that represent Gaussians
 SOLIDS = {"MESH", "CURVE", "CURVES", "SURFACE", "META", "FONT", "POINTCLOUD", "VOLUME", "GPENCIL", "GREASEPENCIL"}
 
 
 def instances(depsgraph, hidden=frozenset()):
-    """All visible instances of objects. hidden: full names of objects that one 3D view doesn't show."""
+    """All visible instances of objects. hidden: full names of objects hidden in one 3D view."""
     for instance in depsgraph.object_instances:
         if instance.is_instance and not instance.show_self:
             continue
@@ -226,7 +224,7 @@ def instances(depsgraph, hidden=frozenset()):
 
 
 def hidden_in(space, depsgraph):
-    """Full names of the view layer's objects that a 3D view leaves out: those out of its local view, of hidden local collections or kinds."""
+    """Full names of the view layer's objects hidden in a 3D view: outside of its local view, or in hidden local collections or kinds."""
     if space.local_view is None and not space.use_local_collections and space.show_object_viewport_mesh:
         return frozenset()
     # Only evaluated objects know whether they are in a local view.
@@ -234,7 +232,7 @@ def hidden_in(space, depsgraph):
 
 
 def gather(depsgraph, hidden=frozenset(), only="", without=""):
-    """What is visible of PAGS scenes, or None. only, without: full names of roots, of scenes that are wiped against each other."""
+    """The visible PAGS scenes, or None. only, without: full names of roots to include or exclude, for the wipe between scenes."""
     found, strangers, ignored = {}, set(), set()
     for instance in instances(depsgraph, hidden):
         drawn = instance.object
@@ -267,7 +265,7 @@ def gather(depsgraph, hidden=frozenset(), only="", without=""):
 
 
 def known_parts(state, entry, critical_only=False):
-    """Whether each part is drawn."""
+    """Visibility of each part."""
     known = state.indices < len(entry.objects)  # higher indices come from another version of the scene file
     if critical_only:
         critical = np.array([*(bool(o["critical"]) for o in entry.objects), False])  # the last entry is the background, index -1
@@ -281,7 +279,7 @@ def keys(state, entry, critical_only=False):
 
 
 def placements(state, entry, time, critical_only=False):
-    """Pairs (index, world_from_object) of all parts; a part that was not moved gets the exact pose of its track."""
+    """Pairs (index, world_from_object) of all parts; unmoved parts get the exact pose of their track."""
     known = known_parts(state, entry, critical_only)
     indices, poses = state.indices[known], state.poses[known, :3]
     mine, origin = indices[:, None] >= 0, np.array(entry.info["origin"])
@@ -290,14 +288,14 @@ def placements(state, entry, time, critical_only=False):
     difference = np.abs(exact - poses)
     difference[:, :, 3] = np.abs(exact[:, :, 3] - np.where(mine, origin, 0) - poses[:, :, 3])
     same = (difference[:, :, :3] < SNAP_ROTATION).all(axis=(1, 2)) & (difference[:, :, 3] < SNAP_METRES).all(axis=1)
-    moved = poses.copy()  # poses relative to the scene's origin; the background is moved about that origin
+    moved = poses.copy()  # poses relative to the scene's origin, about which the background is moved
     moved[:, :, 3] += np.where(mine, origin, origin - poses[:, :, :3] @ origin)
     rows = np.where(same[:, None, None], exact, moved).reshape(-1, 12).tolist()
     return list(zip(indices.tolist(), rows))
 
 
 def own_background(settings):
-    """The colour in place of the scene's sky or background, or None. Critical things alone stand before black."""
+    """The colour that replaces the scene's sky or background, or None. With *Critical only* it is black."""
     if settings.use_background:
         return tuple(settings.background)
     return (0.0, 0.0, 0.0) if settings.hide_noncritical else None

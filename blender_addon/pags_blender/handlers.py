@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Handlers of Blender events: a file was opened or saved, an object moved."""
+"""Handlers of Blender events: file opened, file saved, object moved."""
 
 import bpy
 from bpy.app.handlers import persistent
@@ -9,7 +9,7 @@ from . import comparison, draw, native, overlay, photographs, recording, viewpor
 
 @persistent
 def after_load(*_):
-    """After another .blend was opened: drops all scenes, renderers and pictures of the last one."""
+    """After opening another .blend: drops all cached scenes, renderers and pictures."""
     for view in list(viewport.views):
         view.drop()
     overlay.forget()
@@ -23,14 +23,14 @@ def after_load(*_):
     viewport.start_timer()
 
 
-_saving = {"from": "", "to": "", "targets": [], "before": []}  # the .blend's place before a save, where it goes, its paths (whereabouts.py), and what they were
+_saving = {"from": "", "to": "", "targets": [], "before": []}  # during a save: old and new path of the .blend, stored paths (whereabouts.py), their old values
 
 
 @persistent
 def before_save(*arguments):
-    """Before saving: makes the scene paths of imports with *Relative path* relative, once the .blend has a path, and lets relative ones follow a .blend that is
-    saved elsewhere. Others stay as the user has them. Notes what the scenes are."""
-    target = next((a for a in arguments if isinstance(a, str)), "")  # newer Blenders say where it goes
+    """Before saving: makes the scene paths of imports with *Relative path* relative once the .blend has a path, and adapts relative paths to the new folder
+    of the .blend. Other paths don't change. Records the identity of the scenes."""
+    target = next((a for a in arguments if isinstance(a, str)), "")  # newer Blenders pass the new path
     blend, targets = target or bpy.data.filepath, whereabouts.targets()
     before = [(root, name, getattr(root.pags, name), root.pags.record) for root, name, _, _ in targets]
     _saving.update({"from": bpy.data.filepath, "to": blend, "targets": targets, "before": before})
@@ -50,8 +50,8 @@ def move(blend):
 
 @persistent
 def after_save(*_):
-    """After a copy was saved elsewhere the paths are again what they were. Where Blender didn't say where the file goes (up to 4.1) they are moved now;
-    the file on the disk gets them when it is saved again, and until then finds its scenes by what is noted."""
+    """Restores the paths after a copy was saved elsewhere. If Blender did not pass the new path (up to 4.1), the paths are adapted now; the file on disk gets
+    them at its next save, and until then finds its scenes by their recorded identity."""
     if _saving["to"] != bpy.data.filepath:
         if bpy.data.filepath != _saving["from"]:
             move(bpy.data.filepath)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Blender's settings ask for that a picture of the engine doesn't have: said in the viewport's header and in F12's report."""
+"""Lists Blender settings that the engine ignores, for the viewport's header and F12's report."""
 
 from . import blur
 
@@ -7,13 +7,13 @@ MOST_NAMES = 3
 
 
 def some(names):
-    """A few names, and how many more there are."""
+    """A few names and the number of further ones."""
     more = len(names) - MOST_NAMES
     return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def of_render(depsgraph, state):
-    """Lines for F12's report. state: what gather has found."""
+    """Lines for F12's report. state: from gather."""
     render, said = depsgraph.scene.render, list(state.ignored)
     said += ["stereoscopy"] if render.use_multiview else []
     said += ["Freestyle"] if render.use_freestyle else []
@@ -23,7 +23,7 @@ def of_render(depsgraph, state):
 
 
 def of_view(context, state):
-    """The same of a Rendered 3D view, in one line; empty where all is as asked for."""
+    """The same for a Rendered 3D view, in one line; empty if nothing is ignored."""
     camera, final = context.scene.camera, []
     if context.region_data.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
         final += ["depth of field"] if blur.aperture_radius(camera.data) > 0 else []

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene folder or splat file as Blender objects: a root, the background, an object on its track each,
-cameras on the ego."""
+"""Imports a scene folder or splat file as Blender objects: a root, the background, one object per track, cameras on the ego."""
 
 import json
 import os
@@ -15,7 +14,7 @@ from mathutils import Matrix, Quaternion, Vector
 from . import curves, exporter, jobs, lens, native, photographs, program, proxies, reasons, whereabouts
 from .properties import preview_budget
 
-# Rotations that take a file's up axis to Blender's z: quarter and half turns about x, or about y for files with x up.
+# Rotations from a file's up axis to Blender's z: quarter and half turns about x, or about y for files with x up.
 FROM_UP = {
     "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
     "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
@@ -24,37 +23,37 @@ FROM_UP = {
     "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
     "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
 }
-UP_AXES = [("AUTO", "As the file says", "Where a splat file says nothing: -Y, as programs that train splats write them")]
+UP_AXES = [("AUTO", "As stored in the file", "From the file; -Y, as most training programs write, for splat files that store none")]
 UP_AXES += [(axis.upper(), axis.upper(), f"The file's {axis.upper()} axis points up") for axis in FROM_UP]
 EMPTY_SIZE = 0.25  # metres, of the Empties of tracks
-MAP = 20e3  # metres, up to which scenes in a map's coordinates are laid beside each other
-FRAMED = 1.1  # how much larger than what it frames the view of a new camera is
+MAP = 20e3  # metres; scenes in map coordinates within this distance keep their relative position
+FRAMED = 1.1  # size of a new camera's view relative to the framed content
 
 
-# Custom properties of what an import makes: what they say, and their subtype.
+# Custom properties of imported objects: description and subtype.
 NOTES = {
     "id": ("Name of the object in the recording", None),
     "class": ("Class of the object in the recording", None),
-    "category": ("What kind of thing the class is", None),
-    "critical": ("Whether its quality comes first: vehicles, pedestrians, cyclists", None),
-    "gaussians": ("How many Gaussians it has", None),
-    "origin": ("What is added to all positions of a scene in a map's coordinates, metres", None),
-    "up": ("Which axis of those coordinates points up", None),
+    "category": ("Kind of the class", None),
+    "critical": ("Whether quality has priority for this object: vehicles, pedestrians, cyclists", None),
+    "gaussians": ("Number of Gaussians", None),
+    "origin": ("Offset of all positions of a scene in map coordinates, metres", None),
+    "up": ("Axis of those coordinates that points up", None),
     "size": ("Length, width and height of the labelled box, metres", "DISTANCE"),
-    "view": ("File name of the photograph; of a sensor's camera, of its first", None),
-    "test": ("Whether training held the photograph out", None),
-    "time": ("Seconds since the scene's begin", "TIME_ABSOLUTE"),
+    "view": ("File name of the photograph; for a sensor's camera, of its first one", None),
+    "test": ("Whether the photograph was held out from training", None),
+    "time": ("Seconds since the beginning of the scene", "TIME_ABSOLUTE"),
 }
 
 
 def note(block, key, value):
-    """Sets a custom property that says what it is and has its unit."""
+    """Sets a custom property with its description and unit."""
     name, (description, subtype) = "pags_" + key, NOTES[key]
     block[name] = value
     manager = block.id_properties_ui(name)
     try:
         manager.update(description=description, **({"subtype": subtype} if subtype else {}))
-    except (TypeError, ValueError):  # a Blender that hasn't this subtype for custom properties
+    except (TypeError, ValueError):  # a Blender without this subtype for custom properties
         manager.update(description=description)
 
 
@@ -62,8 +61,8 @@ class Import:
     """Imports one scene: creates its collection, root, parts, tracks and cameras."""
 
     def __init__(self, context, path, options, budget, replaces_camera):
-        """options: the import operator's properties; points: size limit of the preview; replaces_camera: a recorded camera becomes the
-        scene's camera even where there is one."""
+        """options: the import operator's properties; points: size limit of the preview; replaces_camera: make a recorded camera the scene's camera even if
+        there is one."""
         self.context, self.path, self.options, self.budget = context, path, options, budget
         self.replaces_camera = replaces_camera
         self.entry = native.load(path)
@@ -80,7 +79,7 @@ class Import:
         self.of_class = {}
 
     def run(self):
-        """Steps that make everything."""
+        """Steps that create everything."""
         self.collection = bpy.data.collections.new(self.name)
         self.context.scene.collection.children.link(self.collection)
         self.root = self.add_empty(self.name, "ROOT", None, 1.0)
@@ -106,8 +105,8 @@ class Import:
                 self.context.scene.camera = next((o for o in self.collection.objects if o.type == "CAMERA"), self.context.scene.camera)
 
     def place(self):
-        """Where the root goes: to zero, but a scene in a map's coordinates beside the first other one, as the map has them; not where that is far
-        off, since Blender's coordinates are floats."""
+        """Location of the root: zero, or for a scene in map coordinates its offset to the first such scene, unless that is too far for Blender's single
+        precision."""
         turn = Matrix(self.turn.tolist()).to_4x4()
         if not self.origin.any():
             return turn
@@ -131,7 +130,7 @@ class Import:
         return block
 
     def collection_of(self, name):
-        """The collection of the objects of a class, below the scene's."""
+        """The collection of a class below the scene's collection."""
         if name not in self.of_class:
             self.of_class[name] = bpy.data.collections.new(name[:60] or "objects")
             self.collection.children.link(self.of_class[name])
@@ -180,7 +179,7 @@ class Import:
         self.limit(part, index, rows[:, 0])
 
     def limit(self, part, index, times):
-        """Hides a part before and after its track; a track is valid half a time step beyond its first and last pose."""
+        """Hides a part before and after its track; a track is valid for half a time step before its first and after its last pose."""
         step = float(np.median(np.diff(times)) if len(times) > 1 else 1 / (self.info["fps"] or 10)) / 2
         begin, end = float(times[0]) - step, float(times[-1]) + step
         if begin > self.info["time_begin"] + 1e-6 or end < self.info["time_end"] - 1e-6:
@@ -202,8 +201,8 @@ class Import:
             yield
 
     def add_framing_camera(self):
-        """Adds a camera that frames what a file without cameras holds: from before it, a little to the right and above. The twentieth of the points
-        that lies farthest out along each axis counts for nothing: trained splats have strays far away."""
+        """Adds a camera that frames a file without cameras, from the front, slightly right and above. Ignores the outermost twentieth of the points along
+        each axis: trained splats have distant strays."""
         points = np.array(self.scene.points(-1, 20000)[0]).reshape(-1, 3) @ self.turn.T
         if not len(points):
             return
@@ -226,7 +225,7 @@ class Import:
         return pose @ lens.FLIP
 
     def add_ego(self, group):
-        """Adds the ego vehicle, an Empty with the positions of the first sensor, kept upright: x forward, z up."""
+        """Adds the ego vehicle, an Empty at the positions of the first sensor, kept upright: x forward, z up."""
         group = sorted(group, key=lambda v: v["time"])
         poses = np.array([self.ego_pose(self.local_pose(view)) for view in group])
         ego = self.add_empty("ego", "EGO", self.root, 1.5)
@@ -245,7 +244,7 @@ class Import:
         return out
 
     def ego_at(self, time):
-        """4x4 pose of the ego at a time, interpolated between its keyframes as Blender does it; other sensors' poses are relative to it."""
+        """4x4 pose of the ego at a time, interpolated between keyframes as in Blender; other sensors' poses are relative to it."""
         at = int(np.searchsorted(self.ego_times, time))
         if at < len(self.ego_times) and abs(self.ego_times[at] - time) < 1e-6:
             return self.ego_poses[at]
@@ -265,7 +264,7 @@ class Import:
         data = bpy.data.cameras.new(name)
         lens.set_blender_lens(data, view)
         data.display_size, data.clip_start, data.clip_end = 0.5, 0.05, 10000
-        data.show_passepartout = False  # a darkened surround would hide the street and cost 5 % of a redraw
+        data.show_passepartout = False  # the darkened area outside of the camera would hide the street and costs 5 % of a redraw
         camera = self.link(bpy.data.objects.new(name, data), "CAMERA", parent)
         note(camera, "view", view["name"])
         note(camera, "test", view["test"])
@@ -279,7 +278,7 @@ class Import:
         self.sensors.append(camera)
 
     def animate_lens(self, camera, group):
-        """Adds keyframes of focal length and principal point where they change along the drive."""
+        """Adds keyframes of focal length and principal point if they change along the drive."""
         values = np.array([[v["fx"], v["fy"], v["cx"], v["cy"]] for v in group])
         if np.ptp(values, axis=0).max() < 1e-6:
             return
@@ -297,7 +296,7 @@ class Import:
 
 
 def blend_is_empty(scene):
-    """Whether the Blender scene holds only the start-up objects, so that the import may set its frame rate, range and size."""
+    """Whether the Blender scene has only the start-up objects, so that the import may set its frame rate, range and size."""
     return all(o.name in {"Cube", "Light", "Camera"} and not o.animation_data for o in scene.objects)
 
 
@@ -307,7 +306,7 @@ def adopt_rate(scene, fps):
 
 
 def adopt_settings(scene, work, frame):
-    """Applies the recording's settings to the Blender scene as the options say; `frame`: also the timeline's range and the picture's size."""
+    """Applies the recording's settings to the Blender scene as chosen in the options; `frame`: including timeline range and render size."""
     info, views = work.info, work.scene.views
     span = info["time_end"] - info["time_begin"]
     if work.options.use_standard:
@@ -321,7 +320,7 @@ def adopt_settings(scene, work, frame):
 
 
 def look_through_camera(context):
-    """Shows what was imported in the 3D views that are open: Rendered, through the scene's camera, which fills the view."""
+    """Shows the import in all open 3D views: Rendered, through the scene's camera, fitted to the view."""
     for window in context.window_manager.windows:
         for area in (area for area in window.screen.areas if area.type == "VIEW_3D"):
             space = area.spaces.active
@@ -335,16 +334,16 @@ def look_through_camera(context):
 
 
 def scene_of(path):
-    """The scene folder whose scene.json names this splat file as one of its models, or None."""
+    """The scene folder whose scene.json lists this splat file as a model, or None."""
     folder = os.path.dirname(path)
-    for _ in range(3):  # models lie in the folder itself or one below
+    for _ in range(3):  # models are in the folder itself or one below
         inner = os.path.join(folder, "scene.json")
         if os.path.isfile(inner):
             try:
                 with open(inner, encoding="utf-8") as file:
                     models = [os.path.join(folder, model["file"]) for model in json.load(file)["models"]]
             except (OSError, ValueError, KeyError, TypeError):
-                return None  # no scene of ours
+                return None  # not one of our scenes
             here = os.path.normcase(os.path.normpath(path))
             return folder if here in [os.path.normcase(os.path.normpath(model)) for model in models] else None
         folder = os.path.dirname(folder)
@@ -352,8 +351,8 @@ def scene_of(path):
 
 
 def clear_views():
-    """Turns off relationship lines and Blender's floor in all 3D views: the lines hide the street, the floor lies over the road and, without a
-    graphics card, costs a sixth of a redraw."""
+    """Turns off relationship lines and Blender's floor in all 3D views: the lines hide the street; the floor covers the road and costs a sixth of a redraw
+    without a graphics card."""
     for area in (area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"):
         overlay = area.spaces.active.overlay
         overlay.show_relationship_lines = False
@@ -361,9 +360,9 @@ def clear_views():
 
 
 def bring_in(job, path, options, said):
-    """Steps that import a scene. said: what is to be told of the choice of the path, as a list of sentences."""
-    entry = yield jobs.beside(native.load, path)  # an unreadable scene fails here, before anything is changed
-    yield jobs.beside(whereabouts.look, path)
+    """Steps that import a scene. said: sentences for the report on the choice of the path."""
+    entry = yield jobs.in_thread(native.load, path)  # an unreadable scene fails here, before any change
+    yield jobs.in_thread(whereabouts.look, path)
     context, scene, fps = bpy.context, bpy.context.scene, entry.info["fps"]
     empty = blend_is_empty(scene)
     rate = fps > 0 and (options.use_rate == "YES" or (options.use_rate == "AUTO" and empty))
@@ -389,12 +388,12 @@ def bring_in(job, path, options, said):
     context.view_layer.objects.active = work.root
     yield from more(job, work, options)
     if fps > 0 and not rate and abs(fps - work.fps) > 1e-3:
-        said.append(f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed")
+        said.append(f"the recording has {fps:g} frames per second, the timeline {work.fps:g}; tracks keep their speed")
     return "; ".join([f"{work.name}: {entry.counts()}", *said])
 
 
 def more(job, work, options):
-    """Steps for what an import can do without: what fails of it becomes a warning."""
+    """Optional steps of an import: their errors become warnings."""
     for camera in work.sensors if options.photographs else ():
         try:
             yield from photographs.show(job, camera, work.root)
@@ -404,7 +403,7 @@ def more(job, work, options):
         try:
             yield from proxies.make(job, work.root, exporter.proxy_program(bpy.context))
         except jobs.ERRORS as error:
-            job.notes.append(f"the scene is imported without proxies: {error}")
+            job.notes.append(f"imported without proxies: {error}")
 
 
 EXTENSIONS = (".json", ".ply", ".spz", ".splat", ".pagsz")  # Blender matches a filter with the whole path: "scene.json" as a filter would match nothing
@@ -427,46 +426,46 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
     whole: BoolProperty(
         name="Whole scene",
-        description="Of a splat file that is a part of a scene folder, import the scene; otherwise this part alone",
+        description="If the splat file belongs to a scene folder, import the whole scene; off: this file only",
         default=True,
     )
-    up: EnumProperty(name="Up axis", description="Which axis of the file becomes Blender's Z", items=UP_AXES)
+    up: EnumProperty(name="Up axis", description="Axis of the file that becomes Blender's Z", items=UP_AXES)
     cameras: EnumProperty(
         name="Cameras",
-        description="Which cameras to make; of a file that holds none, one that frames it",
+        description="Cameras to create; a file without cameras gets one that frames it",
         items=[
-            ("SENSORS", "One a sensor", "One animated camera a sensor, on the ego"),
-            ("ALL", "All views too", "And a still camera for every single photograph"),
+            ("SENSORS", "One per sensor", "One animated camera per sensor, on the ego"),
+            ("ALL", "All views too", "Also one static camera per photograph"),
             ("NONE", "None", "No cameras"),
         ],
     )
     photographs: BoolProperty(
         name="Photographs",
-        description="Show each sensor's photographs behind what its camera sees, as an image sequence",
+        description="Show each sensor's photographs as the background of its camera, as an image sequence",
         default=False,
     )
     proxies: BoolProperty(
         name="Proxies",
-        description="Have the pags program make closed meshes of objects and ground, hidden, on the objects' tracks (takes a while)",
+        description="Create closed meshes of objects and ground with the pags program, hidden, on the objects' tracks (takes minutes)",
         default=False,
     )
     use_rate: EnumProperty(
         name="Frame rate",
         description="Whether the timeline takes the recording's frame rate",
         items=[
-            ("AUTO", "In an empty file", "Take the recording's rate, size and range where the file holds nothing else"),
+            ("AUTO", "In an empty file", "Use the recording's rate, size and range if the file has no other content"),
             ("YES", "Take it", "Always"),
-            ("NO", "Keep mine", "Never; the tracks are laid on the timeline at their true speed all the same"),
+            ("NO", "Keep mine", "Keep the timeline; tracks keep their true speed"),
         ],
     )
     use_standard: BoolProperty(
         name="Standard view transform",
-        description='Colour management "Standard", under which the photographs\' colours look as they are',
+        description='Use the view transform "Standard", which shows the photographs\' colours unchanged',
         default=True,
     )
-    use_engine: BoolProperty(name="Render with PAGS", description="Make PAGS the render engine", default=True)
+    use_engine: BoolProperty(name="Render with PAGS", description="Set the render engine to PAGS", default=True)
     relative: BoolProperty(
-        name="Relative path", description="Remember the scene relative to the .blend, once it is saved; off: absolute, for good", default=True
+        name="Relative path", description="Store the scene's path relative to the .blend once it is saved; off: always absolute", default=True
     )
 
     by_hand = False
@@ -480,13 +479,13 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
             return {"CANCELLED"}
         path, options = os.path.abspath(path), types.SimpleNamespace(**{name: getattr(self, name) for name in OPTIONS})
         whole = scene_of(path) if self.whole else None
-        said = [f"{os.path.basename(path)} is a part of {whole}, which was imported whole (off: Whole scene)"] if whole else []
+        said = [f"{os.path.basename(path)} belongs to {whole}; imported the whole scene (disable: Whole scene)"] if whole else []
         try:
             jobs.begin(self, lambda job: bring_in(job, whole or path, options, said))
         except jobs.ERRORS as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        return {"CANCELLED"} if self.by_hand else {"FINISHED"}  # by hand: nothing is to be undone or done again yet
+        return {"CANCELLED"} if self.by_hand else {"FINISHED"}  # started from the interface: no undo step is pending yet
 
     def draw(self, context):
         lacking = program.lacking(context)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar's panel on inspecting a scene: comparison with photographs, their list, what else the recording holds, measuring."""
+"""The sidebar's panel for inspecting a scene: comparison with photographs, their list, other recorded data, measuring."""
 
 import bpy
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Inspects a scene: picks the object under the mouse and compares a rendered picture with its photograph."""
+"""Picks the object under the mouse, and compares a rendered picture with its photograph."""
 
 import bpy
 import numpy as np
@@ -9,7 +9,7 @@ from . import cameras, gather, jobs, lens, native, photographs, whereabouts
 
 
 class PAGS_OT_pick(bpy.types.Operator):
-    """Click on the scene: which object, class, priority and depth"""
+    """Click on the scene to show object, class, priority and depth"""
 
     bl_idname = "pags.pick"
     bl_label = "Pick"
@@ -50,11 +50,11 @@ class PAGS_OT_pick(bpy.types.Operator):
 
 
 class Aim:
-    """What a camera draws at one moment, to pick in. Only making it reads Blender's data."""
+    """A camera's view at one moment, for picking. Only the constructor reads Blender's data."""
 
     def __init__(self, depsgraph, values, pose, hidden, planes, wait):
-        """values, pose: of the camera, as lens.of_view gives them; hidden, planes: what it leaves out. wait: for scenes that are still loading; else
-        `frame` is None then."""
+        """values, pose: camera from lens.of_view; hidden, planes: excluded objects and clipping. wait: for scenes that are still loading; otherwise `frame`
+        is None then."""
         state, scene = gather.gather(depsgraph, hidden), depsgraph.scene
         if state is None:
             raise native.SceneError("there is no PAGS scene to pick in")
@@ -65,8 +65,7 @@ class Aim:
             self.contents["clips"] = self.frame.clips(planes)
 
     def pick(self, x, y):
-        """What is seen at a pixel (row 0 at the bottom): the C module's pick result with "record", the object, and "place", the point in Blender's
-        world, added; or None."""
+        """The pick result at a pixel (row 0 at the bottom) from the C module, plus "record", the object, and "place", the point in Blender's world; or None."""
         frame, values, y = self.frame, self.values, self.values["height"] - 1 - y
         found = native.module.pick(frame.entry.scene, self.camera, x, y, **self.contents)
         if found is not None:
@@ -94,7 +93,7 @@ def aim(context):
 
 
 def pick(context, values, pose, x, y):
-    """What a Blender camera sees at a pixel (row 0 at the top), whatever the 3D view shows."""
+    """The pick result at a pixel (row 0 at the top) of a Blender camera, independent of the 3D view."""
     return Aim(context.evaluated_depsgraph_get(), values, pose, frozenset(), [], True).pick(x, values["height"] - 1 - y)
 
 
@@ -108,7 +107,7 @@ def describe(found):
 
 
 def select(context, found, extend=False):
-    """Selects the object of what was picked, alone or, with `extend`, with those that are selected, or without it if it was active already."""
+    """Selects the picked object: alone, or with `extend` added to the selection, or removed from it if it was already active."""
     if found is None:
         return
     index = found["object"] if found["object"] is not None else -1
@@ -153,16 +152,16 @@ def draw_view(entry, view, threads):
 
 
 class PAGS_OT_compare(jobs.Long, cameras.OnScene, bpy.types.Operator):
-    """Put the photograph at the current time and the engine's picture of it side by side, with their PSNR"""
+    """Show the photograph at the current time and the rendered picture side by side, with their PSNR"""
 
     bl_idname = "pags.compare"
     bl_label = "Compare with photograph"
 
     name: StringProperty(
-        name="Photograph", description="File name; empty: that of the active camera nearest in time", default=""
+        name="Photograph", description="File name of the photograph; empty: the nearest in time of the active camera", default=""
     )
     use_exposure: BoolProperty(
-        name="Exposure", description="Expose the picture as training found the photograph to be", default=True
+        name="Exposure", description="Apply the photograph's exposure from training to the rendered picture", default=True
     )
 
     def steps(self, context, root):
@@ -170,14 +169,14 @@ class PAGS_OT_compare(jobs.Long, cameras.OnScene, bpy.types.Operator):
         path = whereabouts.absolute_path(root)
 
         def work(job):
-            yield jobs.beside(native.load, path)
+            yield jobs.in_thread(native.load, path)
             frame = cameras.Frame(bpy.context, root)
             finder = type("Finder", (), {"name": name, "step": 0})
             view = cameras.PAGS_OT_jump.find(finder, bpy.context, frame)
             if view is None:
                 raise native.SceneError("the scene has no photographs")
             photograph = yield from photographs.load(job, root, frame.entry, view)
-            picture, value = yield jobs.beside(measure, frame.entry, view, threads, use_exposure, photograph)
+            picture, value = yield jobs.in_thread(measure, frame.entry, view, threads, use_exposure, photograph)
             photographs.compare(bpy.context, photograph, picture)
             bpy.context.scene.pags_compared = f"{view['name']}: PSNR {value:.2f} dB" + (" (held out)" if view["test"] else "")
             return bpy.context.scene.pags_compared
@@ -186,7 +185,7 @@ class PAGS_OT_compare(jobs.Long, cameras.OnScene, bpy.types.Operator):
 
 
 def measure(entry, view, threads, use_exposure, photograph):
-    """The engine's picture of a view and its PSNR."""
+    """The rendered picture of a view and its PSNR."""
     picture = draw_view(entry, view, threads)
     if use_exposure:
         picture = exposed(picture, view)

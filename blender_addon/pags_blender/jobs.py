@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long work beside Blender: exports, proxies, photographs, imports, with progress, a way to cancel and a notice at the end.
+"""Runs long work in the background (exports, proxies, photographs, imports) with progress, a way to cancel and a report at the end.
 
-Work is a generator, made by a function of its job. What stands between two `yield`s runs on the main thread, as all that touches Blender's data
-has to, and takes a few milliseconds. `answer = yield beside(function, ...)` waits for the function, which runs in a thread; `yield` alone lets
-Blender go on. What the generator returns is the notice. A person's click starts it with `start`; scripts and Blenders without a window run it
-to its end with `at_once`."""
+Work is a generator, created by a function of its job. The code between two `yield`s runs on the main thread, as Blender's data requires, and should take a
+few milliseconds. `answer = yield in_thread(function, ...)` runs the function in a thread and waits for it; a bare `yield` gives control back to Blender. The
+generator returns the report. The interface starts it with `start`; scripts and Blenders without a window run it to its end with `at_once`."""
 
 import atexit
 import contextlib
@@ -15,13 +14,13 @@ import bpy
 
 from . import lens, native
 
-SLICE = 0.02  # seconds of the main thread that a job takes at a time
-TICK = 0.02  # seconds between
-current = None  # the job that runs beside Blender
+SLICE = 0.02  # seconds of the main thread per turn
+TICK = 0.02  # seconds between turns
+current = None  # the running background job
 
 
 class Cancelled(Exception):
-    """Raised within a job that is to end."""
+    """Raised within a cancelled job."""
 
 
 class Job:
@@ -29,18 +28,18 @@ class Job:
         self.title, self.fraction, self.what = title, 0.0, ""
         self.notes = []  # warnings for the end
         self.notice = None
-        self.changes = False  # whether Blender's data were changed, which makes a step of undo
+        self.changes = False  # whether Blender's data changed, which requires an undo step
         self.stopped, self.lock, self.end_other = threading.Event(), threading.Lock(), None
         self.thread, self.answer = None, (None, None)
         self.steps = work(self)
 
-    # ---- Of any thread ----
+    # ---- Any thread ----
 
     def tell(self, fraction, what):
         self.fraction, self.what = min(max(fraction, 0.0), 1.0), what
 
     def check(self):
-        """Raises Cancelled where the job was cancelled."""
+        """Raises Cancelled if the job was cancelled."""
         if self.stopped.is_set():
             raise Cancelled
 
@@ -52,7 +51,7 @@ class Job:
 
     @contextlib.contextmanager
     def ended_by(self, end):
-        """Within it, cancelling the job calls `end`, which ends what the thread waits for."""
+        """Within it, cancelling the job calls `end`, which must end what the thread waits for."""
         with self.lock:
             self.end_other = end
         if self.stopped.is_set():
@@ -63,10 +62,10 @@ class Job:
             with self.lock:
                 self.end_other = None
 
-    # ---- Of the main thread ----
+    # ---- Main thread ----
 
     def step(self, wait=False):
-        """Goes on to the next `yield`; True at the end. Without `wait`, returns at once while a thread works."""
+        """Continues to the next `yield`; True at the end. Without `wait`, returns immediately while a thread works."""
         if self.thread is not None:
             if not wait and self.thread.is_alive():
                 return False
@@ -92,7 +91,7 @@ class Job:
             self.answer = (None, error)
 
     def abort(self):
-        """Ends it now, as when another file is opened."""
+        """Ends it now, for example when another file is opened."""
         self.cancel()
         if self.thread is not None:
             self.thread.join(10)
@@ -100,15 +99,15 @@ class Job:
 
     def line(self):
         share = f", {100 * self.fraction:.0f} %" if self.fraction > 0 else ""
-        return f"{self.title}: {'ending' if self.stopped.is_set() else self.what or 'under way'}{share}"
+        return f"{self.title}: {'ending' if self.stopped.is_set() else self.what or 'running'}{share}"
 
 
-def beside(function, *arguments):
-    """For `yield`: a function to be called in a thread. It must not touch Blender's data."""
+def in_thread(function, *arguments):
+    """For `yield`: a function to call in a thread. It must not touch Blender's data."""
     return function, arguments
 
 
-# What a user can do something about; anything else is a fault of ours and leaves a traceback.
+# Errors that users can act on. All others are bugs and leave a traceback.
 ERRORS = (native.SceneError, lens.LensError, OSError, RuntimeError, ValueError, KeyError, MemoryError)
 
 
@@ -121,10 +120,10 @@ def at_once(title, work):
 
 
 def start(title, work):
-    """Runs work beside Blender; its notice comes as a report."""
+    """Runs work in the background and reports its result."""
     global current
     if current is not None:
-        raise native.SceneError(f"{current.title} is under way; wait for its end, or cancel it in the 3D view's header")
+        raise native.SceneError(f"{current.title} is running; wait for its end, or cancel it in the 3D view's header")
     current = Job(title, work)
     bpy.ops.pags.job("INVOKE_DEFAULT")
 
@@ -137,8 +136,8 @@ def report(operator, job):
 
 
 class Long:
-    """Base of the operators on a PAGS scene whose work is long. A subclass defines `steps(context, root)`, which reads the operator's properties
-    and returns the work; the operator itself may be gone when that runs."""
+    """Base of the operators on a PAGS scene with long work. A subclass defines `steps(context, root)`, which reads the operator's properties and returns the
+    work; the operator itself may no longer exist when that runs."""
 
     by_hand = False
     errors = ERRORS
@@ -152,7 +151,7 @@ class Long:
 
 
 def begin(operator, work):
-    """Starts an operator's work beside Blender where a person asked for it, else does it now."""
+    """Starts an operator's work in the background if called from the interface, else runs it to the end."""
     if operator.by_hand:
         start(operator.bl_label, work)
     else:
@@ -163,7 +162,7 @@ def begin(operator, work):
 
 
 class PAGS_OT_job(bpy.types.Operator):
-    """Runs the job that was started, a little at a time"""
+    """Run the current job in small steps"""
 
     bl_idname = "pags.job"
     bl_label = "PAGS job"
@@ -178,7 +177,7 @@ class PAGS_OT_job(bpy.types.Operator):
     def modal(self, context, event):
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        if current is None:  # the add-on was switched off and on again
+        if current is None:  # the add-on was disabled and enabled again
             return self.end(context)
         try:
             done = advance(current)
@@ -188,8 +187,8 @@ class PAGS_OT_job(bpy.types.Operator):
         except ERRORS as error:
             self.report({"ERROR"}, f"{current.title}: {error}")
             return self.end(context)
-        except ReferenceError:  # what it worked on was deleted or undone meanwhile
-            self.report({"ERROR"}, f"{current.title}: the scene was changed meanwhile; try it again")
+        except ReferenceError:  # its objects were deleted or undone meanwhile
+            self.report({"ERROR"}, f"{current.title}: the scene has changed; try again")
             return self.end(context)
         except BaseException:
             self.end(context)
@@ -212,12 +211,12 @@ class PAGS_OT_job(bpy.types.Operator):
         return {"FINISHED"}
 
     def cancel(self, context):
-        """Called by Blender: another file is opened, or the window closed."""
+        """Called by Blender when another file is opened or the window closed."""
         abort()
 
 
 def advance(job):
-    """Steps of a job until its share of time is used up or a thread works for it; True at the end."""
+    """Runs the job until its time is used up or a thread works for it; True at the end."""
     end = time.perf_counter() + SLICE
     while not job.step():
         if job.thread is not None or time.perf_counter() > end:
@@ -233,7 +232,7 @@ def abort():
 
 
 class PAGS_OT_cancel_job(bpy.types.Operator):
-    """End the export, import or other long work of PAGS that is under way; what it has written is removed"""
+    """Cancel the running export, import or other job of PAGS and remove its output"""
 
     bl_idname = "pags.cancel_job"
     bl_label = "Cancel"
@@ -249,7 +248,7 @@ class PAGS_OT_cancel_job(bpy.types.Operator):
 
 
 def draw_header(self, context):
-    """In the 3D view's header: what is under way, and a button to cancel it."""
+    """In the 3D view's header: the running job and a button to cancel it."""
     if current is None:
         return
     row = self.layout.row(align=True)
@@ -275,8 +274,8 @@ CLASSES = (PAGS_OT_job, PAGS_OT_cancel_job)
 def register():
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    bpy.types.VIEW3D_HT_header.prepend(draw_header)  # at its right end it would often lie outside of the window
-    atexit.register(abort)  # no program goes on after Blender's end
+    bpy.types.VIEW3D_HT_header.prepend(draw_header)  # the right end of the header is often outside of the window
+    atexit.register(abort)  # no program keeps running after Blender's end
 
 
 def unregister():

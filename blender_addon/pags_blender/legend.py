@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The legend of the modes of *Show* other than colour: a bar of the picture's own colours with numbers and units, at the lower edge of each 3D
-view that draws in such a mode."""
+"""Draws a legend for all modes of *Show* except colour: a bar of the picture's colours with numbers and units, at the lower edge of each 3D view in such a
+mode."""
 
 import math
 
@@ -11,36 +11,36 @@ from gpu_extras.batch import batch_for_shader
 
 from . import draw, native, overlay
 
-# Of each mode: its title, the ends of its scale (logarithmic from the first, where that isn't 0), whether the low end is light, and the values that
-# are written below it, as `mode_color` in blender_addon/native/picture.c draws them.
+# For each mode: title, ends of the scale (logarithmic from the first, unless that is 0), whether the low end is light, and the labelled
+# values, as in `mode_color` in blender_addon/native/picture.c.
 SCALES = {
     "priority": ("Priority S_sem", (0, 1), False, ((0, "0"), (0.25, "0.25"), (0.5, "0.5"), (0.75, "0.75"), (1, "1"))),
     "depth": ("Depth, metres", (1, 200), True, ((1, "1 m"), (3, "3"), (10, "10"), (30, "30"), (200, "200 m"))),
     "size": ("Largest sigma", (0.003, 3), False, ((0.003, "3 mm"), (0.03, "3 cm"), (0.3, "0.3 m"), (3, "3 m"))),
-    "count": ("Gaussians blended a pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
-    "overdraw": ("Gaussians computed a pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
+    "count": ("Gaussians blended per pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
+    "overdraw": ("Gaussians computed per pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
 }
-# The mode that has two colours instead: that of white things and what they are.
+# The mode with two colours instead of a scale: title and meaning of the highlighted colour.
 KINDS = {"critical": (((1, 0.45, 0.1), "vehicles, pedestrians, cyclists"), ((0.35, 0.35, 0.4), "all else"))}
-STOPS = 5  # the colour map is linear between as many equally spaced colours
-WIDTH, HEIGHT, BOTTOM = 280, 12, 62  # of the bar, and its distance from the view's lower edge, in pixels of an interface of scale 1
+STOPS = 5  # the colour map is linear between this number of equally spaced colours
+WIDTH, HEIGHT, BOTTOM = 280, 12, 62  # of the bar, and its distance from the view's lower edge, in pixels at interface scale 1
 
 _handle = None
 
 
 def share(mode, value):
-    """Where a value lies on a mode's scale, from 0 to 1."""
+    """Position of a value on a mode's scale, from 0 to 1."""
     low, high = SCALES[mode][1]
     return (value - low) / (high - low) if low == 0 else math.log(value / low) / math.log(high / low)
 
 
 def color(mode, at):
-    """The colour at a place on a mode's scale, from 0 to 1, as the screen shows it."""
+    """The colour at a position on a mode's scale, 0 to 1, as the screen shows it."""
     return (*native.module.heat(1 - at if SCALES[mode][2] else at), 1.0)
 
 
 def shows(context):
-    """Whether a 3D view has a legend: it draws splats in a mode that needs one, and doesn't hide its text."""
+    """Whether a 3D view has a legend: it draws splats in a mode that needs one, and shows its text."""
     settings, space = context.scene.pags, context.space_data
     if settings.mode == "rgb" or not (space.overlay.show_overlays and space.overlay.show_text) or native.module is None:
         return False
@@ -52,7 +52,7 @@ def smooth_shader():
 
 
 def strip(x, y, width, height, colors):
-    """Draws a bar with these colours from its left to its right, equally spaced."""
+    """Draws a bar with these equally spaced colours."""
     places, shades = [], []
     for number, shade in enumerate(colors):
         at = x + width * number / max(1, len(colors) - 1)
@@ -63,19 +63,19 @@ def strip(x, y, width, height, colors):
 
 
 def write(text, x, y, align=0.0):
-    """A line that begins at x, is centred there (0.5) or ends there (1)."""
+    """A line that begins at x (0), is centred there (0.5) or ends there (1)."""
     blf.position(0, x - align * blf.dimensions(0, text)[0], y, 0)
     blf.draw(0, text)
 
 
 def note(scene):
-    """What a mode's title lacks: under other view transforms than these the picture's colours are not the map's."""
+    """Suffix of a mode's title: other view transforms change the picture's colours."""
     transform = scene.view_settings.view_transform
     return "" if transform in {"Standard", "Raw"} else f" (colours as under Standard; this is {transform})"
 
 
 def place(context):
-    """Left, bottom, width and the interface's scale of the bar: centred in what the sidebar leaves of the view."""
+    """Left, bottom, width and interface scale of the bar: centred in the part of the view left of the sidebar."""
     scale, region = draw.font(context), context.region
     sidebar = next((r.width for r in context.area.regions if r.type == "UI" and r.width > 1), 0)
     width = min(WIDTH * scale, 0.7 * (region.width - sidebar))

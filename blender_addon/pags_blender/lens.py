@@ -5,7 +5,7 @@ image corners at 0 and width."""
 import numpy as np
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from Blender's camera axes (y up, looking along -z) to the engine's
-# An orthographic view is rendered by a perspective camera this far back, in heights of the view, where the perspective is invisible.
+# An orthographic view is rendered by a perspective camera this far back, in heights of the view; the perspective is then invisible.
 ORTHO_DISTANCE = 400.0
 
 
@@ -14,7 +14,7 @@ def matrix(m):
 
 
 def rigid(m):
-    """Splits a 4x4 matrix into (its place and the rotation nearest to it, its mean scale)."""
+    """Splits a 4x4 matrix into (pose with its nearest rotation, mean scale)."""
     u, sizes, v = np.linalg.svd(m[:3, :3])
     out = m.copy()
     out[:3, :3] = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
@@ -32,7 +32,7 @@ class LensError(Exception):
 def intrinsics(camera, width, height, aspect_x=1.0, aspect_y=1.0):
     """fx, fy, cx, cy in pixels of a Blender camera (data) for a picture of this size."""
     if camera.type == "PANO":
-        raise LensError("PAGS draws perspective and orthographic cameras; the active one is panoramic")
+        raise LensError("PAGS renders perspective and orthographic cameras; the active one is panoramic")
     wide, tall = width * aspect_x, height * aspect_y
     horizontal = camera.sensor_fit == "HORIZONTAL" or (camera.sensor_fit == "AUTO" and wide >= tall)
     sensor = camera.sensor_height if camera.sensor_fit == "VERTICAL" else camera.sensor_width
@@ -49,7 +49,7 @@ def intrinsics(camera, width, height, aspect_x=1.0, aspect_y=1.0):
 
 
 def of_camera(camera, world_from_camera, width, height, aspect_x=1.0, aspect_y=1.0):
-    """Of a Blender camera object: (intrinsics, world_from_camera 4x4 in OpenCV's axes)."""
+    """(intrinsics, world_from_camera 4x4 in OpenCV's axes) of a Blender camera object."""
     lens = intrinsics(camera, width, height, aspect_x, aspect_y)
     pose = matrix(world_from_camera)
     if np.linalg.det(pose[:3, :3]) < 0:  # mirrored together with its scene: it sees the mirrored scene, as any camera there would
@@ -61,7 +61,7 @@ def of_camera(camera, world_from_camera, width, height, aspect_x=1.0, aspect_y=1
 
 
 def of_view(window_matrix, view_matrix, width, height):
-    """The same of a 3D view, from its projection matrix, which includes the view's zoom, offset and lens."""
+    """The same for a 3D view, from its projection matrix, which includes zoom, offset and lens."""
     p = matrix(window_matrix)
     lens = {"width": width, "height": height, "fx": p[0, 0] * width / 2, "fy": p[1, 1] * height / 2}
     pose, _ = rigid(np.linalg.inv(matrix(view_matrix)))
@@ -74,7 +74,7 @@ def of_view(window_matrix, view_matrix, width, height):
 
 
 def camera_frame(camera, render, view, width, height):
-    """Where a 3D view through the camera has the camera's picture: left, top, width and height in pixels of the region, from its top."""
+    """The camera's frame in a 3D view through it: left, top, width and height in pixels of the region, from its top."""
     size = picture_size(render)
     own, _ = of_camera(camera.data, camera.matrix_world, *size, render.pixel_aspect_x, render.pixel_aspect_y)
     seen, _ = of_view(view.window_matrix, view.view_matrix, width, height)
@@ -86,16 +86,16 @@ def camera_frame(camera, render, view, width, height):
 
 
 def depth_planes(values, pose, near, far):
-    """Planes a, b, c, d of the world between which a camera (intrinsics and pose, as above) draws: where a x + b y + c z + d >= 0."""
+    """Near and far planes a, b, c, d in the world of a camera (intrinsics and pose, as above); visible where a x + b y + c z + d >= 0."""
     axis = pose[:3, 2]
     own = axis @ pose[:3, 3] + values.get("ortho", 0.0)
     return [(*axis, -own - near), (*-axis, own + far)]
 
 
 def clip_planes(space, view, values, pose, camera):
-    """The planes between which a 3D view draws: its clipping region's (Alt B), and those of its depth or its camera's."""
+    """The clip planes of a 3D view: of its clipping region (Alt B), and near and far of the view or its camera."""
     planes = []
-    if view.use_clip_planes:  # those that aren't in use are 0; of a quad view's box four are
+    if view.use_clip_planes:  # unused planes are 0; the box of a quad view uses four
         planes = [tuple(plane) for plane in list(view.clip_planes)[: 4 if view.use_box_clip else 6] if any(plane)]
     p = view.window_matrix
     if view.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
@@ -108,7 +108,7 @@ def clip_planes(space, view, values, pose, camera):
 
 
 def from_afar(lens, pose):
-    """Turns an orthographic camera (fx, fy in pixels per metre) into a perspective camera with a long lens far behind."""
+    """Turns an orthographic camera (fx, fy in pixels per metre) into a distant perspective camera with a long lens."""
     distance = ORTHO_DISTANCE * max(lens["height"] / lens["fy"], 10.0)
     out = dict(lens, fx=lens["fx"] * distance, fy=lens["fy"] * distance, ortho=distance)
     pose = pose.copy()

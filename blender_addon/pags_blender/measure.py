@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measures in the 3D view: the distance between two picked points, and a view that stands on the ground."""
+"""Measures in the 3D view: the distance between two picked points, and eye height above the ground."""
 
 import bpy
 import gpu
@@ -10,7 +10,7 @@ from mathutils import Matrix, Vector
 
 from . import draw, gather, inspector, lens, native
 
-BESIDE = 0.4  # metres that the rays beside the middle one go down from; the ground is the median of nine
+BESIDE = 0.4  # metres between the vertical rays; the ground is the median of nine
 DOWN = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])  # a camera that looks down, in the engine's axes
 
 _handles = ()
@@ -20,7 +20,7 @@ _handles = ()
 
 
 def place_at(context, x, y):
-    """The point of Blender's world that a pixel of the 3D view shows (row 0 at the bottom). SceneError where there is nothing."""
+    """The point of Blender's world at a pixel of the 3D view (row 0 at the bottom). Raises SceneError without one."""
     found = inspector.aim(context).pick(x, y)
     if found is None:
         raise native.SceneError("nothing is drawn there")
@@ -28,11 +28,11 @@ def place_at(context, x, y):
 
 
 class PAGS_OT_distance(bpy.types.Operator):
-    """Click on two points of the scene: how far they are apart. The view may be turned and moved between the clicks; Escape ends it"""
+    """Click on two points of the scene to measure their distance. The view can be moved between the clicks; Escape ends it"""
 
     bl_idname = "pags.distance"
     bl_label = "Distance"
-    bl_options = {"UNDO"}  # no panel to adjust: the points of the clicks aren't properties
+    bl_options = {"UNDO"}  # no panel for adjustment: the clicked points are not properties
 
     start: IntVectorProperty(name="From", description="Pixels from the left and the bottom of the view", size=2)
     end: IntVectorProperty(name="To", description="Pixels from the left and the bottom of the view", size=2)
@@ -52,7 +52,7 @@ class PAGS_OT_distance(bpy.types.Operator):
         if event.type in {"ESC", "RIGHTMOUSE"}:
             return self.close(context, {"CANCELLED"})
         if event.type != "LEFTMOUSE" or event.value != "PRESS":
-            return {"PASS_THROUGH"}  # the view can be turned meanwhile
+            return {"PASS_THROUGH"}  # the view can be moved meanwhile
         try:
             place = place_at(context, event.mouse_region_x, event.mouse_region_y)
         except (native.SceneError, RuntimeError, ValueError) as error:
@@ -87,7 +87,7 @@ class PAGS_OT_distance(bpy.types.Operator):
 
 
 class PAGS_OT_forget_distance(bpy.types.Operator):
-    """Take the measured distance out of the views"""
+    """Remove the measured distance from the views"""
 
     bl_idname = "pags.forget_distance"
     bl_label = "Remove distance"
@@ -136,12 +136,12 @@ def on_draw_text():
         draw.text(context, 0.5 + 0.5 * at.x / at.w, 0.5 + 0.5 * at.y / at.w, context.scene.pags_distance)
 
 
-# ---- Standing on the ground ----
+# ---- Eye height ----
 
 
 def ground_below(context, place):
-    """Height in Blender's world of what lies straight below a point: the median of nine rays, so that neither a gap nor a bollard decides; of a LiDAR
-    sweep that was imported where the scene has nothing there. None where that has nothing either."""
+    """Height in Blender's world of the ground below a point: the median of nine rays, robust against gaps and bollards; from an imported LiDAR sweep if the
+    scene has no surface there. None if neither has one."""
     depsgraph = context.evaluated_depsgraph_get()
     state, heights = gather.gather(depsgraph), []
     if state is not None:
@@ -160,7 +160,7 @@ def ground_below(context, place):
 
 
 def lidar_below(context, place):
-    """The same of the points of LiDAR sweeps within a metre: the lowest twentieth of them."""
+    """The same from the points of LiDAR sweeps within a metre: their 5th percentile."""
     heights = []
     for block in context.scene.objects:
         if "pags_lidar" not in block:
@@ -175,14 +175,13 @@ def lidar_below(context, place):
 
 
 class PAGS_OT_stand(bpy.types.Operator):
-    """Set the view, or the camera that it looks through, at eye height over what lies below it, level and in its direction. Cameras of the recording
-    are left: the view stands on the ground below them"""
+    """Move the view or its camera to eye height above the ground, level, in the same direction. Cameras of the recording stay; the view moves instead"""
 
     bl_idname = "pags.stand"
     bl_label = "Stand on ground"
     bl_options = {"REGISTER", "UNDO"}
 
-    height: FloatProperty(name="Eye height", description="Over the ground", default=1.6, min=0.01, max=1000, unit="LENGTH")
+    height: FloatProperty(name="Eye height", description="Height above the ground in metres", default=1.6, min=0.01, max=1000, unit="LENGTH")
 
     @classmethod
     def poll(cls, context):
@@ -198,10 +197,10 @@ class PAGS_OT_stand(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if ground is None:
-            self.report({"ERROR"}, "nothing of the scene, and no LiDAR point, lies below the view; move it over the ground")
+            self.report({"ERROR"}, "no surface and no LiDAR point below the view; move it over the ground")
             return {"CANCELLED"}
         towards = eye.to_3x3() @ Vector((0, 0, -1))
-        if towards.xy.length < 0.05 * towards.length:  # it looks straight up or down: what is above in the picture lies ahead
+        if towards.xy.length < 0.05 * towards.length:  # looking straight up or down: the top of the picture becomes the direction
             towards = eye.to_3x3() @ Vector((0, 1, 0))
         turn = Vector((towards.x, towards.y, 0)).to_track_quat("-Z", "Y")
         stand = Vector((place[0], place[1], ground + self.height))
@@ -212,7 +211,7 @@ class PAGS_OT_stand(bpy.types.Operator):
             view.view_perspective = "PERSP"
             view.view_rotation = turn
             view.view_location = stand + turn @ Vector((0, 0, -view.view_distance))
-        self.report({"INFO"}, f"{self.height:g} m over the ground at height {ground:.2f} m")
+        self.report({"INFO"}, f"{self.height:g} m above the ground at height {ground:.2f} m")
         return {"FINISHED"}
 
 
@@ -223,8 +222,8 @@ def register():
     global _handles
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    bpy.types.Scene.pags_measured = FloatVectorProperty(name="Measured", description="The two points of the distance", size=6, options={"SKIP_SAVE"})
-    bpy.types.Scene.pags_distance = StringProperty(name="Distance", description="Between the two points", options={"SKIP_SAVE"})
+    bpy.types.Scene.pags_measured = FloatVectorProperty(name="Measured", description="The two measured points", size=6, options={"SKIP_SAVE"})
+    bpy.types.Scene.pags_distance = StringProperty(name="Distance", description="Distance between the two points", options={"SKIP_SAVE"})
     if not bpy.app.background:
         add = bpy.types.SpaceView3D.draw_handler_add
         _handles = (add(on_draw, (), "WINDOW", "POST_VIEW"), add(on_draw_text, (), "WINDOW", "POST_PIXEL"))

@@ -15,15 +15,15 @@ module = None
 try:
     module = importlib.import_module(system.module(), __package__)  # pags.abi3.so, on Windows pags.pyd
     if not module.__version__.startswith(VERSION + "."):
-        problem = f"the add-on is for version {VERSION} of the PAGS module, and the module beside it is {module.__version__}"
+        problem = f"the add-on requires version {VERSION} of the PAGS module, but its folder has {module.__version__}"
         module = None
 except ImportError as error:
     problem = f"the PAGS module can't be loaded: {error}"
 
 
 def publish():
-    """Makes `import pags` give the module in this Blender, unless a script has imported another. An extension gives a copy without a file: Blender warns
-    of extensions whose files are modules of the top level."""
+    """Makes `import pags` return the module in this Blender, unless a script has imported another. An extension passes a copy without a file: Blender warns
+    about extensions whose files are top-level modules."""
     if module is None:
         return
     if not __package__.startswith("bl_ext."):
@@ -39,12 +39,12 @@ class SceneError(Exception):
     """An error with a message for the user."""
 
 
-NOTHING_LEFT = "is left by clean-up and look"  # within the engine's error on rules that leave no Gaussian
+NOTHING_LEFT = "is left by clean-up and look"  # no Gaussian left, within the engine's error text on rules
 
 
 class Entry:
-    """A cached scene of one path: loading, loaded or failed. edits: rules of clean-up and look (cleanup.py), or empty; where they leave no Gaussian the
-    scene is the one without them, and `bare`: its sky alone is drawn."""
+    """A cached scene of one path: loading, loaded or failed. edits: rules of clean-up and look (cleanup.py), or empty. If they leave no Gaussian, the scene
+    is the unedited one and `bare`: only its sky is drawn."""
 
     def __init__(self, path, edits=""):
         self.path, self.stamp, self.edits = path, whereabouts.stamp_of(path), edits
@@ -74,7 +74,7 @@ class Entry:
         return module.load(self.path)
 
     def counts(self):
-        """How much the scene holds, for people."""
+        """The size of the scene as text."""
         drawn = sum(record["gaussians"] > 0 for record in self.objects)
         told = f"{self.info['gaussians']:,} Gaussians, {drawn} object{'' if drawn == 1 else 's'}"
         return told + (f", {len(self.objects) - drawn} more without Gaussians" if drawn < len(self.objects) else "")
@@ -85,18 +85,18 @@ class Entry:
 
 
 _entries = {}
-_edited = {}  # by path and name of the root: entries with rules of clean-up and look, what is shown first, then what is being made
+_edited = {}  # by path and name of the root: entries with rules of clean-up and look, first the displayed one, then the one being made
 _renderers = {}
-generation = 0  # counts scenes that were read anew: pictures of before are no longer of what is drawn
+generation = 0  # number of reloads, which invalidate earlier pictures
 
 
 def entry(path, wait):
-    """The entry of an absolute path; loads the scene where needed. wait=False: returns at once, possibly while loading."""
+    """The entry of an absolute path; loads the scene if needed. wait=False: returns immediately, possibly while loading."""
     if not module:
         raise SceneError(problem)
     known = _entries.get(path)
     if known and not known.loading and known.error and known.stamp != whereabouts.stamp_of(path):
-        known = None  # it failed to load, but the files have changed since
+        known = None  # loading failed, but the files have changed since
     if not known:
         known = _entries[path] = Entry(path)
     if wait:
@@ -107,7 +107,7 @@ def entry(path, wait):
 
 
 def edited(path, owner, edits, wait):
-    """The entry of a scene with rules of clean-up and look, of the root called `owner`. wait=False: returns at once what was ready last, and makes the
+    """The entry of a scene with rules of clean-up and look, for the root named `owner`. wait=False: returns the last ready one immediately and makes the
     newest in the background, one at a time."""
     if not edits:
         _edited.pop((path, owner), None)
@@ -128,13 +128,13 @@ def edited(path, owner, edits, wait):
 
 
 def is_making(path, owner, edits):
-    """Whether what was asked for by `edited` isn't ready yet."""
+    """Whether the entry requested by `edited` isn't ready yet."""
     held = _edited.get((path, owner))
     return bool(edits and held and (held[-1].loading or held[-1].edits != edits))
 
 
 def known(path):
-    """The entry of a scene that has been loaded, or None."""
+    """The entry of a loaded scene, or None."""
     found = _entries.get(path)
     return found if found is not None and found.scene is not None else None
 
@@ -145,7 +145,7 @@ def entries():
 
 
 def replace(path, fresh):
-    """Puts what was read anew in the place of what was read before."""
+    """Replaces the cached scene with the reloaded one."""
     global generation
     _entries[path] = fresh
     forget_edited(path)
@@ -153,7 +153,7 @@ def replace(path, fresh):
 
 
 def is_loading(path):
-    """Whether a scene is being read or, not having been read, would be now."""
+    """Whether a scene is loading, or would be loaded on use."""
     try:
         return entry(path, False).loading
     except SceneError:
@@ -161,7 +161,7 @@ def is_loading(path):
 
 
 def load(path):
-    """The entry of a loaded scene; raises SceneError where it can't be loaded."""
+    """The entry of a loaded scene; raises SceneError if it can't be loaded."""
     return entry(path, True)
 
 
@@ -171,7 +171,7 @@ def forget_edited(path):
 
 
 def forget(path=None):
-    """Drops a scene from the cache, so that it is read again when needed; without a path all scenes."""
+    """Drops a scene from the cache, so that its next use reloads it; without a path all scenes."""
     if path is None:
         _entries.clear()
         _edited.clear()
@@ -181,7 +181,7 @@ def forget(path=None):
 
 
 def renderer(kind, threads):
-    """The renderer of a kind of use ("view", ...) with this many threads (0: all); created again when the number changes."""
+    """The renderer for a use ("view", ...) with this number of threads (0: all); recreated when the number changes."""
     known = _renderers.get(kind)
     if not known or known[0] != threads:
         known = _renderers[kind] = (threads, module.Renderer(threads=threads))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Converts a scene to Blender's own splats: point clouds of the type GAUSSIAN_SPLAT, which Blender 5.3 draws in Cycles, EEVEE and the viewport.
 
-Names, types and values of the attributes are those that Blender's importer of PLY files writes (blender/blender,
+Names, types and values of the attributes are those of Blender's PLY importer (blender/blender,
 source/blender/io/ply/importer/ply_import_gsplat.cc and io/common/intern/IO_gsplat.cc at commit 082a5ac35773):
 
     position        FLOAT_VECTOR  metres
@@ -17,19 +17,19 @@ from mathutils import Matrix
 from . import cameras, native, whereabouts
 
 NEEDED = (5, 3, 0)
-MARK = "pags_native"  # custom property of a converted object: the name of the object that it was made of
+MARK = "pags_native"  # custom property of a converted object: name of its source object
 
 
 def missing():
-    """Why this Blender can't have native splats; empty where it can."""
+    """Why this Blender has no native splats; empty if it has."""
     known = {p.identifier for p in bpy.types.PointCloud.bl_rna.properties} if hasattr(bpy.types, "PointCloud") else ()
     if "type" in known:
         return ""
-    return f"Blender {NEEDED[0]}.{NEEDED[1]} and newer have splats of their own; this is {bpy.app.version_string}"
+    return f"native splats require Blender {NEEDED[0]}.{NEEDED[1]} or newer; this is {bpy.app.version_string}"
 
 
 def attributes(arrays):
-    """Of Gaussians as Scene.arrays gives them: (name, type, key for foreach_set, values) of each attribute."""
+    """(name, type, key for foreach_set, values) of each attribute, for Gaussians from Scene.arrays."""
     rotation = arrays["quats"].astype(np.float64)
     length = np.linalg.norm(rotation, axis=1, keepdims=True)
     rotation = np.where(length > 0, rotation / np.where(length > 0, length, 1), [1.0, 0, 0, 0])
@@ -56,7 +56,7 @@ def make_cloud(name, arrays):
 
 
 def frame_of(entry, index):
-    """4x4 pose, in an object's frame, of what the means of its Gaussians are relative to: parked objects' stand at the scene's origin."""
+    """4x4 pose, in an object's frame, of the coordinates of its means: those of parked objects are relative to the scene's origin."""
     if index < 0 or entry.objects[index]["tracked"]:
         return Matrix()
     pose = np.eye(4)
@@ -66,7 +66,7 @@ def frame_of(entry, index):
 
 
 def follow(converted, part):
-    """Hides the converted object where and when the part is hidden."""
+    """Copies the part's visibility keyframes to the converted object."""
     for path in ("hide_viewport", "hide_render"):
         driver = converted.driver_add(path).driver
         driver.type = "AVERAGE"
@@ -76,7 +76,8 @@ def follow(converted, part):
 
 
 class PAGS_OT_native_splats(cameras.OnScene, bpy.types.Operator):
-    """Make Blender's own splats of the scene, each object a point cloud below its own track, for Cycles, EEVEE and geometry nodes. PAGS goes on drawing the scene itself"""
+    """Convert the scene to Blender's own splats, one point cloud per object below its track, for Cycles, EEVEE and geometry nodes. PAGS still renders the
+    scene"""
 
     bl_idname = "pags.native_splats"
     bl_label = "Convert to native splats"
@@ -120,7 +121,7 @@ class PAGS_OT_native_splats(cameras.OnScene, bpy.types.Operator):
             follow(converted, part)
             collection.objects.link(converted)
             gaussians += len(cloud.points)
-        return f"{len(parts)} point clouds of {gaussians:,} Gaussians in the collection {name}"
+        return f"{len(parts)} point clouds with {gaussians:,} Gaussians in the collection {name}"
 
 
 CLASSES = (PAGS_OT_native_splats,)

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The overlay of Solid and Material shading and of other render engines: splats composited with the meshes by depth, or, where
-splats aren't drawn, a light preview of points."""
+"""Overlay for Solid and Material shading and other render engines: splats composited with the meshes by depth, or preview points where splats are not drawn."""
 
 import blf
 import bpy
@@ -31,7 +30,7 @@ def forget():
 
 
 def draws_splats(context):
-    """Whether the overlay draws this view's splats (rather than a render engine, or nothing does)."""
+    """Whether the overlay draws this view's splats."""
     shading = context.space_data.shading.type
     if not context.scene.pags.overlay or shading == "WIREFRAME":
         return False
@@ -39,7 +38,7 @@ def draws_splats(context):
 
 
 def draws(context):
-    """Whether this view draws splats, by the render engine or by the overlay."""
+    """Whether the render engine or the overlay draws splats in this view."""
     engine = context.space_data.shading.type == "RENDERED" and context.scene.render.engine == "PAGS"
     return engine or draws_splats(context)
 
@@ -172,7 +171,7 @@ def on_draw_text():
     scale = draw.font(context)
     blf.color(0, 1, 1, 1, 0.9)
     text = "PAGS | " + view.statistics(context.scene.pags)
-    # At the right, beside the sidebar: Blender's own text is at the top, its panel of the last operation at the lower left.
+    # On the right, next to the sidebar: Blender's own text is at the top, its panel of the last operation at the lower left.
     sidebar = next((r.width for r in context.area.regions if r.type == "UI" and r.width > 1), 0)
     left = context.region.width - sidebar - blf.dimensions(0, text)[0] - 20 * scale
     blf.position(0, max(left, 20 * scale), 20 * scale, 0)

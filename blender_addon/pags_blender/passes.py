@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """F12's passes for compositing: expected normals, motion vectors (Blender's Vector pass) and Cryptomattes of objects and classes.
 
-Blender's own switches of the view layer turn them on, so that its compositor and its files know them. A Cryptomatte's names are those of
-Blender's objects, which its Cryptomatte node lists; the classes take the place of Blender's assets, which are groups of objects as well."""
+The view layer's own settings enable them, so that Blender's compositor and files support them. The names in a Cryptomatte are those of Blender's objects, as
+its Cryptomatte node lists them; the classes use Blender's pass for assets, which are groups of objects, too."""
 
 import json
 
@@ -11,18 +11,18 @@ import numpy as np
 from . import gather, lens, native
 
 MATTES = {"CryptoObject": "crypto_object", "CryptoAsset": "crypto_class"}
-MOST_PASSES = 3  # of a matte, two names a pixel each: the engine finds the six largest
+MOST_PASSES = 3  # passes per matte, each with two names per pixel: the engine finds the six largest
 
 
 def mattes(view_layer):
-    """Names of the matte passes that the view layer asks for, by layer."""
+    """Names of the matte passes enabled in the view layer, by layer."""
     count = min(MOST_PASSES, (view_layer.pass_cryptomatte_depth + 1) // 2)
     asked = {"CryptoObject": view_layer.use_pass_cryptomatte_object, "CryptoAsset": view_layer.use_pass_cryptomatte_asset}
     return {layer: [f"{layer}{k:02d}" for k in range(count)] for layer in MATTES if asked[layer]}
 
 
 def register(engine, scene, view_layer):
-    """Says which passes there are."""
+    """Registers the enabled passes."""
     if view_layer.use_pass_normal:
         engine.register_pass(scene, view_layer, "Normal", 3, "XYZ", "VECTOR")
     if view_layer.use_pass_vector:
@@ -33,14 +33,14 @@ def register(engine, scene, view_layer):
 
 
 def outputs(layer):
-    """The engine's outputs for the passes of a render layer."""
+    """The engine outputs required by the passes of a render layer."""
     names = {p.name for p in layer.passes}
     found = [output for name, output in (("Normal", "normal"), ("Vector", "motion")) if name in names]
     return found + [output for name, output in MATTES.items() if name + "00" in names]
 
 
 def add_arguments(engine, depsgraph, frame, drawn, critical_only, arguments):
-    """Adds to the keyword arguments of Renderer.submit what their outputs need. drawn: of each scene the keys of its parts, and their placements."""
+    """Adds the inputs of these outputs to the keyword arguments of Renderer.submit. drawn: for each scene the keys of its parts, and their placements."""
     wanted = arguments["outputs"]
     if "crypto_object" in wanted:
         for own, (keys, _) in zip([arguments, *arguments["others"]], drawn):
@@ -57,7 +57,7 @@ def add_arguments(engine, depsgraph, frame, drawn, critical_only, arguments):
 
 
 def moment(depsgraph, frame, number, drawn, critical_only):
-    """Camera, placements and other scenes at a frame of the timeline, in the order of `drawn`; what isn't there at that frame is where it is in it."""
+    """Camera, placements and other scenes at a frame of the timeline, in the order of `drawn`; parts missing at that frame keep their current place."""
     then = frame.at(gather.gather(depsgraph))
     placements = []
     for k, (keys, own) in enumerate(drawn):
@@ -88,7 +88,7 @@ def planes(picture, frame):
 
 
 def describe(result, view_layer_name, layer, names):
-    """Adds to the whole render's result what makes a Cryptomatte of passes (specification 1.2.0): files and Blender's node read it."""
+    """Adds the metadata of a Cryptomatte (specification 1.2.0) to the render result, for files and Blender's node."""
     for matte in MATTES:
         if matte + "00" not in {p.name for p in layer.passes}:
             continue

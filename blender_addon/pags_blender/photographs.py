@@ -16,12 +16,12 @@ from . import farm_check, files, jobs, native, program, undistort, whereabouts
 # ---- Where they are ----
 
 
-FIELD = "set Data set folder (sidebar > PAGS > Cameras) to where it is on this machine"
+FIELD = "set Data set folder (sidebar > PAGS > Cameras) to its location on this machine"
 
 
 def candidates(root, entry):
-    """Yields folders of the data set in the order in which they count: the scene's *Data set folder*, where training read it, beside the scene. Another set
-    beside the scene, of the same name, is none of them."""
+    """Yields the candidate folders of the data set in order of priority: the scene's *Data set folder*, the folder used in training, a folder next to the
+    scene. A different data set of the same name next to the scene is skipped."""
     if root.pags.dataset:
         yield whereabouts.locate(root, "dataset")[0]
     recorded = entry.info.get("dataset")
@@ -34,7 +34,7 @@ def candidates(root, entry):
 
 
 def why_not(root, entry, folder):
-    """Why a folder beside the scene can't be the data set that is missing; empty where it can."""
+    """Why a folder next to the scene can't be the missing data set; empty if it can."""
     record = whereabouts.record_of(root, "photographs", entry.info["dataset"])
     if record:
         return "" if farm_check.is_same(folder, record, whereabouts.identity_of) else "is another data set"
@@ -43,7 +43,8 @@ def why_not(root, entry, folder):
 
 
 def places(root, entry):
-    """The candidates, none twice, up to the first that is there: a photograph that one lacks isn't taken from another, which may have one of its name."""
+    """Candidates without repetition, up to the first that exists: a photograph missing there is not taken from another folder, which may have a different one
+    of that name."""
     out = []
     for path in candidates(root, entry):
         if path not in out:
@@ -54,56 +55,56 @@ def places(root, entry):
 
 
 def dataset(root, entry):
-    """The one that is there, else what the scene file says, which may be None."""
+    """The existing data set folder, else the path in the scene file, which may be None."""
     return next((p for p in places(root, entry) if os.path.exists(p)), entry.info.get("dataset"))
 
 
 def moved(root, entry):
-    """The data set's folder for a program that reads the scene, where that isn't the one that the scene names; else None."""
+    """The data set folder for a program that reads the scene, if it differs from the path in the scene; else None."""
     found, recorded = dataset(root, entry), entry.info.get("dataset")
     same = recorded is not None and os.path.normpath(recorded) == os.path.normpath(found)
     return None if found is None or same else found
 
 
 def note(root, entry):
-    """Notes what the data set is, where training read it, so that it is known again elsewhere."""
+    """Records the identity of the data set at the folder used in training, to recognise it elsewhere."""
     recorded = entry.info.get("dataset")
     if recorded and os.path.isabs(recorded) and os.path.exists(recorded):
         whereabouts.note(root, "photographs", recorded, recorded, "")
 
 
 def tell(job, root, entry):
-    """Warns of a data set that is neither where it was chosen nor where training read it."""
+    """Warns about a data set that is neither at its chosen folder nor at the folder used in training."""
     found = places(root, entry)
     chosen = whereabouts.locate(root, "dataset") if root.pags.dataset else ("", "", "")
     if chosen[1]:
         job.notes.append(chosen[1])
     elif len(found) > 1 and os.path.exists(found[-1]):
-        job.notes.append(f"the data set {found[0]} is missing; {found[-1]} is taken")
+        job.notes.append(f"the data set {found[0]} is missing; using {found[-1]}")
 
 
 def find(root, entry, name, looked_in=None):
-    """(data set's folder, path) of a view's photograph. SceneError says where it was looked for: in `looked_in`, or in the scene's places."""
+    """(data set folder, path) of a view's photograph. SceneError lists the searched folders: `looked_in`, or the scene's candidates."""
     looked_in = places(root, entry) if looked_in is None else looked_in
     if not looked_in:
-        raise native.SceneError(f"the photograph {name} isn't found: the scene doesn't say what it was trained on; {FIELD}")
+        raise native.SceneError(f"photograph {name} not found: the scene doesn't name its data set; {FIELD}")
     for inner in ("images", ""):
         path = os.path.join(looked_in[-1], inner, name)
         if os.path.exists(path):
             return looked_in[-1], path
-    raise native.SceneError(f"the photograph {name} isn't found: looked in {', '.join(looked_in)} and in images there{refused(root, entry)}; {FIELD}")
+    raise native.SceneError(f"photograph {name} not found: looked in {', '.join(looked_in)} and in images there{refused(root, entry)}; {FIELD}")
 
 
 def refused(root, entry):
-    """That a folder beside the scene has the data set's name and isn't it, as a further part of a sentence."""
+    """A clause that explains why a folder of the data set's name next to the scene was rejected."""
     recorded = entry.info.get("dataset") or ""
     beside = os.path.join(os.path.dirname(entry.path), os.path.basename(os.path.normpath(recorded.replace("\\", "/"))))
     why = why_not(root, entry, beside) if recorded and os.path.isdir(beside) and not os.path.exists(recorded) else ""
-    return f"; {beside} has its name, but {why}" if why else ""
+    return f"; {beside} has the same name, but {why}" if why else ""
 
 
 def lens_of(folder, sensor):
-    """Nine numbers fx fy cx cy k1 k2 p1 p2 k3 of a driving set's camera where it has distortion, else None."""
+    """Nine numbers fx fy cx cy k1 k2 p1 p2 k3 of a driving set's camera with distortion, else None."""
     try:
         with open(os.path.join(folder, "intrinsics", f"{sensor}.txt"), encoding="utf-8") as file:
             numbers = [float(word) for word in file.read().split()]
@@ -113,27 +114,27 @@ def lens_of(folder, sensor):
 
 
 def refuse_lens(view):
-    """Raises SceneError for a view with a lens that no camera of Blender's has here: its photograph would lie beside the picture."""
+    """Raises SceneError for a view with a lens that Blender's cameras do not support: its photograph would not match the picture."""
     if "lens" in view:
         raise native.SceneError(f"the photograph {view['name']} was taken, and is modelled, through a lens ({view['lens']}), not a pinhole; pags view and pags eval compare it")
 
 
 def load(job, root, entry, view):
-    """Steps that return a view's photograph as its pinhole camera sees it."""
+    """Steps that return a view's photograph, undistorted to its pinhole camera."""
     refuse_lens(view)
     folder, path = find(root, entry, view["name"])
     tell(job, root, entry)
     picture = undistort.read(path)
     yield
-    return (yield jobs.beside(undistort.as_view, picture, view, lens_of(folder, view["sensor"])))
+    return (yield jobs.in_thread(undistort.as_view, picture, view, lens_of(folder, view["sensor"])))
 
 
-# ---- Behind what a camera sees ----
+# ---- Background of a camera ----
 
 
 def cache_folder(entry, source, sensor, fps):
-    """Folder of the numbered copies or links: below the user's data folder, where extensions have to write."""
-    status = os.stat(source)  # another set in the place of this one has photographs of the same names, which may be older
+    """Folder of the numbered copies or links: in the user's data folder, where extensions have to write."""
+    status = os.stat(source)  # another data set at this path may have older photographs of the same names
     told = f"{entry.path} {entry.stamp} {source} {status.st_dev} {status.st_ino} {sensor} {fps:.6f}"
     key = hashlib.sha1(told.encode("utf-8", "surrogateescape")).hexdigest()[:12]
     inner = os.path.join("photographs", key)
@@ -143,8 +144,8 @@ def cache_folder(entry, source, sensor, fps):
 
 
 def plan(paths, views, frames, distortion, folder):
-    """What makes a file 00001.*, ... for every frame of the timeline, of the photograph nearest in time: [(source, target)] of links, and items
-    for undistort.py, with one frame each; others of the same photograph are links to it."""
+    """The work that creates files 00001.*, ... with the photograph nearest in time for every frame of the timeline: [(source, target)] of links, and items
+    for undistort.py with one frame each; further frames of the same photograph are links to it."""
     links, items, made = [], [], {}
     extension = ".png" if distortion else os.path.splitext(paths[0])[1]
     for number, nearest in enumerate(frames):
@@ -170,7 +171,7 @@ def link_all(job, links):
 
 
 def convert(job, items):
-    """Steps that undistort photographs: in a second Blender, or here where there is no window. Another Blender may be writing the same files."""
+    """Steps that undistort photographs, in a second Blender, or here without a window. Another Blender may be writing the same files."""
     for item in items:
         item["part"] = f"{item['target']}.{secrets.token_hex(4)}.part"
     if bpy.app.background:
@@ -183,7 +184,7 @@ def convert(job, items):
             json.dump(items, file)
         flags = ("-b", "--factory-startup", "-P", undistort.__file__, "--", path)
         try:
-            yield jobs.beside(program.run, job, bpy.app.binary_path, *flags)
+            yield jobs.in_thread(program.run, job, bpy.app.binary_path, *flags)
         finally:
             if job.stopped.is_set():
                 for item in items:
@@ -192,13 +193,13 @@ def convert(job, items):
 
 
 def show(job, camera, root):
-    """Steps that show a sensor's photographs as its camera's background, in place of those shown before."""
+    """Steps that show a sensor's photographs as its camera's background and replace those shown before."""
     path = whereabouts.absolute_path(root)
-    entry = yield jobs.beside(native.load, path)
+    entry = yield jobs.in_thread(native.load, path)
     sensor, fps = camera.data.pags.sensor, root.pags.fps
     views = sorted((v for v in entry.scene.views if v["sensor"] == sensor and "time" in v), key=lambda v: v["time"])
     if not views:
-        raise native.SceneError(f"{camera.name}: the scene has no photographs of it")
+        raise native.SceneError(f"{camera.name}: the scene has no photographs of this camera")
     refuse_lens(views[0])
     looked_in = places(root, entry)
     source = find(root, entry, views[0]["name"], looked_in)[0]
@@ -209,10 +210,10 @@ def show(job, camera, root):
     count = int(np.floor((times[-1] - begin) * fps + 1e-6)) + 1
     frames = [int(np.argmin(np.abs(times - (begin + number / fps)))) for number in range(count)]
     folder = cache_folder(entry, source, sensor, fps)
-    links, items, extension = yield jobs.beside(plan, paths, views, frames, distortion, folder)
+    links, items, extension = yield jobs.in_thread(plan, paths, views, frames, distortion, folder)
     if items:
         yield from convert(job, items)
-    yield jobs.beside(link_all, job, links)
+    yield jobs.in_thread(link_all, job, links)
     job.changes = True
     put_behind(camera, bpy.data.images.load(os.path.join(folder, "00001" + extension), check_existing=True), count, root)
 
@@ -230,21 +231,21 @@ def put_behind(camera, image, count, root):
     user.use_auto_refresh = True
 
 
-# ---- Beside the engine's picture ----
+# ---- Comparison image ----
 
 
-_compared = None  # (photograph, the engine's picture of the same view)
+_compared = None  # (photograph, rendered picture of the same view)
 
 
 def compare(context, photograph, picture):
-    """Shows the photograph and the engine's picture side by side, split at the scene's wipe setting."""
+    """Shows the photograph and the rendered picture side by side, split at the scene's wipe setting."""
     global _compared
     _compared = (photograph, picture)
     wipe(context, context.scene.pags.wipe)
 
 
 def wipe(context, share):
-    """Updates the comparison image: the photograph left of the edge (a share of the width), the engine's picture right of it."""
+    """Updates the comparison image: photograph left of the edge (fraction of the width), rendered picture right of it."""
     if _compared is None:
         return
     photograph, picture = _compared

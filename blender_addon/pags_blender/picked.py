@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Forgets what was picked once it no longer holds: at another time, after undo or another file, when PAGS objects were moved, hidden or deleted; and
-what was compared after undo or another file, which keep the text and not the pictures."""
+"""Clears the pick result when it is outdated: at another time, after undo or opening a file, or when PAGS objects were moved, hidden or deleted. Clears
+comparisons after undo or opening a file, which keep their text but not their pictures."""
 
 import bpy
 from bpy.app.handlers import persistent
@@ -27,7 +27,7 @@ def after_another_state(*_):
 
 @persistent
 def after_change(scene, depsgraph=None):
-    """Of a change of the file: whatever moves or goes may have been what was picked, or have come before it."""
+    """Handler of changes of the file: a moved or removed object may have been the picked one, or may have occluded it."""
     if scene.pags_picked and depsgraph is not None and any(concerns(update) for update in depsgraph.updates):
         forget()
 
@@ -35,7 +35,7 @@ def after_change(scene, depsgraph=None):
 def concerns(update):
     block = update.id
     if isinstance(block, bpy.types.Collection):
-        return True  # objects have come, gone or been hidden
+        return True  # objects were added, removed or hidden
     return isinstance(block, bpy.types.Object) and update.is_updated_transform and block.original.pags.kind not in {"NONE", "CAMERA", "EGO"}
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The `pags` program, which makes exports and proxies: finds the one that the add-on's zip carries, says what it lacks and runs it."""
+"""The `pags` program for exports and proxies: finds the one in the add-on's zip, reports what its build lacks, and runs it."""
 
 import os
 import re
@@ -11,45 +11,45 @@ import bpy
 
 from . import native, system
 
-# As the program prints it: "background: 40 %, 12 s left", or "view 3 of 12".
+# Progress lines of the program: "background: 40 %, 12 s left", or "view 3 of 12".
 PROGRESS, EACH = re.compile(r"^(.*): +(\d+) %"), re.compile(r"^(\w+ (\d+) of (\d+))$")
-_lacking = {}  # by path and time of the program: what `pags --help` says that its exports lack
+_lacking = {}  # by path and modification time of the program: what its `pags --help` reports as missing in export
 
 
 def own():
-    """Path of this system's program in the add-on's folder, which is there unless the zip was made without it."""
+    """Path of this system's program in the add-on's folder; it exists unless the zip was built without it."""
     return os.path.join(system.folder(), "bin", "pags.exe" if os.name == "nt" else "pags")
 
 
 def command(context):
-    """Path of the program to run: that of the preferences, else the add-on's own, else one on the PATH. Raises SceneError where there is none."""
-    addon = context.preferences.addons.get(system.ADDON)  # None where a script registered the add-on by hand
+    """Path of the program: from the preferences, else the add-on's own, else from the PATH. Raises SceneError without one."""
+    addon = context.preferences.addons.get(system.ADDON)  # None if a script registered the add-on without installing it
     chosen = addon.preferences.program if addon else ""
     if chosen:
         path = os.path.abspath(bpy.path.abspath(chosen))
         if not os.path.isfile(path) or not os.access(path, os.X_OK):
-            raise native.SceneError(f"{path}: is no program that can be run; name another in the add-on's preferences, or leave the field empty")
+            raise native.SceneError(f"{path}: not an executable program; choose another in the add-on's preferences, or leave the field empty")
         return path
     if os.path.isfile(own()):
         return executable(own())
     found = shutil.which("pags")
     if found is None:
-        raise native.SceneError("this add-on was built without the pags program, and there is none on the PATH: name one in the add-on's preferences")
+        raise native.SceneError("this add-on was built without the pags program, and none is on the PATH: set one in the add-on's preferences")
     return found
 
 
 def executable(path):
-    """The path, once the file may be executed: Blender unpacks a zip without the files' modes."""
+    """Makes the file executable and returns its path: Blender unpacks a zip without file modes."""
     if not os.access(path, os.X_OK):
         try:
             os.chmod(path, os.stat(path).st_mode | 0o555)
         except OSError as error:
-            raise native.SceneError(f"{path}: can't be made executable: {error.strerror}; name another pags program in the add-on's preferences") from error
+            raise native.SceneError(f"{path}: can't make it executable: {error.strerror}; set another pags program in the add-on's preferences") from error
     return path
 
 
 def absent(context):
-    """Why there is no program that can be run: a sentence, or "" where there is one."""
+    """Why no program can be run, as a sentence; "" if one can."""
     try:
         command(context)
     except native.SceneError as error:
@@ -58,8 +58,7 @@ def absent(context):
 
 
 def lacking(context):
-    """Why there are no proxies, glTF and USD to be had: a sentence, or "" where the program makes them, or while that isn't known. Never waits,
-    except without a window."""
+    """Why the program can't make proxies, glTF and USD, as a sentence; "" if it can, or while unknown. Never waits, except without a window."""
     try:
         path = command(context)
         key = (path, os.stat(path).st_mtime_ns)
@@ -78,7 +77,7 @@ def ask(key):
     try:
         said = subprocess.run(words(key[0], "--help"), capture_output=True, stdin=subprocess.DEVNULL, timeout=60, **manner()).stdout
     except (OSError, subprocess.SubprocessError) as error:
-        _lacking[key] = f"{key[0]}: can't be run: {error}"
+        _lacking[key] = f"{key[0]}: can't run it: {error}"
         return
     found = re.search(r"^  export .*this build lacks (.*)$", said, re.MULTILINE)
     if found:
@@ -86,18 +85,18 @@ def ask(key):
 
 
 def words(*arguments):
-    """The words of a command: UTF-8 whatever the locale says; Windows takes them as they are."""
+    """The arguments of a command: UTF-8 in any locale; unchanged on Windows."""
     return list(arguments) if os.name == "nt" else [word.encode("utf-8", "surrogateescape") for word in arguments]
 
 
 def manner():
-    """Keyword arguments of every program that is started: text in UTF-8, and on Windows no console window."""
+    """Keyword arguments for starting any program: text in UTF-8, and no console window on Windows."""
     return {"encoding": "utf-8", "errors": "replace", "creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)}
 
 
 def run(job, path, *arguments):
-    """Runs a program to its end and passes its progress on; for a thread beside Blender's. Raises SceneError with its last line where it fails,
-    Cancelled where the job was cancelled."""
+    """Runs a program to its end and forwards its progress; call it in a background thread. Raises SceneError with the program's last line if it fails,
+    Cancelled if the job was cancelled."""
     running = subprocess.Popen(
         words(path, *arguments), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **manner()
     )
@@ -115,4 +114,4 @@ def run(job, path, *arguments):
     job.check()
     if code != 0:
         said = re.sub(r"^pags( \w+)?: ", "", last)
-        raise native.SceneError(said or f"{path} ended with the code {code} and said nothing")
+        raise native.SceneError(said or f"{path} ended with code {code} and printed no message")

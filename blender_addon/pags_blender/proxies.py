@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Proxy meshes as hidden objects: those of objects on their tracks, ground and background below the root. They come from a .glb that
-`pags export` writes (docs/export.md), which is read here: Blender's own importer takes seconds of the main thread and turns the axes."""
+"""Imports proxy meshes as hidden objects: those of objects on their tracks, ground and background below the root. The source is a .glb from `pags export`
+(docs/export.md), read here: Blender's own importer takes seconds of the main thread and changes the axes."""
 
 import json
 import os
@@ -19,11 +19,11 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def make(job, root, command, level="mesh"):
-    """Steps that have `pags export` make the proxies and put them into the scene."""
+    """Steps that run `pags export` and add the proxies to the scene."""
     with tempfile.TemporaryDirectory(prefix="pags-proxies-") as folder:
         source, _ = yield from exporter.source_of(job, root, os.path.join(folder, "scene"), False)
         path = os.path.join(folder, "proxies.glb")
-        yield jobs.beside(program.run, job, command, "export", source, path, "--proxy", level)
+        yield jobs.in_thread(program.run, job, command, "export", source, path, "--proxy", level)
         return (yield from bring_in(job, root, path))
 
 
@@ -31,7 +31,7 @@ def make(job, root, command, level="mesh"):
 
 
 class Proxy:
-    """A mesh of the file: its name, the object it stands for (-1: none), vertices, triangles, linear colours."""
+    """A mesh of the file: name, object index (-1: none), vertices, triangles, linear colours."""
 
     def __init__(self, name, index, points, triangles, colors, smooth):
         self.name, self.index, self.points, self.triangles = name, index, points, triangles
@@ -39,7 +39,7 @@ class Proxy:
 
 
 def read(path):
-    """The proxies of a .glb written by `pags export`; SceneError for any other file."""
+    """The proxies of a .glb from `pags export`; raises SceneError for other files."""
     try:
         with open(path, "rb") as file:
             data = file.read()
@@ -48,7 +48,7 @@ def read(path):
     try:
         magic, version, _, size, kind = struct.unpack_from("<4sIII4s", data)
         if (magic, version, kind) != (b"glTF", 2, b"JSON"):
-            raise ValueError("it doesn't begin as a .glb of version 2 does")
+            raise ValueError("not a .glb of version 2")
         gltf = json.loads(data[20 : 20 + size])
         return list(proxies_of(gltf, memoryview(data)[28 + size :]))
     except (ValueError, KeyError, IndexError, TypeError, struct.error) as error:
@@ -56,7 +56,7 @@ def read(path):
 
 
 def proxies_of(gltf, buffer):
-    """Each mesh below the scene's nodes. Vertices of an object's proxy are in the object's frame, all others relative to the scene's origin."""
+    """Each mesh below the scene's nodes. Vertices of an object's proxy are in the object's frame, others relative to the scene's origin."""
     waiting = [(node, -1) for node in reversed(gltf["scenes"][0]["nodes"])]
     while waiting:
         number, index = waiting.pop()
@@ -87,12 +87,12 @@ def values_of(gltf, buffer, accessor):
 
 
 def bring_in(job, root, path):
-    """Steps that put the proxies of a file into the scene."""
-    found = yield jobs.beside(read, path)
+    """Steps that add the proxies of a file to the scene."""
+    found = yield jobs.in_thread(read, path)
     collection, material = collection_for(root), material_for()
     tracks = {o.pags.index: o for o in bpy.context.scene.objects if o.pags.kind == "TRACK" and o.pags.root == root}
     job.changes = True
-    found = [proxy for proxy in found if proxy.index < 0 or proxy.index in tracks]  # without those of objects deleted here
+    found = [proxy for proxy in found if proxy.index < 0 or proxy.index in tracks]  # skips those of objects deleted here
     for number, proxy in enumerate(found):
         add(proxy, tracks.get(proxy.index, root), collection, material)
         job.tell((number + 1) / len(found), "adding meshes")
@@ -101,7 +101,7 @@ def bring_in(job, root, path):
 
 
 def collection_for(root):
-    """The collection of proxies below the scene's collection; created where missing."""
+    """The collection of proxies below the scene's collection; created if missing."""
     own = root.users_collection[0]
     name = f"{own.name} proxies"
     known = next((c for c in own.children if c.name == name), None)
@@ -112,7 +112,7 @@ def collection_for(root):
 
 
 def material_for():
-    """The material of all proxies: the colours of their vertices."""
+    """The material of all proxies: their vertex colours."""
     known = bpy.data.materials.get("PAGS proxy")
     if known is not None:
         return known
@@ -134,7 +134,7 @@ def add(proxy, parent, collection, material):
     mesh.loops.foreach_set("vertex_index", proxy.triangles.reshape(-1))
     mesh.polygons.add(count)
     mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
-    if bpy.app.version < (4, 1, 0):  # later ones know it from the starts
+    if bpy.app.version < (4, 1, 0):  # later versions derive it from the starts
         mesh.polygons.foreach_set("loop_total", np.full(count, 3, dtype=np.int32))
     mesh.polygons.foreach_set("use_smooth", np.full(count, proxy.smooth, dtype=bool))
     attribute = mesh.attributes.new("Col", "FLOAT_COLOR", "POINT")
@@ -150,18 +150,18 @@ def add(proxy, parent, collection, material):
 
 
 class PAGS_OT_import_proxies(jobs.Long, cameras.OnScene, bpy.types.Operator):
-    """Bring the exporter's proxies in as hidden meshes on their objects' tracks"""
+    """Import proxy meshes, hidden, on the tracks of their objects"""
 
     bl_idname = "pags.import_proxies"
     bl_label = "Import proxies"
 
     filepath: StringProperty(
         name="File",
-        description="A .glb of proxies; empty: made now by the pags program, which takes a while",
+        description="A .glb with proxies; empty: create them with the pags program, which takes a while",
         subtype="FILE_PATH",
         default="",
     )
-    level: EnumProperty(name="Proxies", description="What the program is to make", items=exporter.LEVELS)
+    level: EnumProperty(name="Proxies", description="Kind of proxies that the program creates", items=exporter.LEVELS)
 
     def steps(self, context, root):
         if self.filepath:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Why a control of the interface would do nothing: a sentence, or "" where it does something."""
+"""Why a control of the interface has no effect: a sentence, or "" if it has one."""
 
 import os
 import textwrap
@@ -8,7 +8,7 @@ from . import native, whereabouts
 
 
 def entries(context):
-    """The loaded scenes of the file that Blender's scene holds."""
+    """The loaded PAGS scenes in the Blender scene."""
     found = []
     for root in (o for o in context.scene.objects if o.pags.kind == "ROOT"):
         try:
@@ -21,7 +21,7 @@ def entries(context):
 
 
 def critical(context):
-    """Of *Critical only* and of critical things in orange."""
+    """For *Critical only* and the mode that shows critical objects in orange."""
     loaded = entries(context)
     if loaded and not any(record["critical"] for entry in loaded for record in entry.objects):
         return "the scene has no vehicles, pedestrians or cyclists"
@@ -29,10 +29,10 @@ def critical(context):
 
 
 def exposure(context):
-    """Of *Recorded exposure*."""
+    """For *Recorded exposure*."""
     camera = context.scene.camera
     if camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0 or camera.pags.root is None:
-        return "the scene's camera is none of the recording's"
+        return "the scene's camera is not from the recording"
     try:
         entry = native.entry(whereabouts.absolute_path(camera.pags.root), False)
     except native.SceneError:
@@ -41,8 +41,8 @@ def exposure(context):
 
 
 def harmonics(context):
-    """Of *SH degree*."""
-    return "" if context.scene.pags.mode == "rgb" else "colours that depend on the view are seen under Show: Colour alone"
+    """For *SH degree*."""
+    return "" if context.scene.pags.mode == "rgb" else "view-dependent colours appear only with Show: Colour"
 
 
 def several(context):
@@ -51,7 +51,7 @@ def several(context):
 
 
 def recording(root):
-    """Of what the recording holds besides the scene."""
+    """For imports of recorded data other than the scene."""
     try:
         entry = native.entry(whereabouts.absolute_path(root), False)
     except native.SceneError:
@@ -60,7 +60,7 @@ def recording(root):
 
 
 def photographs(context, root):
-    """Of what goes to photographs and shows them."""
+    """For commands that go to photographs and show them."""
     said = recording(root)
     if said:
         return said
@@ -70,21 +70,21 @@ def photographs(context, root):
 
 
 def drive(context, root):
-    """Of a camera along the drive."""
+    """For a camera along the drive."""
     said = photographs(context, root)
     if not said and not any(o.pags.kind == "EGO" and o.pags.root == root for o in context.scene.objects):
-        return "nothing moved in this recording"
+        return "the car did not move in this recording"
     return said
 
 
 def folder(root):
-    """Of what writes a scene folder anew."""
+    """For commands that write a new scene folder."""
     path = whereabouts.absolute_path(root)
     return "" if os.path.isdir(path) or not os.path.exists(path) else "this is a splat file, not a scene folder; Export writes it"
 
 
 def explain(layout, text, icon="INFO", width=32):
-    """A text in lines that fit into a panel at its default width."""
+    """Shows a text in lines that fit a panel at its default width."""
     column = layout.column(align=True)
     for number, line in enumerate(textwrap.wrap(text, width)):
         column.label(text=line, icon=icon if number == 0 else "BLANK1")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the recording holds beside photographs, brought in on demand: LiDAR sweeps as an object of points that follows the timeline, labelled boxes as
-wire objects along their tracks, and held-out time steps as markers of the timeline.
+"""Imports further recorded data on demand: LiDAR sweeps as points that follow the timeline, labelled boxes as wire objects along their tracks, held-out time
+steps as markers of the timeline.
 
-Conventions of the sweeps' files are those of docs/dataset-layout.md: dataset.json's, else the kind's."""
+The format of the sweeps' files is that of docs/dataset-layout.md: from dataset.json, else by kind."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from gpu_extras.batch import batch_for_shader
 
 from . import cameras, curves, jobs, native, overlay, photographs, whereabouts
 
-# Columns of a sweep's row, which of them are x y z, and the frame that they are in, by kind of the set.
+# Columns of a sweep's row, indices of x y z, and their frame, by kind of data set.
 KINDS = {
     "waymo": (14, (3, 4, 5), "ego"),
     "pandaset": (5, (0, 1, 2), "world"),
@@ -31,7 +31,7 @@ POSES = {"ego": "ego_pose", "laser": "lidar_pose", "world": None}
 MARKER = "held out"
 HEIGHTS = ((0.13, 0.18, 0.55), (0.1, 0.55, 0.6), (0.45, 0.8, 0.3), (0.98, 0.9, 0.15))  # linear colours from low to high
 CORNERS = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
-BOX_EDGES = [(a, b) for a in range(8) for b in range(a) if bin(a ^ b).count("1") == 1] + [(8, 9)]  # the last: from the middle to the front
+BOX_EDGES = [(a, b) for a in range(8) for b in range(a) if bin(a ^ b).count("1") == 1] + [(8, 9)]  # the last edge: from the centre to the front
 
 _sets, _batches = {}, {}
 _handle = None
@@ -41,14 +41,15 @@ _handle = None
 
 
 class Sweeps:
-    """The sweeps of a scene's data set: files by time, and how to read them."""
+    """The sweeps of a scene's data set: files by time, and their format."""
 
     def __init__(self, root, entry):
         self.origin = np.array(entry.info["origin"])
         places = photographs.places(root, entry)
         self.folder = next((p for p in places if os.path.isdir(os.path.join(p, "lidar"))), None)
         if self.folder is None:
-            raise native.SceneError(f"the recording has no folder lidar: looked in {', '.join(places) or 'no place, since the scene names none'}; {photographs.FIELD}")
+            searched = f"looked in {', '.join(places)}" if places else "the scene names no data set"
+            raise native.SceneError(f"found no folder lidar: {searched}; {photographs.FIELD}")
         self.columns, self.position, self.frame = self.rules()
         steps = {}
         for view in entry.scene.views:
@@ -57,9 +58,9 @@ class Sweeps:
                 steps.setdefault(f"{view['frame']:0{digits}d}", view["time"])
         found = [(time, step) for step, time in steps.items() if os.path.isfile(self.path(step))]
         if not found:
-            raise native.SceneError(f"{os.path.join(self.folder, 'lidar')}: no sweep of the scene's {len(steps)} time steps, such as {self.path(min(steps, default='000'))}")
+            raise native.SceneError(f"{os.path.join(self.folder, 'lidar')}: no sweep for the scene's {len(steps)} time steps, such as {self.path(min(steps, default='000'))}")
         self.times, self.steps = (list(column) for column in zip(*sorted(found)))
-        self.half = 0.75 * float(np.median(np.diff(self.times))) if len(found) > 1 else 0.05  # seconds that a sweep is shown before and after its time
+        self.half = 0.75 * float(np.median(np.diff(self.times))) if len(found) > 1 else 0.05  # seconds for which a sweep is shown before and after its time
 
     def rules(self):
         path = os.path.join(self.folder, "dataset.json")
@@ -85,7 +86,7 @@ class Sweeps:
         return columns, position, frame
 
     def kind(self):
-        """Of a set whose dataset.json names none, as the engine tells it."""
+        """Kind of a data set whose dataset.json states none, as the engine detects it."""
         if os.path.isfile(os.path.join(self.folder, "track", "track_info.txt")):
             return "street-gaussians"
         folder = os.path.join(self.folder, "extrinsics")
@@ -100,7 +101,7 @@ class Sweeps:
         path = self.path(self.steps[number])
         data = np.fromfile(path, dtype="<f4")
         if len(data) % self.columns:
-            raise native.SceneError(f"{path}: {4 * len(data)} bytes, expected a multiple of {4 * self.columns} ({self.columns} floats a row)")
+            raise native.SceneError(f"{path}: {4 * len(data)} bytes, expected a multiple of {4 * self.columns} ({self.columns} floats per row)")
         points = data.reshape(-1, self.columns)[:, list(self.position)].astype(np.float64)
         if POSES[self.frame]:
             where = os.path.join(self.folder, POSES[self.frame], self.steps[number] + ".txt")
@@ -113,7 +114,7 @@ class Sweeps:
         return points[np.isfinite(points).all(axis=1)].astype(np.float32)
 
     def nearest(self, time):
-        """The number of the sweep at a time; -1 where none is near."""
+        """The index of the sweep at a time; -1 if none is near."""
         number = int(np.argmin(np.abs(np.array(self.times) - time)))
         return number if abs(self.times[number] - time) <= self.half else -1
 
@@ -132,7 +133,7 @@ def sweeps_of(root, entry):
 
 
 def put(block, points, up):
-    """Makes a mesh hold these points, coloured by height."""
+    """Replaces a mesh's content with these points, coloured by height."""
     mesh = block.data
     mesh.clear_geometry()
     mesh.vertices.add(len(points))
@@ -151,7 +152,7 @@ def put(block, points, up):
 
 
 def show_sweep(block, scene):
-    """Puts the sweep of the timeline's time into a LiDAR object. Never waits: a scene that isn't loaded yet leaves the sweep as it is."""
+    """Loads the sweep at the current time into a LiDAR object. Never waits: while a scene loads, the sweep stays unchanged."""
     root = block.parent
     if root is None or root.pags.kind != "ROOT":
         return
@@ -169,7 +170,7 @@ def show_sweep(block, scene):
 @persistent
 def after_frame(scene, *_):
     if bpy.app.is_job_running("RENDER"):
-        return  # Blender's data must not change under a render, and sweeps are no part of it
+        return  # Blender's data must not change during a render, which ignores sweeps anyway
     for block in scene.objects:
         if "pags_lidar" in block and not block.hide_viewport:
             try:
@@ -194,11 +195,11 @@ class PAGS_OT_lidar(jobs.Long, cameras.OnScene, bpy.types.Operator):
         path, scene = whereabouts.absolute_path(root), context.scene
 
         def work(job):
-            entry = yield jobs.beside(native.load, path)
+            entry = yield jobs.in_thread(native.load, path)
             forget()
             sweeps = sweeps_of(root, entry)
             photographs.tell(job, root, entry)
-            yield jobs.beside(sweeps.read, 0)  # what can't be read fails before anything is made
+            yield jobs.in_thread(sweeps.read, 0)  # errors in reading come before any change
             job.changes = True
             block = next((o for o in scene.objects if "pags_lidar" in o and o.parent == root), None)
             if block is None:
@@ -239,7 +240,7 @@ def on_draw():
 
 
 class PAGS_OT_boxes(jobs.Long, cameras.OnScene, bpy.types.Operator):
-    """Show the labelled boxes of all objects as wire, along their recorded tracks, whatever has become of the objects in this file"""
+    """Show the labelled boxes of all objects as wire along their recorded tracks, independent of edits in this file"""
 
     bl_idname = "pags.boxes"
     bl_label = "Labelled boxes"
@@ -249,7 +250,7 @@ class PAGS_OT_boxes(jobs.Long, cameras.OnScene, bpy.types.Operator):
         path, scene = whereabouts.absolute_path(root), context.scene
 
         def work(job):
-            entry = yield jobs.beside(native.load, path)
+            entry = yield jobs.in_thread(native.load, path)
             if not entry.objects:
                 raise native.SceneError(f"{root.name}: the scene has no labelled objects")
             job.changes = True
@@ -272,7 +273,7 @@ class PAGS_OT_boxes(jobs.Long, cameras.OnScene, bpy.types.Operator):
 
 
 def add_box(collection, frame, index, record):
-    """One box: edges, and a line in the middle of the floor to its front, which is +x."""
+    """One box: edges, and a line on its floor from the centre to the front, which is +x."""
     mesh = bpy.data.meshes.new(f"box {record['id']}"[:60])
     size = record["size"]
     corners = [[a * b for a, b in zip(corner, size)] for corner in CORNERS]
@@ -283,7 +284,7 @@ def add_box(collection, frame, index, record):
     block.parent, block.hide_render, block.display_type = frame.root, True, "WIRE"
     block["pags_box"], block["pags_class"] = record["id"], record["class"]
     rows = np.array(frame.scene.track(index)).reshape(-1, 13)
-    if not record["tracked"] or len(rows) == 0:  # it stands where it was parked, all the time
+    if not record["tracked"] or len(rows) == 0:  # a parked box has one pose for all times
         poses, times = np.array(frame.scene.pose(index, frame.info["time_begin"])).reshape(1, 3, 4), [frame.info["time_begin"]]
     else:
         poses, times = rows[:, 1:].reshape(-1, 3, 4).copy(), rows[:, 0]
@@ -299,7 +300,7 @@ def add_box(collection, frame, index, record):
 
 
 class PAGS_OT_mark(cameras.OnScene, bpy.types.Operator):
-    """Mark the time steps on the timeline whose photographs were held out from training; again: take the marks away"""
+    """Mark the time steps on the timeline whose photographs were held out from training; repeat to remove the marks"""
 
     bl_idname = "pags.mark_held_out"
     bl_label = "Mark held-out steps"
@@ -311,7 +312,7 @@ class PAGS_OT_mark(cameras.OnScene, bpy.types.Operator):
         for marker in old:
             markers.remove(marker)
         if old:
-            return f"{len(old)} marks taken away"
+            return f"{len(old)} marks removed"
         frame, steps = cameras.Frame(context, root), {}
         for view in frame.scene.views:
             if "time" in view:

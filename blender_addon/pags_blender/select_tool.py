@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tool of the 3D view: a click selects the object whose Gaussians are under the mouse, and what is under it is written beside it."""
+"""A tool of the 3D view: a click selects the object whose Gaussians are under the mouse; its name and depth are shown next to the mouse."""
 
 import threading
 import time
@@ -11,19 +11,19 @@ from bpy_extras import view3d_utils
 
 from . import inspector, native
 
-KEY = "Y"  # free in Blender's own keymaps of the 3D view
-REST = 0.12  # seconds that the mouse rests before what is under it is looked for
+KEY = "Y"  # an unused key in Blender's keymaps of the 3D view
+REST = 0.12  # seconds that the mouse must rest before a pick
 TICK = 0.05
 
 
 class PAGS_OT_select(bpy.types.Operator):
-    """Select the object whose Gaussians are under the mouse; where there are none, what Blender finds there"""
+    """Select the object whose Gaussians are under the mouse; without any, the object that Blender finds there"""
 
     bl_idname = "pags.select"
     bl_label = "Select splats under the mouse"
     bl_options = {"UNDO"}
 
-    extend: BoolProperty(name="Extend", description="Keep what is selected, or deselect the active object", default=False)
+    extend: BoolProperty(name="Extend", description="Extend the selection, or deselect the active object", default=False)
 
     @classmethod
     def poll(cls, context):
@@ -45,7 +45,7 @@ class PAGS_OT_select(bpy.types.Operator):
 
 
 def mesh_before(context, x, y, depth):
-    """Whether a mesh is drawn at a pixel before the splats at this depth."""
+    """Whether a mesh is drawn at a pixel in front of the splats at this depth."""
     if context.space_data.shading.type == "RENDERED" and context.scene.render.engine == "PAGS":
         return False
     region, view = context.region, context.region_data
@@ -55,16 +55,16 @@ def mesh_before(context, x, y, depth):
     return hit and -(view.view_matrix @ place).z < depth
 
 
-# ---- What is under the resting mouse ----
+# ---- Pick under the resting mouse ----
 
 
 class Hover:
-    """Looks for what is under the mouse once it rests, on a thread of its own."""
+    """Picks at the resting mouse, in a thread of its own."""
 
     def __init__(self):
-        self.place = self.asked = None  # (region's address, x, y) of the mouse, and of what was looked for last
+        self.place = self.asked = None  # (region's address, x, y) of the mouse, and of the last pick
         self.since, self.thread = 0.0, None
-        self.text, self.shown = "", True  # what was found there, and whether its region was redrawn since
+        self.text, self.shown = "", True  # result of the last pick, and whether its region was redrawn since
 
     def moved(self, place):
         if place != self.place:
@@ -73,7 +73,7 @@ class Hover:
                 bpy.app.timers.register(tick, first_interval=TICK)
 
     def look(self):
-        """Begins to look for what is under the mouse."""
+        """Starts a pick under the mouse."""
         self.asked = self.place
         for window, space, region in regions():
             if region.as_pointer() == self.place[0] and not space.region_quadviews:
@@ -103,7 +103,7 @@ hover = Hover()
 
 
 def tick():
-    """Looks once the mouse rests, and redraws when something was found; ends until the mouse moves again."""
+    """Picks once the mouse rests, and redraws after a result; stops until the mouse moves again."""
     if hover.thread is not None and not hover.thread.is_alive():
         hover.thread = None
     if hover.thread is None and hover.place != hover.asked and time.monotonic() - hover.since >= REST:
@@ -139,7 +139,7 @@ class PAGS_TL_select(bpy.types.WorkSpaceTool):
     bl_context_mode = "OBJECT"
     bl_idname = "pags.select_tool"
     bl_label = "Select splats"
-    bl_description = "Click: select the object whose Gaussians are under the mouse. What is under it is written beside it"
+    bl_description = "Click: select the object whose Gaussians are under the mouse. Its name and depth are shown next to the mouse"
     bl_icon = "ops.generic.select"
     bl_widget = None
     bl_keymap = (
@@ -167,7 +167,7 @@ _tools = []
 def register():
     bpy.utils.register_class(PAGS_OT_select)
     keyconfigs = bpy.context.window_manager.keyconfigs
-    if keyconfigs.default is not None:  # `blender -b` has none when it enables the user's add-ons, and no toolbar
+    if keyconfigs.default is not None:  # `blender -b` has no keymaps when it enables the user's add-ons, and no toolbar
         bpy.utils.register_tool(PAGS_TL_select, separator=True)
         _tools.append(PAGS_TL_select)
     config = keyconfigs.addon

@@ -5,12 +5,12 @@ import time
 
 
 def clock():
-    """(wall-clock ms, processor ms of this thread): on few processors the wall clock includes the work of other threads."""
+    """(wall-clock ms, processor ms of this thread): with few processors the wall clock includes other threads' work."""
     return 1e3 * time.perf_counter(), 1e3 * time.thread_time()
 
 
 class Stopwatch:
-    """Records milliseconds by part of each redraw, and the pictures shown, for tests and benchmarks. `work` is the processor time of all parts."""
+    """Records milliseconds per part of each redraw, and the displayed pictures, for tests and benchmarks. `work`: processor time of all parts."""
 
     MOST = 2000
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which system this is, and where in the add-on's folder its module and its program lie: in the folder itself where the zip is for one system, as
-extensions are, else in a folder of the system's name."""
+"""Detects the system and locates the add-on's module and program for it: in the add-on's folder if the zip is for one system, as extensions are, else in a
+folder with the system's name."""
 
 import os
 import platform
@@ -8,32 +8,32 @@ import sys
 import sysconfig
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-ADDON = __package__.removesuffix(".pags_blender")  # the module that Blender switches on: of a zip that was unpacked as a whole the folder around
+ADDON = __package__.removesuffix(".pags_blender")  # the module that Blender enables; if a whole zip was unpacked, the folder around
 SYSTEMS = {"linux": "linux", "darwin": "macos", "win32": "windows"}
 PROCESSORS = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64", "arm64": "arm64"}
 MODULES = ("pags.abi3.so", "pags.pyd")
 
 
 def name():
-    """As in the zips' names: "linux-x64", "macos-arm64". Of the process: a Blender for x86-64 is one on a processor that emulates it, too, which
-    Windows' answer about the machine leaves open."""
+    """The system's name as in the zips: "linux-x64", "macos-arm64". The processor is that of the process: a Blender for x86-64 may run emulated, which
+    Windows' machine name does not show."""
     machine = sysconfig.get_platform().split("-")[-1] if sys.platform == "win32" else platform.machine()
     return f"{SYSTEMS.get(sys.platform, sys.platform)}-{PROCESSORS.get(machine.lower(), machine.lower())}"
 
 
 def held():
-    """Names of the systems that a zip for several holds; empty where it is for one."""
+    """Names of the systems in a zip for several; empty for a zip for one system."""
     return sorted(n for n in os.listdir(HERE) if any(os.path.isfile(os.path.join(HERE, n, file)) for file in MODULES))
 
 
 def folder():
-    """Folder of this system's program and module, which needn't be there where the zip is for other systems."""
+    """Folder of this system's program and module; may be missing if the zip is for other systems."""
     return os.path.join(HERE, name() if held() else "")
 
 
 def module():
-    """The module's name for an import from this package. Raises ImportError where the zip is for other systems."""
+    """The module's name for imports from this package. Raises ImportError if the zip is for other systems."""
     systems = held()
     if systems and name() not in systems:
-        raise ImportError(f"this zip of the add-on is for {', '.join(systems)}, and this Blender is one for {name()}; take that one's, or build it (docs/porting.md)")
+        raise ImportError(f"this zip of the add-on is for {', '.join(systems)}, but this Blender needs {name()}; get that zip, or build it (docs/porting.md)")
     return f".{name()}.pags" if systems else ".pags"

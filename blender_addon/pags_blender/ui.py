@@ -16,7 +16,7 @@ class Sidebar:
 
 
 class OfScene(Sidebar):
-    """Base of the panels that are there once the file holds a PAGS scene."""
+    """Base of the panels shown once the file has a PAGS scene."""
 
     @classmethod
     def poll(cls, context):
@@ -24,7 +24,7 @@ class OfScene(Sidebar):
 
 
 def where(layout, reason):
-    """A row for what does nothing while there is a reason, which is said by `reasons.explain` below it."""
+    """A row that is disabled if there is a reason, which `reasons.explain` shows below it."""
     row = layout.row()
     row.enabled = not reason
     return row
@@ -58,7 +58,7 @@ class PAGS_PT_show(OfScene, bpy.types.Panel):
     bl_label = "Show"
 
     def draw(self, context):
-        """What concerns this 3D view's shading; the rest would do nothing here."""
+        """Settings that apply to the shading of this 3D view."""
         settings, layout, shading = context.scene.pags, self.layout, context.space_data.shading.type
         layout.prop(settings, "mode", text="")
         none = reasons.critical(context)
@@ -138,7 +138,7 @@ class PAGS_PT_object(bpy.types.Panel):
 
 
 def facts(block):
-    """What an object of a PAGS scene stands for, in lines. Its kind is no choice of the user's: the scene depends on it."""
+    """Facts on an object of a PAGS scene, one per line. Its kind is read-only: the scene depends on it."""
     kind = block.pags.bl_rna.properties["kind"].enum_items[block.pags.kind]
     found = [f"{kind.name}: {kind.description}"]
     if block.pags.root is not None:
@@ -174,7 +174,7 @@ class PAGS_MT_presets(bpy.types.Menu):
 
 
 class PAGS_OT_add_preset(AddPresetBase, bpy.types.Operator):
-    """Keep these settings as a preset"""
+    """Save these settings as a preset"""
 
     bl_idname = "pags.add_preset"
     bl_label = "Add PAGS preset"
@@ -266,7 +266,7 @@ class PAGS_PT_passes(RenderPanel, bpy.types.Panel):
 
 
 class PAGS_OT_reload(bpy.types.Operator):
-    """Read the scene from its files again"""
+    """Reload the scene from its files"""
 
     bl_idname = "pags.reload"
     bl_label = "Reload"
@@ -283,7 +283,7 @@ class PAGS_OT_reload(bpy.types.Operator):
 
 
 class PAGS_OT_photographs(jobs.Long, cameras.OnScene, bpy.types.Operator):
-    """Show the recording's photographs behind what the active camera sees, along the timeline"""
+    """Show the recording's photographs as the active camera's background, along the timeline"""
 
     bl_idname = "pags.photographs"
     bl_label = "Show photographs"
@@ -291,7 +291,7 @@ class PAGS_OT_photographs(jobs.Long, cameras.OnScene, bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         camera = context.scene.camera
-        cls.poll_message_set("the scene's camera is none of the recording's; Nearest chooses one")
+        cls.poll_message_set("the scene's camera is not from the recording; choose one with Nearest")
         return camera is not None and camera.pags.kind == "CAMERA" and camera.data.pags.sensor >= 0
 
     def steps(self, context, root):

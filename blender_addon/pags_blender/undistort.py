@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Photographs as the scene's pinhole cameras see them. Blender's main thread is too busy for hundreds of these, so photographs.py also runs this
-file by itself, in a second Blender without a window: `blender -b -P undistort.py -- LIST.json`."""
+"""Undistorts photographs to the scene's pinhole cameras. Hundreds of photographs would block Blender's main thread, so photographs.py also runs this file
+separately in a second Blender without a window: `blender -b -P undistort.py -- LIST.json`."""
 
 import json
 import os
@@ -39,7 +39,7 @@ def sample(picture, x, y):
 
 
 def as_view(picture, view, distortion):
-    """The photograph as the view's pinhole camera sees it, at the view's size (Brown's model of radial and tangential distortion)."""
+    """The photograph undistorted to the view's pinhole camera, at the view's size (Brown's model of radial and tangential distortion)."""
     height, width = picture.shape[:2]
     u, v = np.meshgrid(np.arange(view["width"]) + 0.5, np.arange(view["height"]) + 0.5)
     x, y = (u - view["cx"]) / view["fx"], (v - view["cy"]) / view["fy"]
@@ -74,7 +74,7 @@ def save(picture, path):
 
 
 def convert(item):
-    """One of the list: a photograph, what its view and its lens are, and the new file, which appears whole or not at all."""
+    """Processes one item of the list (photograph, view, lens, new file) and writes the file atomically."""
     part = item["part"]
     try:
         save(as_view(read(item["source"]), item["view"], item["distortion"]), part)
@@ -96,7 +96,7 @@ if __name__ == "__main__":
     try:
         main(sys.argv[sys.argv.index("--") + 1])
     except (OSError, RuntimeError) as error:
-        print(str(error).strip(), flush=True)  # the last line is what the user is told
+        print(str(error).strip(), flush=True)  # the caller shows the last line to the user
         os._exit(1)
     except Exception:
         traceback.print_exc()

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The picture of a 3D view: coarse while something moves, full resolution when nothing does; drawing never waits for it.
+"""The picture of a 3D view: coarse while something moves, full resolution at rest; drawing never waits for it.
 
-Each view makes a request (a key and the job's arguments) whenever it is drawn. At most one job of a view runs at a time.
-After a change of the request, the next job is one that keeps the deadline, for which the engine's controller gives up quality;
-after a pause without change, one of full quality, which is cancelled when the request changes. A timer looks for finished jobs
-and redraws their views."""
+Each redraw of a view makes a request (a key and the job's arguments). At most one job per view runs at a time. After a change of the request, the next job
+keeps the deadline: the engine's controller reduces quality. After a pause without change, a job renders at full quality; a new request cancels it. A timer
+polls for finished jobs and redraws their views."""
 
 import time
 import weakref
@@ -17,8 +16,8 @@ from .native import SceneError
 
 STILL = 0.12  # seconds without change before the picture of full quality is rendered
 TICK = 0.008
-PERIOD = 95  # milliseconds between pictures that are wished for: a little more than ten a second
-UNANSWERED = 50  # redraws asked for in vain before a view counts as gone: Blender 5 keeps a view's engine after its region
+PERIOD = 95  # milliseconds per picture as the target: a little more than ten pictures per second
+UNANSWERED = 50  # unanswered redraw requests before a view counts as closed: Blender 5 keeps a view's engine after its region
 
 views = weakref.WeakSet()
 
@@ -27,7 +26,7 @@ class Shown:
     """A picture on the GPU with the request that it answers."""
 
     def __init__(self, key, unsharp, picture, values):
-        """unsharp: drawn within the deadline, so that one of full quality has to follow."""
+        """unsharp: rendered within the deadline, so that one of full quality has to follow."""
         self.key, self.unsharp, self.values = key, unsharp, values
         self.stats = picture.stats
         self.size = (picture.width, picture.height)
@@ -42,7 +41,7 @@ class Shown:
 
 
 def wiped_scene(depsgraph):
-    """Name of the root that is drawn right of the wipe's edge, or ""."""
+    """Name of the root right of the wipe's edge, or ""."""
     scene = depsgraph.scene.original
     root = scene.pags.wipe_root
     return root.name_full if root is not None and scene in root.users_scene else ""
@@ -56,16 +55,16 @@ def edge_of(settings):
 class View:
     def __init__(self):
         self.state = self.frame = None
-        self.hidden, self.remark = frozenset(), ""  # what this view leaves out, and what it ignores
+        self.hidden, self.remark = frozenset(), ""  # objects hidden in this view, and settings that it ignores
         self.job = self.job_key = self.job_values = self.job_unsharp = None
         self.requested, self.changed_at = None, 0.0
         self.shown = None
-        self.deadline, self.came = None, -1e9  # the engine's controller; when the last picture under it came
+        self.deadline, self.came = None, -1e9  # the engine's controller; time of its last picture
         self.error = ""
         self.watch = stopwatch.Stopwatch()
         self.loading = False
-        self.unanswered = 0  # redraws that were asked for since the last one
-        self.wiped, self.second = "", None  # name of the scene that is drawn right of the wipe's edge, and the View that draws it
+        self.unanswered = 0  # requested redraws since the last one
+        self.wiped, self.second = "", None  # name of the scene right of the wipe's edge, and the View that draws it
         views.add(self)
         start_timer()
 
@@ -85,12 +84,12 @@ class View:
         self.watch.gather(begin)
 
     def stale(self, depsgraph, space):
-        """Whether an update is due without a change of the file's data: local view has begun or ended, another scene is wiped."""
+        """Whether an update is due without a change of the file's data: local view began or ended, or another scene is wiped."""
         return self.wiped != wiped_scene(depsgraph) or self.hidden != gather.hidden_in(space, depsgraph)
 
     def request(self, context, depsgraph, window, outputs, transparent):
-        """A request: key and arguments of a job, or None where there is nothing to draw. window: x, y, width and height of what is
-        drawn of the region, in pixels from its top."""
+        """A request (key and arguments of a job), or None if there is nothing to draw. window: x, y, width and height of the drawn part of the region, in
+        pixels from its top."""
         space, width, height = context.space_data, context.region.width, context.region.height
         if self.state is None:
             self.clear()
@@ -185,7 +184,7 @@ class View:
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
 
     def statistics(self, settings):
-        """The text shown over the view. During movement only what was reduced: without a graphics card sixty letters take 10 % of a redraw."""
+        """The text over the view. During movement only the reductions: without a graphics card sixty letters take 10 % of a redraw."""
         if self.error:
             return self.error
         if self.shown is None:
@@ -197,7 +196,7 @@ class View:
         return "; ".join(filter(None, (text, said, self.remark)))
 
     def given_up(self):
-        """What the picture gave up to keep the deadline, in a few words."""
+        """The reductions made to keep the deadline, in a few words."""
         stats = self.shown.stats
         if stats["divisor"] > 1:
             return f"1/{stats['divisor']:g} size"
@@ -237,7 +236,7 @@ class View:
         gpu.state.viewport_set(whole[0] + x, whole[1] + y, width, height)
         shader.bind()
         shader.uniform_sampler("picture", self.shown.color)
-        # From the region's width to the picture's, -1 to 1 both.
+        # from the region's width to the picture's, both -1 to 1
         left, right = (min(max(((u + 1) * whole[2] - 2 * x) / width - 1, -1), 1) for u in (left, right))
         if left < right:
             draw.part("plain", left, right).draw(shader)
@@ -255,8 +254,7 @@ class View:
 
 
 def border_window(context):
-    """What a Rendered view draws of its region, (x, y, width, height) in pixels from the top: all, or what its render border or its camera's
-    encloses."""
+    """The part of its region that a Rendered view draws, (x, y, width, height) in pixels from the top: all, or its render border or camera frame."""
     space, view, render = context.space_data, context.region_data, context.scene.render
     width, height = context.region.width, context.region.height
     if view.view_perspective == "CAMERA" and context.scene.camera is not None and context.scene.camera.type == "CAMERA":

@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reads a scene anew when its files have changed on disk, as when training goes on and writes it again. What was read before is drawn until then; what
-was moved, hidden, keyed or deleted in Blender stays. Objects are found again by their ids; tracks that nobody has touched take the new poses."""
+"""Reloads a scene when its files change on disk, for example during training. The old scene is drawn until then; objects moved, hidden, keyed or deleted in
+Blender stay so. Objects are matched by their ids; unedited tracks take the new poses."""
 
 import bpy
 import numpy as np
 
 from . import curves, draw, jobs, native, whereabouts
 
-PERIOD = 2.0  # seconds between looks at the files, and for which they have to rest
+PERIOD = 2.0  # seconds between checks of the files, and for which they must be unchanged
 
-_changed = {}  # by path: a stamp that differs from what was read
-_tried = {}  # by path: the stamp that was read last
+_changed = {}  # by path: a stamp that differs from the loaded one
+_tried = {}  # by path: the loaded stamp
 
 
 def due(path, entry):
-    """Whether a scene's files have changed, and have rested since the last look."""
+    """Whether a scene's files have changed, and are unchanged since the last check."""
     stamp = whereabouts.stamp_of(path)
     if entry.loading or entry.scene is None or stamp is None or stamp == entry.stamp:
         _changed.pop(path, None)
@@ -39,14 +39,14 @@ def roots_of(path):
 
 
 def read_anew(job, path):
-    """Steps that read a scene and put it in the place of what was read before."""
-    job.tell(0, "reading what was written anew")
+    """Steps that load a scene and replace the old one."""
+    job.tell(0, "reloading the changed scene")
     old, fresh = native.entry(path, False), native.Entry(path)
     _tried[path] = fresh.stamp
-    yield jobs.beside(fresh.thread.join)
-    yield jobs.beside(whereabouts.look, path)  # so that the next save needn't
+    yield jobs.in_thread(fresh.thread.join)
+    yield jobs.in_thread(whereabouts.look, path)  # makes the next save faster
     if fresh.error:
-        job.notes.append(f"{path} was written anew, but can't be read ({fresh.error}); what was read before is shown")
+        job.notes.append(f"{path} has changed, but can't be read ({fresh.error}); the previous version is shown")
         return None
     native.replace(path, fresh)
     told = [adopt(root, old, fresh) for root in roots_of(path)]
@@ -54,20 +54,20 @@ def read_anew(job, path):
         region.tag_redraw()
     manager = bpy.context.window_manager
     if manager.pags_photographs:
-        manager.pags_photographs_said = "the scene was written anew since the list was made"
+        manager.pags_photographs_said = "the scene has changed since the list was made"
     before, now = old.info["gaussians"], fresh.info["gaussians"]
-    return f"{path} was written anew: {now:,} Gaussians, {before:,} before" + "".join(sorted(set(filter(None, told))))
+    return f"{path} was reloaded: {now:,} Gaussians, {before:,} before" + "".join(sorted(set(filter(None, told))))
 
 
 def adopt(root, old, fresh):
-    """Lets the Blender objects of a scene stand for what was read anew; returns what is to be told."""
+    """Matches the Blender objects of a scene with the reloaded one; returns the message to report."""
     index_of = {record["id"]: index for index, record in enumerate(fresh.objects)}
     root["pags_gaussians"] = fresh.info["gaussians"]
     gone = 0
     for part in [o for o in bpy.data.objects if o.pags.kind == "OBJECT" and o.pags.root == root and "pags_id" in o]:
         before, index = part.pags.index, index_of.get(part["pags_id"])
         if index is None:
-            index = len(fresh.objects) + max(before, 0)  # of no object; nothing is drawn of it
+            index = len(fresh.objects) + max(before, 0)  # belongs to no object; nothing of it is drawn
             gone += 1
         else:
             part["pags_gaussians"] = fresh.objects[index]["gaussians"]
@@ -78,12 +78,12 @@ def adopt(root, old, fresh):
             if block.pags.index != index:
                 block.pags.index = index
     more = sum(r["gaussians"] > 0 for r in fresh.objects) - sum(r["gaussians"] > 0 for r in old.objects)
-    told = f"; objects that are no longer in it: {gone}" if gone else ""
-    return told + (f"; objects that are new in it: {more}; import it again to have them" if more > 0 else "")
+    told = f"; objects removed from it: {gone}" if gone else ""
+    return told + (f"; new objects: {more}; import it again to add them" if more > 0 else "")
 
 
 def poses_of(root, entry, index):
-    """Frames and poses (n, 3, 4) of an object's track, as the import lays them on the timeline."""
+    """Frames and poses (n, 3, 4) of an object's track, as imported."""
     rows = np.array(entry.scene.track(index)).reshape(-1, 13)
     poses = rows[:, 1:].reshape(-1, 3, 4).copy()
     poses[:, :, 3] -= np.array(entry.info["origin"])
@@ -91,7 +91,7 @@ def poses_of(root, entry, index):
 
 
 def renew_track(root, track, old, old_index, fresh, index):
-    """Gives a track the new poses where its keyframes are still those of the scene that was read before."""
+    """Replaces a track's poses if its keyframes are still those of the previously loaded scene."""
     if not (old.objects[old_index]["tracked"] and fresh.objects[index]["tracked"]):
         return
     frames, poses = poses_of(root, old, old_index)

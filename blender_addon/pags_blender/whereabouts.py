@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a root's scene and data set are. A path relative to its .blend means something else after an append, a link, or when the .blend was copied without
-its scene. So a root notes, beside each path, the absolute place, the .blend that the path is relative to, and size and hash of what lay there; a file of the
-same name elsewhere is taken only where it is the same (farm_check.py). The notes are JSON: {"path": {...}, "dataset": {...}}."""
+"""Locates a root's scene and data set. A path relative to its .blend changes its meaning after an append, a link, or a copy of the .blend without its scene.
+So a root records for each path the absolute location, the .blend that the path is relative to, and size and hash of the content; a file of the same name
+elsewhere is used only if it is the same (farm_check.py). The records are JSON: {"path": {...}, "dataset": {...}}."""
 
 import contextlib
 import functools
@@ -14,15 +14,15 @@ import bpy
 from . import bl_info, farm_check
 
 NAMES = ("path", "dataset")
-CHECK = "pags_check.py"  # the text of a .blend
+CHECK = "pags_check.py"  # name of the text block in a .blend
 
-_found = {}  # by what determines it: (path, remark), as long as the path is there
+_found = {}  # by input: (path, remark), valid while the path exists
 _identities = {}  # by path: (stamp, identity)
-_problems = {}  # by path that is missing: why no other was taken
+_problems = {}  # by missing path: why no other was used
 
 
 def stamp_of(path):
-    """A stamp of the scene on disk, which changes when the scene does; None of what is none."""
+    """A stamp of the scene on disk that changes with it; None if it doesn't exist."""
     inner = os.path.join(path, "scene.json") if os.path.isdir(path) else path
     try:
         status = os.stat(inner)
@@ -32,7 +32,7 @@ def stamp_of(path):
 
 
 def identity_of(path):
-    """farm_check.identity, read once as long as nothing changes."""
+    """farm_check.identity, computed once per stamp."""
     stamp, known = stamp_of(path), _identities.get(path)
     if known is None or known[0] is None or known[0] != stamp:
         known = _identities[path] = (stamp, farm_check.identity(path))
@@ -40,19 +40,19 @@ def identity_of(path):
 
 
 def look(path):
-    """Reads the identity ahead, in a thread beside Blender's."""
+    """Computes the identity ahead in a background thread."""
     with contextlib.suppress(OSError, ValueError):
         identity_of(path)
 
 
 def origin_of(root, name):
-    """The linked root whose value an override still has, or None."""
+    """The linked root whose value an override inherits, or None."""
     origin = root.override_library.reference if root.override_library is not None else None
     return origin if origin is not None and getattr(root.pags, name) == getattr(origin.pags, name) else None
 
 
 def library_of(root, name):
-    """The library that a root's path is relative to, or None: this file."""
+    """The library that a root's path is relative to, or None for this file."""
     origin = origin_of(root, name)
     return origin.library if origin is not None else root.library
 
@@ -76,14 +76,14 @@ def parsed(text):
 
 
 def record_of(root, name, value=None):
-    """What was noted of a root's path; empty where that path has been chosen anew since."""
+    """The record of a root's path; empty if the path was changed since."""
     record = parsed(root.pags.record).get(name, {})
     return record if record.get("path") == (getattr(root.pags, name) if value is None else value) else {}
 
 
 def locate(root, name="path"):
-    """(path, remark, problem) of a root's scene or data set, as farm_check.choose has them. What was found holds as long as it is there: a scene that is
-    trained anew stays the one that is meant."""
+    """(path, remark, problem) of a root's scene or data set, from farm_check.choose. A result is valid while its path exists: a retrained scene stays the
+    same one."""
     here, blend, record = resolve(root, name), blend_of(root, name), record_of(root, name)
     key = (getattr(root.pags, name), here, blend, json.dumps(record))
     known = _found.get(key)
@@ -98,12 +98,12 @@ def locate(root, name="path"):
 
 
 def absolute_path(root):
-    """Absolute path of a root's scene; of one that is missing, where it should be."""
+    """Absolute path of a root's scene; if missing, the expected one."""
     return locate(root)[0]
 
 
 def problem_of(path):
-    """Why no other file is taken for a missing one; empty where none is missing."""
+    """Why no other file is used for a missing one; empty if none is missing."""
     return _problems.get(path, "") if not os.path.exists(path) else ""
 
 
@@ -117,25 +117,25 @@ def forget():
 
 
 def tell():
-    """Says of the file that was opened which scenes are not where they were."""
+    """Warns about scenes of the opened file that are not at their stored paths."""
     for root in roots():
         _, remark, problem = locate(root)
         if remark or problem:
             print(f"PAGS: warning: {root.name}: {remark or problem}", file=sys.stderr, flush=True)
 
 
-# ---- Notes ----
+# ---- Records ----
 
 
 def chosen(settings, name):
-    """A path was set: what was noted of the one before no longer counts."""
+    """A path was set: its old record is invalid."""
     record = dict(parsed(settings.record))
     if record.pop(name, None) is not None:
         settings.record = json.dumps(record)
 
 
 def note(root, name, value, path, blend):
-    """Notes what is at the absolute `path`, which `value`, relative to `blend` or not, stands for. Without a size and a hash nothing is noted."""
+    """Records the content of the absolute `path`, which `value` (relative to `blend`, or absolute) denotes. Without size and hash, nothing is recorded."""
     before, stamp = record_of(root, name, value), list(stamp_of(path) or ())
     if stamp and before.get("place") == path and before.get("stamp") == stamp:
         size, sha256 = before["size"], before["sha256"]
@@ -150,7 +150,7 @@ def note(root, name, value, path, blend):
 
 
 def place(root, name, path, blend, relative):
-    """Lets a root's path be the one to the absolute `path`, relative to `blend` or not, and notes what is there."""
+    """Sets a root's path to the absolute `path`, relative to `blend` or not, and records its content."""
     value = path
     if relative:
         with contextlib.suppress(ValueError):  # on another drive of Windows, where no relative path exists
@@ -158,18 +158,18 @@ def place(root, name, path, blend, relative):
     known = dict(record_of(root, name), path=value)
     if getattr(root.pags, name) != value:
         setattr(root.pags, name, value)
-        root.pags.record = json.dumps({**parsed(root.pags.record), name: known})  # the setting has dropped it
+        root.pags.record = json.dumps({**parsed(root.pags.record), name: known})  # the setter has removed it
     note(root, name, value, path, blend)
 
 
 def owned():
-    """Pairs (root, name) of the paths that this file holds itself."""
+    """Pairs (root, name) of the paths stored in this file."""
     return [(root, name) for root in roots() for name in NAMES if root.library is None and getattr(root.pags, name) and origin_of(root, name) is None]
 
 
 def targets():
-    """Of the paths that this file holds: (root, name, absolute path, whether it is to be relative). One that is missing and of which something was noted stays as
-    it is, with its notes."""
+    """(root, name, absolute path, whether to make it relative) of the paths stored in this file. A missing path with a record stays unchanged, with its
+    record."""
     found = []
     for root, name in owned():
         path, _, problem = locate(root, name)
@@ -180,7 +180,7 @@ def targets():
 
 
 def leave_check():
-    """Puts into the file what a render node needs to check that it can draw it."""
+    """Stores in the file the expected values for the check on render nodes."""
     scenes = []
     for root in roots():
         library = library_of(root, "path")

@@ -25,7 +25,7 @@ class Edits(BlenderCase):
         for frame in (1, 2):
             self.scene.frame_set(frame)
             self.assert_close(self.f12(), self.program(scene="edited"))
-        self.raises(["scene already"], bpy.ops.pags.save_edited, directory=self.path("edited"))
+        self.raises(["already contains a scene"], bpy.ops.pags.save_edited, directory=self.path("edited"))
         self.part(1).scale = (2, 2, 2)
         self.part(0).scale = (1, -1, 1)
         exporter, jobs = (sys.modules[f"{addon.__name__}.{name}"] for name in ("exporter", "jobs"))
@@ -33,10 +33,10 @@ class Edits(BlenderCase):
         def work(job):
             edited = exporter.Edited(bpy.context, root)
             yield from edited.collect(job)
-            yield jobs.beside(edited.write, self.path("unscaled"), job)
+            yield jobs.in_thread(edited.write, self.path("unscaled"), job)
             return edited.left_out()
 
-        self.assertEqual(jobs.at_once("test", work).notice, "; left out: the scale of c=2, p,1")
+        self.assertEqual(jobs.at_once("test", work).notice, "; not exported: the scale of c=2, p,1")
         self.succeeds("render", self.path("unscaled"), "--path", "ego", "-o", self.path("drawn"))  # poses stay rigid
 
     def no_links(self, error=PermissionError(errno.EPERM, "Operation not permitted")):

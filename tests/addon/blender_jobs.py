@@ -23,11 +23,11 @@ class Jobs(BlenderCase):
 
         def work(job):
             threads.append(threading.current_thread())
-            self.assertEqual((yield self.jobs.beside(lambda a, b: threads.append(threading.current_thread()) or a + b, 1, 2)), 3)
+            self.assertEqual((yield self.jobs.in_thread(lambda a, b: threads.append(threading.current_thread()) or a + b, 1, 2)), 3)
             yield
             threads.append(threading.current_thread())
             with self.assertRaises(ZeroDivisionError):
-                yield self.jobs.beside(lambda: 1 // 0)
+                yield self.jobs.in_thread(lambda: 1 // 0)
             job.tell(2.0, "more than all")
             return "done"
 

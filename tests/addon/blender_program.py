@@ -86,7 +86,7 @@ class Program(BlenderCase):
         jobs = sys.modules[addon.__name__ + ".jobs"]
         hidden = mock.patch.object(subprocess, "CREATE_NO_WINDOW", 0x08000000, create=True)
         with hidden, mock.patch.object(self.module.subprocess, "Popen", popen), self.assertRaises(OSError):
-            jobs.at_once("x", lambda job: (jobs.beside(*call) for call in [(self.module.run, job, "pags", "日本語")]))
+            jobs.at_once("x", lambda job: (jobs.in_thread(*call) for call in [(self.module.run, job, "pags", "日本語")]))
         ((words, keywords),) = started
         self.assertEqual(keywords["creationflags"], 0x08000000)
         self.assertEqual(words[1], "日本語" if os.name == "nt" else "日本語".encode())

@@ -82,7 +82,7 @@ class Whereabouts(BlenderCase):
                 self.assertEqual(self.drawn(blend), "red")
                 os.remove(self.path(home, "model.ply"))
             self.ball(new, "model.ply", colour=BLUE)
-            self.refuses(self.path(new, "model.ply"), self.path(home, "model.ply"), "choose the path anew", blend=blend)
+            self.refuses(self.path(new, "model.ply"), self.path(home, "model.ply"), "choose the path again", blend=blend)
             self.root.pags.path = "//model.ply"  # chosen
             self.assertEqual(self.drawn(), "blue")
             bpy.ops.wm.save_mainfile()
@@ -186,7 +186,7 @@ class Whereabouts(BlenderCase):
         bpy.app.handlers.save_pre[:] = kept
         self.assertEqual(self.drawn(blend), "red")
         shutil.move(self.path("home"), self.path("new"))
-        self.refuses(self.path("home", "model.ply"), self.path("new", "model.ply"), "nothing was noted", blend=self.path("new", "one.blend"))
+        self.refuses(self.path("home", "model.ply"), self.path("new", "model.ply"), "no record shows", blend=self.path("new", "one.blend"))
 
     def test_a_scene_folder(self):
         """Is known by scene.json and what that names; its data set may be elsewhere, and a training's other files don't count."""
@@ -206,7 +206,7 @@ class Whereabouts(BlenderCase):
         data = bytearray(fixtures.read(model))
         data[-1] ^= 1
         fixtures.write(model, bytes(data))
-        self.refuses(self.path("farm", "scene"), "isn't what the .blend was saved with", blend=self.path("farm", "work.blend"))
+        self.refuses(self.path("farm", "scene"), "is not the file that the .blend was saved with", blend=self.path("farm", "work.blend"))
 
     def test_a_data_set_of_that_name(self):
         """Beside the scene, where training's isn't there: the same is taken, another isn't, and no photograph comes from two sets."""

@@ -302,7 +302,7 @@ def written_anew():
         record = json.load(file)
     write(path, json.dumps(record, indent=1))
     yield from until(lambda: bool(notices), 60)
-    assert "written anew" in notices[0], notices
+    assert "was reloaded" in notices[0], notices
     picture = yield from sharp_shot("anew")
     near(color(picture, (10, 0, 0)), (255, 255, 0), 20)
     jobs.PAGS_OT_job.modal = modal

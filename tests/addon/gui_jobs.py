@@ -239,7 +239,7 @@ def proxies():
             bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
             raise AssertionError("two jobs at a time")
         except RuntimeError as error:
-            assert "under way" in str(error), error
+            assert "is running" in str(error), error
         bpy.ops.pags.cancel_job()
     yield from finished("proxies, cancelled")
     program.run = run

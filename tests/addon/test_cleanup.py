@@ -120,7 +120,7 @@ class CleanUp(BlenderCase):
         self.assertEqual({*empty[4][0::3]}, {0})
         self.assertLessEqual({*empty[4][2::3]}, {127, 128})
         state = gather.gather(bpy.context.evaluated_depsgraph_get())
-        self.assertIn(f"leave nothing of {root.name}", state.load(True).remarks(self.scene.pags))
+        self.assertIn(f"hide all of {root.name}", state.load(True).remarks(self.scene.pags))
         with self.assertRaises(RuntimeError) as caught:  # a file of nothing isn't written
             bpy.ops.export_scene.pags(filepath=self.path("empty.ply"))
         self.assertIn("none of the", str(caught.exception))

@@ -325,7 +325,7 @@ class Watch(InspectCase):
         parked.hide_render = True
         self.change()
         job = self.read_anew()
-        self.assertIn("written anew", job.notice)
+        self.assertIn("was reloaded", job.notice)
         self.assertEqual(parked.pags.index, 1)
         self.assertTrue(parked.hide_render)
         car = next(o for o in self.scene.objects if o.get("pags_id") == "c=2")
@@ -350,7 +350,7 @@ class Watch(InspectCase):
     def test_objects_that_are_gone_are_said(self):
         self.bring_in()
         self.change(swap=False, without_car=True)
-        self.assertIn("no longer in it: 1", self.read_anew().notice)
+        self.assertIn("objects removed from it: 1", self.read_anew().notice)
         self.scene.frame_set(2)
         self.assertLess(pixel(self.f12(), 50, 50)[2], 140)  # the sky
 

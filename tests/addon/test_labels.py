@@ -15,7 +15,7 @@ from blender_case import BlenderCase, addon, main, pixel  # noqa: E402
 from fixtures import ply_bytes, some_splats  # noqa: E402
 
 LONGEST = 34  # letters that a line of the sidebar shows at its default width
-UNITS = ("pixel", "metre", "frame", "second", "share", "0 to 1", "thread", "degree", "point", "number", "photograph", "fy/fx", "whose lens", "picture")
+UNITS = ("pixel", "metre", "frame", "second", "share", "0 to 1", "thread", "degree", "point", "number", "photograph", "fy/fx", "stops", "factor", "sensor", "grey", "picture")
 
 
 def part(name):
@@ -163,7 +163,7 @@ class Labels(BlenderCase):
         self.scene.collection.objects.link(own)
         self.scene.camera = own
         self.assertFalse(self.can_be_used(panel, "Recorded exposure"))
-        self.assertIn("none of the recording's", self.said(panel))
+        self.assertIn("not from the recording", self.said(panel))
 
     def test_exposure_that_training_did_not_find(self):
         import json
@@ -255,7 +255,7 @@ class Labels(BlenderCase):
         frame = part("gather").gather(bpy.context.evaluated_depsgraph_get()).load(True)
         stats = {"gaussians": 3, "shaded": 2, "in_view": 2, "loaded": 2, "hidden": 0, "ms": 4.2}
         self.assertEqual(frame.counts(stats), "3 Gaussians, 1 culled, 4 ms")
-        self.assertEqual(frame.counts({**stats, "gaussians": 2}), "3 Gaussians, 1 not here now, 0 culled, 4 ms")
+        self.assertEqual(frame.counts({**stats, "gaussians": 2}), "3 Gaussians, 1 absent at this time, 0 culled, 4 ms")
         self.assertEqual(frame.counts({**stats, "gaussians": 4, "hidden": 1}), "3 Gaussians, 4 with duplicates, 2 culled, 4 ms (1 by Early-Z)")
         jobs, importer = part("jobs"), part("importer")
         options = types.SimpleNamespace(**{name: bpy.ops.import_scene.pags.get_rna_type().properties[name].default for name in importer.OPTIONS})

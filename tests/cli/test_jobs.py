@@ -98,7 +98,7 @@ class Jobs(DataCase):
         begun = time.monotonic()
         said = process.communicate(timeout=120)[1]
         self.assertEqual(process.returncode, 3, said)
-        self.assertIn("interrupted; the same command goes on", said)
+        self.assertIn("interrupted; the same command resumes", said)
         self.assertLess(time.monotonic() - begun, 60)
         self.assertEqual(files_below(self.path("t.runs")), ["settings.json"])
 

@@ -173,18 +173,18 @@ class Damage(Case):
             [], [], [], {"0.14.1": {"axes": [{"data": names}], "blocks": [{"values": values, "mgr_locs": old_pickle.Named(("builtins", "slice"), (0, 1, 1))}]}}))})  # fmt: skip
         self.assertEqual(self.table_of(whole(array((1, 2), kind("f8"), np.arange(2.0).tobytes())))["x"].tolist(), [0, 1])
         for values, words in [
-            (array((1, 2), kind("O8"), bytes(16)), "another number of objects"),
-            (array((1, 2), kind("O8", (3, "|", None, None, None, -1, -1, 0)), bytes(16)), "another number of objects"),
-            (array((1, 2**40), kind("f8"), bytes(16)), "another number of bytes"),
-            (array((1, -2), kind("f8"), bytes(16)), "another number of bytes|no shape"),
-            (array((1, 2), kind("V8"), bytes(16)), "an array of the type 'V8'"),
-            (array((1, 2), kind("f8,O8"), bytes(32)), "an array of the type"),
+            (array((1, 2), kind("O8"), bytes(16)), "number of objects differs"),
+            (array((1, 2), kind("O8", (3, "|", None, None, None, -1, -1, 0)), bytes(16)), "number of objects differs"),
+            (array((1, 2**40), kind("f8"), bytes(16)), "number of bytes differs"),
+            (array((1, -2), kind("f8"), bytes(16)), "number of bytes differs|without shape"),
+            (array((1, 2), kind("V8"), bytes(16)), "an array of the unsupported type 'V8'"),
+            (array((1, 2), kind("f8,O8"), bytes(32)), "an array of the unsupported type"),
             (3, "something else in place of an array"),
         ]:
             with self.assertRaisesRegex(RecordingError, words):
                 self.table_of(whole(values))
         write(self.path("00.pkl"), b"\x80\x03]r\xff\xff\xff\x7f.")
-        with self.assertRaisesRegex(RecordingError, "stores a thing under number 2147483647"):
+        with self.assertRaisesRegex(RecordingError, "uses memo index 2147483647"):
             pandaset.table(self.path("00.pkl"), ["x"])
 
 
@@ -234,10 +234,10 @@ class NuScenes(WithImports):
 
     def test_whole(self):
         said, result = self.imports()
-        self.assertIn("13 time steps, 2 cameras, 26 photographs, 13 sweeps, 13 boxes, 1 object; look at it", said)
-        self.assertEqual(self.left, {("sweeps", "between the time steps: no step of their own within 0.03 s"): 8})
+        self.assertIn("13 time steps, 2 cameras, 26 photographs, 13 sweeps, 13 boxes, 1 object; check it with", said)
+        self.assertEqual(self.left, {("sweeps", "between the time steps: no unmatched step within 0.03 s"): 8})
         again, _ = self.imports()
-        self.assertEqual(again, said.replace("out: 13", "out: is complete; 13"))
+        self.assertEqual(again, said.replace("out: 13", "out: is already complete; 13"))
         facts = json.loads(self.run_import("--json", "-")[1])
         self.assertEqual({key: facts[key] for key in result}, result)
 
@@ -255,7 +255,7 @@ class NuScenes(WithImports):
             self.photographs_once()
             self.assertEqual(self.left["time steps", "CAM_BACK has no photograph of its own within 0.05 s"], 3 if name == "rows" else 6)
         self.assertEqual(self.left["photographs", "CAM_BACK: the files are missing"], 3)
-        self.assertEqual(self.left["photographs", "of CAM_FRONT, which belong to no time step"], 6)
+        self.assertEqual(self.left["photographs", "of CAM_FRONT, which match no time step"], 6)
 
     def test_a_slow_camera(self):
         """At half the rate, between the first one's photographs, none is used twice."""
@@ -278,7 +278,7 @@ class NuScenes(WithImports):
         self.label(1, 38.1)
         self.save()
         self.assertEqual(self.counts()[3], 13)
-        self.assertEqual([count for (what, why), count in self.left.items() if "another label" in why], [1])
+        self.assertEqual([count for (what, why), count in self.left.items() if "duplicate label" in why], [1])
 
     def test_labels_too_far_apart(self):
         self.tables["sample_annotation"] = self.tables["sample_annotation"][::2]
@@ -294,7 +294,7 @@ class NuScenes(WithImports):
             row["timestamp"] += 30_000
         self.save()
         self.assertEqual(self.counts()[3], 13)
-        self.assertEqual([row for row in self.left if row[0] == "objects"], [("objects", "labelled once, not at a time step, or with too long gaps: they have no box")])
+        self.assertEqual([row for row in self.left if row[0] == "objects"], [("objects", "labelled once, not at a time step, or with too long gaps: no box")])
 
     def test_sweeps_and_labels_that_are_not_there(self):
         shutil.rmtree(os.path.join(self.raw, "sweeps", "LIDAR_TOP"))
@@ -371,14 +371,14 @@ class PandaSet(WithImports):
         os.remove(os.path.join(self.raw, "annotations.zip"))
         for i in range(self.STEPS):
             pd.DataFrame({name: np.ones(3) for name in pandaset.SWEEP}).to_pickle(os.path.join(self.raw, "lidar", f"{i:02d}.pkl"))
-        self.refused("00.pkl", "tables of pandas 1.3 and later aren't read")
+        self.refused("00.pkl", "tables of pandas 1.3 and later are not supported")
 
     def test_lost_files(self):
         os.remove(os.path.join(self.raw, "camera/back_camera/01.jpg"))
         os.remove(os.path.join(self.raw, "lidar/02.pkl.gz"))
         os.remove(os.path.join(self.raw, "annotations/cuboids/03.pkl.gz"))
         self.assertEqual(self.counts(), [3, 6, 2, 2])
-        for row in (("time steps", "back_camera has no photograph of them"), ("photographs", "of front_camera, which belong to no time step that is read"), ("sweeps", "the files are missing"), ("files of boxes", "are missing")):
+        for row in (("time steps", "back_camera has no photograph of them"), ("photographs", "of front_camera, whose time steps are incomplete"), ("sweeps", "the files are missing"), ("files of boxes", "are missing")):
             self.assertEqual(self.left[row], 1)
         self.assertEqual(self.counts("--overwrite", "--frames", "2-3")[:2], [2, 4])
 
@@ -391,8 +391,8 @@ class PandaSet(WithImports):
         box = dict(zip(pandaset.BOX, ["a", "Car", 0.0, 5.0, 9.0, 1.0, 2.0, 4.0, 1.5, "-", -1]))
         self.put("annotations/cuboids", 0, {name: np.array([value] * 2, object if isinstance(value, str) else None) for name, value in box.items()})
         self.assertEqual(self.counts(), [4, 8, 3, 4])
-        self.assertEqual((self.left["LiDAR points", "numbers that aren't finite"], self.left["sweeps", "have no points"]), (2, 1))
-        self.assertEqual(sum(count for (_, why), count in self.left.items() if "another label" in why), 1)
+        self.assertEqual((self.left["LiDAR points", "non-finite numbers"], self.left["sweeps", "have no points"]), (2, 1))
+        self.assertEqual(sum(count for (_, why), count in self.left.items() if "duplicate label" in why), 1)
 
 
 if __name__ == "__main__":

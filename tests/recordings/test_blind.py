@@ -137,7 +137,7 @@ class Blind(Case):
                 columns["sensor_name"] = [name if "elsewhere" in sensor or sensor == "ring_front_left" else sensor for sensor in columns["sensor_name"]]
                 pyarrow.feather.write_feather(pyarrow.table(columns), path)
             before = files_below(self.folder)
-            self.fails(["import", "argoverse2", truth.raw, "-o", self.path("d"), *truth.options], "intrinsics.feather", "isn't below")
+            self.fails(["import", "argoverse2", truth.raw, "-o", self.path("d"), *truth.options], "intrinsics.feather", "is not below")
             self.assertEqual([file for file in files_below(self.folder) if not file.startswith("d" + os.sep)], before)
             shutil.rmtree(self.path("d"))
 

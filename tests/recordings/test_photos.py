@@ -88,9 +88,9 @@ class Photos(WithStandIn):
         facts, said = self.imports()
         self.assertEqual((facts["photographs"], facts["registered"], facts["points"], facts["reprojection_error"]), (9, 5, 2, 0.75))
         why = self.reasons(facts)
-        self.assertEqual(why.pop("notes.txt"), "no photographs by their endings")
+        self.assertEqual(why.pop("notes.txt"), "not photographs by their file name extensions")
         self.assertEqual(sorted(why), ["cut.jpg", "more/alone.jpg", "more/aside1.png", "more/aside2.png", "more/few.JPG"])
-        for name, word in [("cut.jpg", "can't be read"), ("more/alone.jpg", "nothing that another"), ("more/aside1.png", "another group of 2"), ("more/few.JPG", "50 features")]:
+        for name, word in [("cut.jpg", "can't be read"), ("more/alone.jpg", "no content with another"), ("more/aside1.png", "separate group of 2"), ("more/few.JPG", "50 features")]:
             self.assertIn(word, why[name])
             self.assertIn(name, said)
         self.assertIn("5 of 9 photographs have cameras", said)
@@ -112,7 +112,7 @@ class Photos(WithStandIn):
         facts, said = self.imports()
         self.assertEqual(len([call for call in self.called() if call.startswith("feature_extractor")]), 4)
         self.assertEqual(facts["turned_upright"], 1)
-        self.assertIn("1 photographs were turned", said)
+        self.assertIn("1 photographs with an EXIF rotation were re-encoded", said)
         with Image.open(os.path.join(self.out, "images", "4.jpg")) as upright:
             self.assertEqual((upright.size, upright.getexif().get(photos.ORIENTATION, 1)), ((40, 60), 1))
             before = np.asarray(Image.open(os.path.join(self.raw, "4.jpg"))).astype(int)
@@ -137,7 +137,7 @@ class Photos(WithStandIn):
             self.assertLess(time.monotonic(), deadline)
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
-        self.assertIn("the same command goes on", process.communicate()[1])
+        self.assertIn("the same command resumes", process.communicate()[1])
         self.assertEqual(process.returncode, 3)
         children = subprocess.run(["pgrep", "-f", self.path("bin", "colmap")], capture_output=True, text=True).stdout
         self.assertEqual(children, "")
@@ -155,15 +155,15 @@ class Photos(WithStandIn):
         os.makedirs(self.raw)
         self.refused("raw: has no JPEG or PNG files")
         write(os.path.join(self.raw, "IMG_1.HEIC"), "x")
-        self.refused("raw: has no JPEG or PNG files", "left out: 1 photograph: IMG_1.HEIC: HEIC isn't read; convert to JPEG or PNG first")
+        self.refused("raw: has no JPEG or PNG files", "left out: 1 photograph: IMG_1.HEIC: HEIC is not supported; convert to JPEG or PNG first")
         picture(os.path.join(self.raw, "1.png"))
         write(os.path.join(self.raw, "2.png"), "no picture")
         self.refused("1 of 2 JPEG and PNG files can be read;", "2.png: can't be read")
         self.refused("is missing", raw=self.path("none"))
         write(self.path("a.txt"), "x")
-        self.refused("is no folder and no video", raw=self.path("a.txt"))
+        self.refused("neither a folder nor a video", raw=self.path("a.txt"))
         done = self.run_photos("--sequence", "1")
-        self.assertEqual((done.returncode, "--sequence: isn't for photos" in done.stderr), (2, True), done.stderr)
+        self.assertEqual((done.returncode, "--sequence: not supported for photos" in done.stderr), (2, True), done.stderr)
         shutil.rmtree(self.out)
         for number in range(3):
             picture(os.path.join(self.raw, f"{number}.png"), seed=number)
@@ -206,7 +206,7 @@ class Folders(WithStandIn):
         os.symlink(self.raw, os.path.join(self.raw, "loop"))
         photographs, masks, why = self.look()
         self.assertEqual((photographs, masks), (["1.jpg", "2.PNG", "sub/3.jpeg"], {}))
-        for name, words in [("4.HEIC", "HEIC isn't read; convert"), ("6.tif", "TIF isn't read"), ("1.CR2", "of which there is a JPEG"), ("7.MOV", "a video is imported by itself"), ("notes.txt", "no photographs"),
+        for name, words in [("4.HEIC", "HEIC is not supported; convert"), ("6.tif", "TIF is not supported"), ("1.CR2", "of which there is a JPEG"), ("7.MOV", "a video is imported by itself"), ("notes.txt", "no photographs"),
                             ("Thumbs.db", "of the system"), (".cache/8.jpg", "hidden"), ("__MACOSX/._1.jpg", "of the system"), ("loop", "aren't followed")]:  # fmt: skip
             self.assertIn(words, why[name])
         with mock.patch("os.walk", side_effect=lambda root, onerror: onerror(PermissionError(13, "Permission denied", os.path.join(root, "sub"))) or []):
@@ -246,7 +246,7 @@ class Folders(WithStandIn):
         self.assertEqual(photographs, ["cam1/1.jpg", "images/1.jpg", "images/2.jpg", "other_4/9.jpg"])
         self.assertEqual(sorted(why), ["depth/1.png", "images_4/1.jpg", "images_4/2.jpg", "seg person/1.png"])
         self.assertIn("smaller copies of the photographs in images", why["images_4/1.jpg"])
-        self.assertIn("put them into a folder masks", why["seg person/1.png"])
+        self.assertIn("put them into a folder named masks", why["seg person/1.png"])
 
     def test_masks_are_written(self):
         """Beside DATASET/images, where training finds them: as PNG, turned as the photograph was; one of another shape is left out."""
@@ -302,7 +302,7 @@ class Damage(WithStandIn):
     def test_one_and_none(self):
         for number in range(1, 5):
             os.remove(os.path.join(self.raw, f"{number}.jpg"))
-        self.refused("raw: 1 of 1 JPEG and PNG files can be read; cameras are found of three photographs or more")
+        self.refused("raw: 1 of 1 JPEG and PNG files can be read; finding cameras requires at least three photographs")
         os.remove(os.path.join(self.raw, "0.jpg"))
         self.refused("raw: has no JPEG or PNG files")
 
@@ -312,7 +312,7 @@ class Damage(WithStandIn):
         for out in (self.out, os.path.join(self.out, "deeper", "still")):
             for more in ((), ("--overwrite",)):
                 done = self.run_photos("-o", out, *more)
-                self.assertEqual((done.returncode, done.stderr.count("\n"), f"{self.out}: is no folder, and stands where {out}" in done.stderr), (1, 1, True), done.stderr)
+                self.assertEqual((done.returncode, done.stderr.count("\n"), f"{self.out}: not a folder, but {out} requires one" in done.stderr), (1, 1, True), done.stderr)
         self.assertEqual((self.outside(), read(self.out)), (before, b"mine"))
 
     def test_names(self):
@@ -350,16 +350,16 @@ class Damage(WithStandIn):
             write(self.raw, content)
             facts, said = self.imports("--pictures", "8")
             self.assertEqual(facts["photographs"], 8)
-            self.assertIn(f"{name} is cut or damaged; ", facts["damage"])
+            self.assertIn(f"{name} is truncated or damaged; ", facts["damage"])
             self.assertIn(f"warning: {facts['damage']}\n", said)
         shutil.rmtree(self.out)
         os.makedirs(self.path("folder.mp4"))
         for name, content in (("text.mp4", b"a text\n" * 99), ("none.mp4", b""), ("head.mp4", whole[:600]), ("last.mp4", movie["last.mp4"][:-1000]), ("zero.mkv", bytes(5000))):
             write(self.path(name), content)
-            self.refused(f"{name}: isn't a video that ffmpeg reads", raw=self.path(name))
+            self.refused(f"{name}: not a video that ffmpeg can read", raw=self.path(name))
             shutil.rmtree(self.out)
         write(self.path("head.mkv"), movie["film.mkv"][:600])
-        self.refused("head.mkv: ffmpeg reads no picture of it", raw=self.path("head.mkv"))
+        self.refused("head.mkv: ffmpeg can read no picture", raw=self.path("head.mkv"))
         shutil.rmtree(self.out)
         self.refused("folder.mp4: has no JPEG or PNG files", raw=self.path("folder.mp4"))
 
@@ -513,7 +513,7 @@ class Video(Case):
         pq = ((0.8359375 + 18.8515625 * power) / (1 + 18.6875 * power)) ** 78.84375
         sdr = np.where(wide <= 0.0031308, wide * 12.92, 1.055 * wide ** (1 / 2.4) - 0.055)
         tags = lambda primaries, transfer, matrix: ["-color_primaries", primaries, "-color_trc", transfer, "-colorspace", matrix]  # noqa: E731
-        for name, samples, primaries, transfer, words in (("hlg", hlg, "bt2020", "arib-std-b67", "HLG (HDR), BT.2020"), ("pq", pq, "bt2020", "smpte2084", "PQ (HDR), BT.2020"), ("sdr", sdr, "bt2020", "bt2020-10", "colours of BT.2020 become sRGB")):
+        for name, samples, primaries, transfer, words in (("hlg", hlg, "bt2020", "arib-std-b67", "HLG (HDR), BT.2020"), ("pq", pq, "bt2020", "smpte2084", "PQ (HDR), BT.2020"), ("sdr", sdr, "bt2020", "bt2020-10", "colours of BT.2020 are converted to sRGB")):
             planes = self.halves(samples, 0.2627, 0.0593, 4)
             said, _, seen = self.shown(self.film(f"{name}.mkv", planes, "-pix_fmt", "yuv420p10le", "-c:v", "ffv1", *tags(primaries, transfer, "bt2020nc")))
             self.assertIn(words, said)
@@ -525,7 +525,7 @@ class Video(Case):
         self.assertEqual(said, "")
         self.near(seen, wanted * 255)
         path = self.film("log.mkv", self.halves(wanted, 0.2126, 0.0722, 1), "-c:v", "ffv1", *tags("bt709", "log100", "bt709"))
-        with self.assertRaisesRegex(RecordingError, r"log.mkv: its colours \(log.*\) aren't converted here; .*zscale"):
+        with self.assertRaisesRegex(RecordingError, r"log.mkv: its colours \(log.*\) are not supported; .*zscale"):
             Display(path, video.place(path))
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
@@ -535,7 +535,7 @@ class Video(Case):
         planes = [np.repeat(rows[:, None], 64, 1), np.full((16, 32), 128), np.full((16, 32), 128)]
         comb = self.film("a.avi", planes, "-c:v", "mpeg2video", "-flags", "+ilme+ildct", "-top", "1", "-qscale:v", "1", "-vf", "setfield=tff,setsar=4/3")
         said, size, seen = self.shown(comb)
-        self.assertIn("interlaced frames are made whole (bwdif); pixels of 4:3 are made square", said)
+        self.assertIn("interlaced frames are deinterlaced (bwdif); pixels of 4:3 are made square", said)
         self.assertEqual(size, (86, 32))
         pixels = np.asarray(Image.open(self.path("out", "frame_000004.jpg"))).astype(int)
         self.assertLess(np.abs(np.diff(pixels[8:24, 40, 0])).max(), 40)  # the comb has steps of 100
@@ -562,7 +562,7 @@ class Video(Case):
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_no_video(self):
         write(self.path("a.mp4"), "no video")
-        with self.assertRaisesRegex(photos.RecordingError, "isn't a video that ffmpeg reads"):
+        with self.assertRaisesRegex(photos.RecordingError, "not a video that ffmpeg can read"):
             video.length(self.path("a.mp4"))
 
 

@@ -213,7 +213,7 @@ class Template(Case):
     def test_a_wrong_file_is_named(self):
         done = self.template(self.raw, self.out)
         self.assertEqual((done.returncode, done.stderr.count("\n")), (1, 1))
-        self.assertIn(f"{self.out}: isn't empty", done.stderr)
+        self.assertIn(f"{self.out}: not empty", done.stderr)
 
 
 # ---- Lenses ----
@@ -274,11 +274,11 @@ class Refused(Case):
 
     def test_cameras(self):
         r = self.begin()
-        self.refused("no other camera has", r.add_camera, "front", (16, 12), self.K)
-        self.refused("aren't pixels", r.add_camera, "b", (16, 12), [[0.8, 0, 0.5], [0, 0.8, 0.5], [0, 0, 1]])
+        self.refused("a unique name", r.add_camera, "front", (16, 12), self.K)
+        self.refused("not plausible in pixels", r.add_camera, "b", (16, 12), [[0.8, 0, 0.5], [0, 0.8, 0.5], [0, 0, 1]])
         self.refused("without skew", r.add_camera, "b", (16, 12), [[50, 3, 8], [0, 50, 6], [0, 0, 1]])
-        self.refused("given as lens=", r.add_camera, "b", (16, 12), self.K, [1, 2, 3, 4, 5, 6, 7, 8])
-        self.refused("at 0 or at 0.5", r.add_camera, "b", (16, 12), self.K, pixel_centre=1)
+        self.refused("lenses require lens=", r.add_camera, "b", (16, 12), self.K, [1, 2, 3, 4, 5, 6, 7, 8])
+        self.refused("at 0 or 0.5", r.add_camera, "b", (16, 12), self.K, pixel_centre=1)
         r.add_step(0)
         self.refused("before the first time step", r.add_camera, "b", (16, 12), self.K)
 
@@ -287,14 +287,14 @@ class Refused(Case):
         for words, lens in (("found \\{'kind': 'wide'", {"kind": "wide"}), ("found 'fisheye'", "fisheye"), ("not 'k1'", {"kind": "fisheye", "k1": 0.1}),
                             ("6 finite numbers for 'k'", {"kind": "fisheye", "k": [0.1, np.nan]}), ("3 finite numbers for 'd'", {"kind": "rational", "d": [1, 2, 3, 4]}),
                             ("0 to 360 degrees, found 400", {"kind": "fisheye", "field": 400}), ("0 to 360 degrees, found nan", {"kind": "fisheye", "field": np.nan}),
-                            ("up to a field of 14[0-9].. degrees only, not 200", {"kind": "fisheye", "k": [-0.2], "field": 200})):  # fmt: skip
+                            ("up to a field of 14[0-9].. degrees, not 200", {"kind": "fisheye", "k": [-0.2], "field": 200})):  # fmt: skip
             self.refused(words, r.add_camera, "b", (16, 12), self.K, lens=lens)
-        self.refused("expected one of them", r.add_camera, "b", (16, 12), self.K, [0.1, 0, 0, 0], lens={"kind": "fisheye"})
+        self.refused("found both", r.add_camera, "b", (16, 12), self.K, [0.1, 0, 0, 0], lens={"kind": "fisheye"})
 
     def test_steps(self):
         r = self.begin()
         r.add_step(3)
-        self.refused("not later than the one before", r.add_step, 3)
+        self.refused("not later than the previous one", r.add_step, 3)
         self.refused("expected seconds", r.add_step, 103e3)
         self.refused("'side'.*'front'", r.steps[0].photograph, "side", np.zeros((12, 16, 3), np.uint8), np.eye(4))
         self.refused("no photograph of 'front'", r.finish)
@@ -305,16 +305,16 @@ class Refused(Case):
         picture = np.zeros((12, 16, 3), np.uint8)
         self.refused("12 x 16 pixels.*16 x 12", step.photograph, "front", picture.transpose(1, 0, 2), np.eye(4))
         self.refused("uint8", step.photograph, "front", picture / 255.0, np.eye(4))
-        self.refused("isn't rigid", step.photograph, "front", picture, np.diag([2.0, 2, 2, 1]))
-        self.refused("isn't rigid.*determinant -1", step.photograph, "front", picture, np.diag([1.0, 1, -1, 1]))
-        self.refused("aren't finite", step.photograph, "front", picture, np.diag([1.0, 1, np.nan, 1]))
+        self.refused("is not rigid", step.photograph, "front", picture, np.diag([2.0, 2, 2, 1]))
+        self.refused("is not rigid.*determinant -1", step.photograph, "front", picture, np.diag([1.0, 1, -1, 1]))
+        self.refused("non-finite numbers", step.photograph, "front", picture, np.diag([1.0, 1, np.nan, 1]))
         self.write("cut.png", encoded(np.arange(576, dtype=np.uint8).reshape(12, 16, 3), "PNG")[:-60])
         for name in ("cut.png", "none.png"):
             self.refused(f"{name}: can't be read as a picture", step.photograph, "front", self.path(name), np.eye(4))
         self.write("a.bmp", encoded(picture, "BMP"))
         self.refused("a.bmp: expected JPEG or PNG, found BMP", step.photograph, "front", self.path("a.bmp"), np.eye(4))
         step.photograph("front", picture, np.eye(4))
-        self.refused("has a photograph already", step.photograph, "front", picture, np.eye(4))
+        self.refused("already has a photograph", step.photograph, "front", picture, np.eye(4))
         self.refused("sky_masks: expected 12 rows of 16", step.masks, "front", sky=np.zeros((16, 12), bool))
         self.refused("semantic: expected values of 0 to 255, found 0 to 300", step.masks, "front", semantic=np.full((12, 16), 300) * (np.arange(16) > 3))
 
@@ -325,7 +325,7 @@ class Refused(Case):
         self.refused("farther than 1000 m", step.lidar, np.full((5, 3), 4e5), np.eye(4))
         self.refused("length, width and height", step.box, 7, "Car", np.eye(4), [4, 0, 2])
         step.box(7, "Car", np.eye(4), [4, 2, 2])
-        self.refused("is there twice", step.box, "7", "Car", np.eye(4), [4, 2, 2])
+        self.refused("occurs twice", step.box, "7", "Car", np.eye(4), [4, 2, 2])
         self.refused("'Bus', but 'Car'", r.add_step(1).box, 7, "Bus", np.eye(4), [4, 2, 2])
 
     def test_a_world_far_from_its_zero(self):
@@ -346,7 +346,7 @@ class Refused(Case):
 
     def test_a_folder_with_something_is_left_alone(self):
         self.write("D/notes.txt", "mine")
-        self.refused("isn't empty", Recording, self.path("D"))
+        self.refused("not empty", Recording, self.path("D"))
         self.assertEqual(os.listdir(self.path("D")), ["notes.txt"])
 
 

@@ -156,12 +156,12 @@ class Parts(unittest.TestCase):
         progress = Progress(240, stream=stream, clock=lambda: now[0])
         now[0] = 12.5
         progress.finished("000_0.jpg")
-        self.assertEqual(stream.getvalue(), "000_0.jpg: 12.50 s an image, 240 images, about 50 min left\n")
+        self.assertEqual(stream.getvalue(), "000_0.jpg: 12.50 s per image, 240 images, about 50 min left\n")
         for _ in range(5):
             now[0] += 10
             progress.finished("x")
         self.assertEqual(stream.getvalue().count("\n"), 2)
-        self.assertIn("4 of 240, 10.62 s an image, 42 min left", stream.getvalue())
+        self.assertIn("4 of 240, 10.62 s per image, 42 min left", stream.getvalue())
 
 
 class Labels(Scratch):
@@ -316,7 +316,7 @@ class Masks(Scratch):
             self.path("m.onnx"),
         )
         self.refused(
-            "e.onnx: its signature doesn't fit: found inputs image float[1x3x128x128]",
+            "e.onnx: its signature doesn't match: found inputs image float[1x3x128x128]",
             Sam,
             self.path("d.onnx"),
             self.path("e.onnx"),
@@ -378,7 +378,7 @@ class Runs(Scratch):
 
     def test_pags_reads_what_is_written(self):
         said = self.run_tool()
-        self.assertRegex(said, r"000_0.png: \d+\.\d\d s an image, 6 images, about ")
+        self.assertRegex(said, r"000_0.png: \d+\.\d\d s per image, 6 images, about ")
         for camera in range(2):
             for frame in range(self.FRAMES):
                 stem = f"{frame:03d}_{camera}"
@@ -450,11 +450,11 @@ class Runs(Scratch):
             self.assertTrue((self.mask("semantic", name[:-4]) == self.truth).all())
         for each in (folder, os.path.join(self.data, "sky_masks")):
             self.assertFalse([name for name in os.listdir(each) if name.endswith(layout.PART)])
-        self.assertIn(f"{len(made)} of 33 images are done already", self.run_tool())
+        self.assertIn(f"{len(made)} of 33 images are already done", self.run_tool())
         self.assertEqual(len(os.listdir(folder)), 34)
         for name, when in made.items():
             self.assertEqual(os.stat(os.path.join(folder, name)).st_mtime_ns, when)
-        self.assertIn("33 of 33 images are done already", self.run_tool())
+        self.assertIn("33 of 33 images are already done", self.run_tool())
 
     def test_what_is_no_regular_file_is_never_replaced(self):
         """Masks are written through links and into FIFOs and devices, which aren't replaced by files."""
@@ -502,7 +502,7 @@ class Runs(Scratch):
         with open(part, "wb") as file:
             file.write(b"half")
         os.remove(os.path.join(self.data, "semantic", "000_0.png"))
-        self.assertIn("5 of 6 images are done already", self.run_tool())
+        self.assertIn("5 of 6 images are already done", self.run_tool())
         self.assertFalse(os.path.exists(part))
 
     def test_other_settings_and_other_masks_are_not_mixed(self):
@@ -521,7 +521,7 @@ class Runs(Scratch):
 
     def test_bad_sets_are_explained(self):
         self.text("dataset.json", json.dumps({"labels": "waymo"}))
-        self.assertIn("dataset.json: says that semantic holds labels of waymo", self.run_tool(code=1))
+        self.assertIn("dataset.json: declares waymo labels for semantic", self.run_tool(code=1))
         self.text("dataset.json", "{}")
         self.text("images/001_0.png", "no picture")
         self.assertIn("001_0.png: can't be read as a picture", self.run_tool(code=1))
@@ -533,7 +533,7 @@ class Runs(Scratch):
     def test_usage(self):
         for more, text in (
             (["--sam"], "--sam needs --sam-encoder FILE"),
-            (["--sam-encoder", "x"], "do nothing without --sam"),
+            (["--sam-encoder", "x"], "require --sam"),
             (["--majority", "2"], "--majority"),
             (["--size", "3"], "--size"),
         ):

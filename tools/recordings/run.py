@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the package that lies beside this file, whatever the working directory: pags import starts it by this path."""
+"""Runs the package in this file's folder from any working directory: pags import starts it by this path."""
 
 import os
 import sys

@@ -35,7 +35,7 @@ def write(raw, dataset):
             step.lidar(points, world_from_lidar, ["intensity"])
             for box in frame["boxes"]:
                 lidar_from_front = poses.pose(box["xyzw"], box["centre"], order="xyzw")
-                front = index["front"]  # of a box's own axes, where the thing looks: "+x", "-x", "+y" or "-y"
+                front = index["front"]  # the front in the box's own axes: "+x", "-x", "+y" or "-y"
                 step.box(box["track"], box["class"], world_from_lidar @ lidar_from_front @ poses.front_from_box(front), poses.box_size(box["extents"], front))
 
 

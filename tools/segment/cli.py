@@ -69,48 +69,48 @@ def numbers(text):
 def parser():
     p = argparse.ArgumentParser(
         prog="segment",
-        description="Experimental: no real network has been run with it yet. Makes label images (semantic/, Cityscapes' train ids) and sky_masks/ for a driving set with "
-        "ONNX networks of yours. Run again to go on where it stopped. docs/masks.md tells more.",
+        description="Experimental: not yet run with a real network. Makes label images (semantic/, Cityscapes train ids) and sky_masks/ for a driving set with "
+        "your ONNX networks. Run again to resume. See docs/masks.md.",
     )
     d = Settings()
     p.add_argument("dataset", nargs="?", metavar="DATASET", help="folder with images/TTT_C.jpg or .png")
-    p.add_argument("--semantic", metavar="FILE", help="network that labels pixels (.onnx); needed")
-    p.add_argument("-o", "--output", metavar="FOLDER", help="where semantic/ and sky_masks/ go (default: DATASET)")
+    p.add_argument("--semantic", metavar="FILE", help="network for semantic segmentation (.onnx); required")
+    p.add_argument("-o", "--output", metavar="FOLDER", help="folder for semantic/ and sky_masks/ (default: DATASET)")
     p.add_argument("--cameras", type=numbers, metavar="LIST", help="numbers separated by commas (default: all)")
     p.add_argument("--frames", type=pair("-"), metavar="A-B", help="time steps, both included (default: all)")
-    p.add_argument("--no-sky", action="store_true", help="leave sky_masks alone")
-    p.add_argument("--overwrite", action="store_true", help="remove the masks that are there and begin afresh")
+    p.add_argument("--no-sky", action="store_true", help="don't write sky_masks")
+    p.add_argument("--overwrite", action="store_true", help="remove existing masks and start again")
     p.add_argument(
-        "-j", "--threads", type=number(0, 256), default=0, metavar="N", help="0 (default): as onnxruntime likes"
+        "-j", "--threads", type=number(0, 256), default=0, metavar="N", help="0 (default): chosen by onnxruntime"
     )
-    p.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
-    g = p.add_argument_group("the labels' network, where its signature doesn't tell (--list-exports)")
-    g.add_argument("--list-exports", action="store_true", help="print the known exports and stop")
-    g.add_argument("--export", metavar="NAME", help="which of them it is")
+    p.add_argument("-q", "--quiet", action="store_true", help="print only errors")
+    g = p.add_argument_group("export type of the network, if its signature is ambiguous (--list-exports)")
+    g.add_argument("--list-exports", action="store_true", help="print the known exports and exit")
+    g.add_argument("--export", metavar="NAME", help="its class list")
     g.add_argument("--classes", metavar="NAME|FILE", help=f"{', '.join(TABLES)}, or a file of lines `class train-id`")
-    g.add_argument("--size", type=size, metavar="WxH", help="pixels of its input where the file leaves them open")
-    g.add_argument("--mean", type=three, metavar="R,G,B", help="of samples from 0 to 1, subtracted")
-    g.add_argument("--std", type=three, metavar="R,G,B", help="of samples from 0 to 1, divided by")
+    g.add_argument("--size", type=size, metavar="WxH", help="input size in pixels, if the file leaves it open")
+    g.add_argument("--mean", type=three, metavar="R,G,B", help="mean of samples from 0 to 1, subtracted")
+    g.add_argument("--std", type=three, metavar="R,G,B", help="standard deviation of samples from 0 to 1, divided by")
     g = p.add_argument_group(
-        "Segment Anything: class-agnostic masks, each of which takes the label of most of its pixels"
+        "Segment Anything: class-agnostic masks; each takes the most frequent label of its pixels"
     )
-    g.add_argument("--sam", action="store_true", help="use it: half a minute to two minutes an image on a CPU")
+    g.add_argument("--sam", action="store_true", help="enable it: 0.5 to 2 minutes per image on a CPU")
     g.add_argument("--sam-encoder", metavar="FILE", help="image encoder (.onnx)")
     g.add_argument("--sam-decoder", metavar="FILE", help="mask decoder (.onnx)")
     g.add_argument(
-        "--points", type=number(1, 256), default=d.points, metavar="N", help=f"a side of the grid ({d.points})"
+        "--points", type=number(1, 256), default=d.points, metavar="N", help=f"points per side of the grid ({d.points})"
     )
     g.add_argument(
-        "--predicted-iou", type=share, default=d.predicted_iou, metavar="F", help=f"at least ({d.predicted_iou})"
+        "--predicted-iou", type=share, default=d.predicted_iou, metavar="F", help=f"minimum ({d.predicted_iou})"
     )
-    g.add_argument("--stability", type=share, default=d.stability, metavar="F", help=f"at least ({d.stability})")
+    g.add_argument("--stability", type=share, default=d.stability, metavar="F", help=f"minimum ({d.stability})")
     g.add_argument(
-        "--box-nms", type=share, default=d.box_nms, metavar="F", help=f"IoU of boxes that are one ({d.box_nms})"
+        "--box-nms", type=share, default=d.box_nms, metavar="F", help=f"IoU above which boxes are duplicates ({d.box_nms})"
     )
     g.add_argument("--crop-layers", type=number(0, 4), default=0, metavar="N", help="layer n adds 2^n x 2^n crops (0)")
-    g.add_argument("--crop-points-divisor", type=number(1, 16), default=1, metavar="N", help="fewer points a layer (1)")
+    g.add_argument("--crop-points-divisor", type=number(1, 16), default=1, metavar="N", help="divisor of points per layer (1)")
     g.add_argument(
-        "--majority", type=share, default=0.5, metavar="F", help="share of a mask that its label must exceed (0.5)"
+        "--majority", type=share, default=0.5, metavar="F", help="minimum share of a mask for its label (0.5)"
     )
     return p
 
@@ -119,11 +119,11 @@ def check_usage(p, a):
     if not a.dataset:
         p.error("DATASET is missing")
     if not a.semantic:
-        p.error("--semantic FILE is missing: without a network there are no labels")
+        p.error("--semantic FILE is missing: labels require a network")
     if a.sam and not (a.sam_encoder and a.sam_decoder):
         p.error("--sam needs --sam-encoder FILE and --sam-decoder FILE")
     if not a.sam and (a.sam_encoder or a.sam_decoder):
-        p.error("--sam-encoder and --sam-decoder do nothing without --sam")
+        p.error("--sam-encoder and --sam-decoder require --sam")
 
 
 def automatic_settings(a):
@@ -138,7 +138,7 @@ def automatic_settings(a):
 
 
 def record(a, semantic, sky):
-    """The settings that the masks depend on, by names that error messages use."""
+    """The settings that determine the masks, by names used in error messages."""
     out = {
         "choice of sky masks": sky,
         "semantic network": identity(a.semantic) | semantic.settings(),
@@ -185,12 +185,12 @@ def run(a):
     semantic, sam = open_networks(a)
     sky = semantic.knows_sky and not a.no_sky
     if not sky and not a.no_sky:
-        say(a, f"{a.semantic}: knows no sky, so that no sky_masks are written")
+        say(a, f"{a.semantic}: has no sky class; no sky_masks are written")
     output = Output(a.output or a.dataset, sky)
     output.prepare(record(a, semantic, sky), a.overwrite)
     left = [photo for photo in photos if not output.done(photo)]
     if len(left) < len(photos):
-        say(a, f"{len(photos) - len(left)} of {len(photos)} images are done already")
+        say(a, f"{len(photos) - len(left)} of {len(photos)} images are already done")
     progress = Progress(len(left), a.quiet)
     try:
         for photo in left:
@@ -200,7 +200,7 @@ def run(a):
     except KeyboardInterrupt:
         progress.end()
         raise Interrupted(
-            f"interrupted after {progress.done} of {len(left)} images; the same command goes on from there"
+            f"interrupted after {progress.done} of {len(left)} images; the same command resumes from here"
         ) from None
     progress.end()
     seconds = duration(progress.clock() - progress.begun)
@@ -208,7 +208,7 @@ def run(a):
 
 
 class Interrupt:
-    """What asks a process to end, as pags takes it: once KeyboardInterrupt; a Ctrl-C more than 0.3 s later ends it at once."""
+    """Converts signals that request an end, as in pags: KeyboardInterrupt once; a Ctrl-C more than 0.3 s later ends the process immediately."""
 
     ASKING = "SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU"
 
@@ -233,7 +233,7 @@ class Interrupt:
 def main(arguments=None):
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="surrogateescape")  # names that aren't UTF-8 are printed as they are
+            stream.reconfigure(errors="surrogateescape")  # print names that are not UTF-8 unchanged
     p = parser()
     a = p.parse_args(arguments)
     if a.list_exports:
@@ -244,7 +244,7 @@ def main(arguments=None):
     try:
         run(a)
         return DONE
-    except (SegmentError, OSError) as error:  # an OSError also of standard output
+    except (SegmentError, OSError) as error:  # an OSError also for standard output
         print(f"segment: {error}", file=sys.stderr)
         return INTERRUPTED if isinstance(error, Interrupted) else FAILED
     except KeyboardInterrupt:

@@ -74,8 +74,8 @@ def check_labels(dataset):
         raise SegmentError(f"{path}: expected a description of a data set: {error}") from None
     if str(labels).split(" ")[0] not in ("cityscapes", "step"):
         raise SegmentError(
-            f"{path}: says that semantic holds labels of {labels}, but this writes Cityscapes' train ids; "
-            f"change 'labels' to \"cityscapes\" or take it out"
+            f"{path}: declares {labels} labels for semantic, but this tool writes Cityscapes train ids; "
+            f"change 'labels' to \"cityscapes\" or remove it"
         )
 
 
@@ -96,9 +96,8 @@ def writes_straight(path):
 
 
 def write_whole(path, write):
-    """Writes a file atomically: calls write(file) on a temporary file beside it, which is then renamed. As in the
-    engine (engine/base/file.h), only regular files are replaced: devices and FIFOs are written directly, links are
-    followed."""
+    """Writes a file atomically: calls write(file) on a temporary file in the same folder, then renames it. As in the engine (engine/base/file.h), only
+    regular files are replaced: devices and FIFOs are written directly, links are followed."""
     part = None
     try:
         if writes_straight(path):
@@ -172,14 +171,14 @@ class Output:
                 former = json.load(file)
         except (OSError, ValueError) as error:
             raise SegmentError(
-                f"{self.record}: expected the record of a former run: {error}; --overwrite begins afresh"
+                f"{self.record}: expected the record of a former run: {error}; --overwrite starts again"
             ) from None
         wanted = json.loads(json.dumps(settings))
         for key in sorted({*former, *wanted} if isinstance(former, dict) else {"record"}):
             if not isinstance(former, dict) or former.get(key) != wanted.get(key):
                 raise SegmentError(
                     f"{self.record}: the masks here were made with another {key}; pass the same, or --overwrite "
-                    f"to begin afresh"
+                    f"to start again"
                 )
 
     def path(self, folder, photo):

@@ -22,7 +22,7 @@ TYPES = {
 
 @dataclasses.dataclass(frozen=True)
 class Tensor:
-    """One input or output of a model; free dimensions of `shape` are None."""
+    """One input or output of a model; free dimensions of `shape` have the value None."""
 
     name: str
     type: str
@@ -90,14 +90,14 @@ class Model:
         return f"inputs {', '.join(map(str, self.inputs))}; outputs {', '.join(map(str, self.outputs))}"
 
     def refuse(self, expected):
-        return SegmentError(f"{self.path}: its signature doesn't fit: found {self.signature()}; expected {expected}")
+        return SegmentError(f"{self.path}: its signature doesn't match: found {self.signature()}; expected {expected}")
 
     def run(self, outputs, feed):
         try:
             return self.session.run(outputs, feed, self.options)
         except Exception as error:
             reason = str(error).strip().splitlines()[0]
-            raise SegmentError(f"{self.path}: could not be run: {reason}") from None
+            raise SegmentError(f"{self.path}: failed to run: {reason}") from None
 
 
 def identity(path):

@@ -49,10 +49,10 @@ class Progress:
         left = duration(self.each() * (self.total - self.done))
         if self.done == 1:
             self.told = self.clock()
-            self.show(f"{name}: {self.each():.2f} s an image, {self.total} images, about {left} left", True)
+            self.show(f"{name}: {self.each():.2f} s per image, {self.total} images, about {left} left", True)
         elif self.moving or self.clock() - self.told >= EVERY:
             self.told = self.clock()
-            self.show(f"{self.done} of {self.total}, {self.each():.2f} s an image, {left} left", not self.moving)
+            self.show(f"{self.done} of {self.total}, {self.each():.2f} s per image, {left} left", not self.moving)
 
     def end(self):
         if self.done and self.moving and not self.quiet:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The account of an import: what it wrote, and what it left out and why. Every import prints it at its end and keeps it as "result" in import.json."""
+"""The report of an import: numbers of written items, and omitted items with reasons. Every import prints it at its end and stores it as "result" in
+import.json."""
 
 from .errors import RecordingError
 
 COUNTS = "steps", "cameras", "photographs", "masks", "sweeps", "boxes", "objects"
-NAMED = 1000  # names kept per reason; the count is exact
+NAMED = 1000  # maximum number of names stored per reason; the count is exact
 
 
 def plural(count, what):
@@ -13,19 +14,19 @@ def plural(count, what):
 
 
 def counted(result):
-    """The counts of a result in words, the steps first."""
+    """The counts of a result as text, steps first."""
     words = {"steps": "time steps"}
     return ", ".join(plural(result[key], words.get(key, key)) for key in COUNTS if key in result)
 
 
 class Account:
-    """Reasons are listed in the order in which they first came up."""
+    """Collects omitted items by reason, in order of first occurrence."""
 
     def __init__(self):
         self.rows, self.sources = {}, {}
 
     def leave_out(self, what, why, which=(), count=None):
-        """`what` in the plural ("photographs"), why these are left out, and which: names of all of them, or of some if `count` is given."""
+        """Adds omitted items: `what` in the plural ("photographs"), the reason, and their names. With `count`, `which` may list only some of the names."""
         which = [str(name) for name in which]
         count = len(which) if count is None else count
         if count:
@@ -34,15 +35,15 @@ class Account:
             row["which"] += which[: NAMED - len(row["which"])]
 
     def lacks(self, what, why):
-        """The source has none of these."""
+        """The source contains none of these."""
         self.rows.setdefault((what, why), {"what": what, "count": 0, "why": why, "which": []})
 
     def contains(self, what, count, where):
-        """The source has so many of these in the chosen time steps: to read none of them is an error."""
+        """The source contains `count` of these in the chosen time steps; reading none of them is then an error."""
         self.sources[what] = (count, where)
 
     def result(self, counts):
-        """The part of import.json: the counts of what was written, then what was left out."""
+        """The "result" of import.json: the counts of written items, then the omitted ones."""
         for what, (count, where) in self.sources.items():
             if count and not counts[what]:
                 reasons = [f"{plural(row['count'], what)}: {row['why']}" for row in self.rows.values() if row["what"] == what and row["count"]]
@@ -51,7 +52,7 @@ class Account:
 
 
 def lines(left_out, most=10):
-    """What was left out, a line a reason."""
+    """The omitted items, one line per reason."""
     for row in left_out[:most]:
         if row["count"] == 0:
             yield f"no {row['what']}: {row['why']}"
@@ -60,4 +61,4 @@ def lines(left_out, most=10):
         first = f": {names[0]}" if row["count"] == 1 and names else f", the first is {names[0]}" if names else ""
         yield f"left out: {plural(row['count'], row['what'])}{first}: {row['why']}"
     if len(left_out) > most:
-        yield f"left out for {len(left_out) - most} more reasons; import.json names them"
+        yield f"left out for {len(left_out) - most} more reasons; see import.json"

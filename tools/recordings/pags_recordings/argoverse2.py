@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A log of Argoverse 2's sensor data set (Wilson et al. 2021): feather tables, photographs already undistorted, LiDAR at 10 Hz corrected for the
-car's own motion to its time stamp, boxes at the sweeps' times in the car's frame (x forward, y left, z up, as in the whole set).
+"""Reads a log of the Argoverse 2 Sensor Dataset (Wilson et al. 2021): feather tables, undistorted photographs, LiDAR at 10 Hz corrected for the car's motion
+to its time stamp, boxes at the sweeps' times in the car's frame (x forward, y left, z up).
 
-One time step is one sweep, with the photograph nearest to it of each camera; boxes are put where they are at the photographs' mean time."""
+One time step is one sweep with the nearest photograph of each camera; boxes are interpolated to the photographs' mean time."""
 
 import glob
 import os
@@ -14,12 +14,12 @@ from .errors import RecordingError
 from .importing import Tracks, chosen, existing, inside, joined, listed, optional, others_reading
 
 CAMERAS = ("ring_front_center", "ring_front_left", "ring_front_right", "ring_side_left", "ring_side_right", "ring_rear_left", "ring_rear_right")
-LARGEST_GAP = 0.03  # seconds between a sweep and a photograph of its step: a little more than half of the cameras' 50 ms
-LABEL_GAP = 0.25  # seconds between two labels of a track that a box may lie between; they are 0.1 s apart
+LARGEST_GAP = 0.03  # maximum seconds between a sweep and a photograph of its step: just above half of the cameras' 50 ms
+LABEL_GAP = 0.25  # maximum seconds between two labels of a track for interpolation; labels are 0.1 s apart
 
 
 def by_sensor(path, columns):
-    """A table by the sensors' names, each once."""
+    """A table indexed by sensor name; names are unique."""
     rows = table(path, ["sensor_name", *columns]).set_index("sensor_name")
     if not rows.index.is_unique:
         raise RecordingError(f"{path}: has two rows of {rows.index[rows.index.duplicated()][0]}")
@@ -35,7 +35,7 @@ def table(path, columns):
 
     with others_reading(path, "can't be read as feather"):
         content = feather.read_table(existing(path), memory_map=False)
-        content.validate(full=True)  # it isn't looked at before: offsets of texts beyond the file crash the process
+        content.validate(full=True)  # not memory-mapped: text offsets beyond the end of a damaged file would crash the process
         rows = content.to_pandas()
     lacking = [name for name in columns if list(rows.columns).count(name) != 1]
     if lacking or len(rows) == 0:
@@ -66,7 +66,7 @@ def stamps(folder, endings, what, account):
 
 
 def sequences(raw):
-    """The logs below a folder: itself, or its subfolders."""
+    """The logs in a folder: the folder itself, or its subfolders."""
     if os.path.exists(os.path.join(raw, "city_SE3_egovehicle.feather")):
         return {os.path.basename(os.path.abspath(raw)): raw}
     found = glob.glob(os.path.join(glob.escape(raw), "*", "city_SE3_egovehicle.feather"))
@@ -85,7 +85,7 @@ def read(log, cameras, frames, out, progress):
         raise RecordingError(f"{photographs}: has no photographs; expected CAMERA/TIME.jpg")
     names = chosen(present, cameras, "camera") if cameras else [name for name in present if name in CAMERAS] or present
     out.account.leave_out("cameras", "have no photographs", [name for name in CAMERAS if name in lenses.index and name not in present])
-    out.account.leave_out("cameras", "not among the ring's; --cameras takes them", [] if cameras else [name for name in present if name not in names])
+    out.account.leave_out("cameras", "not ring cameras; select them with --cameras", [] if cameras else [name for name in present if name not in names])
     zero = int(path["timestamp_ns"].iloc[0])
     stations = (path["timestamp_ns"].to_numpy() - zero) / 1e9
     ways = [pose_of(row) for _, row in path.iterrows()]
@@ -94,15 +94,15 @@ def read(log, cameras, frames, out, progress):
     times = {name: list(shots[name]) for name in names}
     steps = [(anchors[i], {name: times[name][j] for name, j in picked.items()}) for i, picked in joined(anchors, times, LARGEST_GAP, frames, out.account, 1e9)]
     if not steps:
-        raise RecordingError(f"{log}: no time step is left; there is none in which each camera has a photograph within {LARGEST_GAP} s, or --frames chose none")
+        raise RecordingError(f"{log}: no time step left: none has a photograph of every camera within {LARGEST_GAP} s, or --frames selected none")
     out.account.contains("sweeps", len(steps) if sweeps else 0, os.path.join(log, "sensors", "lidar"))
-    out.account.leave_out("sweeps", "of the time steps that are left out", count=len(sweeps) - len(steps) if sweeps else 0)
+    out.account.leave_out("sweeps", "of time steps that were left out", count=len(sweeps) - len(steps) if sweeps else 0)
     progress.total = len(steps)
     tracks = read_tracks(log, zero, stations, ways, out.account)
     tracks.within((steps[0][0] - zero) / 1e9, (steps[-1][0] - zero) / 1e9, os.path.join(log, "annotations.feather"))
     for name in names:
         if name not in mounts.index:
-            raise RecordingError(f"{os.path.join(log, 'calibration', 'egovehicle_SE3_sensor.feather')}: has no row of {name}")
+            raise RecordingError(f"{os.path.join(log, 'calibration', 'egovehicle_SE3_sensor.feather')}: no row for {name}")
         lens = lenses.loc[name]
         k = [[lens["fx_px"], 0, lens["cx_px"]], [0, lens["fy_px"], lens["cy_px"]], [0, 0, 1]]
         out.add_camera(name, (int(lens["width_px"]), int(lens["height_px"])), k)
@@ -114,13 +114,13 @@ def read(log, cameras, frames, out, progress):
 
 def read_tracks(log, zero, stations, ways, account):
     tracks, name = Tracks(account), optional(log, "annotations.feather", "boxes", account)
-    if not name:  # the test split has none
+    if not name:  # the test split has no labels
         return tracks
     rows = table(name, ["timestamp_ns", "track_uuid", "category", "length_m", "width_m", "height_m", *QUATERNION, *TRANSLATION])
     cars = {}
     for _, row in rows.sort_values("timestamp_ns", kind="stable").iterrows():
         at = (int(row["timestamp_ns"]) - zero) / 1e9
-        if at not in cars:  # a sweep's labels share its time
+        if at not in cars:  # labels and sweeps share time stamps
             cars[at] = poses.interpolate(stations, ways, at)
         box = cars[at] @ pose_of(row)
         tracks.add(row["track_uuid"], row["category"], at, box, [row["length_m"], row["width_m"], row["height_m"]])

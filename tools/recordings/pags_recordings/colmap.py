@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""COLMAP: its program, or else its Python package pycolmap, started step by step; and what its database and its model say. Always on the CPU."""
+"""Runs COLMAP step by step, as the program or the Python package pycolmap, and reads its database and models. CPU only."""
 
 import importlib.util
 import json
@@ -18,22 +18,22 @@ from . import interrupt
 from .errors import RecordingError
 
 INSTALL = "apt-get install colmap" if os.path.exists("/etc/debian_version") else f"{sys.executable} -m pip install pycolmap"
-SIDE, FEATURES = 1600, 4096  # the larger side at which features are searched, and their number at most: matching takes their square
-INLIERS = 15  # matches that fit one motion of the camera: with fewer, COLMAP takes two photographs for strangers
+SIDE, FEATURES = 1600, 4096  # largest image side and maximum number of features: the time of matching grows with its square
+INLIERS = 15  # inliers of one camera motion; COLMAP discards pairs with fewer
 
 
 def find():
-    """The step runner that is installed."""
+    """The installed step runner."""
     program = shutil.which("colmap")
     if program:
         return Program(program)
     if importlib.util.find_spec("pycolmap"):
         return Module()
-    raise RecordingError(f"cameras are found by COLMAP, which isn't installed: {INSTALL}")
+    raise RecordingError(f"COLMAP, which finds the cameras, is not installed: {INSTALL}")
 
 
 class Program:
-    """The colmap program: Debian's 3.8, or 4."""
+    """The colmap program: Debian's 3.8, or version 4."""
 
     def __init__(self, path):
         self.path = path
@@ -57,7 +57,7 @@ class Program:
 
 
 class Module:
-    """The Python package pycolmap, in a process of its own (pycolmap_step.py)."""
+    """The Python package pycolmap, in a separate process (pycolmap_step.py)."""
 
     def command(self, **step):
         return [sys.executable, "-B", os.path.join(os.path.dirname(os.path.abspath(__file__)), "pycolmap_step.py"), json.dumps(step)]
@@ -77,7 +77,7 @@ def quiet_screen():
 
 
 def run(command, log, count, show):
-    """Runs a step to its end, its words going to a file; `show` is told twice a second what `count` counts."""
+    """Runs a step to its end with its output in a file; passes the result of `count` to `show` twice a second."""
     with open(log, "ab") as words:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, env=quiet_screen(), preexec_fn=interrupt.BEFORE_START)
     try:
@@ -95,14 +95,14 @@ def run(command, log, count, show):
 
 
 def last_words(log):
-    """The last line of a log that says something, without glog's date and place."""
+    """The last non-empty line of a log, without glog's prefix."""
     with open(log, "rb") as file:
         lines = [re.sub(r"^[EFIW]\d{8} \S+ +\d+ \S+\] ", "", line).strip(" =\t") for line in file.read().decode(errors="replace").splitlines()]
-    return next((line for line in reversed(lines) if line), "it said nothing")
+    return next((line for line in reversed(lines) if line), "no message")
 
 
 class Database:
-    """What COLMAP knows so far. Counts are 0 while it makes the file, or holds it."""
+    """Progress from COLMAP's database. Counts are 0 while COLMAP creates or locks the file."""
 
     def __init__(self, path):
         self.path = path
@@ -120,11 +120,11 @@ class Database:
             return []
 
     def features(self):
-        """Number of features by name of photograph, of those that were searched."""
+        """Number of features by photograph, for processed photographs."""
         return dict(self.rows("select name, rows from images join keypoints using (image_id)"))
 
     def pairs(self):
-        """Of each pair that was compared, the two names (in no order) and the number of matches that fit one motion."""
+        """For each matched pair, the two names (in any order) and the number of inlier matches."""
         names = dict(self.rows("select image_id, name from images"))
         return [(names[pair // 2147483647], names[pair % 2147483647], fit) for pair, fit in self.rows("select pair_id, rows from two_view_geometries")]
 
@@ -134,7 +134,7 @@ class Database:
 
 
 def registered(model):
-    """Names of the photographs whose cameras a model has."""
+    """Names of the photographs that a model has cameras for."""
     path = os.path.join(model, "images.bin")
     try:
         with open(path, "rb") as file:
@@ -152,7 +152,7 @@ def registered(model):
 
 
 def points(model):
-    """Number of a model's points and their mean reprojection error in pixels, each observation counted once."""
+    """Number of a model's points and their mean reprojection error in pixels, weighted by observations."""
     path = os.path.join(model, "points3D.bin")
     try:
         with open(path, "rb") as file:
@@ -169,6 +169,6 @@ def points(model):
 
 
 def models(folder):
-    """The models that mapping left, the one with most photographs first."""
+    """The models from mapping, sorted by number of photographs, largest first."""
     there = [os.path.join(folder, name) for name in sorted(os.listdir(folder)) if os.path.exists(os.path.join(folder, name, "images.bin"))] if os.path.isdir(folder) else []
     return sorted(there, key=lambda model: -len(registered(model)))

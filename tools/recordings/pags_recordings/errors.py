@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the package raises for input that can't be right: one line that names what, what was found and what was expected."""
+"""The exception for invalid input: one line that states the place, the value found and the value expected."""
 
 
 class RecordingError(ValueError):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the files of a folder of photographs are: photographs, their masks, smaller copies and maps of them, pictures of other formats, videos, files of
-the system. Every file is one of these, and the account counts what isn't read."""
+"""Classifies the files in a folder of photographs: photographs, masks, smaller copies and maps, unsupported picture formats, videos, system files. The report
+counts every file that is not read."""
 
 import os
 import re
@@ -18,18 +18,18 @@ MASKS = ("mask", "masks")
 LIKE_MASKS = re.compile(r"(^|[ ._-])masks?($|[ ._-])")
 MAPS = re.compile(r"(depths?|normals?|semantics?|segmentations?|segs?|labels?|alphas?|mattes?|flows?|thumbs?|thumbnails?|previews?|proxy|proxies|undistorted)([ _-](maps?|images?))?")
 SMALLER = re.compile(r"(.+)_(2|4|8|16)")
-SHADES = 16  # a grey picture of so few values is a mask or a map of labels
+SHADES = 16  # a grey picture with at most this number of values is a mask or a label map
 
 
 class Folder:
-    """The photographs below a folder by their paths from there, sorted, and the path of each one's mask."""
+    """The photographs below a folder by relative path, sorted, and the path of each one's mask."""
 
     def __init__(self, root, output, account):
         self.root, self.account, self.masks = root, account, {}
         pictures = self.walk(output)
         inner = [name for name in pictures if any(LIKE_MASKS.search(part.lower()) for part in name.split(os.sep)[:-1])]
         outer = [name for name in pictures if name not in set(inner)] if len(inner) < len(pictures) else pictures
-        self.stems = {}  # folders of photographs by the photograph's name without ending
+        self.stems = {}  # folders of photographs by file name without extension
         for name in outer:
             self.stems.setdefault(stem_of(name), []).append(name)
         self.photographs = [name for name in outer if not self.is_named_mask(name) and not self.is_map(name)]
@@ -39,7 +39,7 @@ class Folder:
                 self.sort_mask(name)
 
     def walk(self, output):
-        """Pictures that can be read, by their endings; all other files are counted."""
+        """Supported pictures, by file name extension; counts all other files."""
         pictures, skipped = [], os.path.realpath(output)
 
         def unreadable(error):
@@ -50,11 +50,11 @@ class Folder:
             below = os.path.relpath(place, self.root)
             path_of = lambda name, below=below: os.path.normpath(os.path.join(below, name))  # noqa: E731
             system = any(part.startswith(".") or part.lower() in SYSTEM_FOLDERS for part in below.split(os.sep) if part != ".")
-            self.account.leave_out("folders", "are links, which aren't followed", sorted(path_of(name) for name in folders if os.path.islink(os.path.join(place, name))))
+            self.account.leave_out("folders", "are links, which are not followed", sorted(path_of(name) for name in folders if os.path.islink(os.path.join(place, name))))
             folders[:] = sorted(name for name in folders if os.path.realpath(os.path.join(place, name)) != skipped)
             for name in sorted(files):
                 if system or name.startswith(".") or name.lower() in SYSTEM:
-                    self.account.leave_out("files", "hidden, or of the system", [path_of(name)])
+                    self.account.leave_out("files", "hidden or system files", [path_of(name)])
                 elif name.lower().endswith(ENDINGS):
                     pictures.append(path_of(name))
                 else:
@@ -63,18 +63,18 @@ class Folder:
         for name in rest:
             ending = os.path.splitext(name)[1].lower()
             if ending in OTHERS and os.path.splitext(name)[0].lower() in stems:
-                self.account.leave_out("pictures", f"{ending[1:].upper()}, of which there is a JPEG or PNG, too", [name])
+                self.account.leave_out("pictures", f"{ending[1:].upper()} with a JPEG or PNG of the same name", [name])
             elif ending in OTHERS:
                 what = "masks" if any(LIKE_MASKS.search(part.lower()) for part in os.path.dirname(name).split(os.sep)) else "photographs"
-                self.account.leave_out(what, f"{ending[1:].upper()} isn't read; convert to JPEG or PNG first", [name])
+                self.account.leave_out(what, f"{ending[1:].upper()} is not supported; convert to JPEG or PNG first", [name])
             elif ending in video.ENDINGS:
-                self.account.leave_out("videos", "a video is imported by itself, given as the file", [name])
+                self.account.leave_out("videos", "videos are imported separately: pass the video file as RAW", [name])
             else:
-                self.account.leave_out("files", "no photographs by their endings", [name])
+                self.account.leave_out("files", "not photographs by their file name extensions", [name])
         return sorted(pictures)
 
     def is_named_mask(self, name):
-        """A picture whose name says that it is the mask of another one beside it: a.jpg.png, a_mask.png."""
+        """A picture whose name marks it as the mask of another in the same folder: a.jpg.png, a_mask.png."""
         place, file = os.path.split(name)
         stem = os.path.splitext(file)[0]
         without = re.fullmatch(r"(.+)[ ._-]mask", stem, re.IGNORECASE)
@@ -85,7 +85,7 @@ class Folder:
         return len(beside) == 1
 
     def is_map(self, name):
-        """A smaller copy, or a map of depths, labels and the like, of a photograph of the same name in another folder."""
+        """A smaller copy, or a map of depths, labels etc., of a photograph of the same name in another folder."""
         parts = name.split(os.sep)
         others = [other for other in self.stems[stem_of(name)] if os.path.dirname(other) != os.path.dirname(name)]
         folders = {os.path.dirname(other) for other in others}
@@ -95,15 +95,15 @@ class Folder:
                 self.account.leave_out("pictures", f"smaller copies of the photographs in {smaller[1]}", [name])
                 return True
             if MAPS.fullmatch(part.lower()):
-                self.account.leave_out("pictures", f"in a folder {part}, of the names of photographs elsewhere: taken for copies or maps of these", [name])
+                self.account.leave_out("pictures", f"in a folder {part}, with the names of photographs elsewhere: treated as their copies or maps", [name])
                 return True
         if others and has_few_shades(os.path.join(self.root, name)) and not all(has_few_shades(os.path.join(self.root, other)) for other in others):
-            self.account.leave_out("pictures", f"grey, of at most {SHADES} values and of the names of photographs elsewhere; if they are masks, put them into a folder masks", [name])
+            self.account.leave_out("pictures", f"grey with at most {SHADES} values and the names of photographs elsewhere; if these are masks, put them into a folder named masks", [name])
             return True
         return False
 
     def sort_mask(self, name):
-        """A picture below a folder that is called after masks: with the folder left out, or another in its place, its path is a photograph's."""
+        """A picture in a folder named after masks whose path without that folder, or with another in its place, is a photograph's."""
         parts = name.split(os.sep)
         at = next(i for i, part in enumerate(parts) if LIKE_MASKS.search(part.lower()))
         before, after, file = parts[:at], parts[at + 1 : -1], parts[-1]
@@ -116,15 +116,15 @@ class Folder:
                 fitting.append((end, other))
         nearest = [other for end, other in fitting if end == min(fitting)[0]]
         if parts[at].lower() not in MASKS:
-            self.account.leave_out("masks", f"in {parts[at]}: masks that training uses lie in a folder masks, white where a photograph counts", [name])
+            self.account.leave_out("masks", f"in {parts[at]}: training only uses masks in a folder named masks, white where a photograph counts", [name])
         elif len(nearest) != 1:
-            self.account.leave_out("masks", "belong to several photographs" if nearest else "have no photograph of their name", [name])
+            self.account.leave_out("masks", "belong to several photographs" if nearest else "have no photograph of the same name", [name])
         else:
             self.put_mask(nearest[0], name)
 
     def put_mask(self, photograph, name):
         if self.masks.setdefault(photograph, name) != name:
-            self.account.leave_out("masks", "their photographs have other masks, too", [name])
+            self.account.leave_out("masks", "their photographs also have other masks", [name])
 
 
 def stem_of(name):

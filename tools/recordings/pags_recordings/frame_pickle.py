@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables that pandas wrote as pickles, read without running what they say: a pickle is a program, and this one may call nothing but what is below.
+"""Reads tables that pandas wrote as pickles without executing them: pickles are programs, and only the names below may be called.
 
-Of pandas and numpy only the names are known that pickled tables consist of (the form "0.14.1", which versions up to 1.2 wrote); stand-ins take their
-parts. Anything else that a file names is refused. numpy's own types are no stand-ins: they believe what a pickle says of their inside (a type of
-objects that says it has none turns bytes of the file into pointers).
-"""
+Only the names of pandas and numpy in pickled tables of the form "0.14.1" (up to pandas 1.2) are known, and stand-ins replace them. All other names are
+rejected. numpy's own types can't be used: they trust a pickle's description of their memory (a type of objects that claims to have none turns bytes of the
+file into pointers)."""
 
 import gzip
 import io
@@ -18,11 +17,11 @@ import numpy as np
 
 from .errors import RecordingError
 
-MOST = 1 << 30  # bytes, unpacked: the largest tables of the sources take 10 MB
+MOST = 1 << 30  # bytes, unpacked; the largest tables of the sources take 10 MB
 
 
 class Parts:
-    """Stands for an object of pandas: keeps its state."""
+    """Stand-in for an object of pandas: keeps its state."""
 
     state = None
 
@@ -34,7 +33,7 @@ class Parts:
 
 
 class Type:
-    """Stands for numpy's dtype: a code such as f8, and the order of its bytes."""
+    """Stand-in for numpy's dtype: a code such as f8, and the byte order."""
 
     order = "<"
 
@@ -49,12 +48,12 @@ class Type:
         if self.code in ("O", "O8", "O4"):
             return np.dtype(object)
         if not re.fullmatch("f[248]|[iu][1248]|b1", self.code):
-            raise pickle.UnpicklingError(f"has an array of the type {self.code[:40]!r}")
+            raise pickle.UnpicklingError(f"has an array of the unsupported type {self.code[:40]!r}")
         return np.dtype(self.order + self.code)
 
 
 class Array:
-    """Stands for numpy's array, which a pickle makes empty and fills by __setstate__; `values` is one."""
+    """Stand-in for numpy's array, which a pickle creates empty and fills by __setstate__; `values` is the array."""
 
     values = None
 
@@ -65,23 +64,23 @@ class Array:
         _, shape, kind, fortran, data = state
         kind, count = kind.real(), math.prod(shape)
         if not all(type(n) is int and n >= 0 for n in shape):
-            raise pickle.UnpicklingError("has an array of no shape")
+            raise pickle.UnpicklingError("has an array without shape")
         if kind == object:
             if type(data) is not list or len(data) != count:
-                raise pickle.UnpicklingError("has an array with another number of objects than its shape")
+                raise pickle.UnpicklingError("has an array whose number of objects differs from its shape")
             flat = np.empty(count, object)
             for i, value in enumerate(data):
                 flat[i] = value
         else:
             if type(data) is not bytes or len(data) != count * kind.itemsize:
-                raise pickle.UnpicklingError("has an array with another number of bytes than its shape")
+                raise pickle.UnpicklingError("has an array whose number of bytes differs from its shape")
             flat = np.frombuffer(data, kind)
         self.values = flat.reshape(shape, order="F" if fortran else "C")
 
 
 def values_of(thing):
     if not isinstance(thing, Array) or thing.values is None:
-        raise pickle.UnpicklingError("has something else in place of an array")
+        raise pickle.UnpicklingError("has another type instead of an array")
     return thing.values
 
 
@@ -103,34 +102,34 @@ NAMES = {
 class Reader(pickle.Unpickler):
     def find_class(self, module, name):
         if (module, name) not in NAMES:
-            newer = "; tables of pandas 1.3 and later aren't read, take PandaSet's own files" if module.split(".")[0] in ("pandas", "pyarrow") else ""
-            raise pickle.UnpicklingError(f"names {module}.{name}, which no table needs{newer}")
+            newer = "; tables of pandas 1.3 and later are not supported, use PandaSet's original files" if module.split(".")[0] in ("pandas", "pyarrow") else ""
+            raise pickle.UnpicklingError(f"names {module}.{name}, which is not allowed in a table{newer}")
         return NAMES[module, name]
 
     def persistent_load(self, identity):
-        raise pickle.UnpicklingError("refers to something outside of the file")
+        raise pickle.UnpicklingError("refers to an external object")
 
 
 def check_places(data):
-    """The unpickler keeps a list as long as the largest number that a thing is stored under: numbers beyond the file's size take all memory."""
+    """Rejects large memo indices: the unpickler allocates a list up to the largest index, which could take all memory."""
     for code, place, _ in pickletools.genops(data):
         if code.name in ("PUT", "BINPUT", "LONG_BINPUT") and not 0 <= place <= len(data):
-            raise pickle.UnpicklingError(f"stores a thing under number {place} of a file of {len(data)} bytes")
+            raise pickle.UnpicklingError(f"uses memo index {place} in a file of {len(data)} bytes")
 
 
 def unpacked(path):
-    """The bytes of a pickle, which may be compressed, whatever its name says."""
+    """The bytes of a pickle, decompressed if necessary, whatever its file name."""
     with open(path, "rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     with gzip.open(path, "rb") if packed else open(path, "rb") as file:
         data = file.read(MOST + 1)
     if len(data) > MOST:
-        raise RecordingError(f"{path}: is over {MOST >> 20} MB unpacked, more than any table")
+        raise RecordingError(f"{path}: over {MOST >> 20} MB unpacked, larger than any known table")
     return data
 
 
 def table(path, columns):
-    """Columns of a table by their names, each a numpy array; RecordingError unless all of `columns` are there."""
+    """Columns of a table by name, each a numpy array; RecordingError unless all of `columns` exist."""
     try:
         data = unpacked(path)
         check_places(data)
@@ -142,7 +141,7 @@ def table(path, columns):
             places = block["mgr_locs"] if isinstance(block["mgr_locs"], slice) else values_of(block["mgr_locs"])
             found.update((names[i], row) for i, row in zip(np.arange(len(names))[places], np.atleast_2d(values_of(block["values"]))))
         if any(column.ndim != 1 for column in found.values()):
-            raise ValueError("a column isn't a row of values")
+            raise ValueError("a column is not a one-dimensional array")
         lengths = {len(column) for column in found.values()}
         if len(lengths) != 1:
             raise ValueError("its columns differ in length" if lengths else "it has no columns")
@@ -150,5 +149,5 @@ def table(path, columns):
         raise RecordingError(f"{path}: can't be read as a pickled table: {str(error).splitlines()[0] if str(error) else type(error).__name__}") from None
     lacking = [name for name in columns if name not in found]
     if lacking:
-        raise RecordingError(f"{path}: has no column {lacking[0]!r}; expected {', '.join(columns)}")
+        raise RecordingError(f"{path}: no column {lacking[0]!r}; expected {', '.join(columns)}")
     return found

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the importers share: files in their forms, the choice of cameras and time steps, photographs that belong together, boxes between their
-labels, progress."""
+"""Shared by the importers: files and their formats, selection of cameras and time steps, matching of photographs, boxes between labels, progress."""
 
 import contextlib
 import os
@@ -14,7 +13,7 @@ from .errors import RecordingError
 
 
 def existing(*names):
-    """The path of a file that must be there."""
+    """The path of a required file."""
     path = os.path.join(*names)
     if not os.path.exists(path):
         raise RecordingError(f"{path}: is missing")
@@ -22,16 +21,16 @@ def existing(*names):
 
 
 def inside(root, name, where):
-    """The path of a file that a table names, which must lie below the root. Links are the user's own, and followed."""
+    """The path of a file named in a table, which must be below the root. Links are created by the user, and followed."""
     plain = os.path.normpath(str(name))
     if os.path.isabs(plain) or plain.split(os.sep)[0] == os.pardir:
-        raise RecordingError(f"{where}: names the file {str(name)[:200]!r}, which isn't below {root}")
+        raise RecordingError(f"{where}: names the file {str(name)[:200]!r}, which is not below {root}")
     return os.path.join(root, plain)
 
 
 @contextlib.contextmanager
 def others_reading(where, what):
-    """What a package of others raises for a damaged file, of whatever type, as one line of ours: they assert, index and decode."""
+    """Converts exceptions of other packages on damaged files, of any type, to a one-line RecordingError: these packages assert, index and decode."""
     try:
         yield
     except (RecordingError, MemoryError):
@@ -44,18 +43,18 @@ PACKED = (".zip", ".tar", ".tar.gz", ".tgz", ".gz", ".7z", ".rar", ".bz2", ".xz"
 
 
 def others(folder, name):
-    """Files and folders that look like the missing NAME in another form: packed, of another ending, in other letters."""
+    """Files and folders that may be the missing NAME in another form: packed, with another extension, in other case."""
     stem = name.lower().split(".")[0]
     there = os.listdir(folder) if os.path.isdir(folder) else []
     return sorted(entry for entry in there if entry != name and (entry.lower() == name.lower() or entry.lower().split(".")[0] == stem and (entry.lower().endswith(PACKED) or "." in name)))
 
 
 def optional(folder, name, what, account):
-    """The path of a file or folder that may be missing; then None, and the account, if there is one, says so. What is there in another form is an error."""
+    """The path of an optional file or folder, or None if missing, with a note in the report. Another form of it (packed, renamed) is an error."""
     path = place = os.path.join(folder, name)
     if os.path.exists(path):
         return path
-    while not os.path.exists(os.path.dirname(place)):  # a folder above it may be the one that is packed
+    while not os.path.exists(os.path.dirname(place)):  # a parent folder may be packed
         place = os.path.dirname(place)
     folder, name = os.path.split(place)
     other = others(folder, name)
@@ -67,8 +66,8 @@ def optional(folder, name, what, account):
 
 
 def listed(folder, endings, what, account, besides=(".json", ".txt")):
-    """Files of an optional folder by their names without ending. Where there are none, files of other endings are an error, and the account says that the
-    folder is missing or empty; where some have other endings, it counts these."""
+    """Files of an optional folder by their names without extension. If none match, files with other extensions are an error, and a missing or empty folder is
+    noted in the report; otherwise files with other extensions are counted."""
     place = optional(*os.path.split(folder), what, account)
     found, strange = {}, []
     for entry in sorted(os.listdir(place)) if place else ():
@@ -94,12 +93,12 @@ def nearest(times, at):
 
 
 def partners(times, at, gap):
-    """For each time of `at` the index of its partner among `times`, or -1. Both ascend. Partners are at most `gap` apart, no time has two, and their order
-    is that of time. Among all such choices the sum of gap - distance is largest (dynamic programming, as in aligning sequences: Needleman, Wunsch 1970):
-    a lost time costs its own partner alone, and a shift of half a period doesn't matter."""
+    """For each time of `at` the index of its partner among `times`, or -1. Both ascend. Partners are at most `gap` apart, unique, and in order of time.
+    Maximises the sum of gap - distance by dynamic programming, as in sequence alignment (Needleman, Wunsch 1970): a missing time only loses its own partner,
+    and an offset of half a period does not matter."""
     zero = at[0] if len(at) else 0
     t, a = (np.asarray(np.asarray(one) - zero, np.float64) for one in (times, at))
-    best, top, rows = [0.0] * (len(t) + 1), 0, []  # best[j]: the largest sum so far of the first j of `times`
+    best, top, rows = [0.0] * (len(t) + 1), 0, []  # best[j]: the largest sum for the first j of `times`
     for one in a:
         first, last = int(np.searchsorted(t, one - gap)), int(np.searchsorted(t, one + gap, "right"))
         best[top + 1 : last + 1] = [best[top]] * (last - top)
@@ -124,9 +123,9 @@ def partners(times, at, gap):
 
 
 def joined(anchors, shots, gap, frames, account, unit=1.0):
-    """The time steps: for each of the anchors' times its number, and for each camera of `shots` (times by name) the number of the photograph that
-    belongs to it alone, at most `gap` seconds away. Steps in which a camera has none are left out, then those that `frames` doesn't choose; the
-    account counts both, and the photographs without a step. Times count `unit` a second and ascend."""
+    """The time steps: for each anchor the number of its time, and for each camera of `shots` (times by name) the number of its matching photograph, used
+    once, at most `gap` seconds away. Drops steps without a photograph of some camera, then those not selected by `frames`; the report counts both, and
+    unmatched photographs. Times count `unit` per second and ascend."""
     found = {name: partners(times, anchors, gap * unit) for name, times in shots.items()}
     whole, lost = [], {}
     for i, at in enumerate(anchors):
@@ -134,37 +133,37 @@ def joined(anchors, shots, gap, frames, account, unit=1.0):
         if lacking is None:
             whole.append((i, {name: found[name][i] for name in shots}))
         else:
-            lost.setdefault(lacking, []).append(f"{(at - anchors[0]) / unit:.3f} s after the begin")
+            lost.setdefault(lacking, []).append(f"{(at - anchors[0]) / unit:.3f} s after the beginning")
     for name, which in lost.items():
         account.leave_out("time steps", f"{name} has no photograph of its own within {gap} s", which)
     steps = choose_steps(whole, frames, account)
     account.leave_out("photographs", "of the time steps that --frames left out", count=(len(whole) - len(steps)) * len(shots))
     for name, times in shots.items():
         used = {picked[name] for _, picked in whole}
-        account.leave_out("photographs", f"of {name}, which belong to no time step", count=sum(i not in used for i in range(len(times))))
+        account.leave_out("photographs", f"of {name}, which match no time step", count=sum(i not in used for i in range(len(times))))
     return steps
 
 
 def choose_steps(steps, frames, account):
-    """Those that --frames chose, both ends included."""
+    """The steps selected by --frames, both ends included."""
     kept = steps if frames is None else steps[frames[0] : frames[1] + 1]
-    account.leave_out("time steps", "--frames chose others", count=len(steps) - len(kept))
+    account.leave_out("time steps", "not selected by --frames", count=len(steps) - len(kept))
     return kept
 
 
 def sweeps_of_steps(times, steps, gap, where, account):
-    """For each step's time the number of the sweep that belongs to it alone, at most `gap` seconds away, or -1. Times are seconds and ascend."""
+    """For each step's time the number of its matching sweep, used once, at most `gap` seconds away, or -1. Times are seconds and ascend."""
     found = partners(times, steps, gap)
     within = sum(steps[0] - gap <= at <= steps[-1] + gap for at in times)
     account.contains("sweeps", within, where)
     account.leave_out("sweeps", "before the first or after the last time step", count=len(times) - within)
-    account.leave_out("sweeps", f"between the time steps: no step of their own within {gap} s", count=within - sum(i >= 0 for i in found))
+    account.leave_out("sweeps", f"between the time steps: no unmatched step within {gap} s", count=within - sum(i >= 0 for i in found))
     return found
 
 
 def complete(steps, shots, account):
-    """Those of the steps at which each camera has a photograph; `shots` has the steps of which there are photographs, by camera. The account counts the
-    other steps, and the photographs that are in none of the complete ones."""
+    """The steps at which each camera has a photograph; `shots` has the steps with photographs, by camera. The report counts the other steps, and the
+    photographs that are in none of the complete ones."""
     kept = []
     for step in steps:
         lacking = next((name for name in shots if step not in shots[name]), None)
@@ -173,12 +172,12 @@ def complete(steps, shots, account):
         else:
             account.leave_out("time steps", f"{lacking} has no photograph of them", [f"number {step}"])
     for name in shots:
-        account.leave_out("photographs", f"of {name}, which belong to no time step that is read", count=len(shots[name]) - len(kept))
+        account.leave_out("photographs", f"of {name}, whose time steps are incomplete", count=len(shots[name]) - len(kept))
     return kept
 
 
 def chosen(available, asked, what):
-    """Those of the available names, in their order, that were asked for; all if nothing was."""
+    """The requested ones of the available names, in their order; all if none was requested."""
     if not asked:
         return list(available)
     unknown = [name for name in asked if name not in available]
@@ -188,7 +187,7 @@ def chosen(available, asked, what):
 
 
 def one_of(names, asked, what, option):
-    """The one that was asked for, or the only one."""
+    """The requested name, or the only one."""
     if asked is None and len(names) == 1:
         return names[0]
     if asked in names:
@@ -197,17 +196,17 @@ def one_of(names, asked, what, option):
     raise RecordingError(f"{f'no {what} is named {asked!r}' if asked else f'there are {len(names)} {what}s'}; choose one with {option}: {some}")
 
 
-TWICE = "another label of the same thing at the same time; the first one counts"
+TWICE = "duplicate label of the same object and time; the first one counts"
 
 
 class Tracks:
-    """Labels of things by id, and their boxes between the labels."""
+    """Labels of objects by id, and boxes interpolated between them."""
 
     def __init__(self, account):
         self.labels, self.account, self.used = {}, account, set()
 
     def add(self, track, name, at, world_from_box, size):
-        """A label at a time in seconds, times of a track ascending. A second one of a thing at one time is left out."""
+        """A label at a time in seconds, times of a track ascending. A second one of an object at the same time is dropped."""
         self.labels.setdefault(track, (name, [], [], []))
         _, times, boxes, sizes = self.labels[track]
         if times and at == times[-1]:
@@ -218,12 +217,12 @@ class Tracks:
         sizes.append(size)
 
     def within(self, first, last, where):
-        """Tells the account how many labels lie between the first and the last time step."""
+        """Reports how many labels lie between the first and the last time step."""
         self.span = first, last
         self.account.contains("boxes", sum(first <= at <= last for _, times, _, _ in self.labels.values() for at in times), where)
 
     def put(self, step, at, gap):
-        """Gives a step the boxes at a time: between two labels at most `gap` seconds apart, or within a quarter of that of a track's ends."""
+        """Adds the boxes at a time to a step: between two labels at most `gap` seconds apart, or within a quarter of that of a track's ends."""
         for track, (name, times, boxes, sizes) in self.labels.items():
             near = nearest(times, at)
             if abs(times[near] - at) < 1e-4:
@@ -242,14 +241,14 @@ class Tracks:
             step.box(track, name, poses.interpolate(times, boxes, at), sizes[near])
 
     def end(self):
-        """Tells the account which things, labelled between the first and the last time step, have no box."""
+        """Reports objects labelled between the first and the last time step that have no box."""
         first, last = self.span
         lost = [track for track, (_, times, _, _) in self.labels.items() if track not in self.used and any(first <= at <= last for at in times)]
-        self.account.leave_out("objects", "labelled once, not at a time step, or with too long gaps: they have no box", lost)
+        self.account.leave_out("objects", "labelled once, not at a time step, or with too long gaps: no box", lost)
 
 
 class Progress:
-    """A line on standard error, rewritten on a terminal, else every ten seconds."""
+    """A progress line on standard error, rewritten on a terminal, else printed every ten seconds."""
 
     def __init__(self, quiet=False, what="time step"):
         self.what = what

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals, as the program pags takes them (cli/common/interrupt.c): what asks a process to end is KeyboardInterrupt, once; a Ctrl-C more than 0.3 s later ends it at once."""
+"""Signal handling as in the program pags (cli/common/interrupt.c): a request to end raises KeyboardInterrupt once; a Ctrl-C more than 0.3 s later ends the process
+immediately."""
 
 import os
 import signal
@@ -7,7 +8,7 @@ import sys
 import time
 
 ASKING = "SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2", "SIGXCPU"
-ONE_PRESS = 0.3  # seconds: a terminal and programs between, such as mpirun, may send several signals for one Ctrl-C
+ONE_PRESS = 0.3  # seconds: a terminal and programs such as mpirun may send several signals for one Ctrl-C
 BY_CTRL_C = 130
 since = None
 
@@ -30,13 +31,13 @@ def on_signal(number, _):
 
 
 def ignore():
-    """The process is about to end: nothing is to be stopped any more. Python leaves signals that are ignored so when it ends."""
+    """Called when the process is about to end: ignores further signals. Python restores no handlers for ignored signals at exit."""
     for number in (getattr(signal, name) for name in ASKING if hasattr(signal, name)):
         signal.signal(number, signal.SIG_IGN)
 
 
 def end_with_parent():
-    """For preexec_fn: the program that is started ends when this process does, however it does. Linux."""
+    """For preexec_fn: the child process ends when this one does, for any reason. Linux."""
     import ctypes
 
     pr_set_pdeathsig = 1

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A drive of KITTI-360 (Liao et al. 2022): the rectified pair of cameras, a Velodyne, poses of the car, boxes in the world's frame.
+"""Reads a drive of KITTI-360 (Liao et al. 2022): the rectified stereo pair, a Velodyne, poses of the car, boxes in the world frame.
 
-A time step is a frame that has a pose; poses belong to the cameras' times. The car's pose there has x forward, y right, z down."""
+A time step is a frame with a pose; poses refer to the cameras' times. The car's axes in these poses are x forward, y right, z down."""
 
 import datetime
 import glob
@@ -17,9 +17,9 @@ from .importing import TWICE, chosen, complete, existing, listed, optional
 
 CAMERAS = ("image_00", "image_01")
 EGO_FROM_POSE = np.diag([1.0, -1, -1, 1])
-# Classes of what moves or can move, by the numbers that the boxes' files have.
+# Classes of movable objects, by their numbers in the files of boxes.
 CLASSES = {13: "car", 14: "truck", 15: "trailer", 16: "caravan", 17: "motorcycle", 18: "bicycle", 19: "person", 20: "rider", 33: "train", 34: "bus", 36: "unknown vehicle"}
-LEAST_WAY = 1.0  # metres that a thing must go before its way says where its front is
+LEAST_WAY = 1.0  # minimum metres of motion that determine an object's front
 
 
 def sequences(raw):
@@ -47,7 +47,7 @@ def lines_of(*names):
 
 
 def named(lines, path, name, count):
-    """The numbers behind NAME: in a calibration file."""
+    """The numbers after NAME: in a calibration file."""
     for line in lines:
         if line.startswith(name + ":"):
             return numbers(line[len(name) + 1 :], count, f"{path}, {name}")
@@ -76,7 +76,7 @@ class Calibration:
 
 
 def read_poses(raw, sequence):
-    """World from the car's pose, by frame."""
+    """World-from-car poses by frame."""
     path, lines = lines_of(raw, "data_poses", sequence, "poses.txt")
     out = {}
     for n, line in enumerate(lines):
@@ -89,7 +89,7 @@ def read_poses(raw, sequence):
 
 
 def read_times(folder):
-    """Seconds since the first, a line a frame; dates have nine decimals."""
+    """Seconds since the first line, one line per frame; dates have nine decimals."""
     path, lines = lines_of(folder, "timestamps.txt")
     stamps = []
     for n, line in enumerate(line for line in lines if line.strip()):
@@ -113,7 +113,7 @@ def read(drive, cameras, frames, out, progress):
     shots = {name: numbered(os.path.join(drive, name, "data_rect"), (".png", ".jpg", ".jpeg"), "photographs", None, frames) for name in names}
     steps = complete([frame for frame in ways if frame < len(times) and in_frames(frame, frames)], shots, out.account)
     if not steps:
-        raise RecordingError(f"{drive}: no frame is left that has a pose, a time and a photograph of each camera, or --frames chose none")
+        raise RecordingError(f"{drive}: no frame is left that has a pose, a time and a photograph of each camera, or --frames selected none")
     for name in names:
         out.add_camera(name, calibration.sizes[name], calibration.k[name])
     boxes, scans = read_boxes(raw, sequence, steps, out.account), os.path.join(raw, "data_3d_raw", sequence, "velodyne_points", "data")
@@ -138,7 +138,7 @@ def in_frames(frame, frames):
 
 
 def numbered(folder, endings, what, account, frames):
-    """The files of a folder by the numbers of their frames, those that --frames chose."""
+    """The files of a folder by frame number, for frames selected by --frames."""
     found = {int(name): path for name, path in listed(folder, endings, what, account).items() if name.isdigit()}
     return {frame: path for frame, path in found.items() if in_frames(frame, frames)}
 
@@ -155,9 +155,9 @@ def put_sweep(step, path, frame, ways, pose_from_velo):
 
 
 def untwisted(points, before):
-    """Points of a turn as they would be, had the car stood where it is as the scanner looks ahead. `before` is the scanner's pose a turn earlier in its
-    pose now. The scanner turns clockwise from behind, so azimuth / 2 pi is the share of a turn by which a point is earlier; rotation vector and way
-    are proportional to it (KITTI-360's own accumuLaser does the same). Rotations by Rodrigues' formula."""
+    """Corrects the points of a turn to the car's pose at the moment when the scanner faces forward. `before`: the scanner's previous pose relative to its
+    current one. The scanner turns clockwise from behind, so a point is earlier by azimuth / 2 pi of a turn; rotation vector and translation are proportional
+    to it, as in KITTI-360's accumuLaser. Rotations by Rodrigues' formula."""
     cosine = float(np.clip((np.trace(before[:3, :3]) - 1) / 2, -1, 1))
     vector = np.array([before[2, 1] - before[1, 2], before[0, 2] - before[2, 0], before[1, 0] - before[0, 1]])  # twice the sine, times the axis
     length = float(np.linalg.norm(vector))
@@ -180,7 +180,7 @@ def matrix_of(element, where):
 
 
 class Box:
-    """One entry: a unit body, stretched and moved into the world by `transform`."""
+    """One entry: a unit box, mapped to the world by `transform`."""
 
     def __init__(self, element, path):
         where = f"{path}, {element.tag}"
@@ -198,7 +198,7 @@ class Box:
             if not (stretch > 0).all():
                 raise RecordingError(f"{where}: its transform is flat")
             axes, low, high = transform[:3, :3] / stretch, corners.min(0), corners.max(0)
-            if np.linalg.det(axes) < 0:  # mirrored, as the body is
+            if np.linalg.det(axes) < 0:  # mirrored, as the vertices are
                 axes[:, 1] *= -1
                 low[1], high[1] = -high[1], -low[1]
             self.size = (high - low) * stretch
@@ -206,7 +206,7 @@ class Box:
 
 
 def read_boxes(raw, sequence, steps, account):
-    """Boxes by frame, of ascending `steps`, of what moves or can move. A thing that stands has one box for all frames from its first to its last."""
+    """Boxes of movable objects by frame, of ascending `steps`. A static object has one box for all frames from its first to its last."""
     place = optional(raw, "data_3d_bboxes", "boxes", account)
     found = [path for part in ("train", "train_full") for path in [place and optional(os.path.join(place, part), f"{sequence}.xml", "boxes", None)] if path]
     tracks, out = {}, {}
@@ -221,7 +221,7 @@ def read_boxes(raw, sequence, steps, account):
                 if box.name:
                     tracks.setdefault((box.name, box.instance), []).append(box)
                 else:
-                    account.leave_out("labels", "of classes that never move", count=1)
+                    account.leave_out("labels", "of static classes", count=1)
                 element.clear()
     except ET.ParseError as error:
         raise RecordingError(f"{found[0]}: can't be read as XML: {error}") from None
@@ -230,7 +230,7 @@ def read_boxes(raw, sequence, steps, account):
         turn = to_front(sorted((box for box in marks if box.frame >= 0), key=lambda box: box.frame))
         moving, given = {}, set()
         for box in marks:
-            entry = (f"{name} {instance}", name, box.pose @ turn, np.abs(turn[:3, :3].T @ box.size))  # one for all frames of a box
+            entry = (f"{name} {instance}", name, box.pose @ turn, np.abs(turn[:3, :3].T @ box.size))  # one box for all frames
             for frame in [box.frame] if box.frame >= 0 else steps[bisect_left(steps, box.first) : bisect_right(steps, box.last)]:
                 if frame in wanted:
                     own += 1
@@ -246,7 +246,7 @@ def read_boxes(raw, sequence, steps, account):
 
 
 def to_front(marks):
-    """By this the boxes of a track are turned about their z so that x is their front: the horizontal axis along which the thing goes."""
+    """Rotation about z, multiplied to the boxes of a track, that makes x the front: the horizontal axis closest to the direction of motion."""
     turns = {front: poses.front_from_box(front) for front in ("+x", "-x", "+y", "-y")}
     score = dict.fromkeys(turns, 0.0)
     for a, b in zip(marks, marks[1:]):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lock of a folder that is written, as programs of pags take it (engine/base/lock.h): two processes never write to one folder at a time.
+"""Locks an output folder in the same way as the program (engine/base/lock.h): two processes never write to one folder at the same time.
 
-The lock is a hidden file in the folder, which the system keeps locked until the process ends, however it ends."""
+The lock is a hidden file in the folder that the system keeps locked until the process ends, for any reason."""
 
 import contextlib
 import errno
@@ -20,13 +20,13 @@ except ImportError:  # Windows
     fcntl = None
 
 NAME = ".pags.lock"
-TRIES, PAUSE = 5, 0.02  # a process that was killed takes a while to end
+TRIES, PAUSE = 5, 0.02  # a killed process takes some time to end
 HELD = errno.EAGAIN, errno.EACCES
-taken = {}  # of this process, by folder: the locks, which may be nested
+taken = {}  # locks of this process by folder; they may be nested
 
 
 def contents(folder):
-    """The names in a folder without locks and without what a process that was killed as it began has left; none if it isn't there."""
+    """The names in a folder, except locks and what a process killed at its start has left; empty if the folder doesn't exist."""
     return [name for name in os.listdir(folder) if not name.endswith(NAME) and name != "import.json.part"] if os.path.isdir(folder) else []
 
 
@@ -54,8 +54,8 @@ def read_holder(path):
 
 
 class FolderLock:
-    """Makes the folder and locks it, until `release` or the end of a `with`. Locks of one process may be nested. `program`: what the lock says that this
-    process is."""
+    """Creates the folder and locks it, until `release` or the end of a `with`. Locks of one process may be nested. `program`: name of the process in the
+    lock's text."""
 
     def __init__(self, folder, program=None):
         self.folder, self.file = os.fspath(folder), None
@@ -72,7 +72,7 @@ class FolderLock:
         taken.setdefault(self.place, []).append(self)
 
     def missing(self):
-        """The folders that have to be made, the innermost first."""
+        """The missing folders on the path, innermost first."""
         out, at = [], self.place
         while not os.path.isdir(at):
             out.append(at)
@@ -108,15 +108,15 @@ class FolderLock:
             time.sleep(PAUSE)
         else:
             holder = read_holder(self.path)
-            raise RecordingError(f"{self.folder}: another process is writing there{': ' if holder else ''}{holder}; wait until it has ended, or give another name")
-        with contextlib.suppress(OSError):  # on a full disk the lock holds without its text
+            raise RecordingError(f"{self.folder}: another process is writing there{': ' if holder else ''}{holder}; wait for its end, or choose another folder")
+        with contextlib.suppress(OSError):  # on a full disk the lock works without its text
             now = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())
             os.ftruncate(file, 0)
             os.lseek(file, 0, os.SEEK_SET)
             os.write(file, f"{program}, process {os.getpid()} on {socket.gethostname()}, since {now} UTC\n".encode())
 
     def clear_away(self):
-        """Removes the lock file that another user's process has left; False if the folder can't be written to. On Windows its holder shuts others out."""
+        """Removes the lock file left by another user's process; false if the folder is not writable. On Windows an open lock file can't be removed."""
         time.sleep(PAUSE)
         if not os.path.exists(self.path) or not fcntl:
             return os.path.exists(self.path)
@@ -131,7 +131,7 @@ class FolderLock:
         return True
 
     def release(self):
-        """Lets go, and removes the folders that the lock has made and that are empty."""
+        """Unlocks, and removes the folders that the lock has created if they are empty."""
         if self not in taken.get(self.place, []):
             return
         taken[self.place].remove(self)

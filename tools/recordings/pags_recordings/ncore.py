@@ -16,10 +16,10 @@ from .errors import RecordingError
 from .importing import Tracks, chosen, joined, others_reading, sweeps_of_steps
 
 STORE = ".ncore4"  # NAME.ncore4.zarr.itar, NAME.ncore4-GROUP.zarr
-LARGEST_GAP = 0.05  # seconds between the photographs of a step
-SWEEP_GAP = 0.06  # seconds between a step and the middle of its sweep: a little more than half of a turn
-LABEL_GAP = 0.6  # seconds between two labels of a track that a box may lie between
-FIT = 0.2  # pixels by which a polynomial of ours may differ from an F-theta camera's own
+LARGEST_GAP = 0.05  # maximum seconds between the photographs of a step
+SWEEP_GAP = 0.06  # maximum seconds between a step and the middle of its sweep: just above half of a turn
+LABEL_GAP = 0.6  # maximum seconds between two labels of a track for interpolation
+FIT = 0.2  # maximum error in pixels of the polynomial that approximates an F-theta camera's own
 WORLD, RIG = "world", "rig"
 
 
@@ -28,13 +28,13 @@ def reading(where):
 
 
 def store_name(file):
-    """The sequence's name of a component store, or None."""
+    """The sequence name of a component store, or None."""
     name, mark, rest = file.partition(STORE)
     return name if mark and name and rest.startswith((".", "-")) and rest.endswith((".zarr", ".zarr.itar")) else None
 
 
 def sequences(raw):
-    """Sequences in the folder and one level deeper, by name."""
+    """Sequences in the folder and its subfolders, by name."""
     found = {}
     for folder in [raw, *sorted(entry.path for entry in os.scandir(raw) if entry.is_dir() and STORE not in entry.name)]:
         for file in sorted(os.listdir(folder)):
@@ -44,9 +44,9 @@ def sequences(raw):
 
 
 def only(readers, source, what):
-    """The component of that kind that is called default, or the only one; None without any."""
+    """The component of that kind named default, or the only one; None if there is none."""
     if "default" not in readers and len(readers) > 1:
-        raise RecordingError(f"{source}: has {len(readers)} components of {what}, none called default: {', '.join(sorted(readers))}")
+        raise RecordingError(f"{source}: has {len(readers)} components of {what}, none named default: {', '.join(sorted(readers))}")
     return "default" if "default" in readers else next(iter(readers), None)
 
 
@@ -55,7 +55,7 @@ def load(source):
     import numcodecs.registry
     from ncore.data import v4
 
-    numcodecs.registry.codec_registry.pop("pickle", None)  # arrays of objects may be pickles, and a pickle is a program
+    numcodecs.registry.codec_registry.pop("pickle", None)  # arrays of objects may be pickles, and pickles can execute code
     folder, name = os.path.split(source)
     stores = [pathlib.Path(folder, file).absolute() for file in sorted(os.listdir(folder)) if store_name(file) == name]
     with reading(source):
@@ -69,8 +69,8 @@ def load(source):
 
 
 def ftheta(model, what):
-    """Focal length, lens and principal point of an F-theta camera. Its radius is a polynomial of the angle, or the angle one of the radius: then that is
-    fitted by one of ours, in pixels."""
+    """Focal length, lens and principal point of an F-theta camera. The radius is a polynomial of the angle, or the angle one of the radius, which is then
+    approximated by a polynomial of the angle; radius in pixels."""
     limit = float(model.max_angle)
     if model.reference_poly == type(model).PolynomialType.ANGLE_TO_PIXELDIST:
         constant, *terms = (float(v) for v in model.angle_to_pixeldist_poly)
@@ -87,20 +87,20 @@ def ftheta(model, what):
         terms = (np.linalg.lstsq(powers / powers.max(0), radii, rcond=None)[0] / powers.max(0)).tolist()
         apart = np.abs(powers @ terms - radii).max()
         if apart > FIT:
-            raise RecordingError(f"{what}: no polynomial of the sixth degree shows its pixels to {FIT} of one; the best is {apart:.2f} pixels off")
+            raise RecordingError(f"{what}: no polynomial of the sixth degree fits within {FIT} pixels; the best has an error of {apart:.2f}")
         limit = min(limit, float(angles[-1]))
     focal = terms[0]
     if not focal > 0:
         raise RecordingError(f"{what}: its focal length is {focal:g} pixels")
     c, d, e = (float(v) for v in model.linear_cde)
     lens = {"kind": "ftheta", "k": [term / focal for term in terms[1:]], "s": [c - 1, d, e], "field": float(np.degrees(2 * limit))}
-    return [focal, focal], lens, np.asarray(model.principal_point, float) + 0.5  # such a camera's pixels have their middle at 0
+    return [focal, focal], lens, np.asarray(model.principal_point, float) + 0.5  # this model has pixel centres at 0
 
 
 def add_camera(out, name, model):
     what = f"camera {name!r}"
     if model.external_distortion_parameters is not None:
-        raise RecordingError(f"{what} looks through a windshield with a distortion of its own, which isn't read; leave it out by --cameras")
+        raise RecordingError(f"{what} looks through a windshield with its own distortion, which is not supported; exclude it with --cameras")
     kind, distortion, lens, centre = model.type(), (), None, None
     if kind == "ftheta":
         focal, lens, centre = ftheta(model, what)
@@ -109,7 +109,7 @@ def add_camera(out, name, model):
     elif kind == "opencv-pinhole":
         focal, (k1, k2, k3, k4, k5, k6), (p1, p2) = model.focal_length, *(v.astype(float) for v in (model.radial_coeffs, model.tangential_coeffs))
         if model.thin_prism_coeffs.any():
-            raise RecordingError(f"{what} has thin-prism coefficients {model.thin_prism_coeffs.tolist()}, which no lens of ours has; leave it out by --cameras")
+            raise RecordingError(f"{what} has thin-prism coefficients {model.thin_prism_coeffs.tolist()}, which are not supported; exclude it with --cameras")
         if k4 or k5 or k6:
             lens = {"kind": "rational", "k": [k1, k2, k3], "d": [k4, k5, k6], "p": [p1, p2]}
         else:
@@ -117,14 +117,14 @@ def add_camera(out, name, model):
     elif kind == "ideal-pinhole":
         focal = model.focal_length
     else:
-        raise RecordingError(f"{what} is of the model {kind!r}; expected ftheta, opencv-fisheye, opencv-pinhole or ideal-pinhole")
+        raise RecordingError(f"{what} has the unsupported model {kind!r}; expected ftheta, opencv-fisheye, opencv-pinhole or ideal-pinhole")
     cx, cy = (float(v) for v in (model.principal_point if centre is None else centre))
     matrix = [[float(focal[0]), 0, cx], [0, float(focal[1]), cy], [0, 0, 1]]
     out.add_camera(name, tuple(int(v) for v in model.resolution), matrix, distortion, pixel_centre=0.5, lens=lens)
 
 
 class Sequence:
-    """The package's loader, with seconds since the sequence's begin, and poses in the world."""
+    """The package's loader, with seconds since the beginning of the sequence, and poses in the world."""
 
     def __init__(self, source):
         self.source, self.loader = source, load(source)
@@ -136,7 +136,7 @@ class Sequence:
 
     @staticmethod
     def middle_of(sensor):
-        """The middles of a sensor's frames in microseconds."""
+        """Times of the middles of a sensor's frames in microseconds."""
         begin, end = np.asarray(sensor.frames_timestamps_us, np.int64).reshape(-1, 2).T
         return begin + (end - begin) // 2
 
@@ -148,7 +148,7 @@ class Sequence:
             return np.asarray(self.loader.pose_graph.evaluate_poses(frame, WORLD, np.array(int(at), np.uint64)), np.float64).reshape(4, 4)
 
     def tracks(self, account):
-        """Labels by id. A box is that of its frame's time, turned about that frame's fixed axes x, y, z in this order."""
+        """Labels by id. A box refers to its frame's time, rotated about that frame's fixed axes x, y, z in this order."""
         tracks = Tracks(account)
         with reading(f"{self.source}: its boxes"):
             rows = sorted(self.loader.get_cuboid_track_observations(), key=lambda row: row.timestamp_us)
@@ -166,12 +166,12 @@ class Sequence:
         step.photograph(name, content, self.pose(name, at), self.seconds(at))
 
     def put_sweep(self, step, name, number):
-        """All returns of a sweep, which the package moves to its end."""
+        """All returns of a sweep, motion-corrected to its end by the package."""
         lidar, parts = self.lidars[name], []
         with reading(f"{self.source}: sweep {number} of {name}"):
             rays = np.linalg.norm(lidar.get_frame_ray_bundle_direction(number), axis=1)
-            if (np.abs(rays - 1) > 0.01).any():  # zarr reads zeros where a folder lacks a file
-                raise RecordingError(f"{self.source}: sweep {number} of {name}: {int((np.abs(rays - 1) > 0.01).sum())} of {len(rays)} rays aren't of length 1; a file is missing or damaged")
+            if (np.abs(rays - 1) > 0.01).any():  # zarr returns zeros for missing files of a folder
+                raise RecordingError(f"{self.source}: sweep {number} of {name}: {int((np.abs(rays - 1) > 0.01).sum())} of {len(rays)} rays are not of length 1; a file is missing or damaged")
             for back in range(lidar.get_frame_ray_bundle_return_count(number)):
                 valid = lidar.get_frame_ray_bundle_return_valid_mask(number, back)
                 points = lidar.get_frame_point_cloud(number, motion_compensation=True, with_start_points=False, return_index=back).xyz_m_end
@@ -190,7 +190,7 @@ def read(source, cameras, frames, out, progress):
     shots = {name: sequence.middles[name].tolist() for name in names}
     steps = [picked for _, picked in joined(shots[names[0]], shots, LARGEST_GAP, frames, out.account, 1e6)]
     if not steps:
-        raise RecordingError(f"{source}: no time step is left; there is none in which each camera has a photograph within {LARGEST_GAP} s, or --frames chose none")
+        raise RecordingError(f"{source}: no time step left: none has a photograph of every camera within {LARGEST_GAP} s, or --frames selected none")
     progress.total = len(steps)
     for name in names:
         with reading(f"{source}: camera {name}"):
@@ -198,7 +198,7 @@ def read(source, cameras, frames, out, progress):
     tracks = sequence.tracks(out.account)
     lidar = max(sequence.lidars, key=lambda name: sequence.lidars[name].frames_count, default=None)
     sweeps = sequence.middle_of(sequence.lidars[lidar]) if lidar else np.empty(0)
-    out.account.leave_out("LiDARs", f"the sweeps are those of {lidar}, which has most", [name for name in sequence.lidars if name != lidar])
+    out.account.leave_out("LiDARs", f"using the sweeps of {lidar}, which has most", [name for name in sequence.lidars if name != lidar])
     middles = [int(np.mean([shots[name][number] for name, number in picked.items()])) for picked in steps]
     swept = sweeps_of_steps([sequence.seconds(at) for at in sweeps], [sequence.seconds(at) for at in middles], SWEEP_GAP, source, out.account)
     tracks.within(sequence.seconds(middles[0]), sequence.seconds(middles[-1]), source)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene of nuScenes v1.0 (Caesar et al. 2020): tables of JSON with tokens, undistorted photographs at 12 Hz, LiDAR at 20 Hz in the sensor's frame,
-boxes at key frames (2 Hz) in the world (x forward, y left, z up; their size is width, length, height), times in microseconds.
+"""Reads a scene of nuScenes v1.0 (Caesar et al. 2020): JSON tables with tokens, undistorted photographs at 12 Hz, LiDAR at 20 Hz in the sensor's frame, boxes
+at key frames (2 Hz) in the world (x forward, y left, z up; size is width, length, height), times in microseconds.
 
-One time step is one photograph of the first camera, with the photograph nearest to it of each other camera and the nearest sweep; boxes are put where
-they are at the photographs' mean time, between the key frames on either side."""
+One time step is one photograph of the first camera, with the nearest photograph of each other camera and the nearest sweep; boxes are interpolated between
+key frames to the photographs' mean time."""
 
 import glob
 import json
@@ -17,9 +17,9 @@ from .importing import Tracks, chosen, existing, inside, joined, optional, sweep
 
 CAMERAS = ("CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT", "CAM_BACK_LEFT", "CAM_BACK_RIGHT", "CAM_BACK")
 LIDAR = "LIDAR_TOP"
-LARGEST_GAP = 0.05  # seconds between the photographs of a step: a little more than half of their 83 ms
-SWEEP_GAP = 0.03  # seconds between a step and its sweep: a little more than half of 50 ms
-LABEL_GAP = 0.75  # seconds between two labels of a track that a box may lie between; they are 0.5 s apart
+LARGEST_GAP = 0.05  # maximum seconds between the photographs of a step: just above half of their 83 ms
+SWEEP_GAP = 0.03  # maximum seconds between a step and its sweep: just above half of 50 ms
+LABEL_GAP = 0.75  # maximum seconds between two labels of a track for interpolation; key frames are 0.5 s apart
 
 
 def load(folder, name, *keys):
@@ -29,7 +29,7 @@ def load(folder, name, *keys):
         with open(path, encoding="utf-8") as file:
             rows = json.load(file)
     except ValueError as error:
-        raise RecordingError(f"{path}: isn't JSON: {error}") from None
+        raise RecordingError(f"{path}: not JSON: {error}") from None
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise RecordingError(f"{path}: expected a list of objects")
     for number, row in enumerate(rows):
@@ -45,7 +45,7 @@ def by_token(rows):
 
 def look_up(table, token, path, what):
     if token not in table:
-        raise RecordingError(f"{path}: {what} names {str(token)[:80]!r}, which isn't there")
+        raise RecordingError(f"{path}: {what} names {str(token)[:80]!r}, which doesn't exist")
     return table[token]
 
 
@@ -67,7 +67,7 @@ def sequences(raw):
 
 
 class Scene:
-    """The rows of one scene. `source` is the folder of its version and its name."""
+    """The rows of one scene. `source`: folder of its version, and its name."""
 
     def __init__(self, source, account):
         self.account = account
@@ -76,7 +76,7 @@ class Scene:
         self.scene = next(row for row in load(self.folder, "scene", "token", "name", "first_sample_token") if row["name"] == name)
         self.samples = {row["token"]: row for row in load(self.folder, "sample", "token", "timestamp", "scene_token") if row["scene_token"] == self.scene["token"]}
         if not self.samples:
-            raise RecordingError(f"{self.folder}/sample.json: has no sample of {name}")
+            raise RecordingError(f"{self.folder}/sample.json: no sample of {name}")
         self.zero = min(row["timestamp"] for row in self.samples.values())
         self.mounts = by_token(load(self.folder, "calibrated_sensor", "token", "sensor_token", "translation", "rotation", "camera_intrinsic"))
         sensors = by_token(load(self.folder, "sensor", "token", "channel"))
@@ -92,12 +92,12 @@ class Scene:
         self.egos = {row["token"]: row for row in load(self.folder, "ego_pose", "token", "translation", "rotation") if row["token"] in wanted}
 
     def present(self, channel, rows):
-        """The rows whose files are there, each file once."""
+        """The rows whose files exist, each file once."""
         what, there, missing = "sweeps" if channel == LIDAR else "photographs", {}, []
         for row in rows if channel == LIDAR or channel.startswith("CAM") else ():
             path = self.file(row)
             if not os.path.exists(path):
-                if not missing:  # all are of one form
+                if not missing:  # all files have the same format
                     optional(*os.path.split(path), what, None)
                 missing.append(row["filename"])
             elif path in there:
@@ -120,7 +120,7 @@ class Scene:
         return inside(self.root, row["filename"], f"{self.folder}/sample_data.json: {row['token']}")
 
     def tracks(self):
-        """Boxes at key frames; empty where the version has none (v1.0-test)."""
+        """Boxes at key frames; empty if the version has none (v1.0-test)."""
         tracks = Tracks(self.account)
         if not optional(self.folder, "sample_annotation.json", "boxes", self.account):
             return tracks
@@ -147,7 +147,7 @@ def read(source, cameras, frames, out, progress):
     out.account.leave_out("sensors", f"neither cameras nor {LIDAR}", sorted(name for name in scene.channels if name != LIDAR and not name.startswith("CAM")))
     for name in [name for name in scene.channels if name.startswith("CAM") and not scene.channels[name]]:
         del scene.channels[name]
-        out.account.leave_out("cameras", "no photograph is there", [name])
+        out.account.leave_out("cameras", "no photographs", [name])
     present = [name for name in CAMERAS if name in scene.channels] + [name for name in scene.channels if name.startswith("CAM") and name not in CAMERAS]
     if not present:
         raise RecordingError(f"{scene.folder}/sample_data.json: {scene.scene['name']} has no camera")
@@ -155,7 +155,7 @@ def read(source, cameras, frames, out, progress):
     shots = {name: [row["timestamp"] for row in scene.channels[name]] for name in names}
     steps = [{name: scene.channels[name][i] for name, i in picked.items()} for _, picked in joined(shots[names[0]], shots, LARGEST_GAP, frames, out.account, 1e6)]
     if not steps:
-        raise RecordingError(f"{source}: no time step is left; there is none in which each camera has a photograph within {LARGEST_GAP} s, or --frames chose none")
+        raise RecordingError(f"{source}: no time step left: none has a photograph of every camera within {LARGEST_GAP} s, or --frames selected none")
     progress.total = len(steps)
     for name in names:
         first = steps[0][name]
@@ -189,15 +189,15 @@ def put_step(scene, out, picked, middle, sweep, labels, tracks):
 
 
 def points_of(path):
-    """x, y, z, intensity of a sweep; its rows have the ring's number as well."""
+    """x, y, z, intensity of a sweep; a row in the file also has the ring number."""
     values = np.fromfile(existing(path), "<f4")
     if values.size == 0 or values.size % 5:
-        raise RecordingError(f"{path}: {values.size} numbers aren't rows of 5; expected x, y, z, intensity, ring")
+        raise RecordingError(f"{path}: {values.size} numbers are not rows of 5; expected x, y, z, intensity, ring")
     return values.reshape(-1, 5)[:, :4]
 
 
 def labels_of(path, count):
-    """The label of each point, 0 (noise) where the sweep has none."""
+    """The label of each point; 0 (noise) if the sweep has none."""
     if path is None:
         return np.zeros(count)
     found = np.fromfile(existing(path), np.uint8)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sequence of PandaSet (Xiao et al. 2021): 80 time steps at 10 Hz, six cameras whose photographs are undistorted by the source, two LiDARs, boxes.
+"""Reads a sequence of PandaSet (Xiao et al. 2021): 80 time steps at 10 Hz, six cameras with undistorted photographs, two LiDARs, boxes.
 
-Points and boxes are in the world's frame. Boxes are where the laser saw the object, and cameras fire as the laser passes them: a step's boxes fit its
-photographs as they are. The LiDAR's pose is the car's, with y forward."""
+Points and boxes are in the world frame. Boxes refer to the time when the LiDAR saw the object, and cameras fire when the LiDAR passes them, so a step's boxes
+fit its photographs. The LiDAR's pose is the car's, with y forward."""
 
 import glob
 import json
@@ -26,14 +26,14 @@ BOX = ["uuid", "label", "yaw", "position.x", "position.y", "position.z", "dimens
 
 
 def rows_of(path):
-    """A list in a JSON file."""
+    """A list from a JSON file."""
     try:
         with open(existing(path), encoding="utf-8") as file:
             rows = json.load(file)
     except (OSError, ValueError) as error:
         raise RecordingError(f"{path}: can't be read as JSON: {error}") from None
     if not isinstance(rows, list) or not rows:
-        raise RecordingError(f"{path}: expected a list, one entry a time step")
+        raise RecordingError(f"{path}: expected a list with one entry per time step")
     return rows
 
 
@@ -53,12 +53,12 @@ def sequences(raw):
 
 
 def numbered(sequence, folder, endings, what, account):
-    """The files of time steps, by their numbers."""
+    """The files of time steps, by number."""
     return {int(name): path for name, path in listed(os.path.join(sequence, *folder), endings, what, account).items() if name.isdigit()}
 
 
 class Camera:
-    """A camera's calibration, and pose and time of each of its photographs."""
+    """A camera's calibration, and pose and time of each photograph."""
 
     def __init__(self, folder, steps, files):
         self.folder, self.files, self.poses = folder, files, rows_of(os.path.join(folder, "poses.json"))
@@ -96,7 +96,7 @@ def read(sequence, cameras, frames, out, progress):
     account.leave_out("cameras", "have no photographs", [] if cameras else [name for name in CAMERAS if name not in names])
     steps = complete(choose_steps(list(range(len(ways))), frames, account), {name: shots[name] for name in names}, account)
     if not steps:
-        raise RecordingError(f"{sequence}: no time step is left of {len(ways)}; there is none of which each camera has a photograph, or --frames chose none")
+        raise RecordingError(f"{sequence}: no time step left of {len(ways)}: none has a photograph of every camera, or --frames selected none")
     used = {name: Camera(os.path.join(sequence, "camera", name), len(ways), shots[name]) for name in names}
     for name, camera in used.items():
         out.add_camera(name, camera.size(steps[0]), camera.k)
@@ -119,17 +119,17 @@ def read(sequence, cameras, frames, out, progress):
 
 
 def put_sweep(step, t, sweeps, classes):
-    """Points of both LiDARs, `sensor` 0 the one that turns, 1 the one that looks ahead, with their classes where the sequence has them."""
+    """Points of both LiDARs (`sensor` 0 rotates, 1 faces forward), with their classes if the sequence has them."""
     columns = ["intensity", "sensor"] + ["label"] * bool(classes)
     if t not in sweeps or step.has_lidar(columns):
         return
     points = numbers(table(sweeps[t], SWEEP), sweeps[t], SWEEP)
     if classes:
         if t not in classes:
-            raise RecordingError(f"{sweeps[t]}: has no classes in annotations/semseg, but other sweeps have; move semseg elsewhere to import without classes")
+            raise RecordingError(f"{sweeps[t]}: has no classes in annotations/semseg, but other sweeps do; move semseg elsewhere to import without classes")
         (label,) = numbers(table(classes[t], ["class"]), classes[t], ["class"])
         if len(label) != len(points[0]):
-            raise RecordingError(f"{classes[t]}: has {len(label)} classes, but the sweep {len(points[0])} points")
+            raise RecordingError(f"{classes[t]}: {len(label)} classes for {len(points[0])} points")
         points.append(label)
     step.lidar(np.column_stack(points), np.eye(4), columns)
 
@@ -143,8 +143,8 @@ def numbers(rows, path, columns):
 
 
 def read_boxes(files, steps, account):
-    """Boxes by time step. What both LiDARs saw has two tracks, of which the longer one is taken, or else the one of the LiDAR that turns. A
-    track's class is the one that it has most often."""
+    """Boxes by time step. Objects seen by both LiDARs have two tracks: the longer one is used, or that of the rotating LiDAR. A track's class is its most
+    frequent one."""
     rows, names, siblings, turning = {}, {}, {}, set()
     for t in steps:
         if t not in files:
@@ -168,7 +168,7 @@ def read_boxes(files, steps, account):
     for track, marks in rows.items():
         other = siblings.get(track)
         if other in rows and (len(rows[other]), other in turning, other) > (len(marks), track in turning, track):
-            account.leave_out("boxes", "of things that the other LiDAR saw, too", [track], len(marks))
+            account.leave_out("boxes", "of objects that the other LiDAR saw, too", [track], len(marks))
             continue
         for t, (yaw, x, y, z, *extents) in marks:
             pose = poses.turned_left(yaw, [x, y, z]) @ poses.front_from_box("+y")

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Photographs without cameras, or a video: COLMAP finds the cameras, and DATASET/images and DATASET/sparse/0 are what `pags train` reads.
+"""Imports photographs without cameras, or a video: COLMAP finds the cameras; DATASET/images and DATASET/sparse/0 are the input of `pags train`.
 
-Work lies in DATASET/colmap: the database, which COLMAP goes on with where it was stopped, and its words, which stay. DATASET/import.json, written
-last, says what came of it.
-"""
+Intermediate files are in DATASET/colmap: the database, from which COLMAP resumes after an interruption, and its logs, which stay. DATASET/import.json,
+written last, has the results."""
 
 import hashlib
 import json
@@ -24,14 +23,14 @@ from .errors import RecordingError
 from .folder import Folder
 from .importing import Progress
 
-OF_IMAGES = re.compile(r"images|input|images_.*")  # folders beside which training looks for masks: DATASET/images is to be the only one
-EXHAUSTIVE = 150  # photographs of which each is compared with each other; more are compared in their order
-NEXT, APART = 10, 10  # in order: each with so many that follow, with those 2, 4, 8 ... farther, and every APARTth with every other such
-PART = 64  # pairs that one process of COLMAP compares at least: what is lost when it is stopped
-FRAMES = 120  # pictures of a video
-TURNS = {5: Image.Transpose.TRANSPOSE, 6: Image.Transpose.ROTATE_270, 7: Image.Transpose.TRANSVERSE, 8: Image.Transpose.ROTATE_90}  # by EXIF's orientation
+OF_IMAGES = re.compile(r"images|input|images_.*")  # folders next to which training looks for masks: only DATASET/images may have such a name
+EXHAUSTIVE = 150  # up to this number of photographs all pairs are matched; above it, neighbours in order
+NEXT, APART = 10, 10  # in order: each with this number of successors, with those 2, 4, 8 ... further, and every APARTth with every other such
+PART = 64  # minimum pairs per COLMAP process: the work lost by an interruption
+FRAMES = 120  # frames used of a video
+TURNS = {5: Image.Transpose.TRANSPOSE, 6: Image.Transpose.ROTATE_270, 7: Image.Transpose.TRANSVERSE, 8: Image.Transpose.ROTATE_90}  # by EXIF orientation
 ORIENTATION, EXIF, FOCAL, MAKE, MODEL, SPACE, INTEROPERABILITY = 0x0112, 0x8769, 0x920A, 0x010F, 0x0110, 0xA001, 0xA005
-warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # a photograph of 90 million pixels is none
+warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # allows photographs of 90 million pixels
 
 
 def is_video(raw):
@@ -39,7 +38,8 @@ def is_video(raw):
 
 
 def plain(name, taken):
-    """The name of a copy, without folders called images. COLMAP's lists separate names by spaces, pass over lines that begin with # and are UTF-8; it turns \\ into /."""
+    """The name of a copy, without folders named images. COLMAP's lists separate names by spaces, skip lines that begin with # and are UTF-8; it turns \\\\
+    into /."""
     *folders, file = name.split(os.sep)
     name = os.sep.join([*(folder for folder in folders if not OF_IMAGES.fullmatch(folder)), file])
     stem, ending = os.path.splitext(re.sub(r"[\\#\x00-\x20\x7f\ud800-\udfff]", "_", "_".join(name.replace(os.sep, "/").split())))
@@ -52,7 +52,7 @@ def plain(name, taken):
 
 
 def square_size(picture):
-    """The size with square pixels: JPEG and PNG may state how many there are across and down an inch, or in what ratio."""
+    """The size after making pixels square: JPEG and PNG may state densities or a ratio for both axes."""
     across, down = picture.info.get("jfif_density") or picture.info.get("dpi" if picture.format == "PNG" else "") or picture.info.get("aspect") or (1, 1)
     aspect = down / across if across > 0 and down > 0 else 1
     if 0.99 < aspect < 1.01 or not 0.05 < aspect < 20:
@@ -62,7 +62,7 @@ def square_size(picture):
 
 
 def how_stored(source, picture, exif):
-    """Options of Pillow's that keep what the file says of its colours."""
+    """Options of Pillow that keep the file's colour information."""
     if picture.format == "PNG":
         said, kept = PngInfo(), (b"gAMA", b"cHRM", b"sRGB", b"cICP")
         with open(source, "rb") as file:
@@ -73,13 +73,13 @@ def how_stored(source, picture, exif):
                     said.add(head[4:], data)
         return {"pnginfo": said}
     options = {"quality": 97, "subsampling": 0, "icc_profile": picture.info.get("icc_profile")}
-    if exif.get_ifd(EXIF).get(SPACE) == 2 or exif.get_ifd(INTEROPERABILITY).get(1) == "R03":  # Adobe RGB: two ways of cameras to say it
+    if exif.get_ifd(EXIF).get(SPACE) == 2 or exif.get_ifd(INTEROPERABILITY).get(1) == "R03":  # Adobe RGB: cameras mark it in two ways
         options["exif"] = without_turn(picture.info["exif"])
     return options
 
 
 def without_turn(exif):
-    """The bytes of EXIF with the orientation 1 (upright) in the first directory."""
+    """The bytes of EXIF with orientation 1 (upright) in the first directory."""
     order = "little" if exif[6:8] == b"II" else "big"
     number = lambda at, size: int.from_bytes(exif[at : at + size], order)  # noqa: E731
     first = 6 + number(10, 4)
@@ -90,14 +90,14 @@ def without_turn(exif):
 
 
 class Photographs:
-    """The copies that COLMAP sees, by their names below `folder`, each with what says which camera took it."""
+    """The copies for COLMAP, by name in `folder`, each with the key of its camera."""
 
     def __init__(self, folder):
         self.folder, self.account, self.camera, self.masks, self.damage, self.video, self.squared = folder, Account(), {}, 0, None, [], 0
         self.sizes, self.digests, self.turns, self.tried = {}, {}, {}, 0
 
     def is_copy(self, source, name):
-        """Whether another photograph has the same bytes: held out, it would be known from training."""
+        """Whether another photograph has the same bytes: training would know it although it is held out."""
         first = self.sizes.setdefault(os.path.getsize(source), (source, name))
         if first[0] == source:
             return False
@@ -110,7 +110,7 @@ class Photographs:
         return known != name
 
     def add(self, source, name):
-        """Copies a photograph byte by byte; one that is turned by its EXIF orientation, or whose pixels aren't square, is written upright and square anew."""
+        """Copies a photograph byte by byte; one with an EXIF rotation or non-square pixels is re-encoded upright and with square pixels."""
         target = os.path.join(self.folder, *name.split("/"))
         self.tried += 1
         try:
@@ -138,7 +138,7 @@ class Photographs:
             self.camera.pop(name, None)
 
     def add_mask(self, source, name):
-        """A mask as PNG where training looks for it; turned as its photograph was, if only that fits it."""
+        """Writes a mask as PNG where training looks for it; rotated like its photograph if only that fits."""
         target = os.path.join(os.path.dirname(self.folder), "masks", *(name + ".png").split("/"))
         try:
             with Image.open(source) as picture, Image.open(os.path.join(self.folder, *name.split("/"))) as photograph:
@@ -171,7 +171,7 @@ class Photographs:
 
 
 def judged_once(raw, path, show, before):
-    """What video.judged says of a video's frames, kept in a file for an import that goes on."""
+    """The result of video.judged for a video's frames, cached in a file for resuming."""
     status = os.stat(raw)
     mark = {"bytes": status.st_size, "modified": status.st_mtime_ns, "before": list(before)}
     try:
@@ -201,9 +201,9 @@ def gather(raw, output, pictures, quiet, people=None):
             print(f"{raw}: {'; '.join(shown.words)}", file=people)
         sharp, change, words = judged_once(raw, os.path.join(output, "colmap", "frames.json"), progress.show, shown.before)
         if words:
-            photographs.damage = f"{raw} is cut or damaged; {len(sharp)} of about {progress.total} frames can be read: {words}"
+            photographs.damage = f"{raw} is truncated or damaged; {len(sharp)} of about {progress.total} frames can be read: {words}"
         chosen = video.choose(sharp, change, pictures or FRAMES)
-        photographs.account.leave_out("video frames", "sharper ones beside them are taken", count=len(sharp) - len(chosen))
+        photographs.account.leave_out("video frames", "sharper neighbours are used instead", count=len(sharp) - len(chosen))
         for name in video.extract(raw, chosen, folder, shown):
             photographs.add(os.path.join(folder, name), name)
     else:
@@ -211,7 +211,7 @@ def gather(raw, output, pictures, quiet, people=None):
         names = found.photographs
         if pictures and len(names) > pictures:
             names = [names[i * len(names) // pictures] for i in range(pictures)]
-            photographs.account.leave_out("photographs", f"--pictures {pictures} chose others", count=len(found.photographs) - pictures)
+            photographs.account.leave_out("photographs", f"not selected by --pictures {pictures}", count=len(found.photographs) - pictures)
         progress.total = len(names)
         for done, name in enumerate(names):
             copy = plain(name, taken)
@@ -222,12 +222,12 @@ def gather(raw, output, pictures, quiet, people=None):
     progress.end()
     if len(photographs.camera) < 3:
         why = "".join(f"; {line}" for line in lines(list(photographs.account.rows.values()), 3))
-        raise RecordingError(f"{raw}: {f'{len(photographs.camera)} of {photographs.tried} JPEG and PNG files can be read' if photographs.tried else 'has no JPEG or PNG files'}; cameras are found of three photographs or more{why}")
+        raise RecordingError(f"{raw}: {f'{len(photographs.camera)} of {photographs.tried} JPEG and PNG files can be read' if photographs.tried else 'has no JPEG or PNG files'}; finding cameras requires at least three photographs{why}")
     return photographs
 
 
 def pairs(names, in_order):
-    """Which photographs are compared."""
+    """The pairs of photographs to match."""
     n = len(names)
     if not in_order:
         return [(a, b) for a in range(n) for b in range(a + 1, n)]
@@ -237,7 +237,7 @@ def pairs(names, in_order):
 
 
 class Work:
-    """COLMAP's steps over the photographs, in DATASET/colmap."""
+    """COLMAP's steps on the photographs, in DATASET/colmap."""
 
     def __init__(self, runner, output, photographs, quiet):
         self.runner, self.photographs, self.quiet = runner, photographs, quiet
@@ -255,10 +255,10 @@ class Work:
         return self.path(name)
 
     def must(self, what, command, log, count=lambda: 0, show=lambda done: None):
-        """Runs one step; its words go to a file."""
+        """Runs one step with its output in a log file."""
         code = colmap.run(command, log, count, show)
         if code:
-            raise RecordingError(f"COLMAP failed at its {what} (code {code}): {colmap.last_words(log)[:300]}; all it said is in {log}")
+            raise RecordingError(f"COLMAP failed at its {what} (code {code}): {colmap.last_words(log)[:300]}; see {log}")
 
     def features(self):
         there, progress = self.database.features(), Progress(self.quiet, "features of photograph")
@@ -284,14 +284,14 @@ class Work:
         progress.end()
 
     def tidy(self):
-        """Leaves what COLMAP said."""
+        """Removes the intermediate files, except COLMAP's logs."""
         for name in os.listdir(self.folder):
             if not name.endswith(".log"):
                 path = self.path(name)
                 shutil.rmtree(path) if os.path.isdir(path) else os.remove(path)
 
     def map(self):
-        """The models, best first; an interrupted one begins anew."""
+        """The models, best first; an interrupted mapping starts again."""
         models, log = self.path("models"), self.path("cameras.log")
         shutil.rmtree(models, ignore_errors=True)
         os.makedirs(models)
@@ -306,29 +306,29 @@ class Work:
             return found
         features = sorted(self.database.features().values()) or [0]
         fit = sum(fit >= colmap.INLIERS for _, _, fit in self.database.pairs())
-        raise RecordingError(f"COLMAP placed no camera: the photographs have {features[0]} to {features[-1]} features, and {fit} pairs fit together; it takes sharp "
-                             f"photographs of a scene that stands still, each showing most of the one before from another place ({colmap.last_words(log)[:200]}; {log})")  # fmt: skip
+        raise RecordingError(f"COLMAP placed no camera: the photographs have {features[0]} to {features[-1]} features, and {fit} pairs match; it requires sharp "
+                             f"photographs of a static scene, each overlapping most of the previous one from another position ({colmap.last_words(log)[:200]}; {log})")  # fmt: skip
 
 
 def placed(log):
-    """Cameras that mapping has set out to place so far, by its words; the first two are none of these."""
+    """Number of cameras that mapping has tried so far, from its log, without the initial two."""
     with open(log, "rb") as file:
         return file.read().count(b"Registering image")
 
 
 def left_out(name, features, fits, other):
-    """Why a photograph has no camera, most likely."""
+    """The most likely reason why a photograph has no camera."""
     if name in other:
-        return f"belongs to another group of {other[name]} photographs that nothing connects with the largest"
+        return f"in a separate group of {other[name]} photographs without matches to the largest group"
     if features.get(name, 0) < 200:
         return f"{features.get(name, 0)} features: blurred, dark or without texture"
     if not fits.get(name):
-        return "shows nothing that another photograph shows"
-    return f"fits {fits[name]} other{'s' if fits[name] > 1 else ''} too loosely"
+        return "shares no content with another photograph"
+    return f"matches {fits[name]} other{'s' if fits[name] > 1 else ''} too weakly"
 
 
 def told(work, models):
-    """What came of it, as import.json has it."""
+    """The results for import.json."""
     best, names = models[0], set(colmap.registered(models[0]))
     count, error = colmap.points(best)
     fits, other = {}, {}
@@ -357,13 +357,13 @@ def say(output, facts, people):
     for line in lines(facts["left_out"]):
         print(line, file=people)
     if facts["turned_upright"]:
-        print(f"{facts['turned_upright']} photographs were turned by their EXIF orientation and are written upright anew (JPEG, quality 97)", file=people)
+        print(f"{facts['turned_upright']} photographs with an EXIF rotation were re-encoded upright (JPEG, quality 97)", file=people)
     if facts.get("made_square"):
-        print(f"{facts['made_square']} photographs have pixels that are not square, and are written with square ones", file=people)
+        print(f"{facts['made_square']} photographs with non-square pixels were re-encoded with square pixels", file=people)
 
 
 def begin(raw, output, pictures):
-    """What import.json says the import is of, and what came of it if it is complete. A folder that was begun from anything else is refused."""
+    """The source recorded in import.json, and the results if complete. Raises for a folder started from another source."""
     asked = {"importer": "photos", "source": os.path.realpath(raw), "pictures": pictures}
     path = os.path.join(output, "import.json")
     if lock.contents(output):
@@ -371,11 +371,11 @@ def begin(raw, output, pictures):
             with open(path, encoding="utf-8") as file:
                 there = json.load(file)
         except (OSError, ValueError):
-            raise RecordingError(f"{output}: isn't empty, and no import of photographs wrote it; give another folder, or remove it") from None
+            raise RecordingError(f"{output}: not empty, and not written by an import of photographs; choose another folder, or remove it") from None
         if not isinstance(there, dict) or {key: there.get(key) for key in asked} != asked:
-            raise RecordingError(f"{output}: was begun from another source or with other options (see its import.json); give another folder, or remove it")
+            raise RecordingError(f"{output}: an import from another source or with other options started here (see its import.json); choose another folder, or remove it")
         facts = there.get("result")
-        if facts and isinstance(facts["left_out"], dict):  # of version 0.2.0
+        if facts and isinstance(facts["left_out"], dict):  # format of version 0.2.0
             facts["left_out"] = [{"what": "photographs", "count": 1, "why": why, "which": [name]} for name, why in facts["left_out"].items()]
         return asked, facts
     put(path, asked)
@@ -390,11 +390,11 @@ def put(path, content):
 
 
 def read(raw, output, pictures, people, quiet):
-    """Imports a folder of photographs or a video. Returns what came of it."""
+    """Imports a folder of photographs or a video. Returns the results."""
     if not os.path.isdir(raw) and not is_video(raw):
-        raise RecordingError(f"{raw}: {'is no folder and no video: ' + ' '.join(video.ENDINGS) if os.path.exists(raw) else 'is missing'}")
+        raise RecordingError(f"{raw}: {'neither a folder nor a video: ' + ' '.join(video.ENDINGS) if os.path.exists(raw) else 'is missing'}")
     if os.path.realpath(output) == os.path.realpath(raw):
-        raise RecordingError(f"{output}: is the folder of the photographs itself; give another one to write to")
+        raise RecordingError(f"{output}: is the folder of the photographs; choose another folder to write")
     runner = colmap.find()
     asked, facts = begin(raw, output, pictures)
     if facts is None:
@@ -403,7 +403,7 @@ def read(raw, output, pictures, people, quiet):
         work.features()
         in_order = is_video(raw) or len(photographs.camera) > EXHAUSTIVE
         if in_order and people and not is_video(raw):
-            print(f"{len(photographs.camera)} photographs are compared in the order of their names, as they were taken", file=people)
+            print(f"{len(photographs.camera)} photographs are matched in the order of their names, assumed to be that of capture", file=people)
         work.matches(in_order)
         models = work.map()
         facts = told(work, models)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One step of pycolmap, which colmap.py starts as a process of its own, so that it can be stopped: python pycolmap_step.py JSON."""
+"""One step of pycolmap, started by colmap.py as a separate process that can be stopped: python pycolmap_step.py JSON."""
 
 import json
 import sys

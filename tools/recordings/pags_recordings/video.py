@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures out of a video, by ffmpeg: spread over time and over what changes, and of the frames near to each place the sharpest."""
+"""Extracts pictures from a video with ffmpeg: spread over time and over changes of the picture, choosing the sharpest nearby frame."""
 
 import json
 import os
@@ -13,17 +13,17 @@ from . import interrupt
 from .errors import RecordingError
 
 ENDINGS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".mts", ".3gp")
-WIDTH, HEIGHT = 320, 180  # at which sharpness is judged
+WIDTH, HEIGHT = 320, 180  # width at which sharpness is measured
 
 
 def need():
     for program in ("ffmpeg", "ffprobe"):
         if not shutil.which(program):
-            raise RecordingError(f"a video needs {program}, which isn't installed: apt-get install ffmpeg")
+            raise RecordingError(f"videos require {program}, which is not installed: apt-get install ffmpeg")
 
 
 def length(path):
-    """Number of frames, as the file says, or guessed of its duration."""
+    """Number of frames from the file, or estimated from its duration."""
     asked = ["ffprobe", "-v", "error", "-select_streams", "v:0", "-show_entries", "stream=nb_frames,avg_frame_rate,duration:format=duration", "-of", "json", place(path)]
     done = subprocess.run(asked, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     try:
@@ -34,20 +34,20 @@ def length(path):
         over, _, under = stream["avg_frame_rate"].partition("/")
         return max(1, round(float(stream.get("duration") or facts["format"]["duration"]) * float(over) / float(under or 1)))
     except (ValueError, LookupError, ZeroDivisionError):
-        raise RecordingError(f"{path}: isn't a video that ffmpeg reads: {' '.join(done.stderr.split())[:300] or 'it has no pictures'}") from None
+        raise RecordingError(f"{path}: not a video that ffmpeg can read: {' '.join(done.stderr.split())[:300] or 'it has no pictures'}") from None
 
 
 def place(path):
-    """A path that ffmpeg takes for nothing but a file."""
+    """A path that ffmpeg interprets only as a file."""
     return "file:" + os.path.abspath(path)
 
 
 def judged(path, show, before=()):
-    """For each frame, after the filters `before`: how sharp it is (the mean square of its second differences), and how much it differs from the one before
-    (0 to 255). Then what ffmpeg says of damage, "" where it finds none."""
+    """For each frame, after the filters `before`: sharpness (mean square of second differences) and difference from the previous frame (0 to 255). Then
+    ffmpeg's messages on damage, or ""."""
     command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", ",".join([*before, f"scale={WIDTH}:{HEIGHT}:flags=area", "format=gray"]), "-fps_mode", "passthrough", "-f", "rawvideo", "-"]
     sharp, change, before = [], [], None
-    with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, preexec_fn=interrupt.BEFORE_START) as process:  # said: a pipe would fill up
+    with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, preexec_fn=interrupt.BEFORE_START) as process:  # stderr goes to a file: a pipe would fill up
         try:
             while len(data := process.stdout.read(WIDTH * HEIGHT)) == WIDTH * HEIGHT:
                 frame = np.frombuffer(data, np.uint8).reshape(HEIGHT, WIDTH).astype(np.float32)
@@ -63,13 +63,13 @@ def judged(path, show, before=()):
         said.seek(0)
         words = " ".join(said.read(4000).decode(errors="replace").split())[:300]
     if not sharp:
-        raise RecordingError(f"{path}: ffmpeg reads no picture of it: {words or 'it said nothing'}")
+        raise RecordingError(f"{path}: ffmpeg can read no picture: {words or 'no message'}")
     return np.array(sharp), np.array(change), words
 
 
 def choose(sharp, change, wanted):
-    """Numbers of at most `wanted` frames, ascending: the sharpest in each of as many equal parts of the way (less a tenth at their ends), which
-    is half time and half change, so that neither a camera at rest nor a fast turn takes all of them."""
+    """Numbers of at most `wanted` frames, ascending: the sharpest in each of equal parts of the path (less a tenth at their ends). The path is half time and
+    half change, so that neither a stationary camera nor a fast turn gets most of the frames."""
     n = len(sharp)
     if n <= wanted:
         return list(range(n))
@@ -86,7 +86,7 @@ def choose(sharp, change, wanted):
 
 
 def extract(path, frames, folder, shown=None):
-    """Writes frames as JPEG files frame_000123.jpg, named by their numbers, as `shown` (a Display) makes pictures of them. Returns the names."""
+    """Writes frames as JPEG files frame_000123.jpg, named by number and converted by `shown` (a Display). Returns the names."""
     names = [f"frame_{number:06d}.jpg" for number in frames]
     if all(os.path.exists(os.path.join(folder, name)) for name in names):
         return names
@@ -102,7 +102,7 @@ def extract(path, frames, folder, shown=None):
     done = subprocess.run(command, capture_output=True, text=True, cwd=part)
     written = sorted(name for name in os.listdir(part) if name.endswith(".jpg"))
     if done.returncode or len(written) != len(names):
-        raise RecordingError(f"{path}: ffmpeg wrote {len(written)} of {len(names)} pictures: {' '.join(done.stderr.split())[:300] or 'it said nothing'}")
+        raise RecordingError(f"{path}: ffmpeg wrote {len(written)} of {len(names)} pictures: {' '.join(done.stderr.split())[:300] or 'no message'}")
     for name, now in zip(written, names):
         os.replace(os.path.join(part, name), os.path.join(folder, now))
     shutil.rmtree(part)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A segment of the Waymo Open Dataset, version 2 (Sun et al. 2020): a folder a component (camera_image, lidar_box, ...), in it a parquet file a
-segment. The same choices as for version 1, which `pags import waymo` reads: see docs/import.md.
+"""Reads a segment of the Waymo Open Dataset, version 2 (Sun et al. 2020): one folder per component (camera_image, lidar_box, ...), with one parquet file per
+segment. The selections are those of version 1, which `pags import waymo` reads: see docs/import.md.
 
-A time step is a frame; its photographs have poses of their own, moved on to the middle of their exposure; boxes are those of the frame, in the
-car's frame (x forward, y left, z up)."""
+A time step is a frame; its photographs have poses of their own, extrapolated to the middle of their exposure; boxes are those of the frame, in the car's
+frame (x forward, y left, z up)."""
 
 import glob
 import os
@@ -18,13 +18,13 @@ NAMES = {1: "front", 2: "front_left", 3: "front_right", 4: "side_left", 5: "side
 USUAL = ("front", "front_left", "front_right")
 CLASSES = {0: "Unknown", 1: "Vehicle", 2: "Pedestrian", 3: "Sign", 4: "Cyclist"}
 FRAME, CAMERA, LASER, THING = "key.frame_timestamp_micros", "key.camera_name", "key.laser_name", "key.laser_object_id"
-ROWS = 8  # in memory at once: a row of the roof's LiDAR takes 5 MB
-MOST_ROWS = 10_000_000  # of a file: the largest tables, the boxes, have some 100,000
-FARTHEST_POSE = 0.1  # seconds between a photograph's pose and the middle of its exposure over which its velocity isn't trusted
+ROWS = 8  # rows in memory: a row of the roof's LiDAR takes 5 MB
+MOST_ROWS = 10_000_000  # maximum rows of a file; the largest tables, the boxes, have some 100,000
+FARTHEST_POSE = 0.1  # maximum seconds between a photograph's pose and the middle of its exposure for extrapolation with its velocity
 
 
 class Component:
-    """A parquet file, read a few rows at a time, quickest in their order. `prefix` is left off the columns' names."""
+    """A parquet file, read a few rows at a time, fastest in file order. `prefix` is removed from the columns' names."""
 
     def __init__(self, raw, folder, segment, prefix, columns, keys):
         from pyarrow import parquet
@@ -41,9 +41,9 @@ class Component:
             for name in [*keys, *(self.prefix + column for column in columns)]:
                 kind = self.file.schema_arrow.field(name).type
                 if not fits(kind, name):
-                    raise RecordingError(f"{self.path}: column {name!r} is of the type {kind}, which it can't be")
+                    raise RecordingError(f"{self.path}: column {name!r} has the unsupported type {kind}")
             rows = self.file.read(columns=keys).to_pylist()
-        self.places, self.twice = {}, []  # number of the row by key; keys of further rows
+        self.places, self.twice = {}, []  # row number by key; keys of further rows
         for number, row in enumerate(rows):
             key = tuple(row[name] for name in keys)
             if None in key[: len(keys) - (THING in keys)]:
@@ -55,8 +55,8 @@ class Component:
         self.group = None
 
     def check_counts(self):
-        """Row groups that claim more than the file has would make room for it: terabytes. (Their columns aren't looked at: of a damaged one pyarrow ends
-        the process.)"""
+        """Rejects row groups that claim more rows than the file: allocating for them could take terabytes. (Columns are not checked: pyarrow ends the process
+        on a damaged one.)"""
         about = self.file.metadata
         rows = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
         if sum(rows) != about.num_rows or min(rows, default=0) < 0 or about.num_rows > MOST_ROWS:
@@ -66,12 +66,12 @@ class Component:
         return others_reading(self.path, "can't be read as parquet")
 
     def enter(self, group):
-        """Begins a row group anew: of rows in the order of chance no more than theirs are read."""
+        """Starts a row group from its beginning; in random access this limits reading to the group's rows."""
         self.batches = self.file.iter_batches(batch_size=ROWS, row_groups=[group], columns=[self.prefix + column for column in self.columns])
         self.group, self.first, self.batch = group, int(self.begins[group]), None
 
     def at(self, *key):
-        """The row of a key, its columns without the prefix, lists as arrays; None if there is none."""
+        """The row of a key, columns without the prefix, lists as arrays; None if missing."""
         if key not in self.places:
             return None
         number = self.places[key]
@@ -83,12 +83,12 @@ class Component:
                 self.first += self.batch.num_rows if self.batch else 0
                 self.batch = next(self.batches, None)
                 if self.batch is None:
-                    raise RecordingError(f"{self.path}: has fewer rows than it says")
+                    raise RecordingError(f"{self.path}: has fewer rows than its header states")
                 self.batch.validate(full=True)
             return {column: plain(self.batch.column(self.prefix + column)[number - self.first]) for column in self.columns}
 
     def whole(self, *key):
-        """The row of a key in which nothing may be missing."""
+        """The complete row of a key; raises if a value is missing."""
         row = self.at(*key)
         lacking = next((column for column, value in (row or {"": None}).items() if value is None), None)
         if lacking is not None:
@@ -97,7 +97,7 @@ class Component:
 
 
 def fits(kind, name):
-    """Whether an arrow type is that of a column: keys are whole numbers, but for ids, lists have numbers, a picture bytes."""
+    """Whether an arrow type is valid for a column: keys are integers, except ids; lists have numbers; a picture has bytes."""
     from pyarrow import types
 
     number = lambda kind: types.is_integer(kind) or types.is_floating(kind)  # noqa: E731
@@ -119,7 +119,7 @@ def plain(value):
 
 
 def transform(values, what):
-    """A pose of 16 numbers, some of them rounded to float32: its rotation is made one again."""
+    """A pose of 16 numbers, some rounded to float32: its rotation is orthonormalised."""
     m = np.array(values if values is not None else [], np.float64)
     if m.size != 16:
         raise RecordingError(f"{what}: expected 16 numbers, found {m.size}")
@@ -146,15 +146,15 @@ def read(path, cameras, frames, out, progress):
     ways = Component(raw, "vehicle_pose", segment, "VehiclePoseComponent", ["world_from_vehicle.transform"], [FRAME])
     present = [NAMES[number] for number in sorted(NAMES) if (number,) in lenses.places and any(key[1] == number for key in images.places)]
     if not present:
-        raise RecordingError(f"{images.path}: has no photographs of a camera that {lenses.path} knows")
+        raise RecordingError(f"{images.path}: no photographs of a camera in {lenses.path}")
     names = chosen(present, cameras, "camera") if cameras else [name for name in present if name in USUAL] or present
-    out.account.leave_out("cameras", "not among those in front; --cameras takes them", [] if cameras else [name for name in present if name not in names])
-    out.account.leave_out("rows", "camera_image has another one of the same frame and camera", images.twice)
+    out.account.leave_out("cameras", "not front cameras; select them with --cameras", [] if cameras else [name for name in present if name not in names])
+    out.account.leave_out("rows", "duplicates of the same frame and camera in camera_image", images.twice)
     numbers = {name: number for number, name in NAMES.items() if name in names}
     shots = {name: {stamp for stamp, camera in images.places if camera == number} for name, number in numbers.items()}
     steps = choose_steps(complete(sorted(stamp for (stamp,) in ways.places if stamp is not None), shots, out.account), frames, out.account)
     if not steps:
-        raise RecordingError(f"{raw}: no frame of {segment} is left; there is none that has a photograph of each camera, or --frames chose none")
+        raise RecordingError(f"{raw}: no frame of {segment} left: none has a photograph of every camera, or --frames selected none")
     mounts = {}
     for name, number in numbers.items():
         lens = lenses.whole(number)
@@ -176,15 +176,15 @@ def read(path, cameras, frames, out, progress):
             if len(points):
                 step.lidar(points, world_from_ego, ["intensity"])
             else:
-                out.account.leave_out("sweeps", "no range image has a return", [f"frame {stamp}"])
+                out.account.leave_out("sweeps", "no range image has returns", [f"frame {stamp}"])
         for track, name, pose, size in boxes.get(stamp, ()):
             step.box(track, name, world_from_ego @ pose, size)
 
 
 def put_photograph(step, row, name, world_from_ego, mount, zero, where):
-    """A photograph, whose pose is the car's at its pose_timestamp, moved by its velocities to the middle of trigger and read-out."""
+    """A photograph; its pose is the car's at its pose_timestamp, extrapolated with its velocities to the middle of trigger and read-out."""
     if not row["image"]:
-        raise RecordingError(f"{where}: has no photograph")
+        raise RecordingError(f"{where}: no photograph")
     trigger, readout = (row[f"rolling_shutter_params.{key}"] for key in ("camera_trigger_time", "camera_readout_done_time"))
     known = trigger is not None and readout is not None and readout >= trigger
     middle = 0.5 * (trigger + readout) if known else row["pose_timestamp"]
@@ -197,7 +197,7 @@ def put_photograph(step, row, name, world_from_ego, mount, zero, where):
 
 
 def moved(pose, way, turn):
-    """A pose after a way and a turn (axis times angle) in the world's axes (Rodrigues 1840)."""
+    """A pose moved by a translation and a rotation vector in the world's axes (Rodrigues 1840)."""
     angle = float(np.linalg.norm(turn))
     x, y, z = turn / angle if angle > 0 else (0.0, 0.0, 0.0)
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -208,8 +208,8 @@ def moved(pose, way, turn):
 
 
 def boxes_of(raw, segment, steps, account):
-    """Boxes by frame, in the car's frame. What has no id, no size or numbers that aren't finite is left out; an id of two classes is two things."""
-    if not optional_component(raw, "lidar_box", segment, "boxes", account):  # the test split has none
+    """Boxes by frame, in the car's frame. Drops labels without id or size or with non-finite numbers; an id with two classes becomes two objects."""
+    if not optional_component(raw, "lidar_box", segment, "boxes", account):  # the test split has no labels
         return {}
     numbers = ["box.center.x", "box.center.y", "box.center.z", "box.heading", "box.size.x", "box.size.y", "box.size.z"]
     rows, out, classes = Component(raw, "lidar_box", segment, "LiDARBoxComponent", [*numbers, "type"], [FRAME, THING]), {}, {}
@@ -220,7 +220,7 @@ def boxes_of(raw, segment, steps, account):
         row = rows.at(stamp, track)
         values = np.array([np.nan if row[name] is None else row[name] for name in numbers], np.float64)
         if not track or not np.isfinite(values).all() or (values[4:] <= 0).any():
-            account.leave_out("boxes", "no id, no size or numbers that aren't finite", [f"{track} in frame {stamp}"])
+            account.leave_out("boxes", "no id, no size or non-finite numbers", [f"{track} in frame {stamp}"])
             continue
         name = CLASSES.get(row["type"], "Unknown")
         first = classes.setdefault(track, name)
@@ -229,7 +229,7 @@ def boxes_of(raw, segment, steps, account):
 
 
 def optional_component(raw, folder, segment, what, account):
-    """Whether a folder that may be missing has a file of the segment."""
+    """Whether an optional folder has a file of the segment."""
     place = optional(raw, folder, what, account)
     return place and optional(place, f"{segment}.parquet", what, account)
 
@@ -264,15 +264,15 @@ class Lidar:
         return np.concatenate(found)
 
     def decode(self, laser, image, pose, world_from_ego, where):
-        """Row r of H has the inclination of beam H - 1 - r, beams ascending: listed, or evenly spaced with halves at the ends. Column c of W has the
-        azimuth (1 - (2 c + 1) / W) pi less the LiDAR's own yaw. The roof's LiDAR has a pose of the car for each pixel, which undoes its motion."""
+        """Row r of H has the inclination of beam H - 1 - r, beams ascending: listed, or uniform with half steps at the ends. Column c of W has the azimuth (1
+        - (2 c + 1) / W) pi minus the LiDAR's own yaw. The roof's LiDAR has a car pose per pixel, which corrects for motion."""
         scanner, (height, width) = self.scanners.at(laser), image.shape[:2]
         mount = transform(scanner["extrinsic.transform"], f"{self.scanners.path}: the extrinsic of LiDAR {laser}")
         low, high = (np.nan if value is None else value for value in (scanner["beam_inclination.min"], scanner["beam_inclination.max"]))
         listed = scanner["beam_inclination.values"]
         beams = np.asarray(listed, np.float64) if filled(listed) else low + (np.arange(height) + 0.5) / height * (high - low)
         if len(beams) != height or not np.isfinite(beams).all():
-            raise RecordingError(f"{where}: {len(beams)} beam inclinations for a range image of {height} rows, or some that aren't finite")
+            raise RecordingError(f"{where}: {len(beams)} beam inclinations for a range image of {height} rows, or non-finite values")
         if pose is not None and pose.shape[:2] != (height, width):
             raise RecordingError(f"{where}: poses of {pose.shape[0]} x {pose.shape[1]} pixels for a range image of {height} x {width}")
         seen = (image[..., 0] > 0) & np.isfinite(image[..., :2]).all(-1)
@@ -288,7 +288,7 @@ class Lidar:
 
 
 def turned(pixels, points):
-    """Points moved each by a pose of its own: roll, pitch, yaw (R = Rz Ry Rx), x, y, z."""
+    """Points transformed each by its own pose: roll, pitch, yaw (R = Rz Ry Rx), x, y, z."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(pixels[:, :3].T), np.sin(pixels[:, :3].T)
     x, y, z = points.T
     y, z = cr * y - sr * z, sr * y + cr * z

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The writer of a recording: cameras first, then time steps with photographs, masks, a sweep and boxes, then the files about all of them.
+"""Writes a recording: cameras first, then time steps with photographs, masks, a sweep and boxes, then the common files.
 
-Photographs, masks and sweeps are written as they come, each whole or not at all. Poses and tables are kept in memory and written by `finish`,
-dataset.json last, so that a folder that was begun and left is no data set.
-"""
+Photographs, masks and sweeps are written immediately and atomically. Poses and tables stay in memory until `finish`, which writes dataset.json last: an
+interrupted folder is no data set."""
 
 import io
 import json
@@ -21,7 +20,7 @@ DIGITS = 6
 LABELS = ("cityscapes", "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset")
 PICTURES = {"JPEG": ".jpg", "PNG": ".png"}
 FOLDERS = ("images", "intrinsics", "extrinsics", "ego_pose", "lidar", "instances", "sky_masks", "semantic", "dynamic_masks", "ego_masks")
-FARTHEST = 1000.0  # metres from the car: no LiDAR sees farther, pags refuses more
+FARTHEST = 1000.0  # maximum metres from the car for LiDAR points; pags rejects more
 
 
 def require(condition, message):
@@ -30,14 +29,14 @@ def require(condition, message):
 
 
 def text_of(matrix):
-    """Rows of a matrix with every digit."""
+    """Rows of a matrix with all digits."""
     return "".join(" ".join(repr(float(v)) for v in np.atleast_1d(row)) + "\n" for row in matrix)
 
 
 def grey(mask, size, what):
     """A mask as PNG: [height, width], bool or 0..255."""
     m = np.asarray(mask)
-    require(m.shape == (size[1], size[0]), f"{what}: expected {size[1]} rows of {size[0]} values, as the photograph has, found shape {m.shape}")
+    require(m.shape == (size[1], size[0]), f"{what}: expected {size[1]} rows of {size[0]} values, the size of the photograph, found shape {m.shape}")
     require(m.dtype == bool or np.issubdtype(m.dtype, np.integer), f"{what}: expected booleans or integers, found {m.dtype}")
     require(m.dtype == bool or (m.min() >= 0 and m.max() <= 255), f"{what}: expected values of 0 to 255, found {m.min()} to {m.max()}")
     return png(m.astype(np.uint8) * (255 if m.dtype == bool else 1))
@@ -50,7 +49,7 @@ def png(array):
 
 
 class Step:
-    """One time step. Its photographs are those of all cameras at about the same time; its boxes fit them as they stand."""
+    """One time step. Its photographs are taken by all cameras at about the same time; its boxes match them without correction."""
 
     def __init__(self, recording, number, time, world_from_ego):
         self.recording, self.number, self.time = recording, number, time
@@ -62,11 +61,11 @@ class Step:
         return f"time step {self.number}"
 
     def photograph(self, camera, picture, world_from_camera, time=None):
-        """The photograph of a camera, by its name: a JPEG or PNG file or its bytes, copied as they are, or uint8 [height, width, 3]. The pose is of
-        OpenCV's axes: x right, y down, z forward. `time`: of the exposure's middle, seconds; None: unknown."""
+        """Adds the photograph of a camera, by its name: a JPEG or PNG file or its bytes, copied unchanged, or uint8 [height, width, 3]. The pose has OpenCV's
+        axes: x right, y down, z forward. `time`: middle of the exposure, seconds; None: unknown."""
         r, what = self.recording, f"{self}, camera {camera!r}"
         number, size = r.camera_of(camera, self)
-        require(camera not in self.photographs, f"{what} has a photograph already")
+        require(camera not in self.photographs, f"{what} already has a photograph")
         pose = poses.check(world_from_camera, f"{what}: its pose")
         require(time is None or np.isfinite(time), f"{what}: its time is {time}")
         name = f"images/{self.number:0{DIGITS}d}_{number}"
@@ -78,8 +77,8 @@ class Step:
         self.photographs[camera] = (pose, time)
 
     def masks(self, camera, sky=None, semantic=None, dynamic=None):
-        """Masks of a photograph, arrays [height, width]: sky and dynamic (inside of the box of something that moves) true or 255; semantic: the
-        number of each pixel's class, as the recording's `labels` counts them."""
+        """Adds masks of a photograph, arrays [height, width]: sky and dynamic (inside of the box of a moving object) true or 255; semantic: the class number
+        of each pixel, as defined by the recording's `labels`."""
         r = self.recording
         number, size = r.camera_of(camera, self)
         name = f"{self.number:0{DIGITS}d}_{number}.png"
@@ -88,21 +87,21 @@ class Step:
                 r.put(f"{folder}/{name}", grey(mask, size, f"{self}, camera {camera!r}: {folder}"))
 
     def has_lidar(self, columns=()):
-        """Whether the sweep, of such columns, is there from an earlier run of the same import."""
+        """Whether the sweep, with these columns, exists from an earlier run of the same import."""
         self.recording.columns = ["x", "y", "z", *columns]
         self.swept = self.recording.written(f"lidar/{self.number:0{DIGITS}d}.bin")
         return self.swept
 
     def lidar(self, points, world_from_points, columns=()):
-        """The sweep: [N, 3 or more], x y z in metres in a frame whose pose is given; `columns` names what follows x y z."""
+        """Adds the sweep: [N, 3 or more], x y z in metres in the frame of the given pose; `columns` names the columns after x y z."""
         r = self.recording
-        require(self.sweep is None, f"{self} has a sweep already")
+        require(self.sweep is None, f"{self} already has a sweep")
         p = np.asarray(points, np.float64)
         columns = ["x", "y", "z", *columns]
         require(p.ndim == 2 and p.shape[1] == len(columns), f"{self}: expected LiDAR points of the columns {', '.join(columns)}, found shape {p.shape}")
         require(r.columns in (None, columns), f"{self}: LiDAR columns {', '.join(columns)}, but other steps have {', '.join(r.columns or ())}")
         finite = np.isfinite(p).all(1)
-        r.account.leave_out("LiDAR points", "numbers that aren't finite", [self], int((~finite).sum()))
+        r.account.leave_out("LiDAR points", "non-finite numbers", [self], int((~finite).sum()))
         p = p[finite]
         r.columns = columns
         if not len(p):
@@ -116,7 +115,7 @@ class Step:
         self.sweep, self.swept = (p, world_from_points), True
 
     def close(self):
-        """Writes the sweep, in the car's frame, once the car's pose is known."""
+        """Writes the sweep in the car's frame once the car's pose is known."""
         if self.world_from_ego is None and self.photographs:
             first = self.photographs[next(iter(self.photographs))][0]
             self.world_from_ego = first @ poses.inverse(poses.axes_from_opencv("waymo"))
@@ -127,20 +126,20 @@ class Step:
             self.sweep = ()
 
     def box(self, track, name, world_from_box, size):
-        """The box of a thing: its track's id (the same at every step), the source's own word for its class, the pose of its middle (x forward,
-        y left, z up) and length, width, height in metres."""
+        """Adds the box of an object: id of its track (the same at every step), class name in the source, pose of its centre (x forward, y left, z up) and
+        length, width, height in metres."""
         what = f"{self}, box {track!r}"
         extents = np.asarray(size, np.float64)
-        require(str(track) not in self.boxes, f"{what} is there twice; an id names one thing")
-        require(isinstance(name, str) and name.strip(), f"{what}: expected the name of its class, found {name!r}")
+        require(str(track) not in self.boxes, f"{what} occurs twice; an id identifies one object")
+        require(isinstance(name, str) and name.strip(), f"{what}: expected a class name, found {name!r}")
         require(extents.shape == (3,) and np.isfinite(extents).all() and (extents > 0).all(), f"{what}: expected length, width and height in metres, found {size!r}")
         known = self.recording.tracks.setdefault(str(track), name)
-        require(known == name, f"{what} is of class {name!r}, but {known!r} at another step; an id names one thing")
+        require(known == name, f"{what} is of class {name!r}, but {known!r} at another step; an id identifies one object")
         self.boxes[str(track)] = (poses.check(world_from_box, f"{what}: its pose"), extents)
 
 
 def encode(picture, what):
-    """Bytes of a picture file that pags reads, its size and its ending."""
+    """Bytes of a picture file that pags reads, with size and extension."""
     if isinstance(picture, (str, os.PathLike)):
         what = os.fspath(picture)
         try:
@@ -159,7 +158,7 @@ def encode(picture, what):
     except (OSError, SyntaxError) as error:
         raise RecordingError(f"{what}: can't be read as a picture: {error}") from None
     require(form in PICTURES, f"{what}: expected JPEG or PNG, found {form}; convert it first")
-    require(turned == 1, f"{what}: is turned by its EXIF orientation {turned}; turn the pixels first, so that they fit the calibration")
+    require(turned == 1, f"{what}: has the EXIF orientation {turned}; rotate the pixels first to match the calibration")
     return picture, found, PICTURES[form]
 
 
@@ -168,13 +167,13 @@ LENS_TERMS = {"k": 6, "d": 3, "p": 2, "s": 4}
 
 
 def growth(lens, angle):
-    """The derivative of a fisheye's or an F-theta lens's radius by the angle, in focal lengths."""
+    """The derivative of the radius by the angle for a fisheye or F-theta lens, in focal lengths."""
     powers = range(2, 7) if lens["kind"] == "ftheta" else range(3, 10, 2)
     return 1 + sum(power * factor * angle ** (power - 1) for power, factor in zip(powers, lens.get("k", [])))
 
 
 def check_lens(lens, what):
-    """A lens as dataset.json has it: its kind, its terms filled up with zeros, its field in degrees."""
+    """A lens for dataset.json: kind, terms padded with zeros, field in degrees."""
     require(isinstance(lens, dict) and lens.get("kind") in LENSES, f"{what}: expected a lens as {{'kind': ...}} of {', '.join(LENSES)}, found {lens!r}")
     strange = [key for key in lens if key not in ("kind", "field", *LENS_TERMS)]
     require(not strange, f"{what}: a lens has k, d, p, s and field, not {', '.join(map(repr, strange))}")
@@ -191,18 +190,19 @@ def check_lens(lens, what):
     if lens["kind"] in ("fisheye", "ftheta"):
         angles = np.linspace(0, np.radians(min(field or 10, 355)) / 2, 2000)
         ends = np.degrees(2 * angles[growth(out, angles) <= 0])
-        require(not len(ends), f"{what}: its numbers show each direction once up to a field of {ends[0] if len(ends) else 0:.1f} degrees only, not {field or 10:g}")
+        require(not len(ends), f"{what}: its terms are one-to-one only up to a field of {ends[0] if len(ends) else 0:.1f} degrees, not {field or 10:g}")
     return out
 
 
 class Recording:
-    """A recording in the making. Use it as a context manager: what goes wrong inside leaves no data set."""
+    """A recording being written. Use it as a context manager: errors inside leave no data set."""
 
     def __init__(self, folder, labels=None, begun_from=None):
-        """`labels`: what the numbers of semantic masks mean: "cityscapes" (train ids), "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset".
+        """`labels`: meaning of the class numbers in semantic masks: "cityscapes" (train ids), "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset".
 
-        `begun_from`: a dictionary of all that the content depends on, kept as import.json: a folder that was begun from the same is gone on with, what
-        is there isn't written anew, and what goes wrong leaves it; at the end the account is added to it as "result". Without it the folder must be empty, and what goes wrong empties it."""
+        `begun_from`: a dictionary of all inputs that determine the content, stored as import.json. A folder started from the same inputs is resumed: existing
+        files are not rewritten, and errors keep the folder; at the end the report is added as "result". Without it the folder must be empty, and errors empty
+        it."""
         require(labels is None or labels in LABELS, f"labels are {', '.join(LABELS)}, not {labels!r}")
         self.folder, self.labels = os.fspath(folder), labels
         self.cameras, self.steps, self.tracks, self.columns = {}, [], {}, None
@@ -219,10 +219,10 @@ class Recording:
         if self.begun_from is not None and "import.json" in there:
             there_from = self.read_mark()
             self.result = there_from.pop("result", None)
-            require(there_from == json.loads(json.dumps(self.begun_from)), f"{self.folder}: was begun from another source or with other options (see its import.json); give another folder, or remove it")
+            require(there_from == json.loads(json.dumps(self.begun_from)), f"{self.folder}: an import from another source or with other options started here (see its import.json); choose another folder, or remove it")
             self.done = "dataset.json" in there
         else:
-            require(not there, f"{self.folder}: isn't empty; give another folder, or remove it")
+            require(not there, f"{self.folder}: not empty; choose another folder, or remove it")
             if self.begun_from is not None:
                 self.put("import.json", self.mark())
 
@@ -237,7 +237,7 @@ class Recording:
         return (json.dumps(self.begun_from | more, indent=1) + "\n").encode()
 
     def written(self, *names):
-        """Whether a file of one of these names is there from an earlier run of the same import."""
+        """Whether a file of one of these names exists from an earlier run of the same import."""
         return self.begun_from is not None and any(os.path.exists(os.path.join(self.folder, *name.split("/"))) for name in names)
 
     def __enter__(self):
@@ -264,7 +264,7 @@ class Recording:
         os.replace(path + ".part", path)
 
     def discard(self):
-        """Removes what was written."""
+        """Removes all written files."""
         for name in FOLDERS:
             shutil.rmtree(os.path.join(self.folder, name), ignore_errors=True)
         self.lock.release()
@@ -272,20 +272,20 @@ class Recording:
             os.rmdir(self.folder)
 
     def add_camera(self, name, size, matrix, distortion=(), pixel_centre=0.0, lens=None):
-        """A camera of so many pixels (width, height): its 3x3 matrix K, and OpenCV's k1 k2 p1 p2 or k1 k2 p1 p2 k3. `pixel_centre`: where K puts the
-        middle of the first pixel: 0, as OpenCV does, or 0.5. `lens`: what these can't say, in the words of docs/lenses.md:
-        {"kind": "fisheye", "k": [k1, k2, k3, k4], "field": 200}."""
-        require(isinstance(name, str) and name and name not in self.cameras, f"camera {name!r}: expected a name that no other camera has")
+        """Adds a camera with a size in pixels (width, height), its 3x3 matrix K, and OpenCV's k1 k2 p1 p2 or k1 k2 p1 p2 k3. `pixel_centre`: coordinate in K
+        of the centre of the first pixel: 0, as in OpenCV, or 0.5. `lens`: other lens models, as in docs/lenses.md: {"kind": "fisheye", "k": [k1, k2, k3, k4],
+        "field": 200}."""
+        require(isinstance(name, str) and name and name not in self.cameras, f"camera {name!r}: expected a unique name")
         require(not self.steps, f"camera {name!r}: add all cameras before the first time step")
         k = np.asarray(matrix, np.float64)
         require(k.shape == (3, 3) and np.isfinite(k).all() and k[0, 1] == k[1, 0] == 0, f"camera {name!r}: expected a 3x3 matrix without skew, found {k.tolist()}")
         width, height = (int(v) for v in size)
         require(width > 0 and height > 0, f"camera {name!r}: expected width and height in pixels, found {size!r}")
-        require(0.05 * width < k[0, 0] < 50 * width and 0.05 * width < k[1, 1] < 50 * width, f"camera {name!r}: focal lengths {k[0, 0]:g} and {k[1, 1]:g} aren't pixels of a picture of {width} x {height}")
-        require(pixel_centre in (0, 0.5), f"camera {name!r}: the middle of the first pixel is at 0 or at 0.5, not {pixel_centre!r}")
+        require(0.05 * width < k[0, 0] < 50 * width and 0.05 * width < k[1, 1] < 50 * width, f"camera {name!r}: focal lengths {k[0, 0]:g} and {k[1, 1]:g} are not plausible in pixels for a picture of {width} x {height}")
+        require(pixel_centre in (0, 0.5), f"camera {name!r}: expected the centre of the first pixel at 0 or 0.5, found {pixel_centre!r}")
         terms = [float(v) for v in distortion]
-        require(len(terms) in (0, 4, 5) and np.isfinite(terms).all(), f"camera {name!r}: expected k1 k2 p1 p2 or k1 k2 p1 p2 k3, found {len(terms)} numbers; other lenses are given as lens=")
-        require(lens is None or not terms, f"camera {name!r}: has a distortion and a lens; expected one of them")
+        require(len(terms) in (0, 4, 5) and np.isfinite(terms).all(), f"camera {name!r}: expected k1 k2 p1 p2 or k1 k2 p1 p2 k3, found {len(terms)} numbers; other lenses require lens=")
+        require(lens is None or not terms, f"camera {name!r}: expected either a distortion or a lens, found both")
         to_corner = 0.5 - pixel_centre
         self.cameras[name] = {"number": len(self.cameras), "size": (width, height), "intrinsics": [k[0, 0], k[1, 1], k[0, 2] + to_corner, k[1, 2] + to_corner, *terms],
                               "lens": None if lens is None else check_lens(lens, f"camera {name!r}")}  # fmt: skip
@@ -296,36 +296,36 @@ class Recording:
         return self.cameras[name]["number"], self.cameras[name]["size"]
 
     def add_step(self, time, world_from_ego=None):
-        """The next time step, at a time in seconds, later than the one before. `world_from_ego`: the car's pose (x forward, y left, z up); without it
-        the first camera's stands for it."""
+        """The next time step, at a time in seconds, later than the previous one. `world_from_ego`: the car's pose (x forward, y left, z up); without it, that
+        of the first camera."""
         require(np.isfinite(time), f"time step {len(self.steps)}: its time is {time}")
         if self.steps:
             last = self.steps[-1].time
-            require(last < time, f"time step {len(self.steps)}: at {time:.6f} s, not later than the one before at {last:.6f} s")
+            require(last < time, f"time step {len(self.steps)}: at {time:.6f} s, not later than the previous one at {last:.6f} s")
             self.steps[-1].close()
-            require(time - last < 60, f"time step {len(self.steps)}: {time - last:g} s after the one before; expected seconds (pags_recordings.poses.seconds turns other units)")
+            require(time - last < 60, f"time step {len(self.steps)}: {time - last:g} s after the previous one; expected seconds (pags_recordings.poses.seconds turns other units)")
         step = Step(self, len(self.steps), float(time), None if world_from_ego is None else poses.check(world_from_ego, "the car's pose"))
         self.steps.append(step)
         return step
 
     def ego_mask(self, camera, mask):
-        """Pixels, true or 255, at which a camera sees the recording car itself."""
+        """Sets the mask of the recording car in a camera's pictures: pixels true or 255."""
         number, size = self.camera_of(camera, "the mask of the car")
         self.put(f"ego_masks/{number}.png", grey(mask, size, f"camera {camera!r}: the mask of the car"))
 
     def counts(self):
-        """How many there are of what was written."""
+        """Counts of the written items."""
         return {"steps": len(self.steps), "cameras": len(self.cameras), "photographs": sum(len(step.photographs) for step in self.steps),
                 "sweeps": sum(step.swept for step in self.steps), "boxes": sum(len(step.boxes) for step in self.steps), "objects": len(self.tracks)}  # fmt: skip
 
-    # ---- The files about all of it ----
+    # ---- The common files ----
 
     def finish(self):
-        """Checks what concerns all steps and writes poses, calibration, times, boxes and, at last, dataset.json."""
-        require(self.cameras and self.steps, f"{self.folder}: a recording has at least one camera and one time step")
+        """Checks the steps as a whole and writes poses, calibration, times, boxes and finally dataset.json."""
+        require(self.cameras and self.steps, f"{self.folder}: a recording requires at least one camera and one time step")
         for step in self.steps:
             lacking = [name for name in self.cameras if name not in step.photographs]
-            require(not lacking, f"{step} has no photograph of {', '.join(map(repr, lacking))}; every camera has one at every time step: leave the step out, or the camera")
+            require(not lacking, f"{step} has no photograph of {', '.join(map(repr, lacking))}; every camera requires one at every time step: omit the step or the camera")
         self.result = self.account.result(self.counts())
         self.steps[-1].close()
         for camera in self.cameras.values():
