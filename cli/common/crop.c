@@ -31,15 +31,17 @@ const char *pags_crop_parse(const pags_crop *crop, pags_filter *out, const char 
   *expected = "--crop-box: expected X,Y,Z,X,Y,Z, two corners";
   if (crop->box && !parse_numbers(crop->box, 6, box))
     return crop->box;
-  for (int k = 0; k < 3 && crop->box; k++) {
-    out->lo[k] = fmin(box[k], box[3 + k]);
-    out->hi[k] = fmax(box[k], box[3 + k]);
-  }
+  if (crop->box)
+    for (int k = 0; k < 3; k++) {
+      out->lo[k] = fmin(box[k], box[3 + k]);
+      out->hi[k] = fmax(box[k], box[3 + k]);
+    }
   *expected = "--crop-sphere: expected X,Y,Z,R with R > 0";
   if (crop->sphere && (!parse_numbers(crop->sphere, 4, ball) || ball[3] <= 0))
     return crop->sphere;
-  for (int k = 0; k < 3 && crop->sphere; k++)
-    out->middle[k] = ball[k];
+  if (crop->sphere)
+    for (int k = 0; k < 3; k++)
+      out->middle[k] = ball[k];
   out->radius = crop->sphere ? ball[3] : 0;
   return NULL;
 }

@@ -116,13 +116,14 @@ static pags_result choose_views(const pags_scene *scene, bool given, pags_photog
     photographs->views[photographs->count++] =
         (pags_photographs_view){i, mine ? mine->test : other || view->test, mine};
   }
-  for (int64_t i = 0; i < scene->view_count && !other; i++) {
-    const bool missing = find_dataset_view(photographs->dataset, scene->views[i].name) < 0;
-    lacking += missing;
-    if (missing && !file)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', which the scene was trained on, is missing",
-                       pags_dataset_path(photographs->dataset), scene->views[i].name);
-  }
+  if (!other)
+    for (int64_t i = 0; i < scene->view_count; i++) {
+      const bool missing = find_dataset_view(photographs->dataset, scene->views[i].name) < 0;
+      lacking += missing;
+      if (missing && !file)
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', which the scene was trained on, is missing",
+                         pags_dataset_path(photographs->dataset), scene->views[i].name);
+    }
   if (lacking)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld of the scene's %lld views are not in it and not compared", path,
                      (long long)lacking, (long long)scene->view_count);
@@ -184,8 +185,9 @@ pags_result pags_photographs_of(pags_dataset *dataset, pags_tasks *tasks, uint64
   *out = (pags_photographs){.dataset = dataset, .borrowed = true, .downscale = 1, .count = count};
   out->views = calloc((size_t)count + 1, sizeof *out->views);
   pags_result result = out->views ? PAGS_OK : pags_out_of_memory("%lld views", (long long)count);
-  for (int64_t i = 0; out->views && i < count; i++)
-    out->views[i] = (pags_photographs_view){.index = i, .test = pags_dataset_view(dataset, i)->test};
+  if (out->views)
+    for (int64_t i = 0; i < count; i++)
+      out->views[i] = (pags_photographs_view){.index = i, .test = pags_dataset_view(dataset, i)->test};
   if (result == PAGS_OK)
     result = pags_photo_cache_create(dataset, tasks, image_cache, &out->photos);
   if (result != PAGS_OK)

@@ -77,8 +77,9 @@ pags_result pags_ranks_sum(int64_t *value) {
   PAGS_TRY(pags_ranks_gather(value, sizeof *value, &all, &bytes));
   if (all)
     *value = 0;
-  for (int64_t i = 0; all && i < bytes / (int64_t)sizeof *value; i++)
-    *value += ((int64_t *)all)[i];
+  if (all)
+    for (int64_t i = 0; i < bytes / (int64_t)sizeof *value; i++)
+      *value += ((int64_t *)all)[i];
   free(all);
   return pags_transport_broadcast(transport, 0, value, sizeof *value);
 }

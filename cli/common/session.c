@@ -74,8 +74,9 @@ static pags_result gather_warnings(pags_session *session) {
   char *own = malloc(size), *end = own;
   if (!own)
     return pags_transport_give_up(pags_ranks(), pags_out_of_memory("%lld warnings", (long long)session->warning_count));
-  for (int64_t i = 0; i < session->warning_count && !pags_ranks_lead(); i++)
-    end += snprintf(end, size - (size_t)(end - own), "%s", session->warnings[i]) + 1;
+  if (!pags_ranks_lead())
+    for (int64_t i = 0; i < session->warning_count; i++)
+      end += snprintf(end, size - (size_t)(end - own), "%s", session->warnings[i]) + 1;
   void *all;
   int64_t bytes;
   const pags_result result = pags_ranks_gather(own, end - own, &all, &bytes);

@@ -42,8 +42,9 @@ static void normal_at(const pags_picture *picture, const pags_camera *camera, in
                      down[0] * right[1] - down[1] * right[0]};
   double length = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]);
   double towards = -(cross[0] * here[0] + cross[1] * here[1] + cross[2] * here[2]);
-  for (int k = 0; k < 3 && length > 0; k++)
-    n[k] = cross[k] / (towards < 0 ? -length : length);
+  if (length > 0)
+    for (int k = 0; k < 3; k++)
+      n[k] = cross[k] / (towards < 0 ? -length : length);
 }
 
 void pags_normals_from_depth(const pags_picture *picture, const pags_camera *camera, float *const out[3]) {

@@ -65,8 +65,9 @@ static pags_result make(entry *entries, int64_t count, pags_picture_names *out) 
     result = rename_entry(&entries[i]);
   if (result == PAGS_OK)
     result = make_differ(entries, count);
-  for (int64_t i = 0; entries && out->items && i < count; i++)
-    out->items[entries[i].number] = entries[i].name;
+  if (entries && out->items)
+    for (int64_t i = 0; i < count; i++)
+      out->items[entries[i].number] = entries[i].name;
   free(entries);
   if (result != PAGS_OK)
     pags_picture_names_destroy(out);
@@ -75,22 +76,25 @@ static pags_result make(entry *entries, int64_t count, pags_picture_names *out) 
 
 pags_result pags_picture_names_of_scene(const pags_scene *scene, pags_picture_names *out) {
   entry *entries = calloc((size_t)scene->view_count + 1, sizeof *entries);
-  for (int64_t i = 0; entries && i < scene->view_count; i++)
-    entries[i] = (entry){.view = scene->views[i].name, .number = i};
+  if (entries)
+    for (int64_t i = 0; i < scene->view_count; i++)
+      entries[i] = (entry){.view = scene->views[i].name, .number = i};
   return make(entries, scene->view_count, out);
 }
 
 pags_result pags_picture_names_of_dataset(const pags_dataset *dataset, pags_picture_names *out) {
   const int64_t count = pags_dataset_view_count(dataset);
   entry *entries = calloc((size_t)count + 1, sizeof *entries);
-  for (int64_t i = 0; entries && i < count; i++)
-    entries[i] = (entry){.view = pags_dataset_view(dataset, i)->name, .number = i};
+  if (entries)
+    for (int64_t i = 0; i < count; i++)
+      entries[i] = (entry){.view = pags_dataset_view(dataset, i)->name, .number = i};
   return make(entries, count, out);
 }
 
 void pags_picture_names_destroy(pags_picture_names *names) {
-  for (int64_t i = 0; names->items && i < names->count; i++)
-    free(names->items[i]);
+  if (names->items)
+    for (int64_t i = 0; i < names->count; i++)
+      free(names->items[i]);
   free(names->items);
   *names = (pags_picture_names){0};
 }

@@ -104,14 +104,15 @@ void pags_page_begin(pags_html *html, const pags_report_run *runs, int count) {
   pags_html_put(html, "</bdi></h1>\n<p class=\"soft\">PAGS report, written ");
   put_date(html);
   pags_html_put(html, " by version %s.</p>\n", PAGS_VERSION_STRING);
-  for (int k = 0; k < count && count > 1; k++) {
-    pags_html_put(html,
-                  "<p><svg class=\"key\" viewBox=\"0 0 28 10\" aria-hidden=\"true\"><path class=\"line %c\" d=\"M0 "
-                  "5H28\"/></svg> <b>%c</b>: ",
-                  'a' + k, 'A' + k);
-    pags_html_element(html, "span", runs[k].path);
-    pags_html_put(html, "</p>\n");
-  }
+  if (count > 1)
+    for (int k = 0; k < count; k++) {
+      pags_html_put(html,
+                    "<p><svg class=\"key\" viewBox=\"0 0 28 10\" aria-hidden=\"true\"><path class=\"line %c\" d=\"M0 "
+                    "5H28\"/></svg> <b>%c</b>: ",
+                    'a' + k, 'A' + k);
+      pags_html_element(html, "span", runs[k].path);
+      pags_html_put(html, "</p>\n");
+    }
 }
 
 void pags_page_end(pags_html *html) {

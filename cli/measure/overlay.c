@@ -216,19 +216,20 @@ static double front_cosine(const pags_dataset *dataset) {
   int64_t count = 0;
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
-    for (int64_t n = 0; object->category == PAGS_CATEGORY_VEHICLE && n + 1 < object->keyframe_count; n++) {
-      const pags_keyframe *a = &object->keyframes[n], *b = &object->keyframes[n + 1];
-      double way[3], dot = 0, square = 0;
-      for (int k = 0; k < 3; k++) {
-        way[k] = b->world_from_object[4 * k + 3] - a->world_from_object[4 * k + 3];
-        dot += way[k] * a->world_from_object[4 * k];
-        square += way[k] * way[k];
+    if (object->category == PAGS_CATEGORY_VEHICLE)
+      for (int64_t n = 0; n + 1 < object->keyframe_count; n++) {
+        const pags_keyframe *a = &object->keyframes[n], *b = &object->keyframes[n + 1];
+        double way[3], dot = 0, square = 0;
+        for (int k = 0; k < 3; k++) {
+          way[k] = b->world_from_object[4 * k + 3] - a->world_from_object[4 * k + 3];
+          dot += way[k] * a->world_from_object[4 * k];
+          square += way[k] * way[k];
+        }
+        if (b->time > a->time && sqrt(square) > least_speed * (b->time - a->time)) {
+          sum += dot / sqrt(square);
+          count++;
+        }
       }
-      if (b->time > a->time && sqrt(square) > least_speed * (b->time - a->time)) {
-        sum += dot / sqrt(square);
-        count++;
-      }
-    }
   }
   return count ? sum / (double)count : (double)NAN;
 }

@@ -101,11 +101,12 @@ static pags_result add_keyframe(reading *r, const pags_object *object, const pag
   if (n != 16)
     return pags_json_fail(r->json, matrix, "expected a 4x4 matrix, got %d numbers", n);
   /* turn about z: the new x axis (forward) is the old y, the new y axis (left) the old -x */
-  for (int k = 0; r->forward_y && k < 3; k++) {
-    double x = photographs[4 * k];
-    photographs[4 * k] = photographs[4 * k + 1];
-    photographs[4 * k + 1] = -x;
-  }
+  if (r->forward_y)
+    for (int k = 0; k < 3; k++) {
+      double x = photographs[4 * k];
+      photographs[4 * k] = photographs[4 * k + 1];
+      photographs[4 * k + 1] = -x;
+    }
 
   if (!pags_object_pose(object, keyframe->time, pose))
     return PAGS_OK;
@@ -173,8 +174,9 @@ static pags_result read_forward(const char *dataset, int *forward_y) {
 
 static void divide(pags_pose_error *sum, int64_t keyframes) {
   double *sums[] = {&sum->label_metres, &sum->label_degrees, &sum->metres, &sum->degrees};
-  for (size_t i = 0; keyframes && i < sizeof sums / sizeof sums[0]; i++)
-    *sums[i] /= (double)keyframes;
+  if (keyframes)
+    for (size_t i = 0; i < sizeof sums / sizeof sums[0]; i++)
+      *sums[i] /= (double)keyframes;
 }
 
 static pags_result measure(const char *path, const char *dataset, const pags_scene *scene, pags_pose_errors *out) {

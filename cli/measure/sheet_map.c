@@ -150,12 +150,13 @@ static pags_result draw_ground(const drawing *d, const int64_t *views, int count
   int random;
   const double *const origin = pags_dataset_origin(d->dataset);
   pags_dataset_points(d->dataset, &points, &xyz, &rgb, &random);
-  for (int64_t i = 0; sweeps == 0 && !random && i < points; i++) {
-    double world[3];
-    for (int k = 0; k < 3; k++)
-      world[k] = (double)xyz[3 * i + k] + origin[k];
-    draw_point(d, world, 0, rgb + 3 * i);
-  }
+  if (sweeps == 0 && !random)
+    for (int64_t i = 0; i < points; i++) {
+      double world[3];
+      for (int k = 0; k < 3; k++)
+        world[k] = (double)xyz[3 * i + k] + origin[k];
+      draw_point(d, world, 0, rgb + 3 * i);
+    }
   return PAGS_OK;
 }
 
@@ -171,8 +172,9 @@ static void draw_box(const drawing *d, const pags_object *object, const double p
                  pose[4 * k + 3];
     inside = to_pixel(d, world, pixels[i]) && inside;
   }
-  for (int i = 0; inside && i < 4; i++)
-    pags_draw_line(d->image, pixels[i], pixels[(i + 1) % 4], rgb);
+  if (inside)
+    for (int i = 0; i < 4; i++)
+      pags_draw_line(d->image, pixels[i], pixels[(i + 1) % 4], rgb);
   if (inside)
     pags_draw_line(d->image, pixels[4], pixels[5], rgb);
 }

@@ -43,8 +43,9 @@ pags_result pags_contribution_measure(pags_composition *composition, const pags_
   float *ones = malloc((size_t)(MOST_SIDE + 64) * (MOST_SIDE + 64) * sizeof *ones);
   float *zeros = calloc((size_t)(MOST_SIDE + 64) * (MOST_SIDE + 64), sizeof *zeros);
   pags_result result = ones && zeros ? pags_frame_create(tasks, &frame) : pags_out_of_memory("contributions");
-  for (int i = 0; ones && i < (MOST_SIDE + 64) * (MOST_SIDE + 64); i++)
-    ones[i] = 1;
+  if (ones)
+    for (int i = 0; i < (MOST_SIDE + 64) * (MOST_SIDE + 64); i++)
+      ones[i] = 1;
   memset(weight, 0, (size_t)pags_composition_gaussian_count(composition) * sizeof *weight);
   options.keep_for_backward = 1;
   const int64_t count = path->count < MOST_CAMERAS ? path->count : MOST_CAMERAS;

@@ -101,8 +101,9 @@ static pags_result put_values(packer *p, const char *name, const char *book_name
   PAGS_TRY(pags_codebook_create(&book, count ? lo : 0, count ? hi : 0));
   for (int64_t i = 0; i < count; i++)
     pags_codebook_add(&book, (double)values[i], 1);
-  for (int i = 0; i < EVEN && count; i++)
-    pags_codebook_add(&book, lo + (hi - lo) * (i + 0.5) / EVEN, 0.1 * (double)count / EVEN);
+  if (count)
+    for (int i = 0; i < EVEN; i++)
+      pags_codebook_add(&book, lo + (hi - lo) * (i + 0.5) / EVEN, 0.1 * (double)count / EVEN);
   pags_result result = pags_codebook_choose(&book);
   if (result == PAGS_OK)
     result = put_book(p, book_name, &book);
@@ -201,8 +202,9 @@ static pags_result list_models(packer *p) {
                            : pags_out_of_memory("%lld Gaussians", (long long)all - 1);
   for (size_t i = 0; i < objects && result == PAGS_OK; i++) {
     places[i] = (pags_placement){.object = (int64_t)i - 1, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-    for (int k = 0; k < 3 && i > 0; k++)
-      places[i].world_from_object[4 * k + 3] = scene->origin[k];
+    if (i > 0)
+      for (int k = 0; k < 3; k++)
+        places[i].world_from_object[4 * k + 3] = scene->origin[k];
   }
   if (result == PAGS_OK)
     result = pags_compose_placed(p->composition, (double)NAN, places, (int64_t)objects, &parts, &count);

@@ -203,9 +203,10 @@ static pags_result compare_fitted(evaluation *eval, const pags_camera *camera, c
 /* Whether a photograph is fully masked. */
 static bool is_blank(const pags_photograph *photo) {
   const size_t count = (size_t)photo->image.width * (size_t)photo->image.height;
-  for (size_t i = 0; photo->mask && i < count; i++)
-    if (photo->mask[i])
-      return false;
+  if (photo->mask)
+    for (size_t i = 0; i < count; i++)
+      if (photo->mask[i])
+        return false;
   return photo->mask != NULL;
 }
 
@@ -394,10 +395,11 @@ static void choose_picture(evaluation *eval) {
   const eval_arguments *arguments = eval->arguments;
   pags_frame_options *frame = &eval->options;
   *frame = pags_composition_options(eval->composition);
-  for (int c = 0; c < 3 && pags_option_given(eval->parsed, "background"); c++) {
-    frame->background[c] = (float)arguments->background[c];
-    frame->sky = NULL;
-  }
+  if (pags_option_given(eval->parsed, "background"))
+    for (int c = 0; c < 3; c++) {
+      frame->background[c] = (float)arguments->background[c];
+      frame->sky = NULL;
+    }
   if (pags_option_given(eval->parsed, "antialiased") || pags_option_given(eval->parsed, "no-antialiased"))
     frame->antialiased = arguments->antialiased;
   if (pags_option_given(eval->parsed, "near"))

@@ -171,8 +171,9 @@ static pags_result choose(const export_arguments *arguments, const pags_scene *s
     return PAGS_OK;
   PAGS_TRY(pags_object_edits_find(&words, scene, &edits, &count));
   *chosen = calloc((size_t)scene->object_count + 1, 1);
-  for (int64_t i = 0; *chosen && i < count; i++)
-    (*chosen)[edits[i].object] = 1;
+  if (*chosen)
+    for (int64_t i = 0; i < count; i++)
+      (*chosen)[edits[i].object] = 1;
   free(edits);
   if (*chosen && !arguments->only.count)
     memset(*chosen, 1, (size_t)scene->object_count);

@@ -208,10 +208,11 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
   pags_camera_path_destroy(&path);
   if (result == PAGS_OK && !arguments->camera && !strcmp(arguments->path, "ego")) {
     /* Expose each frame as the drive's sensor was exposed at the frame's time. */
-    for (int64_t i = 0; i < out->count && pags_scene_is_drive(scene); i++) {
-      pags_viewpoint *v = &out->items[i];
-      pags_scene_exposure(scene, pags_camera_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
-    }
+    if (pags_scene_is_drive(scene))
+      for (int64_t i = 0; i < out->count; i++) {
+        pags_viewpoint *v = &out->items[i];
+        pags_scene_exposure(scene, pags_camera_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
+      }
   }
   return result;
 }
@@ -220,10 +221,11 @@ static void choose_options(render_run *run, const pags_parsed *parsed) {
   const render_arguments *arguments = run->arguments;
   pags_frame_options *frame = &run->options;
   *frame = pags_composition_options(run->composition);
-  for (int c = 0; c < 3 && pags_option_given(parsed, "background"); c++) {
-    frame->background[c] = (float)arguments->background[c];
-    frame->sky = NULL;
-  }
+  if (pags_option_given(parsed, "background"))
+    for (int c = 0; c < 3; c++) {
+      frame->background[c] = (float)arguments->background[c];
+      frame->sky = NULL;
+    }
   if (pags_option_given(parsed, "antialiased") || pags_option_given(parsed, "no-antialiased"))
     frame->antialiased = arguments->antialiased;
   if (pags_option_given(parsed, "near"))
@@ -399,9 +401,10 @@ static pags_result gather_stats(render_run *run) {
   free(own);
   all = gathered;
   const int64_t ranks = pags_transport_ranks(pags_ranks());
-  for (int64_t rank = 0; all && rank < ranks; rank++)
-    for (int64_t i = rank; i < run->viewpoints.count; i += ranks)
-      run->stats[i] = *all++;
+  if (all)
+    for (int64_t rank = 0; rank < ranks; rank++)
+      for (int64_t i = rank; i < run->viewpoints.count; i += ranks)
+        run->stats[i] = *all++;
   free(gathered);
   run->done = run->viewpoints.count;
   return result;

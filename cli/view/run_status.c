@@ -121,8 +121,9 @@ void pags_run_status_update(pags_run_status *status, const pags_train_progress *
   status->share = share;
   if (progress->seen.view >= 0 && progress->seen.view < status->views)
     status->psnr_of[progress->seen.view] = progress->seen.psnr;
-  for (int i = 0; measured && i < progress->held_out_count; i++)
-    status->held_of[progress->held_out[i].view] = progress->held_out[i].psnr;
+  if (measured)
+    for (int i = 0; i < progress->held_out_count; i++)
+      status->held_of[progress->held_out[i].view] = progress->held_out[i].psnr;
   if (measured)
     add_held_out(status, progress->step, progress->held_out_psnr);
   if (progress->step % status->every == 0 || progress->step == progress->iterations) {
