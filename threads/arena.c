@@ -100,7 +100,7 @@ static size_t in_use(const pags_arena *arena) {
   return c->before + c->used;
 }
 
-/* Makes a later chunk that has room for `bytes` the current one; appends a new chunk if there is none. */
+/* Makes a later chunk that has room for `bytes` the current one; appends a new chunk if necessary. */
 static bool advance(pags_arena *arena, size_t bytes) {
   size_t used_before = in_use(arena);
   size_t next = arena->count == 0 ? 0 : arena->current + 1;

@@ -26,7 +26,7 @@ typedef struct pags_event {
 
 /* Zeroed at first but for `workers`. `lost`: memory ran out, and the record ends there. */
 typedef struct pags_record {
-  int workers; /* > 0: pags_tasks_workers returns this while it is recorded, so that loops are cut as for so many */
+  int workers; /* > 0: pags_tasks_workers returns this while it is recorded, so that loops are cut for that number */
   pags_event *events;
   int64_t count, capacity;
   int64_t *block_ns;
@@ -42,20 +42,21 @@ void pags_record_destroy(pags_record *record);
 
 /* ---- Used by the pool ---- */
 
-/* Ends what is going on as an event of its kind, which began where the last event ended. Nothing if it took no time. */
+/* Ends the current activity as an event of this kind, which began where the last event ended; drops it if it took no
+ * time. */
 void pags_record_end(pags_record *record, pags_event_kind kind);
-/* Ends a block of the loop that is going on. */
+/* Ends a block of the current loop. */
 void pags_record_block(pags_record *record);
 /* Ends the loop whose last `blocks` blocks were recorded and which began at `begin`. */
 void pags_record_loop(pags_record *record, int64_t begin, int64_t blocks);
 
 /* ---- Of the pool (pool.c) ---- */
 
-/* Records what the calling thread does from now on; NULL: no more. The record belongs to the caller and must stay until
- * then. Nothing else may use the pool during the call. */
+/* Starts recording the calling thread; NULL: stops. The record belongs to the caller and must exist until then. Nothing
+ * else may use the pool during the call. */
 void pags_tasks_record(pags_tasks *tasks, pags_record *record);
 
-/* Names what the calling thread does from now on: `phase` (NULL: the same as before) and the stage of it. The texts
+/* Names the next activity of the calling thread: `phase` (NULL: the same as before) and the stage of it. The texts
  * must stay. Without a record, and inside of a loop's block, it does nothing. */
 void pags_tasks_mark(pags_tasks *tasks, const char *phase, const char *stage);
 

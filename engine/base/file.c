@@ -130,7 +130,7 @@ pags_result pags_file_find_target(const char *path, char **target, bool *straigh
   if (there && status.kind == PAGS_PORT_FOLDER)
     return pags_fail(PAGS_ERROR_IO, "%s: can't write a file, a folder of that name exists", path);
   /* A rename needs no permission for the file it replaces, and root may write everything: so both the mode and the
-   * permission are asked, and a read-only file isn't replaced. */
+   * permission are checked, and a read-only file isn't replaced. */
   if (there && !(status.mode & 0222))
     return pags_fail(PAGS_ERROR_IO, "%s: can't write: it is read-only (mode %04o)", path, status.mode);
   if (there && status.kind != PAGS_PORT_DEVICE && !pags_port_may_write(path))

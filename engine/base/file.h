@@ -18,8 +18,8 @@ extern "C" {
 pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size);
 pags_result pags_file_size(const char *path, uint64_t *size);
 
-/* Reads the first `size` bytes of a file into `head` and zeroes those that it doesn't have. Returns how many it has; 0
- * if it can't be read. */
+/* Reads the first `size` bytes of a file into `head` and zeroes the bytes beyond its end. Returns the number of bytes
+ * read; 0 if it can't be read. */
 size_t pags_file_head(const char *path, void *head, size_t size);
 
 /* Fails with "path: what: " and the text of errno. PAGS_ERROR_IO, or PAGS_ERROR_MEMORY for ENOMEM. */
@@ -38,7 +38,7 @@ pags_result pags_file_write(const char *path, const void *bytes, size_t size);
 /* The same without syncing to disk: for rendered pictures, since these are many and can be rendered again. */
 pags_result pags_file_write_unsynced(const char *path, const void *bytes, size_t size);
 
-/* Finds where a write to `path` would go and fails where the write would be refused (see above); opens nothing.
+/* Finds the target of a write to `path`; fails if the write would be refused (see above). Opens nothing.
  * *target is `path` with symbolic links followed, freed by the caller. *straight: it would be written directly,
  * without part file and rename. */
 pags_result pags_file_find_target(const char *path, char **target, bool *straight);
@@ -59,8 +59,8 @@ pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, si
 pags_result pags_file_writer_put_first(pags_file_writer *writer, const void *bytes, size_t size);
 pags_result pags_file_writer_commit(pags_file_writer *writer);
 void pags_file_writer_abort(pags_file_writer *writer);
-/* For programs: from now on, as soon as *asked isn't 0, puts fail with PAGS_CANCELLED, so that a file that isn't
- * complete is not written any more. NULL: never. */
+/* For programs: from now on puts fail with PAGS_CANCELLED as soon as *asked isn't 0, so that an incomplete file is
+ * abandoned. NULL: never. */
 void pags_file_stop_when(const volatile int *asked);
 
 bool pags_file_exists(const char *path); /* a regular file, or a link to one */
@@ -70,11 +70,11 @@ bool pags_folder_has(const char *folder, const char *name); /* pags_file_exists 
 
 /* Joins "a" and "b" to "a/b"; an absolute `name` is returned as it is. Freed by the caller; NULL if out of memory. */
 char *pags_path_join(const char *folder, const char *name);
-/* Returns what follows the last slash of `path`: a pointer into `path`. */
+/* Returns the part after the last slash of `path`: a pointer into `path`. */
 const char *pags_path_name(const char *path);
-/* Returns what precedes the last slash; "." if there is no slash. Freed by the caller; NULL if out of memory. */
+/* Returns the part before the last slash; "." without a slash. Freed by the caller; NULL if out of memory. */
 char *pags_path_folder(const char *path);
-/* Returns the extension with its dot, "" if there is none: a pointer into `path`. */
+/* Returns the extension with its dot, or "": a pointer into `path`. */
 const char *pags_path_extension(const char *path);
 /* Returns whether `path` is relative and stays inside of the folder it is relative to: not empty, no leading slash,
  * no drive, no component "..", with '\\' as a separator, too. */

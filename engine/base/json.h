@@ -3,10 +3,9 @@
  * number for 'fl_x'". The writer produces the same bytes for the same calls.
  *
  * The reader accepts RFC 8259 without extensions, but for a byte order mark at the beginning. Nesting is limited to
- * 128 levels; strings are UTF-8, which is not validated, and must not contain U+0000; lone surrogates U+DC80 to U+DCFF
- * are bytes that aren't UTF-8, which the writer writes so, as Python's "surrogateescape" has it; of duplicate keys the
- * last one counts; numbers are read as double, independent of the locale, and as exact 64-bit integers by the integer
- * getters.
+ * 128 levels; strings are UTF-8, which is not validated, and must not contain U+0000; bytes that aren't UTF-8 are read
+ * and written as lone surrogates U+DC80 to U+DCFF, as by Python's "surrogateescape"; the last of duplicate keys counts;
+ * numbers are read as double, independent of the locale, and as exact 64-bit integers by the integer getters.
  *
  * A getter takes the document (for the path in messages), an object of it and a key. The getters without _or fail
  * with PAGS_ERROR_FORMAT if the key is missing or its value has another type; those with _or return the fallback if
@@ -57,7 +56,7 @@ void pags_json_destroy(pags_json *json); /* NULL is allowed */
 const pags_json_value *pags_json_root(const pags_json *json);
 const char *pags_json_path(const pags_json *json);
 
-/* Returns the member of `object` with that key; NULL if there is none or `object` is not an object. A member that is
+/* Returns the member of `object` with that key; NULL if it is missing or `object` is not an object. A member that is
  * null is returned as a value of type PAGS_JSON_NULL. */
 const pags_json_value *pags_json_member(const pags_json_value *object, const char *key);
 
@@ -101,7 +100,7 @@ pags_result pags_json_as_object(const pags_json *json, const pags_json_value *va
  * Doubles are written as the shortest text that reads back to the same bits; NaN and infinities, which JSON cannot
  * express, are written as null. */
 typedef struct pags_json_writer {
-  char *data; /* the text so far, with a final zero; NULL while it is empty */
+  char *data; /* the text, with a final zero; NULL while it is empty */
   size_t size, capacity;
   int indent;       /* spaces per level; 0: everything on one line */
   int depth;        /* number of open objects and arrays */

@@ -138,7 +138,7 @@ pags_result pags_json_object(const pags_json *json, const pags_json_value *objec
 
 /* Appends all numbers of the array `value` and the arrays within it to `out`, in file order. *filled counts them,
  * also beyond `count`, but no more than `count` are stored. Returns the first value that is neither array nor number,
- * NULL if there is none. The recursion is bounded, since the reader limits the nesting. */
+ * or NULL. The recursion is bounded, since the reader limits the nesting. */
 static const pags_json_value *flatten(const pags_json_value *value, int count, double *out, int64_t *filled) {
   for (const pags_json_value *child = value->first; child; child = child->next) {
     if (child->type == PAGS_JSON_ARRAY) {

@@ -22,7 +22,7 @@ PAGS_API void pags_log_set(pags_log_fn *receiver, void *user);
 /* Logs one line, formatted as by printf and cut off after 1023 bytes. */
 void pags_log_message(pags_log_level level, const char *format, ...) PAGS_PRINTF(2, 3);
 
-/* Counts findings of one kind, so that one line tells of all of them: how many, and the name of the first. */
+/* Counts findings of one kind, for one line with their number and the name of the first. */
 typedef struct pags_tally {
   int64_t count;
   char first[320]; /* name of the first finding, cut off if it is longer */

@@ -31,7 +31,7 @@ static bool is_absolute(const char *path) {
   return is_separator(path[0]);
 }
 
-/* The last separator of a path, NULL if there is none. */
+/* The last separator of a path, or NULL. */
 static const char *last_separator(const char *path) {
   const char *last = NULL;
   for (const char *at = path; *at; at++)

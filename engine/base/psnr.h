@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The peak signal-to-noise ratio as it is reported: at most 100 dB, the error of a 400th of an 8-bit step. Equal
- * pictures have infinity, which JSON can't hold, and which would decide every mean that it is in. */
+/* The peak signal-to-noise ratio for reports: at most 100 dB, the error of a 400th of an 8-bit step. Equal pictures
+ * have an infinite one, which JSON can't hold and which would dominate any mean. */
 #ifndef PAGS_BASE_PSNR_H
 #define PAGS_BASE_PSNR_H
 
 #include "maths/maths.h"
 
-/* NaN, no pixel counts, stays NaN. */
+/* NaN (no pixels) stays NaN. */
 static inline double pags_psnr_capped(double decibels) {
   return decibels > 100 ? 100 : decibels;
 }

@@ -17,7 +17,7 @@ enum { PAGS_DOUBLE_TEXT = 32 };
  * length. */
 int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]);
 
-/* Length in bytes of the UTF-8 character at `text`, 1 of an ASCII character; 0 at the end and where there is none: at a
+/* Length in bytes of the UTF-8 character at `text`, 1 for an ASCII character; 0 at the end and for invalid bytes: at a
  * stray byte, an overlong form, a surrogate, or a code beyond U+10FFFF. */
 size_t pags_text_utf8(const char *text);
 /* Returns a copy of `text` in valid UTF-8, for people to read, that the caller frees: a byte that isn't UTF-8, as in a

@@ -37,7 +37,7 @@ bool pags_zip_is(const uint8_t *bytes, size_t size);
 pags_result pags_zip_open(const uint8_t *bytes, size_t size, const char *path, pags_zip *out);
 void pags_zip_close(pags_zip *zip); /* frees and zeroes; a zeroed archive is allowed */
 
-/* Returns the member of that name, NULL if there is none. */
+/* Returns the member of that name, or NULL. */
 const pags_zip_member *pags_zip_find(const pags_zip *zip, const char *name);
 
 /* Returns the contents of a member with a zero byte after the end: *out, of member->size bytes, is freed by the caller.

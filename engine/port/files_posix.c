@@ -278,7 +278,7 @@ static void read_text(int file, char *text, size_t size) {
   text[got > 0 ? got : 0] = '\0';
 }
 
-/* Says who holds a lock. On a full disk the lock holds without its text. */
+/* Writes the holder of a lock. On a full disk the lock holds without its text. */
 static void write_text(int file, const char *text) {
   const bool written = ftruncate(file, 0) == 0 && pwrite(file, text, strlen(text), 0) > 0;
   (void)written;

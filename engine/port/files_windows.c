@@ -181,7 +181,7 @@ char *pags_port_real_path(const char *path) {
 }
 
 char *pags_port_read_link(const char *path) {
-  return pags_port_real_path(path); /* where the link leads in the end: all that is asked of it */
+  return pags_port_real_path(path); /* final target of the link, which is all that callers need */
 }
 
 /* ---- Streams ---- */

@@ -15,9 +15,10 @@ typedef struct pags_port_module {
 /* Returns the module's table; NULL if the module can't work. */
 typedef const void *pags_port_table_fn(void);
 
-/* Loads the module. It is looked for beside the running program, in ../lib/pags relative to it (an installation) and in
- * `built_in`, the folder it was built in (tests). No path is taken from the environment, because the loaded code runs
- * with our rights. It is never closed: libraries of others keep static objects whose destructors run at exit. */
+/* Loads the module. It is searched for in the folder of the running program, in ../lib/pags relative to it (an
+ * installation) and in `built_in`, the folder it was built in (tests). No path is taken from the environment, because
+ * the loaded code runs with our rights. It is never closed: libraries of others keep static objects whose destructors
+ * run at exit. */
 void pags_port_load_module(const char *name, const char *built_in, const char *symbol, int version,
                            pags_port_module *out);
 

@@ -34,7 +34,7 @@ int64_t pags_port_thread_clock_ns(void); /* processor time of the calling thread
 int pags_port_processors(void);
 /* Bytes of physical memory; UINT64_MAX if unknown. */
 uint64_t pags_port_physical_memory(void);
-/* Largest resident memory of this process so far, bytes; 0 if unknown. */
+/* Peak resident memory of this process, bytes; 0 if unknown. */
 uint64_t pags_port_peak_memory(void);
 /* Resident memory of this process now, bytes, with its pages of mapped files; 0 if unknown. */
 uint64_t pags_port_resident_memory(void);
@@ -117,12 +117,12 @@ typedef enum pags_port_lock_state {
  * second, since a process that was killed may take that long to end; then `holder` receives the text in the file, "" if
  * it can't be read. */
 pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size);
-/* Removes the lock file and lets go. */
+/* Removes the lock file and unlocks it. */
 void pags_port_unlock(const char *path, intptr_t lock);
 /* Whether somebody holds a lock file, and the text in it; creates nothing. */
 bool pags_port_is_locked(const char *path, char *holder, size_t size);
 
-/* Maps a file of `size` > 0 bytes, readable and writable; what is written stays in this process. */
+/* Maps a file of `size` > 0 bytes, readable and writable; writes stay in this process. */
 bool pags_port_map(const char *path, uint64_t size, uint8_t **bytes);
 void pags_port_unmap(uint8_t *bytes, uint64_t size);
 
@@ -167,8 +167,8 @@ void pags_port_begin_program(int *argc, char ***argv);
 
 /* Writes the path of the running program's folder; false if it isn't known or doesn't fit into `size` bytes. */
 bool pags_port_program_folder(char *path, size_t size);
-/* Goes on as another program, found along PATH unless its name has a '/', with these arguments, words[0] among them and
- * NULL last: its input, output, signals and exit code are this process's. Returns only if it couldn't be started. On
+/* Replaces this process by another program, searched in PATH unless its name has a '/', with these arguments (words[0]
+ * is the program, NULL ends them). It inherits input, output and signals. Returns only if it couldn't be started. On
  * Windows this process waits for it and ends with its code. */
 void pags_port_become(const char *const *words);
 
@@ -176,7 +176,7 @@ void pags_port_become(const char *const *words);
 
 /* A condition whose timed wait counts in the monotonic clock. */
 bool pags_port_condition_create(pthread_cond_t *condition);
-/* Waits at most so many seconds; false when they are over. */
+/* Waits at most `seconds`; false on a timeout. */
 bool pags_port_condition_wait(pthread_cond_t *condition, pthread_mutex_t *lock, double seconds);
 
 #ifdef __cplusplus

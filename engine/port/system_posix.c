@@ -178,7 +178,7 @@ void pags_port_release_broken_pipe(const pags_port_signals *held) {
   errno = error;
 }
 
-/* Installs a handler: a plain one, or one that is told the place (SA_SIGINFO). */
+/* Installs a handler: a plain one, or one that receives the address (SA_SIGINFO). */
 static void install(int signal_number, struct sigaction action) {
   sigemptyset(&action.sa_mask);
   sigaction(signal_number, &action, NULL);

@@ -102,7 +102,7 @@ void pags_port_leave_c_locale(pags_port_locale scope) {
   _configthreadlocale((int)(intptr_t)scope.c - 16);
 }
 
-/* ---- Signals: there are none to be blocked, and writing to a broken pipe fails ---- */
+/* ---- Signals: none to block; a write to a broken pipe fails ---- */
 
 pags_port_signals pags_port_block_signals(void) {
   return (pags_port_signals){0};
@@ -190,7 +190,7 @@ bool pags_port_program_folder(char *path, size_t size) {
   return fits;
 }
 
-/* Writes an argument so that a program that takes its command line apart by the C library's rules gets it back: in
+/* Writes an argument so that a program that parses its command line by the rules of the C library gets it back: in
  * quotes, with backslashes doubled where they precede a quote. */
 static char *quote(const char *word) {
   char *out = malloc(2 * strlen(word) + 3), *at = out;

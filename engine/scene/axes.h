@@ -9,7 +9,7 @@
 
 /* The name of an up axis in files: "unknown", "z", "-y" or "y"; static. */
 const char *pags_up_code(pags_up up);
-/* The up axis of that name, in any case, with or without '+'. Returns false, and leaves `up`, if there is none. */
+/* The up axis of that name, in any case, with or without '+'. Returns false, with `up` unchanged, for other names. */
 bool pags_up_from_code(const char *name, pags_up *up);
 
 /* Turns Gaussians in place from `axes` (a pags_axes) to PLY's (x right, y down, z forward), harmonics included. Axes

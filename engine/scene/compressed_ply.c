@@ -112,7 +112,7 @@ static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
   pags_plane(out, PAGS_ROTATION + largest)[row] = (float)sqrt(fmax(0, 1 - sum));
 }
 
-/* Unpacks the coefficients of degrees 1 and above: a byte stands for a value in -4..4, and the order is channel-major
+/* Unpacks the coefficients of degrees 1 and above: a byte encodes a value in -4..4, and the order is channel-major
  * as in INRIA's PLY. */
 static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
   const int rest = pags_sh_coefficients(out->sh_degree) - 1, stored = r->sh->property_count / 3;

@@ -6,7 +6,7 @@
 #include <pags/scene.h>
 
 /* Returns the training view of camera `sensor` that is nearest to `time` (seconds) among those at or before `time`
- * (sign -1) or at or after it (sign +1); NULL if there is none. */
+ * (sign -1) or at or after it (sign +1); NULL if not found. */
 static const pags_scene_view *neighbour(const pags_scene *scene, int sensor, double time, int sign) {
   const pags_scene_view *best = NULL;
   double least = INFINITY;

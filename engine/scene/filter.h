@@ -24,11 +24,11 @@ typedef struct pags_filter {
 
 bool pags_filter_is_set(const pags_filter *filter);
 
-/* Removes the Gaussians that don't pass. Objects with a model of their own are judged by where they are at `time`
- * (seconds; when they aren't there then, at their first label): they are in the box and the ball as a whole if the
- * middle of their labelled box is, and views aren't counted for them. `chosen` (NULL, or a byte an object) becomes 0
- * for objects that are left out as a whole. `left` receives how many Gaussians there are now. PAGS_ERROR_ARGUMENT if
- * none passes, or if views are asked for and there are none; PAGS_ERROR_MEMORY. */
+/* Removes the Gaussians that don't pass. An object with its own model is inside the box and the ball as a whole if the
+ * middle of its labelled box is, at `time` (seconds; or at its first label if it is absent then); views are not counted
+ * for it. `chosen` (NULL, or a byte per object) becomes 0 for objects that are removed as a whole. `left` receives the
+ * number of remaining Gaussians. PAGS_ERROR_ARGUMENT if no Gaussian passes, or if `least_views` is set and the scene
+ * has no views; PAGS_ERROR_MEMORY. */
 pags_result pags_scene_filter(pags_scene *scene, const pags_filter *filter, double time, uint8_t *chosen,
                               int64_t *left);
 
@@ -49,13 +49,13 @@ typedef struct pags_support {
 pags_result pags_support_find(const pags_scene *scene, pags_support *out);
 void pags_support_destroy(pags_support *support); /* a zeroed struct is allowed */
 
-/* Whether a point, relative to the scene's origin, falls into the pictures of at least so many training views. */
+/* Whether a point, relative to the scene's origin, lies in the pictures of at least `least` training views. */
 bool pags_support_has(const pags_support *support, int least, const double mean[3]);
 
-/* Applies rules to a scene, one after another. `text` is JSON, an array of objects; `name` stands for it in messages.
- * docs/cleanup.md lists their members. PAGS_ERROR_FORMAT for what isn't a rule, PAGS_ERROR_ARGUMENT where no Gaussian
- * is left or where the scene has no views to count, PAGS_ERROR_MEMORY; then some rules may have been applied, and the
- * scene is only to be destroyed. */
+/* Applies rules to a scene, one after another. `text` is JSON, an array of objects, and `name` its name in messages;
+ * docs/cleanup.md lists the members. PAGS_ERROR_FORMAT for an invalid rule, PAGS_ERROR_ARGUMENT if no Gaussian is left
+ * or if the scene has no views to count, PAGS_ERROR_MEMORY. After an error some rules may have been applied: destroy
+ * the scene. */
 pags_result pags_scene_cleanup(pags_scene *scene, const char *name, const char *text);
 
 #ifdef __cplusplus

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads glTF 2.0 files: the chunks of a .glb, buffers in it, beside the file or as data URIs, views and accessors with
- * strides and all component types. */
+/* Reads glTF 2.0 files: the chunks of a .glb, buffers in it, in files next to it or as data URIs, views and accessors
+ * with strides and all component types. */
 #include "scene/gltf_file.h"
 
 #include <stdio.h>
@@ -207,7 +207,7 @@ typedef struct layout {
   const uint8_t *first;
 } layout;
 
-/* Bytes of the component types 5120 to 5126; 5124 is none. */
+/* Bytes of the component types 5120 to 5126; 5124 is not one. */
 static const size_t component_bytes[7] = {1, 1, 2, 2, 0, 4, 4};
 
 static int components_of(const char *type) {

@@ -120,7 +120,7 @@ static pags_result add_item(gltf_splats *s, const placed *item) {
   return PAGS_OK;
 }
 
-/* Returns the name of a compression that the extension object or the primitive names, NULL if there is none. */
+/* Returns the name of a compression that the extension object or the primitive names, or NULL. */
 static const char *compression_of(const pags_json_value *primitive, const pags_json_value *extension) {
   const pags_json_value *const places[] = {pags_json_member(extension, "extensions"),
                                            pags_json_member(primitive, "extensions")};
@@ -312,7 +312,7 @@ static pags_result read_opacity(gltf_splats *s, const placed *item, float *value
   return PAGS_OK;
 }
 
-/* Reads the harmonics, turned with the node. Without a constant term, COLOR_0, which is linear light, stands for it. */
+/* Reads the harmonics, turned with the node. Without a constant term, COLOR_0, which is linear light, replaces it. */
 static pags_result read_colours(gltf_splats *s, const placed *item, float *values, pags_gaussians *out, int64_t first) {
   const pags_json_value *attributes = item->attributes;
   char name[64] = EXTENSION ":SH_DEGREE_0_COEF_0";
@@ -442,7 +442,7 @@ static pags_result check_required(const gltf_file *f) {
   return PAGS_OK;
 }
 
-/* Says what was ignored or guessed. */
+/* Logs ignored and guessed properties. */
 static void say(const gltf_splats *s) {
   const char *path = s->file.path;
   const pags_json_value *animations = pags_json_member(s->file.root, "animations");

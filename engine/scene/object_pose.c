@@ -124,7 +124,7 @@ static bool label_at(const pags_object *object, double time, int64_t after, doub
 
 /* ---- The curve through trained keyframes ---- */
 
-/* Returns the last trained keyframe before index `end`; NULL if there is none. */
+/* Returns the last trained keyframe before index `end`, or NULL. */
 static const pags_keyframe *last_trained(const pags_object *object, int64_t end) {
   for (int64_t i = end - 1; i >= 0; i--)
     if (object->keyframes[i].trained)
@@ -132,7 +132,7 @@ static const pags_keyframe *last_trained(const pags_object *object, int64_t end)
   return NULL;
 }
 
-/* Returns the first trained keyframe from index `begin` on; NULL if there is none. */
+/* Returns the first trained keyframe from index `begin` on, or NULL. */
 static const pags_keyframe *first_trained(const pags_object *object, int64_t begin) {
   for (int64_t i = begin; i < object->keyframe_count; i++)
     if (object->keyframes[i].trained)

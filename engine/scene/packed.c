@@ -22,7 +22,7 @@
 enum { ROWS = PAGS_PACKED_ROWS, HEAD = 128, ALIGNMENT = 64, BOUND_PLANES = 7, CHUNK = 4096 };
 static const char magic[2][8] = {"PAGSPK01", "PAGSPK02"}; /* without and with whole rows */
 
-/* How much there is to pack. */
+/* Sizes of the packed data. */
 typedef struct extent {
   int64_t count, clusters; /* Gaussians, clusters */
   int64_t mixed, whole;    /* clusters with whole rows, whole rows */
@@ -413,7 +413,7 @@ pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_
   return pags_file_writer_commit(&file);
 }
 
-/* Fails at a value that isn't finite; says how many Gaussians have a sigma or a colour that is clamped. */
+/* Fails at a value that isn't finite; logs the number of Gaussians whose sigma or colour is clamped. */
 static pags_result check_range(const char *path, const pags_gaussians *g) {
   int64_t clamped = 0;
   for (int64_t i = 0; i < g->count; i++) {

@@ -48,13 +48,13 @@ typedef struct ply_table {
 pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_t *bytes, size_t size);
 void pags_ply_table_close(ply_table *table);
 
-/* Returns the PLY element ("vertex", ...) of that name, NULL if there is none. */
+/* Returns the PLY element ("vertex", ...) of that name, or NULL. */
 const ply_element *pags_ply_table_find(const ply_table *table, const char *element);
 /* Fails if the rows of `element` cannot be read: a list property comes before them or the file is truncated. The
  * message names the element, the byte and the sizes. */
 pags_result pags_ply_table_need(const ply_table *table, const ply_element *element);
 
-/* Returns the property of that name of `element`, NULL if there is none. */
+/* Returns the property of that name of `element`, or NULL. */
 const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property);
 /* Returns the value of a property in row `row`, whatever its type. */
 double pags_ply_value(const ply_table *table, const ply_element *element, const ply_property *property, int64_t row);

@@ -174,7 +174,7 @@ pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scen
 
 /* ---- Saving ---- */
 
-/* The PLY of the background says what scene.json says, too, so that nothing is lost where it is opened alone. Those of
+/* The PLY of the background repeats the metadata of scene.json, for programs that open it alone. Those of
  * objects are in the object's frame, whose z is up. */
 static pags_result save_model(const char *folder, const pags_scene *scene, const pags_model *model) {
   const bool background = model == scene->models;

@@ -13,7 +13,7 @@
 
 #define PAGS_SKY_FILE "sky.npy"
 
-/* What scene.json gives about the files beside it, to find and check them. */
+/* The entries of scene.json about the other files of the folder, to find and check them. */
 typedef struct pags_scene_files {
   int64_t *counts; /* number of Gaussians of each model */
   char *sky;       /* path of the sky relative to the scene folder; NULL: no sky */

@@ -61,7 +61,7 @@ static pags_result member(const sog_file *f, const char *name, const pags_json_v
   return pags_json_object(f->json, pags_json_root(f->json), name, out);
 }
 
-/* Reads an array of 1 to `most` numbers; *count says how many. The first of a codebook may be null, as splat-transform
+/* Reads an array of 1 to `most` numbers; *count: their number. The first of a codebook may be null, as splat-transform
  * wrote it for a time: it continues the others. */
 static pags_result read_numbers(const sog_file *f, const pags_json_value *object, const char *key, int most,
                                 double *out, int *count) {

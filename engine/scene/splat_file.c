@@ -19,7 +19,7 @@
 #include "scene/other_formats.h"
 #include "scene/splat_formats.h"
 
-/* ---- What other files are, which are named like splat files or found beside them ---- */
+/* ---- Other files with the names of splat files, or found next to them ---- */
 
 /* Whether the first bytes are text: no control characters but blanks. */
 static bool is_text(const uint8_t *bytes, size_t size) {

@@ -22,13 +22,13 @@ pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t siz
 pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
                             pags_splat_facts *facts);
 
-/* SOG: the meta.json at `path`, whose pictures lie beside it; and a zip archive of both. */
+/* SOG: the meta.json at `path`, whose pictures lie in the same folder; and a zip archive of both. */
 pags_result pags_sog_decode(const char *path, const uint8_t *meta, size_t size, pags_gaussians *out,
                             pags_splat_facts *facts);
 pags_result pags_sog_decode_zip(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
                                 pags_splat_facts *facts);
-/* glTF with KHR_gaussian_splatting: a .glb, or the JSON of a .gltf, whose buffers lie beside it. The Gaussians are in
- * PLY's axes; those of a file that PAGS wrote in the axes of the scene it is of. */
+/* glTF with KHR_gaussian_splatting: a .glb, or the JSON of a .gltf, whose buffers lie in the same folder. The Gaussians
+ * are in PLY's axes; those of a file written by PAGS, in the axes of its scene. */
 pags_result pags_gltf_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
                              pags_splat_facts *facts);
 

@@ -26,7 +26,7 @@ static const double least_height = 1.5; /* a hollow shell that is smaller in any
 static const double round_enough = 0.085; /* relative spread of distances from the middle: less is a ball, not a room */
 static const double large_reach = 0.12; /* two usual sigmas by the longest side: captures have up to 0.055, toys 0.18 */
 
-/* What is kept of one Gaussian: its mean, and its two longer axes with their sigmas as lengths. */
+/* The extent of one Gaussian: its mean, and its two longer axes with their sigmas as lengths. */
 typedef struct sample {
   double mean[3], axis[2][3], sigma[2];
   double weight; /* its opacity */
@@ -64,7 +64,7 @@ static bool take_sample(const pags_gaussians *g, int64_t i, const double pose[12
 }
 
 /* Takes samples of the Gaussians of the background and of all objects that are there at the scene's begin. `weight` of
- * an even choice stands for what was left out, too. */
+ * an even choice represents the others. */
 static pags_result take_samples(const pags_scene *scene, double least, sample **out, int64_t *count) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   const int64_t every = pags_scene_gaussian_count(scene) / MOST_SAMPLES + 1;
@@ -368,7 +368,7 @@ static pags_result survey(const sample *samples, int64_t count, pags_survey *s) 
   const double least = fmin(fmin(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
   s->inside = s->surrounded >= least_room && least >= least_height && !is_round(s);
 
-  /* Where the Gaussians themselves are large beside the scene, as in models of a few, the box holds them whole. */
+  /* Where the Gaussians are large compared with the scene, as in models of a few, the box holds them whole. */
   const double longest = fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
   for (int k = 0; k < 3 && reach > large_reach * longest; k++) {
     s->lo[k] -= reach;

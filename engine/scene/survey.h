@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Surveys Gaussians of which no photographs are known: the box of what is there, and where in it a camera may stand.
+/* Surveys scenes without photographs: the box of their Gaussians, and possible camera positions in it.
  * Also finds cameras far from all others of a capture, as those of failed registrations are. */
 #ifndef PAGS_SCENE_SURVEY_H
 #define PAGS_SCENE_SURVEY_H
@@ -16,10 +16,10 @@ extern "C" {
 
 /* Positions are in the scene's frame, relative to its origin. */
 typedef struct pags_survey {
-  double lo[3], hi[3]; /* box of what is there, without floaters and what is far away from most */
+  double lo[3], hi[3]; /* box of the Gaussians, without floaters and distant ones */
   double surrounded;   /* cells that are free and hemmed in on five sides, for each solid cell */
   bool inside;         /* whether such cells make up a room: cameras belong there, not outside */
-  double middle[3];    /* mean of the cells of the largest such room; the middle of the box if there is none */
+  double middle[3];    /* mean of the cells of the largest such room; without one, the middle of the box */
   double step;         /* side of a cell */
   int n[3];            /* cells along x, y, z */
   double origin[3];    /* corner of the first cell */

@@ -17,8 +17,8 @@ typedef struct pags_shutter {
   /* Read-out: seconds from the left edge of the picture to the right one, or from the top to the bottom; negative the
    * other way round. One of them is 0; both: a global shutter, all pixels are read at once. */
   double across, down;
-  /* Motion meanwhile: t seconds after the middle the pose is world_from_camera * [Exp(t w) | t v]; w, radians a second,
-   * is velocity[0..2] and v, metres a second, velocity[3..5], both in the camera's frame. */
+  /* Motion during read-out: t seconds after the middle the pose is world_from_camera * [Exp(t w) | t v]; w, radians/s,
+   * is velocity[0..2] and v, metres/s, velocity[3..5], both in the camera's frame. */
   double velocity[6];
 } pags_shutter;
 
@@ -41,21 +41,21 @@ static inline int pags_camera_bends(const pags_camera *camera) {
   return !pags_lens_model_is_plain(&camera->lens);
 }
 
-/* Where the camera sees a point of its own frame, which need not be inside of the picture: `pixel`, and the derivatives
- * by the point unless `jacobian` is NULL, row by row. Returns 0 if the lens doesn't see it, or if a pinhole has it
- * behind its plane z = 0. The camera must have passed pags_camera_check. */
+/* Projects a point of the camera's frame to `pixel`, which may lie outside the picture, with the derivatives by the
+ * point unless `jacobian` is NULL, row by row. Returns 0 if the lens doesn't see the point, or if it lies behind the
+ * plane z = 0 of a pinhole. The camera must have passed pags_camera_check. */
 PAGS_API int pags_camera_project(const pags_camera *camera, const double point[3], double pixel[2], double jacobian[6]);
 
-/* The unit direction, in the camera's frame, in which the camera sees at (x, y), px. Returns 0 if the lens sees nothing
- * there. The camera must have passed pags_camera_check. */
+/* The unit direction, in the camera's frame, of the pixel position (x, y). Returns 0 if the lens sees nothing there.
+ * The camera must have passed pags_camera_check. */
 PAGS_API int pags_camera_look(const pags_camera *camera, double x, double y, double direction[3]);
 
-/* Computes the point, in the camera's frame, that a picture shows at (x, y), px, with this depth: the coordinate along
- * the axis of a pinhole, the distance of a camera with a lens, metres. Returns 0, and no point, if the lens sees
+/* Computes the point, in the camera's frame, at the pixel position (x, y) and this depth in metres: the coordinate
+ * along the axis of a pinhole, the distance from a camera with a lens. Returns 0, without a point, if the lens sees
  * nothing there. */
 PAGS_API int pags_camera_point(const pags_camera *camera, double x, double y, double depth, double out[3]);
 
-/* Whether the lines of the camera's picture are read one after another. */
+/* Whether the camera has a rolling shutter. */
 static inline int pags_camera_rolls(const pags_camera *camera) {
   return camera->shutter.across != 0.0 || camera->shutter.down != 0.0;
 }
@@ -65,12 +65,12 @@ static inline double pags_camera_read_at(const pags_camera *camera, double x, do
   return camera->shutter.across * (x / camera->width - 0.5) + camera->shutter.down * (y / camera->height - 0.5);
 }
 
-/* Computes where a point that stands still lies when the camera reads the line on which it is seen: `middle` and `out`
- * are its coordinates in the camera's frame in the middle of the exposure and then. `out` may be `middle`. */
+/* Computes the position of a static point in the camera's frame at the moment when its line is read. `middle`: its
+ * position in the middle of the exposure. `out` may be `middle`. */
 PAGS_API void pags_camera_see(const pags_camera *camera, const double middle[3], double out[3]);
 
 /* Sets the read-out from its direction, "top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left" or "none",
- * and its seconds; the velocity stays. Returns 0, with `shutter` unchanged, if it is none of these, otherwise 1. */
+ * and its seconds; the velocity stays. Returns 0, with `shutter` unchanged, for other directions, otherwise 1. */
 PAGS_API int pags_shutter_set(pags_shutter *shutter, const char *direction, double seconds);
 
 /* Returns the direction in these words, a static string. */
@@ -116,17 +116,16 @@ PAGS_API void pags_rigid_multiply(const double a[12], const double b[12], double
 PAGS_API void pags_rigid_point(const double m[12], const double p[3], double out[3]);
 
 /* Checks that a 3x4 [A|t], which may turn, scale, stretch and mirror, is finite and that A can be inverted: |det A| is
- * more than 1e-9 of the cube of its stretch. A rotation that is off by no more than 1e-5, the rounding of floats,
- * is made exact as pags_rigid_check does. Returns PAGS_ERROR_FORMAT if the check fails; `what` names the pose in the
- * message. */
+ * more than 1e-9 of the cube of its stretch. A rotation within 1e-5 (float rounding) is made exact as pags_rigid_check
+ * does. Returns PAGS_ERROR_FORMAT if the check fails; `what` names the pose in the message. */
 PAGS_API pags_result pags_affine_check(double m[12], const char *what);
 
 /* Computes the inverse of an affine map that has passed pags_affine_check; of a rigid motion, with the bits of
  * pags_rigid_inverse. `out` may be `m`. */
 PAGS_API void pags_affine_inverse(const double m[12], double out[12]);
 
-/* Returns a factor by which the map lengthens no vector by more: exactly 1 for a rigid motion, s for one that scales by
- * s, at most 1.7 times the largest stretch for any other. */
+/* Returns an upper bound of the factor by which the map lengthens a vector: exactly 1 for a rigid motion, s for one
+ * that scales by s, at most 1.7 times the largest stretch for any other. */
 PAGS_API double pags_affine_stretch(const double m[12]);
 
 /* Computes out = [Rz(yaw) Ry(pitch) Rx(roll) | place] from turn = (roll, pitch, yaw) in radians. */

@@ -64,9 +64,9 @@ static inline float *pags_plane(const pags_gaussians *g, int plane) {
   return g->data + (int64_t)plane * g->stride;
 }
 
-/* Computes the normal of a Gaussian: the unit vector along its shortest axis, the first of equal ones; which way round
- * is left open, as of the flat Gaussians that surfaces are made of (2DGS, Huang et al. 2024). The parameter of plane p
- * lies at planes[p * stride + row]. */
+/* Computes the normal of a Gaussian: the unit vector along its shortest axis (the first of equal ones), as of the flat
+ * Gaussians of surfaces (2DGS, Huang et al. 2024). Its sign is arbitrary. The parameter of plane p lies at planes[p *
+ * stride + row]. */
 PAGS_API void pags_gaussian_normal(const float *planes, int64_t stride, int64_t row, double normal[3]);
 
 /* Returns the lowest SH degree that represents the colour of a row exactly: all its terms of higher degrees are

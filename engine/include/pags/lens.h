@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lenses: where a direction is seen on the picture, and from which direction a pixel sees. A lens maps a direction (X,
+/* Lenses: projection of directions to the picture, and its inverse. A lens maps a direction (X,
  * Y, Z) of the camera's frame (OpenCV's axes) to a point of the plane z = 1, in focal lengths from the principal point;
  * the camera (pags/camera.h) has the focal lengths. All functions are safe to call from several threads at once. */
 #ifndef PAGS_LENS_H
@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-/* What maps a direction to its point. (x, y) = (X / Z, Y / Z), r is its distance from the axis, theta the angle from
+/* The lens models. (x, y) = (X / Z, Y / Z), r is its distance from the axis, theta the angle from
  * the axis, up to pi. The formulas are those of OpenCV's manual and of COLMAP's documentation of its camera models
  * (https://colmap.github.io/cameras.html). Lenses of r see 85 degrees from the axis at most, those of theta beyond 90.
  */
@@ -61,7 +61,7 @@ PAGS_API double pags_lens_angle(const double direction[3]);
  * lens has no derivative at its poles. Z must be above 0 for lenses of r. */
 PAGS_API void pags_lens_see(const pags_lens_model *lens, const double direction[3], double at[2], double jacobian[6]);
 
-/* The unit direction that is seen at `at`. Returns 0 if there is none within the lens's widest angle, otherwise 1. The
+/* The unit direction of the picture position `at`. Returns 0 beyond the lens's widest angle, otherwise 1. The
  * iteration (Newton's, in the plane across the direction) begins at `direction` if that isn't zero: neighbouring pixels
  * make good starts. */
 PAGS_API int pags_lens_look(const pags_lens_model *lens, const double at[2], double direction[3]);

@@ -75,13 +75,14 @@ PAGS_API void pags_object_destroy(pags_object *object);
 
 /* Sets object->moving from the labelled poses by the rule of Street Gaussians: 1 if the first and the last
  * position are more than 2 m apart, or if the standard deviation of the positions exceeds 0.5 m on an axis of the
- * world. For short tracks of three labels or more, also 1 if the object goes straight on: a pedestrian or cyclist by
- * 0.8 m at 0.5 m/s or more, a vehicle by 1.2 m at 1 m/s. 0 if six labels or more lie about one place: if they differ
- * from label to label as much as on the whole, or, of a vehicle, wander to and fro. Uses the times and the category.
+ * world. For short tracks of three labels or more, also 1 if the object moves along a straight line: a pedestrian or
+ * cyclist by 0.8 m at 0.5 m/s or more, a vehicle by 1.2 m at 1 m/s. 0 if six labels or more scatter about one place:
+ * neighbouring labels differ as much as all labels do, or those of a vehicle wander back and forth. Uses the times and
+ * the category.
  */
 PAGS_API void pags_object_classify_motion(pags_object *object);
 
-/* Returns the keyframe of a time step, which the object owns; NULL if the track has none there. */
+/* Returns the keyframe of a time step, owned by the object; NULL if the track has none at that step. */
 PAGS_API const pags_keyframe *pags_object_keyframe(const pags_object *object, int64_t frame);
 
 /* Computes the pose of an object at `time` (seconds). Returns 1; or 0, with `out` unchanged, if the object isn't
@@ -90,7 +91,7 @@ PAGS_API const pags_keyframe *pags_object_keyframe(const pags_object *object, in
  * The labelled pose: at a keyframe (within 1e-6 s) the label itself; between two keyframes at most 1.5 median spacings
  * of the track apart the interpolated labels (translation linear, rotation along the shorter arc); up to half a median
  * spacing beyond an end of the track, or into a longer gap, the label of the nearest keyframe. Otherwise the object
- * isn't present. A track of one keyframe has the spacing `time_step`, so that the object is there for a whole time
+ * isn't present. A track of one keyframe has the spacing `time_step`, so that the object is present for a whole time
  * step.
  *
  * Increments: without increments the pose is the labelled pose. If the nearest trained keyframes before and after
@@ -100,7 +101,7 @@ PAGS_API const pags_keyframe *pags_object_keyframe(const pags_object *object, in
  * these two keyframes; before the first and after the last trained keyframe, that keyframe's increment holds. */
 PAGS_API int pags_object_pose(const pags_object *object, double time, double out[12]);
 
-/* Computes the velocity of an object at `time` in its own frame: (w, v) of pags_shutter, radians and metres a second,
+/* Computes the velocity of an object at `time` in its own frame: (w, v) of pags_shutter, radians/s and metres/s,
  * the mean over a tenth of a second; zeros where the object isn't present. */
 PAGS_API void pags_object_velocity(const pags_object *object, double time, double velocity[6]);
 

@@ -5,7 +5,7 @@
  *
  * A cluster is 64 rows that follow each other in memory. A frame unpacks the clusters that it draws one by one.
  * Culled clusters are never touched, and the colours of hidden clusters aren't either, since geometry and colours
- * are stored apart. A file (.pagsz) holds the same bytes and is mapped into memory instead of read, so that of 50
+ * are stored separately. A file (.pagsz) holds the same bytes and is mapped into memory instead of read, so that of 50
  * million Gaussians only the part in view becomes resident.
  *
  * attribute          stored as                                           largest error
@@ -21,7 +21,7 @@
  * s_sem              8 bits over 0..1                                    1/510
  *
  * A row that lies far from the others of its cluster, or has far larger harmonics, would cost them accuracy. It is
- * stored whole, as floats, apart from ln sigma and opacity, which are clamped as above, and counts neither for the box
+ * stored whole, as floats, except ln sigma and opacity, which are clamped as above, and counts neither for the box
  * of the means nor for the magnitudes. Few clusters of few scenes have such rows. */
 #ifndef PAGS_PACKED_H
 #define PAGS_PACKED_H

@@ -33,12 +33,12 @@ typedef struct pags_scene_view {
   int test;   /* 1: held-out view */
   int sensor; /* number of the camera of the rig that took it; -1: unknown */
   int frame;  /* time step; -1: unknown */
-  /* Exposure found in training, per channel: photograph = gain * picture + offset; gain 1 and offset 0 if there
-   * is none. The exposure of a held-out view is interpolated in time between training views of the same sensor. */
+  /* Exposure found in training, per channel: photograph = gain * picture + offset; 1 and 0 if unknown. The exposure of
+   * a held-out view is interpolated in time between training views of the same sensor. */
   double gain[3];
   double offset[3];
-  /* What training found its pose to be off by: rotation vector, radians, and translation, metres, in the recorded
-   * camera's frame. `camera` has it already: camera = recorded * pags_increment_matrix(correction). 0: none. */
+  /* Pose correction found in training: rotation vector (radians) and translation (metres) in the recorded camera's
+   * frame. `camera` includes it: camera = recorded * pags_increment_matrix(correction). Zeros: none. */
   double correction[6];
   union { /* vignetting and response of the camera, applied before the exposure; zeros: none */
     pags_photometric photometric;
@@ -49,7 +49,7 @@ typedef struct pags_scene_view {
 typedef struct pags_scene_object {
   pags_object record; /* box, class, track */
   int64_t model;      /* index of its own model; -1: its Gaussians lie in the background and carry object_id */
-  int critical;       /* 1: its detail is to be kept first */
+  int critical;       /* 1: its quality has priority */
   int rigid;          /* 1: rigid; 0: its parts also move against each other in its frame (means over time) */
 } pags_scene_object;
 
@@ -79,22 +79,21 @@ typedef enum pags_axes {
 /* The name of axes, "RUB", a static string; "unknown" for 0 and numbers that aren't of pags_axes. */
 PAGS_API const char *pags_axes_name(int axes);
 
-/* What a splat file says besides the values of its Gaussians. */
+/* The metadata of a splat file. */
 typedef struct pags_splat_facts {
   const char *kind; /* "PLY", "compressed PLY", "splat", "SPZ v4", "SOG v2", "glTF", ...; static. NULL: no splat file */
   int antialiased;  /* 1: opacities expect the antialiased projection (Mip-Splatting) */
-  pags_up up;       /* unknown unless the file says it */
-  double origin[3]; /* metres, to be added to all positions; zeros unless the file says it or positions are large */
-  /* The part of `origin` that the file doesn't say: positions of a PLY or SOG that are stored with more digits than a
-   * float has, and half of which lie beyond 4,096 m along an axis, are read relative to their median, in whole metres;
-   * those of a glTF relative to the place of its first node beyond 10,000 m. */
+  pags_up up;       /* unknown unless stored in the file */
+  double origin[3]; /* metres, to add to all positions; zeros unless stored in the file or positions are large */
+  /* The part of `origin` that is not stored in the file. Positions of a PLY or SOG with more digits than a float has
+   * are read relative to their median, in whole metres, if half of them lie beyond 4,096 m along an axis; those of a
+   * glTF relative to its first node beyond 10,000 m. */
   double taken_off[3];
-  int axes;              /* a pags_axes: those that the file was read in; unknown where it is no question */
-  const char *axes_from; /* who says so: "record" of the file, "specification", "option"; static, NULL like axes */
-  int64_t left_out;      /* Gaussians that were left out, since one of their values isn't finite */
-  /* The alpha_min that the Gaussians had before they were changed to look alike where alpha is cut at 1/255, as other
-   * programs do; 0: none. In a file of PAGS' own (.ply, .spz, .glb); reading it changes them back
-   * (docs/splat-files.md). */
+  int axes;              /* a pags_axes: the axes in which the file was read; unknown for formats without a choice */
+  const char *axes_from; /* source of `axes`: "record", "specification", "option"; static; NULL if unknown */
+  int64_t left_out;      /* number of Gaussians dropped because a value isn't finite */
+  /* The alpha_min of the Gaussians before they were converted for programs that cut alpha at 1/255; 0: not converted.
+   * Stored in files written by PAGS (.ply, .spz, .glb); reading reverses the conversion (docs/splat-files.md). */
   float converted_from;
 } pags_splat_facts;
 
@@ -103,13 +102,13 @@ typedef struct pags_scene {
   double origin[3];      /* metres; world position = origin + float position */
   pags_up up;
   int antialiased;             /* 1: opacities expect the antialiased projection (Mip-Splatting; the flag in .spz) */
-  float background[3];         /* colour behind everything where there is no sky: display-referred sRGB, 0..1 */
+  float background[3];         /* background colour if there is no sky: display-referred sRGB, 0..1 */
   double time_begin, time_end; /* seconds; both 0 for a static scene */
   uint64_t seed;               /* seed of the training */
   char *dataset;               /* path of the data set that the scene was trained from; NULL if unknown */
-  char *colmap;                /* folder of the COLMAP model whose cameras were asked for; NULL: none was */
-  char *image_folder;          /* folder that its photographs were taken from, in place of its own; NULL: its own */
-  int image_alpha;             /* pags_image_alpha: what became of their alpha channel */
+  char *colmap;                /* folder of the COLMAP model given for its cameras; NULL: none */
+  char *image_folder;          /* folder of its photographs if given separately; NULL: that of the data set */
+  int image_alpha;             /* pags_image_alpha: use of their alpha channel */
   char *config;                /* the training configuration as JSON text; NULL if unknown */
   int64_t iterations;          /* training steps done; 0 if unknown */
   int64_t model_count;
@@ -122,45 +121,44 @@ typedef struct pags_scene {
   pags_scene_object *objects; /* every labelled box, parked or moving; object_id of a Gaussian is an index here */
   pags_sky sky;               /* size 0: no sky */
   char *block; /* JSON text: the block of a recording that the scene was trained on (docs/blocks.md); NULL: none */
-  char *notes; /* JSON text: what was modelled and why (docs/scene-folder.md, "modelled"); NULL: nothing is known */
+  char *notes; /* JSON text: what was modelled and why (docs/scene-folder.md, "modelled"); NULL: unknown */
 } pags_scene;
 
-/* From where a scene without photographs is looked at. */
+/* Camera positions for a scene without photographs. */
 typedef enum pags_stand {
-  PAGS_STAND_AUTO,   /* from inside if what is there surrounds its own middle, else from around it */
-  PAGS_STAND_AROUND, /* from outside, all round it: an object */
-  PAGS_STAND_INSIDE  /* from places within it: a room, a street */
+  PAGS_STAND_AUTO,   /* inside if the Gaussians surround the middle of the scene, else around */
+  PAGS_STAND_AROUND, /* outside, in a circle: an object */
+  PAGS_STAND_INSIDE  /* inside: a room, a street */
 } pags_stand;
 
 /* Reads a scene folder (or its scene.json) or a bare splat file: .ply (INRIA's layout with the properties in any
  * order, or PlayCanvas compressed), .spz (versions 2 to 4), .sog or the meta.json of an unpacked one (versions 1 and
- * 2), .glb or .gltf with KHR_gaussian_splatting, .pagsz (packed) or .splat. The format is detected by the content, that
- * of .splat, which has no signature, by the name. What else the file says (`scene->file`) becomes the scene's; a splat
- * file that names no up axis has -y.
+ * 2), .glb or .gltf with KHR_gaussian_splatting, .pagsz (packed) or .splat. The format is detected by the content,
+ * except .splat, which has no signature, by the name. Metadata of the file (`scene->file`) is copied to the scene; a
+ * splat file without an up axis gets -y.
  *
- * Also the output folder of INRIA's train.py: the newest point_cloud/iteration_N/point_cloud.ply, with cameras.json as
- * views and the background of cfg_args; and the folder of an unpacked SOG.
+ * Also reads the output folder of INRIA's train.py: the newest point_cloud/iteration_N/point_cloud.ply, with
+ * cameras.json as views and the background of cfg_args; and the folder of an unpacked SOG.
  *
- * An infinite opacity is taken as all or nothing, a scale of -inf as a flat axis. Other Gaussians with a value that
- * isn't finite are left out; their number and the first go to the log as a warning, and if there are no others the file
- * is refused. All-zero quaternions are replaced by the identity, with a warning. PAGS_ERROR_IO,
- * PAGS_ERROR_FORMAT, PAGS_ERROR_LIMIT, PAGS_ERROR_UNSUPPORTED (a newer version of a format) or PAGS_ERROR_MEMORY;
- * then the scene is zeroed. */
+ * An infinite opacity means 1 or 0, a scale of -inf a flat axis. Other Gaussians with a value that isn't finite are
+ * dropped; a warning has their number and the first. A file without valid Gaussians is refused. All-zero quaternions
+ * are replaced by the identity, with a warning. PAGS_ERROR_IO, PAGS_ERROR_FORMAT, PAGS_ERROR_LIMIT,
+ * PAGS_ERROR_UNSUPPORTED (a newer version of a format) or PAGS_ERROR_MEMORY; then the scene is zeroed. */
 PAGS_API pags_result pags_scene_load(const char *path, pags_scene *scene);
 
-/* As pags_scene_load, but takes a bare splat file as one in `axes` (a pags_axes; 0: as pags_scene_load), whatever it
- * says itself; so the file in a folder of another program. PAGS_ERROR_ARGUMENT for scene folders, packed files and
- * glTF, which have none to choose. */
+/* As pags_scene_load, but reads a bare splat file, or the one in a folder of another program, in `axes` (a pags_axes;
+ * 0: as pags_scene_load) in place of those stored in it. PAGS_ERROR_ARGUMENT for scene folders, packed files and glTF,
+ * whose axes are fixed. */
 PAGS_API pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scene);
 
-/* Returns what a folder that pags_scene_load takes is, a static string: "scene", "training output" or "SOG"; NULL if it
- * takes none such. */
+/* Returns the kind of a folder that pags_scene_load reads, a static string: "scene", "training output" or "SOG"; NULL
+ * for other folders. */
 PAGS_API const char *pags_scene_folder_kind(const char *path);
 
 /* Writes the scene folder, which is created if missing. Each file is written under another name and then renamed;
- * scene.json is written last, so that a new scene.json only names files that exist. The folder is locked meanwhile: it
- * is PAGS_ERROR_IO if another process is writing there. PAGS_ERROR_IO, PAGS_ERROR_MEMORY, PAGS_ERROR_ARGUMENT (a sky
- * that float16 can't hold). */
+ * scene.json is written last, so that a new scene.json only names files that exist. The folder is locked meanwhile.
+ * PAGS_ERROR_IO (also if another process is writing there), PAGS_ERROR_MEMORY, PAGS_ERROR_ARGUMENT (a sky that float16
+ * can't hold). */
 PAGS_API pags_result pags_scene_save(const char *folder, const pags_scene *scene);
 
 /* Frees everything that the scene owns and zeroes the struct. A zeroed struct is allowed. */
@@ -169,7 +167,7 @@ PAGS_API void pags_scene_destroy(pags_scene *scene);
 /* Returns the number of Gaussians of all models together. */
 PAGS_API int64_t pags_scene_gaussian_count(const pags_scene *scene);
 
-/* Returns the labelled object whose track has this id, owned by the scene; NULL if there is none. */
+/* Returns the labelled object whose track has this id, owned by the scene; NULL if not found. */
 PAGS_API const pags_scene_object *pags_scene_find_object(const pags_scene *scene, const char *id);
 
 /* Returns the camera of a view as the data set has it, without the correction. */
@@ -179,8 +177,7 @@ PAGS_API int pags_scene_view_is_corrected(const pags_scene_view *view);
 
 /* Computes the exposure of a camera of the rig at a time (seconds), per channel of display-referred sRGB:
  * photograph = gain * picture + offset. The exposure is linear in time between training views of that sensor, and
- * constant before the first and after the last one. Gain 1 and offset 0 if the scene has no training view of that
- * sensor. */
+ * constant before the first and after the last one. Gain 1 and offset 0 if that sensor has no training view. */
 PAGS_API void pags_scene_exposure(const pags_scene *scene, int sensor, double time, double gain[3], double offset[3]);
 
 /* Returns an unused relative file name "objects/NAME.ply" for the model of the object with the track id `id`.
@@ -205,13 +202,13 @@ PAGS_API pags_result pags_ply_save_facts(const char *path, const pags_gaussians 
 /* Returns the bytes per Gaussian in a file of pags_ply_save; the header takes less than 4 KiB. */
 PAGS_API int pags_ply_row_bytes(const pags_gaussians *gaussians);
 
-/* Reads a splat file of any of the formats of pags_scene_load and turns it to PLY's axes. `axes` (a pags_axes) says
- * which it has; 0: a SPZ file has those of its coordinate-system record, without one RUB, as its specification says; a
- * glTF those of glTF, but one that PAGS wrote comes back in the scene's own; all others have PLY's. `path` may be the
- * folder of an unpacked SOG. `facts` may be NULL. Errors as pags_scene_load_in_axes. */
+/* Reads a splat file of any of the formats of pags_scene_load and turns it to PLY's axes. `axes`: the axes of the file
+ * (a pags_axes); 0: by format. SPZ has those of its coordinate-system record or, without one, RUB by its specification;
+ * glTF those of glTF, but files written by PAGS are read in the axes of the scene; all others have PLY's. `path` may be
+ * the folder of an unpacked SOG. `facts` may be NULL. Errors as pags_scene_load_in_axes. */
 PAGS_API pags_result pags_splat_read(const char *path, int axes, pags_gaussians *out, pags_splat_facts *facts);
 
-/* pags_splat_read with axes 0 and two of the facts, which may be NULL; nothing is taken off the positions. */
+/* pags_splat_read with axes 0 and two of the facts, which may be NULL; positions are absolute. */
 PAGS_API pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased);
 
 #ifdef __cplusplus

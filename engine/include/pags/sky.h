@@ -21,7 +21,7 @@ extern "C" {
 typedef struct pags_sky {
   int size;      /* texels per side of a face, 1..4096; 0: no sky */
   float *texels; /* [6][size][size][3] (face, row, column, channel), display-referred sRGB; NULL if size is 0 */
-  float dip;     /* pags_sky_load: how far the least texel is below 0, as a share of the largest one, at most 1 */
+  float dip;     /* pags_sky_load: magnitude of the most negative texel as a fraction of the largest one, 0..1 */
 } pags_sky;
 
 /* Allocates a sky of 0..4096 texels per side, all 0; `sky` is overwritten without being freed. PAGS_ERROR_MEMORY;

@@ -88,7 +88,7 @@ typedef struct pags_job {
 /* Queues a job, which must not be queued or running already. May be called from any thread. */
 void pags_job_submit(pags_tasks *tasks, pags_job *job);
 
-/* Returns when the job has run; runs it on the calling thread if no worker has started it. Returns at once for a
+/* Returns when the job has run; runs it on the calling thread if no worker has started it. Returns immediately for a
  * job that was never submitted. */
 void pags_job_wait(pags_tasks *tasks, pags_job *job);
 
@@ -113,7 +113,7 @@ typedef struct pags_arena_mark {
 } pags_arena_mark;
 pags_arena_mark pags_arena_save(const pags_arena *arena);
 void pags_arena_release(pags_arena *arena, pags_arena_mark mark);
-/* Return the most bytes that were ever in use at once, and the number of heap calls made so far (for tests that
+/* Return the most bytes that were ever in use at once, and the number of heap calls (for tests that
  * the steady state makes none). */
 size_t pags_arena_high_water(const pags_arena *arena);
 uint64_t pags_arena_heap_calls(const pags_arena *arena);
