@@ -86,13 +86,6 @@ static bool add_chunk(pags_arena *arena, size_t capacity) {
   return true;
 }
 
-static size_t total_capacity(const pags_arena *arena) {
-  size_t total = 0;
-  for (size_t i = 0; i < arena->count; ++i)
-    total += arena->chunks[i].capacity;
-  return total;
-}
-
 static size_t in_use(const pags_arena *arena) {
   if (arena->count == 0)
     return 0;
@@ -107,7 +100,9 @@ static bool advance(pags_arena *arena, size_t bytes) {
   while (next < arena->count && arena->chunks[next].capacity < bytes)
     ++next;
   if (next == arena->count) {
-    size_t grown = total_capacity(arena);
+    size_t grown = 0;
+    for (size_t i = 0; i < arena->count; ++i)
+      grown += arena->chunks[i].capacity;
     size_t capacity = grown > FIRST_CHUNK ? grown : FIRST_CHUNK;
     /* If the heap cannot give a chunk that doubles the total, a chunk of just `bytes` is tried. */
     if (!(bytes < capacity && add_chunk(arena, capacity)) && !add_chunk(arena, bytes))

@@ -258,18 +258,12 @@ pags_result pags_file_writer_put_first(pags_file_writer *writer, const void *byt
   return pags_file_writer_put(writer, bytes, size);
 }
 
-/* Flushes the stream and, if `sync`, syncs the file to disk. FIFOs and most devices cannot be synced: no failure. */
-static bool flush_and_sync(pags_file_writer *writer, bool sync) {
-  if (fflush(writer->stream) != 0)
-    return false;
-  return !sync || pags_port_sync(writer->stream);
-}
-
-/* Flushes, closes and, for a part file, renames it to the target; on failure the part file is removed. */
+/* Flushes, syncs (FIFOs and most devices cannot be synced, which is no failure), closes and, for a part file, renames
+ * it to the target; on failure the part file is removed. */
 static pags_result writer_finish(pags_file_writer *writer, bool sync) {
   assert(writer->stream);
   const pags_port_signals held = pags_port_hold_broken_pipe();
-  bool done = flush_and_sync(writer, sync);
+  bool done = fflush(writer->stream) == 0 && (!sync || pags_port_sync(writer->stream));
   if (done) {
     done = writer->part ? pags_port_rename_part(writer->stream, writer->part, writer->target)
                         : fclose(writer->stream) == 0;

@@ -21,12 +21,6 @@ static pags_result fail_memory(const char *path) {
   return pags_out_of_memory("%s: its name", path);
 }
 
-static pags_result make_dir(const char *path) {
-  if (pags_port_make_folder(path) || (errno == EEXIST && pags_dir_exists(path)))
-    return PAGS_OK;
-  return pags_fail_errno(path, "can't make the folder");
-}
-
 pags_result pags_make_dirs(const char *path) {
   if (pags_dir_exists(path))
     return PAGS_OK;
@@ -35,8 +29,8 @@ pags_result pags_make_dirs(const char *path) {
     return fail_memory(path);
   const bool root = strcmp(parent, path) == 0; /* also of a drive that isn't there */
   pags_result result = root ? PAGS_OK : pags_make_dirs(parent);
-  if (result == PAGS_OK)
-    result = make_dir(path);
+  if (result == PAGS_OK && !pags_port_make_folder(path) && !(errno == EEXIST && pags_dir_exists(path)))
+    result = pags_fail_errno(path, "can't make the folder");
   free(parent);
   return result;
 }

@@ -43,16 +43,11 @@ static void describe_self(char *text, size_t size) {
            host[0] ? " on " : "", host, since);
 }
 
-/* Keeps the first line of a lock file's text, which anybody may have written, as far as it can be printed. */
-static void tidy(char *text) {
-  text[strcspn(text, "\r\n")] = '\0';
-  for (char *c = text; *c; c++)
+static pags_result fail_held(const char *path, const char *where, char *holder) {
+  holder[strcspn(holder, "\r\n")] = '\0'; /* one printable line: anybody may have written the lock file */
+  for (char *c = holder; *c; c++)
     if ((unsigned char)*c < ' ' || *c == 127)
       *c = '?';
-}
-
-static pags_result fail_held(const char *path, const char *where, char *holder) {
-  tidy(holder);
   return pags_fail(PAGS_ERROR_IO,
                    "%s: another process is writing %s%s%s; wait until it has ended, or give another name", path, where,
                    holder[0] ? ": " : "", holder);

@@ -13,6 +13,7 @@
 
 #include "base/json.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 enum { MOST_CROPS = 64 };
@@ -103,15 +104,7 @@ static pags_result read_rule(const pags_json *json, const pags_json_value *value
 
 /* ---- Which Gaussians ---- */
 
-/* The object whose model this is; -1: none, the background. */
-static int64_t object_of_model(const pags_scene *scene, int64_t model) {
-  for (int64_t o = 0; o < scene->object_count; o++)
-    if (scene->objects[o].model == model)
-      return o;
-  return -1;
-}
-
-/* The object that a Gaussian is shown with: of a parked one in the background, that of its id. */
+/* The object of a Gaussian: that of its model or, in the background, the parked object of its id; -1: none. */
 static int64_t object_of_row(const pags_scene *scene, const pags_gaussians *g, int64_t own, int64_t row) {
   if (own >= 0 || !g->object_id)
     return own;
@@ -129,8 +122,7 @@ static void find_frame(const pags_scene *scene, const rule *r, int64_t own, doub
   double pose[12];
   if (!pags_object_pose(o, scene->time_begin, pose) && !pags_object_pose(o, o->keyframes[0].time, pose))
     memcpy(pose, o->keyframes[0].world_from_object, sizeof pose);
-  for (int k = 0; k < 3; k++)
-    pose[4 * k + 3] -= scene->origin[k];
+  pags_pose_subtract(pose, scene->origin);
   pags_rigid_inverse(pose, out);
 }
 
@@ -138,11 +130,11 @@ static bool is_in(const crop *c, const double p[3]) {
   double unit[3];
   pags_rigid_point(c->unit_from_frame, p, unit);
   if (c->ball)
-    return unit[0] * unit[0] + unit[1] * unit[1] + unit[2] * unit[2] <= 1;
+    return pags_dot3(unit, unit) <= 1;
   return fabs(unit[0]) <= 1 && fabs(unit[1]) <= 1 && fabs(unit[2]) <= 1;
 }
 
-/* Whether a point is in one of the crops to keep, where there are any, and in none of those to remove. */
+/* Whether a point is in one of the crops to keep, if the rule has any, and outside all crops to remove. */
 static bool is_left(const rule *r, const double p[3]) {
   bool inside = false, any = false;
   for (int i = 0; i < r->crop_count; i++) {
@@ -157,11 +149,11 @@ static bool is_left(const rule *r, const double p[3]) {
 
 /* ---- The look ---- */
 
-/* Takes the triples at planes first, first + step and first + 2 step of a row to M times them. */
+/* Multiplies the triple at `planes`, planes + step and planes + 2 step by the 3x3 part of M. */
 static void turn_colour(const double m[12], float *planes, int64_t step) {
   const double c[3] = {(double)planes[0], (double)planes[step], (double)planes[2 * step]};
   for (int k = 0; k < 3; k++)
-    planes[k * step] = (float)(m[4 * k] * c[0] + m[4 * k + 1] * c[1] + m[4 * k + 2] * c[2]);
+    planes[k * step] = (float)pags_dot3(m + 4 * k, c);
 }
 
 static void look_row(const rule *r, pags_gaussians *g, int64_t i) {
@@ -187,7 +179,7 @@ static void look_row(const rule *r, pags_gaussians *g, int64_t i) {
   *logit = (float)pags_log(opacity / (1 - opacity));
 }
 
-/* The same map of a colour behind the Gaussians; at least 0. */
+/* Applies the map to a background colour, clamped to 0 or more. */
 static void look_behind(const double m[12], float rgb[3]) {
   turn_colour(m, rgb, 1);
   for (int k = 0; k < 3; k++)
@@ -199,7 +191,10 @@ static void look_behind(const double m[12], float rgb[3]) {
 static pags_result apply_to_model(pags_scene *scene, int64_t model, const rule *r, const pags_support *support,
                                   int64_t *index) {
   pags_gaussians *g = &scene->models[model].gaussians;
-  const int64_t own = object_of_model(scene, model);
+  int64_t own = 0; /* the object with this model; -1: the background */
+  while (own < scene->object_count && scene->objects[own].model != model)
+    own++;
+  own = own < scene->object_count ? own : -1;
   const bool placed = own < 0 || !r->everything; /* whether the rows have the frame of the crops */
   double frame[12];
   int64_t count = 0;

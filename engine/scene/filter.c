@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 bool pags_filter_is_set(const pags_filter *filter) {
@@ -16,13 +17,10 @@ bool pags_filter_is_set(const pags_filter *filter) {
 }
 
 static bool is_within(const pags_filter *f, const double p[3]) {
-  double square = 0;
-  for (int k = 0; k < 3; k++) {
+  for (int k = 0; k < 3; k++)
     if (f->has_box && !(p[k] >= f->lo[k] && p[k] <= f->hi[k]))
       return false;
-    square += (p[k] - f->middle[k]) * (p[k] - f->middle[k]);
-  }
-  return !f->has_ball || square <= f->radius * f->radius;
+  return !f->has_ball || pags_distance_squared3(p, f->middle) <= f->radius * f->radius;
 }
 
 bool pags_filter_fits(const pags_filter *f, const pags_gaussians *g, int64_t i) {
@@ -44,8 +42,7 @@ pags_result pags_support_find(const pags_scene *scene, pags_support *out) {
       continue;
     double pose[12];
     memcpy(pose, scene->views[v].camera.world_from_camera, sizeof pose);
-    for (int k = 0; k < 3; k++)
-      pose[4 * k + 3] -= scene->origin[k];
+    pags_pose_subtract(pose, scene->origin);
     pags_rigid_inverse(pose, out->camera_from_scene[out->count]);
     out->cameras[out->count++] = &scene->views[v].camera;
   }
@@ -89,8 +86,8 @@ static bool object_is_within(const pags_scene *scene, int64_t object, const pags
   double pose[12], p[3];
   if (!pags_object_pose(o, time, pose))
     memcpy(pose, o->keyframes[0].world_from_object, sizeof pose);
-  for (int k = 0; k < 3; k++)
-    p[k] = pose[4 * k + 3] - scene->origin[k];
+  pags_pose_position(pose, p);
+  pags_add_scaled3(-1, scene->origin, p);
   return is_within(f, p);
 }
 

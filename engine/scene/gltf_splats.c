@@ -193,11 +193,6 @@ static pags_result add_mesh(gltf_splats *s, const pags_json_value *node, const p
   return PAGS_OK;
 }
 
-/* The up axis of the scene that PAGS' root node turns to glTF's, by the node's rotation about x. */
-static pags_up own_up(const double m[12]) {
-  return m[9] < -0.5 ? PAGS_UP_Z : PAGS_UP_MINUS_Y;
-}
-
 static pags_result add_node(gltf_splats *s, int64_t index, const double parent[12], int depth) {
   gltf_file *f = &s->file;
   if (index < 0 || index >= f->nodes.count || depth > DEEPEST || s->visited[index])
@@ -210,7 +205,8 @@ static pags_result add_node(gltf_splats *s, int64_t index, const double parent[1
   PAGS_TRY(node_matrix(f, node, own));
   PAGS_TRY(pags_json_string_or(f->json, node, "name", "", &name));
   if (s->own && depth == 0 && strcmp(name, "scene") == 0) {
-    s->up = s->up_stated ? s->up : own_up(own);
+    /* The root node of PAGS turns the scene's up axis to that of glTF, by its rotation about x. */
+    s->up = s->up_stated ? s->up : own[9] < -0.5 ? PAGS_UP_Z : PAGS_UP_MINUS_Y;
     memcpy(pose, parent, sizeof pose);
   } else
     multiply(parent, own, pose);

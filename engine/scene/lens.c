@@ -12,6 +12,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 #define PI 3.14159265358979323846
@@ -278,7 +279,7 @@ void pags_lens_see(const pags_lens_model *lens, const double v[3], double at[2],
 
 /* ---- Inverse projection ---- */
 
-/* The direction whose radial part is seen there, by bisection over the range in which the function grows. */
+/* Inverts the radial part by bisection over the range in which the function grows. */
 static void look_radially(const pags_lens_model *lens, const double at[2], double v[3]) {
   double x = at[0], y = at[1];
   if (lens->kind == PAGS_LENS_FTHETA) {
@@ -302,12 +303,6 @@ static void look_radially(const pags_lens_model *lens, const double at[2], doubl
   v[2] = of_angle ? pags_cos(low) : 1;
 }
 
-static void make_unit(double v[3]) {
-  const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-  for (int k = 0; k < 3; k++)
-    v[k] /= length;
-}
-
 /* The last step that changes the point by less than 1e-8 leaves 1e-12 where the lens is far from its limit, since the
  * errors are squared. */
 int pags_lens_look(const pags_lens_model *lens, const double at[2], double v[3]) {
@@ -320,7 +315,7 @@ int pags_lens_look(const pags_lens_model *lens, const double at[2], double v[3])
   }
   if (v[0] == 0 && v[1] == 0 && v[2] == 0)
     look_radially(lens, at, v);
-  make_unit(v);
+  pags_divide3(v, pags_length3(v));
   const double farthest = lens->limit + 1e-9;
   for (int i = 0; i < 20; i++) {
     double seen[2], j[6];
@@ -334,7 +329,7 @@ int pags_lens_look(const pags_lens_model *lens, const double at[2], double v[3])
     const double left = (c * off[0] - b * off[1]) / all, right = (a * off[1] - b * off[0]) / all;
     for (int k = 0; k < 3; k++)
       v[k] += left * j[k] + right * j[3 + k];
-    make_unit(v);
+    pags_divide3(v, pags_length3(v));
     if (!(pags_lens_angle(v) <= farthest))
       return 0;
     if (fabs(off[0]) + fabs(off[1]) < 1e-8 * (1 + fabs(at[0]) + fabs(at[1])))

@@ -57,13 +57,6 @@ static pags_result check_object_ids(const char *folder, const pags_scene *scene,
   return PAGS_OK;
 }
 
-static pags_result load_sky(const char *folder, const char *file, pags_sky *sky) {
-  char *path = pags_path_join(folder, file);
-  pags_result result = path ? pags_sky_load(path, sky) : pags_out_of_memory("%s: a path", folder);
-  free(path);
-  return result;
-}
-
 static pags_result refuse_folder(const char *folder) {
   PAGS_TRY(pags_unsupported_splats_check_folder(folder));
   static const char *const names[] = {"transforms.json", "transforms_train.json", "dataset.json", "sparse", "images"};
@@ -91,8 +84,11 @@ static pags_result load_own(const char *folder, pags_scene *scene) {
     if (result == PAGS_OK)
       result = check_object_ids(folder, scene, &scene->models[i]);
   }
-  if (result == PAGS_OK && files.sky)
-    result = load_sky(folder, files.sky, &scene->sky);
+  if (result == PAGS_OK && files.sky) {
+    char *sky = pags_path_join(folder, files.sky);
+    result = sky ? pags_sky_load(sky, &scene->sky) : pags_out_of_memory("%s: a path", folder);
+    free(sky);
+  }
   free(files.counts);
   free(files.sky);
   free(path);
@@ -192,25 +188,19 @@ static pags_result save_model(const char *folder, const pags_scene *scene, const
   return result;
 }
 
-static pags_result save_sky(const char *folder, const pags_sky *sky) {
-  char *path = pags_path_join(folder, PAGS_SKY_FILE);
-  pags_result result = path ? pags_sky_save(path, sky) : pags_out_of_memory("%s: a path", folder);
-  free(path);
-  return result;
-}
-
 /* scene.json is written last: if saving is interrupted, a new scene.json never names a model or sky that has not been
  * written completely. */
 pags_result pags_scene_write(const char *folder, const pags_scene *scene) {
   for (int64_t i = 0; i < scene->model_count; i++)
     PAGS_TRY(save_model(folder, scene, &scene->models[i]));
-  if (scene->sky.size > 0)
-    PAGS_TRY(save_sky(folder, &scene->sky));
-  char *path = pags_path_join(folder, "scene.json");
-  if (!path)
-    return pags_out_of_memory("%s: a path", folder);
-  pags_result result = pags_scene_json_write(path, scene);
-  free(path);
+  char *sky = pags_path_join(folder, PAGS_SKY_FILE), *json = pags_path_join(folder, "scene.json");
+  pags_result result = sky && json ? PAGS_OK : pags_out_of_memory("%s: a path", folder);
+  if (result == PAGS_OK && scene->sky.size > 0)
+    result = pags_sky_save(sky, &scene->sky);
+  if (result == PAGS_OK)
+    result = pags_scene_json_write(json, scene);
+  free(sky);
+  free(json);
   return result;
 }
 

@@ -235,14 +235,6 @@ pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene
 
 /* ---- Writing ---- */
 
-/* Returns whether a view has an exposure other than gain 1 and offset 0. */
-static bool is_exposed(const pags_scene_view *view) {
-  for (int k = 0; k < 3; k++)
-    if (view->gain[k] != 1 || view->offset[k] != 0)
-      return true;
-  return false;
-}
-
 static void write_views(pags_json_writer *w, const pags_scene *scene) {
   pags_json_begin_array(w, "cameras");
   for (int64_t i = 0; i < scene->view_count; i++) {
@@ -256,7 +248,10 @@ static void write_views(pags_json_writer *w, const pags_scene *scene) {
       pags_json_put_integer(w, "sensor", view->sensor);
     if (view->frame >= 0)
       pags_json_put_integer(w, "frame", view->frame);
-    if (is_exposed(view)) {
+    bool exposed = false;
+    for (int k = 0; k < 3; k++)
+      exposed = exposed || view->gain[k] != 1 || view->offset[k] != 0;
+    if (exposed) {
       pags_json_put_numbers(w, "gain", view->gain, 3);
       pags_json_put_numbers(w, "offset", view->offset, 3);
     }

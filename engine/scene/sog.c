@@ -284,14 +284,10 @@ static pags_result check_indices(const sog_file *f, const char *attribute, const
 
 /* ---- Attributes ---- */
 
-static double from_log(double v) {
-  const double size = pags_exp(fabs(v)) - 1;
-  return v < 0 ? -size : size;
-}
-
 static double mean_of(const sog_file *f, const pags_webp *low, const pags_webp *high, int64_t i, int k) {
   const int fixed = low->rgba[4 * i + k] | high->rgba[4 * i + k] << 8;
-  return from_log(f->mins[k] + (f->maxs[k] - f->mins[k]) * fixed / 65535);
+  const double v = f->mins[k] + (f->maxs[k] - f->mins[k]) * fixed / 65535, size = pags_exp(fabs(v)) - 1;
+  return v < 0 ? -size : size;
 }
 
 /* Far from zero, positions have more digits than a float: they get an origin, by up to 1,024 of them. */

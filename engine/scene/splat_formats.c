@@ -16,12 +16,17 @@ float pags_logit_of_byte(uint8_t alpha) {
   return (float)pags_log(p / (1 - p));
 }
 
-static const char *plane_name(int plane) {
-  return plane < PAGS_SCALE      ? "position"
-         : plane < PAGS_ROTATION ? "scale"
-         : plane < PAGS_OPACITY  ? "rotation"
-         : plane < PAGS_SH       ? "opacity"
-                                 : "colour";
+/* The parameter of row `i` with the first value that isn't finite. */
+static const char *bad_parameter(const pags_gaussians *g, int64_t i) {
+  int plane = 0;
+  while (plane < pags_plane_count(g->sh_degree) && isfinite(pags_plane(g, plane)[i]))
+    plane++;
+  return plane == pags_plane_count(g->sh_degree) ? "colour over time"
+         : plane < PAGS_SCALE                    ? "position"
+         : plane < PAGS_ROTATION                 ? "scale"
+         : plane < PAGS_OPACITY                  ? "rotation"
+         : plane < PAGS_SH                       ? "opacity"
+                                                 : "colour";
 }
 
 /* Replaces all-zero quaternions by the identity. Returns how many. */
@@ -61,14 +66,6 @@ static int64_t take_limits(pags_gaussians *g) {
   return taken;
 }
 
-/* The plane of the first value of row `i` that isn't finite, -1 for one of the Fourier terms. */
-static int bad_plane(const pags_gaussians *g, int64_t i) {
-  for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
-    if (!isfinite(pags_plane(g, p)[i]))
-      return p;
-  return -1;
-}
-
 /* Leaves out the `bad` rows that aren't finite. */
 static pags_result leave_out(const char *path, pags_gaussians *g, int64_t bad) {
   int64_t *const good = malloc((size_t)g->count * sizeof *good);
@@ -78,8 +75,7 @@ static pags_result leave_out(const char *path, pags_gaussians *g, int64_t bad) {
   int64_t first = 0;
   while (first < g->count - bad && good[first] == first)
     first++;
-  const int plane = bad_plane(g, first);
-  const char *const name = plane < 0 ? "colour over time" : plane_name(plane);
+  const char *const name = bad_parameter(g, first);
   pags_gaussians kept = {0};
   pags_result result =
       bad < g->count

@@ -78,8 +78,8 @@ static pags_result take_samples(const pags_scene *scene, double least, sample **
     memcpy(pose, identity, sizeof pose);
     for (int64_t o = 0; o < scene->object_count && !there; o++)
       there = scene->objects[o].model == m && pags_object_pose(&scene->objects[o].record, scene->time_begin, pose);
-    for (int k = 0; k < 3 && m > 0; k++)
-      pose[4 * k + 3] -= scene->origin[k];
+    if (m > 0)
+      pags_pose_subtract(pose, scene->origin);
     for (int64_t i = 0; there && i < scene->models[m].gaussians.count; i += every)
       if (take_sample(&scene->models[m].gaussians, i, pose, least, &(*out)[*count]))
         (*out)[(*count)++].weight *= (double)every;
@@ -224,13 +224,6 @@ static void look_along(const pags_survey *s, int direction, uint32_t *met) {
       }
 }
 
-static int bits_of(uint32_t x) {
-  int count = 0;
-  for (; x; x &= x - 1)
-    count++;
-  return count;
-}
-
 /* Whether rays meet something in at least 12 of the 17 directions that don't lead through the most open of the six
  * sides. */
 static bool is_surrounded(uint32_t met) {
@@ -240,7 +233,7 @@ static bool is_surrounded(uint32_t met) {
       const int step[3] = {d % 3 - 1, d / 3 % 3 - 1, d / 9 - 1};
       through |= step[side / 2] == (side % 2 ? 1 : -1) ? (uint32_t)1 << d : 0;
     }
-    if (bits_of(met & ~through) >= 12)
+    if (__builtin_popcount(met & ~through) >= 12)
       return true;
   }
   return false;

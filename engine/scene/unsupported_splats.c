@@ -50,14 +50,6 @@ static const unsupported_format formats[] = {
 
 enum { FORMATS = sizeof formats / sizeof *formats };
 
-static bool has_magic(const unsupported_format *f, const uint8_t *bytes, size_t size) {
-  return f->magic && size >= strlen(f->magic) && memcmp(bytes, f->magic, strlen(f->magic)) == 0;
-}
-
-static bool has_keys(const unsupported_format *f, const pags_json_value *root) {
-  return root && f->keys[0] && pags_json_member(root, f->keys[0]) && pags_json_member(root, f->keys[1]);
-}
-
 static bool has_name(const unsupported_format *f, const char *path) {
   return strcasecmp(f->name, f->name[0] == '.' ? pags_path_extension(path) : pags_path_name(path)) == 0;
 }
@@ -68,9 +60,12 @@ static pags_result refuse(const char *path, const unsupported_format *f) {
 
 pags_result pags_unsupported_splats_check(const char *path, const uint8_t *bytes, size_t size,
                                           const pags_json_value *root) {
-  for (int i = 0; i < FORMATS; i++)
-    if (has_magic(&formats[i], bytes, size) || has_keys(&formats[i], root))
-      return refuse(path, &formats[i]);
+  for (int i = 0; i < FORMATS; i++) {
+    const unsupported_format *f = &formats[i];
+    const bool magic = f->magic && size >= strlen(f->magic) && memcmp(bytes, f->magic, strlen(f->magic)) == 0;
+    if (magic || (root && f->keys[0] && pags_json_member(root, f->keys[0]) && pags_json_member(root, f->keys[1])))
+      return refuse(path, f);
+  }
   for (int i = 0; i < FORMATS; i++)
     if (has_name(&formats[i], path))
       return refuse(path, &formats[i]);

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Velocities of poses, of objects along their tracks, and where a camera with a rolling shutter sees a point. */
+/* Velocities of poses and of objects along their tracks; points as seen by a camera with a rolling shutter. */
 #include <pags/camera.h>
 #include <pags/object.h>
 
 #include <math.h>
 #include <string.h>
+
+#include "base/vec3.h"
 
 void pags_rigid_move(const double m[12], const double velocity[6], double seconds, double out[12]) {
   double turn[3], shift[3], motion[12];
@@ -22,10 +24,9 @@ void pags_rigid_velocity(const double a[12], const double m[12], const double b[
   pags_rigid_inverse(a, back);
   pags_rigid_multiply(back, b, motion);
   pags_increment_rotation(motion, turn);
-  for (int k = 0; k < 3; k++) {
-    world[k] = a[4 * k] * turn[0] + a[4 * k + 1] * turn[1] + a[4 * k + 2] * turn[2];
+  pags_rotate3(a, turn, world);
+  for (int k = 0; k < 3; k++)
     world[3 + k] = b[4 * k + 3] - a[4 * k + 3];
-  }
   for (int k = 0; k < 6; k++) {
     const double *const v = world + k / 3 * 3;
     velocity[k] = (m[k % 3] * v[0] + m[4 + k % 3] * v[1] + m[8 + k % 3] * v[2]) / seconds;
@@ -48,7 +49,7 @@ void pags_camera_see(const pags_camera *camera, const double middle[3], double o
 
 void pags_object_velocity(const pags_object *object, double time, double velocity[6]) {
   const double half = 0.05; /* seconds: where labels are a tenth apart, the parabola through three of them */
-  /* Beyond its ends a track stands still, which isn't the object's motion. */
+  /* A track is constant beyond its ends, which isn't the motion of the object. */
   const double begin = fmax(time - half, object->keyframes[0].time),
                end = fmin(time + half, object->keyframes[object->keyframe_count - 1].time);
   double before[12], now[12], after[12];
