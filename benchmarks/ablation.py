@@ -5,7 +5,7 @@ size, training and rendering time, at each row's own count, at equal training ti
 
 Rows with the same training options share a run, which is a folder of TABLE.runs named by the options:
   scene/                    the scene that pags train writes
-  run.json                  the step reached, the time spent so far, and the moments (measured intermediate states)
+  run.json                  the step reached, the time spent, and the moments (measured intermediate states)
   known_STEP.pags           the checkpoint of the step in run.json, a link to the former scene/checkpoint.pags; rows
                             that are compared at equal count also keep the earlier ones, and after the end the last
                             one before the last prune
@@ -181,7 +181,7 @@ def link(source, target):
 
 
 def network_of(weights):
-    """The network of LPIPS weights, as pags eval reports it; None if the file is none, which pags eval then says."""
+    """The network of LPIPS weights, as pags eval reports it; None for other files, which pags eval then rejects."""
     try:
         names = zipfile.ZipFile(weights).namelist()
     except (OSError, zipfile.BadZipFile):

@@ -6,8 +6,8 @@ BUILD is the folder of pags and pags-bench. SCENE is a scene folder, whose view 
 programs get the same .ply without a sky, on black, and the view's camera with square pixels and its principal point in the middle, since not all know
 others. Errors are taken against the picture in double precision (pags-bench reference). Rows: PAGS by mode and threads; OpenSplat (--opensplat);
 Babylon.js, Spark and PlayCanvas of tests/outside/node_modules and GaussianSplats3D of --modules, in a headless Chromium by SwiftShader and by Mesa's
-llvmpipe. What isn't found or doesn't run is left out and named. Rows take turns for --rounds. Writes TABLE.md and TABLE.json, and what programs read
-and drew to TABLE.work. Python 3.9, no packages; docs/compare.md says how fair each row is."""
+llvmpipe. Omits and names programs that are missing or fail. Rows take turns for --rounds. Writes TABLE.md and TABLE.json, and what programs read
+and drew to TABLE.work. Python 3.9, no packages; docs/compare.md explains how fair each row is."""
 
 import argparse
 import array
@@ -141,7 +141,7 @@ STEPS = re.compile(r"Step (\d+):")
 
 
 def with_step(ply, out):
-    """The .ply with the comment and the normals by which OpenSplat goes on from it, and the degree of its colour."""
+    """The .ply with the comment and normals that OpenSplat requires to resume from it, and its SH degree."""
     with open(ply, "rb") as file:
         head, names, count = [], [], 0
         while not head or head[-1] != "end_header":

@@ -4,7 +4,7 @@
  *
  * Errors are against the double-precision oracle (tests/reference), or against the engine without the approximation
  * where it can be switched off. Gains are ratios of processor time, as medians over pairs of frames that were timed
- * alternately; counts of work and bytes stand beside them. */
+ * alternately; next to them are counts of work and bytes. */
 #include "benchmarks/error.h"
 
 #include <math.h>

@@ -49,7 +49,7 @@ void error_picture_compare(const double *a, const double *b, int64_t samples, er
 
 /* Processor time of all threads of this process, ms. */
 double error_clock_ms(void);
-/* Median of `values`, which are sorted in place; NaN if there are none. */
+/* Median of `values`, which are sorted in place; NaN without values. */
 double error_median(double *values, int64_t count);
 /* Reports progress: `part` is the phase that has begun. Returns PAGS_OK, or sets the error and returns
  * PAGS_CANCELLED. */

@@ -19,7 +19,7 @@
 
 enum { LIMITS = 4, GROUPS = 6, PROBES = 4096, EXP_VALUES = 1 << 16, KERNEL_STEPS = 1 << 16, ROUNDS = 9 };
 
-/* Alpha cut that stands for no cut: it removes at most 1/256 of 1/255 of one Gaussian. */
+/* Alpha cut that is practically none: it removes at most 1/256 of 1/255 of one Gaussian. */
 #define LOW_CUT (REFERENCE_ALPHA_MIN / 256)
 
 enum { NO_STOP = 1, NO_CAP = 2, NO_CLAMP = 3 };

@@ -14,7 +14,7 @@
 
 #include <pags/dataset.h>
 
-/* SIDE: cells per side of the grid; WINDOW: neighbourhood in cells, not 1 because LiDAR rings lie apart */
+/* SIDE: cells per side of the grid; WINDOW: neighbourhood in cells, not 1 because LiDAR rings have gaps */
 enum { SIDE = 100, WINDOW = 3 };
 /* metres: size of a cell, height range of a level cell, step between neighbours, margin of boxes, radius of the
  * seeds */

@@ -8,7 +8,7 @@
 
 #include <pags/frame.h>
 
-/* The stages of a frame; the last one stands for the whole frame. */
+/* The stages of a frame; the last one is the whole frame. */
 enum {
   PAGS_BENCH_CULL,
   PAGS_BENCH_OCCLUDE,

@@ -44,7 +44,7 @@ static int by_value(const void *a, const void *b) {
   return x < y ? -1 : x > y;
 }
 
-/* The value below which so many hundredths of the values lie; sorts them. */
+/* The percentile of the values; sorts them. */
 static double percentile(double *values, int count, int hundredths) {
   if (count == 0)
     return 0;

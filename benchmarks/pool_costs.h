@@ -20,7 +20,7 @@ pags_result pags_pool_costs_measure(pags_pool_costs *out);
 /* What the bare blending kernel is fed with: a faint splat on a pixel, just above its cut. */
 extern const pags_splat pags_faint_splat;
 
-/* The bare blending kernel: a block is so many steps of the rasteriser on splats in registers. */
+/* The bare blending kernel: a block is this number of rasteriser steps on splats in registers. */
 typedef struct pags_peak {
   const pags_kernels *kernels;
   int64_t steps;

@@ -366,7 +366,7 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
   return result;
 }
 
-/* Returns the index of the street's actor with the number at the end of the id; -1 if there is none. */
+/* Returns the index of the street's actor with the number at the end of the id, or -1. */
 static int actor_of(const pags_proxy_bench *self, const char *id) {
   for (int i = 0; i < self->street.actor_count; i++)
     if (self->street.actors[i].number == number_of(id))

@@ -18,7 +18,7 @@ typedef struct pags_replay_costs {
   double fork;      /* from the call of a loop to the first block of a worker that spins */
   double claim;     /* for which a worker that takes a block keeps others from taking one */
   double join;      /* from the end of the last block to the return of the call */
-  double spin;      /* a worker without work, and a caller who waits for workers, sleep after so long */
+  double spin;      /* a worker without work, and a caller who waits for workers, sleep after this time */
   double wake_call; /* that the caller spends for each sleeper that it wakes */
   double wake;      /* from the call to the first block of the first sleeper */
   double wake_next; /* from there to the first block of each further sleeper */

@@ -24,7 +24,7 @@
 #include "train/schedule.h"
 
 enum { MOST_MEASURED = 32, MOST_CAMERAS = 4 };
-/* Loops of the record are cut as for so many workers, where that depends on their number. */
+/* Number of workers for splitting the loops of the record, if that depends on it. */
 enum { RECORDED_WORKERS = 32 };
 
 typedef struct scaling_arguments {
@@ -304,7 +304,7 @@ static void put_machine(pags_json_writer *json) {
   pags_json_put_string(json, "kernels", kernels ? kernels->name : NULL);
 }
 
-/* Prints what was measured beside what was predicted. */
+/* Prints measurements next to predictions. */
 static pags_result put_measured(const scaling_bench *self, FILE *people, pags_json_writer *json) {
   static const char *const phases[] = {"step", "frame"};
   pags_json_begin_array(json, "measured");

@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads arrays of numbers from Python: what has the buffer protocol (numpy's arrays, array.array, memoryview, Buffer)
- * as it lies in memory, and nested sequences item by item.
+/* Reads arrays of numbers from Python: objects with the buffer protocol (numpy arrays, array.array, memoryview, Buffer)
+ * directly from memory, and nested sequences item by item.
  *
- * Buffers are opened through the slots of their type, as CPython's PyObject_GetBuffer and PyBuffer_Release do: these
- * two are in the limited API from Python 3.11 on only, and Windows' python3.dll of 3.10, which Blender 3.4 to 4.0
- * bring, doesn't export them. */
+ * Buffers are opened through the slots of their type, like CPython's PyObject_GetBuffer and PyBuffer_Release: these two
+ * are in the limited API only from Python 3.11, and Windows' python3.dll of 3.10, included in Blender 3.4 to 4.0,
+ * doesn't export them. */
 #include "blender_addon/native/native.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-/* What is written to: floats, or doubles if `wide`. */
+/* The destination: floats, or doubles if `wide`. */
 typedef struct sink {
   void *data;
   Py_ssize_t at;
@@ -76,14 +76,14 @@ static bool has_buffer(PyObject *value) {
   return PyType_GetSlot(Py_TYPE(value), Py_bf_getbuffer) != NULL;
 }
 
-/* Opens the buffer of a value that has one, with strides and format; false with Python's error set where it can't. */
+/* Opens the buffer of a value, with strides and format; on failure returns false with Python's error set. */
 static bool open_buffer(PyObject *value, Py_buffer *view) {
   const opener open = (opener)(size_t)PyType_GetSlot(Py_TYPE(value), Py_bf_getbuffer);
   return open(value, view, PyBUF_STRIDES | PyBUF_FORMAT) == 0;
 }
 
 static void close_buffer(Py_buffer *view) {
-  PyObject *const object = view->obj; /* NULL: its type lends memory that needs no giving back */
+  PyObject *const object = view->obj; /* NULL: the type requires no release */
   if (!object)
     return;
   const closer close = (closer)(size_t)PyType_GetSlot(Py_TYPE(object), Py_bf_releasebuffer);
@@ -93,7 +93,7 @@ static void close_buffer(Py_buffer *view) {
   Py_DECREF(object);
 }
 
-/* 'f' or 'd' where the buffer holds floats or doubles in this machine's order, else 0. */
+/* 'f' or 'd' if the buffer has floats or doubles in native byte order, else 0. */
 static char float_kind(const Py_buffer *view) {
   const char *format = view->format ? view->format : "B";
   format += *format == '@' || *format == '=' || *format == '<';
@@ -122,7 +122,7 @@ static void copy(const Py_buffer *view, int dimension, const char *at, sink *s) 
 
 /* ---- Sequences ---- */
 
-/* The lengths along the first items, at most `most` of them. Returns how many there are, -1 after raising. */
+/* The lengths along the first items, at most `most`. Returns the number of dimensions, or -1 after raising. */
 static int measure(PyObject *value, int most, Py_ssize_t *shape) {
   int dimensions = 0;
   PyObject *at = value;
@@ -169,7 +169,7 @@ static bool walk(PyObject *value, const char *what, int dimensions, const Py_ssi
 
 /* ---- Either ---- */
 
-/* What remains of a shape whose leading dimension is 0, as of [] for [n][3]. */
+/* The rest of a shape whose leading dimension is 0, such as [] for [n][3]. */
 static int complete(int dimensions, const Py_ssize_t *wanted, int found_dimensions, Py_ssize_t *found) {
   if (found_dimensions == 0 || found_dimensions >= dimensions || found[found_dimensions - 1] != 0)
     return found_dimensions;

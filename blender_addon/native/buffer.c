@@ -8,7 +8,7 @@
 enum { MAX_DIMENSIONS = 3 };
 
 typedef struct native_buffer {
-  PyObject_HEAD PyObject *owner; /* object that keeps `data` alive; NULL: the buffer frees `data` */
+  PyObject_HEAD PyObject *owner; /* owner of `data`; NULL: the buffer frees `data` */
   void *data;
   char format[2];
   int dimensions;
@@ -115,7 +115,7 @@ static PyType_Slot buffer_slots[] = {
     {Py_bf_getbuffer, buffer_get},
     {Py_tp_getset, buffer_getset},
     {Py_sq_length, buffer_length},
-    {Py_tp_doc, "Memory of the engine's: memoryview(x) or numpy.asarray(x) see it without a copy."},
+    {Py_tp_doc, "Memory of the engine: memoryview(x) and numpy.asarray(x) give access without a copy."},
     {0, NULL}};
 PyType_Spec native_buffer_spec = {.name = "pags.Buffer",
                                   .basicsize = sizeof(native_buffer),

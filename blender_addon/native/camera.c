@@ -17,7 +17,7 @@ static bool read_size(PyObject *value, const char *what, int *out) {
   return good;
 }
 
-/* A new reference to dict[key]; NULL, without an error set, where it isn't there or None. */
+/* A new reference to dict[key]; NULL, without an error set, if it is missing or None. */
 static PyObject *item_of(PyObject *dict, const char *key) {
   PyObject *value = PyMapping_HasKeyString(dict, key) ? PyMapping_GetItemString(dict, key) : NULL;
   if (value != Py_None)
@@ -32,7 +32,8 @@ static bool missing(const char *owner, const char *key) {
   return false;
 }
 
-/* Reads so many finite numbers of a key, or one if count is 0. `what` is "camera: fx". An optional key leaves `out`. */
+/* Reads `count` finite numbers of a key; 0: a single number. `what`: for example "camera: fx". A missing optional key
+ * leaves `out` unchanged. */
 static bool read_key(PyObject *dict, const char *what, bool optional, Py_ssize_t count, double *out) {
   const char *const key = strrchr(what, ' ') + 1;
   PyObject *value = item_of(dict, key);
@@ -50,7 +51,7 @@ static bool read_size_key(PyObject *dict, const char *what, int *out) {
   return good;
 }
 
-/* Whether a dictionary has these keys and no other, so that nothing is ignored. */
+/* Whether a dictionary has exactly these keys, so that no input is ignored. */
 static bool has_only(PyObject *dict, const char *what, const char *const *keys, const char *listed) {
   Py_ssize_t known = 0;
   if (!PyMapping_Check(dict) || PyUnicode_Check(dict)) {
@@ -66,7 +67,7 @@ static bool has_only(PyObject *dict, const char *what, const char *const *keys, 
   return false;
 }
 
-/* Reads the word of a key as a new reference to a Python string, and its text. */
+/* Reads the string of a key: a new reference to the Python string, and its text. */
 static PyObject *read_word_key(PyObject *dict, const char *what, const char **out) {
   PyObject *value = item_of(dict, strrchr(what, ' ') + 1);
   if (!value)
@@ -193,7 +194,7 @@ PyObject *native_camera_dict(const pags_camera *camera) {
 
 /* ---- pags.camera ---- */
 
-/* Takes focal lengths and principal point from K, in pixels. */
+/* Reads focal lengths and principal point from K, in pixels. */
 static bool read_intrinsics(PyObject *value, pags_camera *out) {
   Py_ssize_t shape[2] = {3, 3};
   double *k = native_read_array(value, "K", true, 2, shape);
@@ -208,7 +209,7 @@ static bool read_intrinsics(PyObject *value, pags_camera *out) {
   return good;
 }
 
-/* Sets the pose from whichever of two matrices is given, in OpenCV's axes or OpenGL's (y up, z back). */
+/* Sets the pose from the given one of two matrices, in OpenCV's axes or OpenGL's (y up, z back). */
 static bool read_extrinsics(PyObject *to_world, PyObject *to_camera, PyObject *frame, pags_camera *out) {
   const char *axes = "opencv";
   if (frame && !native_read_word(frame, "axes", &axes))

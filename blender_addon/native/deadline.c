@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Deadline: the Python object of the controller that keeps the pictures of one view within a time (pags/deadline.h). */
+/* Deadline: the Python object of the controller that keeps the pictures of a view within a time budget
+ * (pags/deadline.h). */
 #include "blender_addon/native/job.h"
 
 #include <math.h>
@@ -10,7 +11,7 @@
 
 /* ---- For jobs ---- */
 
-/* Writes the priorities of the ids of all scenes of a job, one scene after another. */
+/* Writes the priorities by id of all scenes of a job, one scene after another. */
 static pags_result set_priorities(const native_contents *contents, pags_deadline *renderer) {
   const native_shown *const last = &contents->shown[contents->shown_count - 1];
   const int64_t count = last->id_base + pags_composition_gaussian_count(((native_scene *)last->scene)->composition);
@@ -27,8 +28,8 @@ static pags_result set_priorities(const native_contents *contents, pags_deadline
   return result;
 }
 
-/* The part of the picture that was asked for which is drawn of a smaller one: whole pixels of the smaller one around
- * the window. `place` receives the pixels of the picture asked for that they cover. */
+/* The window of a reduced picture: its whole pixels around the requested window. `place` receives the pixels of the
+ * requested picture that they cover. */
 static void shrink_window(const pags_camera *asked, const pags_picture *picture, native_layout *layout, int place[4]) {
   const double across = (double)picture->width / asked->width, down = (double)picture->height / asked->height;
   const int x0 = (int)(layout->x * across), y0 = (int)(layout->y * down);
@@ -163,23 +164,22 @@ static PyObject *pace(PyObject *object, PyObject *arguments) {
 
 static PyMethodDef methods[] = {
     {"pace", pace, METH_VARARGS,
-     "pace($self, ms, wanted, /)\n--\n\nSays that a picture appeared so many milliseconds after the one before, and "
-     "how many are wished for: where they come too\nseldom, because the viewer's own drawing takes the processors, "
-     "pictures get less of the time."},
+     "pace($self, ms, wanted, /)\n--\n\nReports the milliseconds between the last two pictures, and "
+     "the wanted ones: if the viewer's own drawing\nslows pictures down, each gets less time."},
     {0}};
-static PyGetSetDef getset[] = {{"ms", get_ms, set_ms, "milliseconds that a picture may take", NULL},
-                               {"step", get_step, NULL, "of the next picture: 1 (bounded Early-Z) to 11", NULL},
-                               {"haste", get_haste, NULL, "share of ms that a picture may take, see pace", NULL},
-                               {0}};
+static PyGetSetDef getset[] = {
+    {"ms", get_ms, set_ms, "time budget of a picture, milliseconds", NULL},
+    {"step", get_step, NULL, "quality step of the next picture: 1 (bounded Early-Z) to 11", NULL},
+    {"haste", get_haste, NULL, "fraction of ms for a picture, see pace", NULL},
+    {0}};
 static PyType_Slot slots[] = {
     {Py_tp_new, deadline_new},
     {Py_tp_dealloc, deadline_dealloc},
     {Py_tp_methods, methods},
     {Py_tp_getset, getset},
     {Py_tp_doc,
-     "Deadline(ms)\n--\n\nKeeps the pictures of one view that moves within a time: each job submitted with "
-     "it gives up as much as the time of\nthose before it says, what isn't critical first, the picture's "
-     "size last."},
+     "Deadline(ms)\n--\n\nKeeps the pictures of a moving view within a time budget: the times of earlier "
+     "jobs determine the quality of the next,\nreduced first in non-critical areas, last in size."},
     {0, NULL}};
 PyType_Spec native_deadline_spec = {
     .name = "pags.Deadline", .basicsize = sizeof(native_deadline), .flags = Py_TPFLAGS_DEFAULT, .slots = slots};

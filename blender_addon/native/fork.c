@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Objects after a fork. The child has all memory of its parent, but of its threads only the one that forked: a lock
- * that another one held stays locked, and a renderer draws no more. So every object knows its process: a lock that was
- * free goes on in the child, whose locks are copies; for what is lost an error is raised where there would be a wait
- * without end. Call with the interpreter's lock held. */
+ * that another one held stays locked, and a renderer draws no more. So every object stores its process. A lock that was
+ * free at the fork works in the child, as a copy; a lost one raises an error instead of waiting forever. Call with the
+ * interpreter's lock held. */
 #include "blender_addon/native/native.h"
 
 #include "port/port.h"

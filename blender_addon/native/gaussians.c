@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Gaussians as arrays: scenes made of them, scenes given as them, and files of them. The arrays hold what splat files
- * hold (ln sigma, logits), so that they come back to the bit; names and shapes are gsplat's (Ye et al. 2025). */
+/* Gaussians as arrays: scenes from arrays, arrays from scenes, and files of them. Units are those of splat files (ln
+ * sigma, logits), so that a round trip keeps all bits; names and shapes are gsplat's (Ye et al. 2025). */
 #include "blender_addon/native/native.h"
 
 #include <math.h>
@@ -18,11 +18,11 @@
 
 /* ---- From arrays ---- */
 
-/* The arrays of a scene: where their numbers go, and the shape of a row. */
+/* The arrays of a scene: destination and shape of a row. */
 enum { MEANS, QUATS, SCALES, OPACITIES, SH, ARRAYS };
 static const struct {
   const char *name;
-  int plane, planes; /* planes 0: as many as the harmonics have */
+  int plane, planes; /* planes 0: the number of harmonics */
 } arrays[ARRAYS] = {[MEANS] = {"means", PAGS_MEAN, 3},
                     [QUATS] = {"quats", PAGS_ROTATION, 4},
                     [SCALES] = {"scales", PAGS_SCALE, 3},
@@ -33,7 +33,7 @@ typedef struct scene_arguments {
   PyObject *array[ARRAYS], *priorities, *background, *origin, *up, *antialiased, *alpha_min; /* NULL: not given */
 } scene_arguments;
 
-/* Copies rows of `planes` numbers to planes. Raises and returns false at a number that isn't finite. */
+/* Copies rows of `planes` numbers to planes. Raises and returns false at a non-finite number. */
 static bool fill_planes(const char *name, const float *from, int planes, pags_gaussians *g, int plane) {
   for (int64_t i = 0; i < g->count; i++)
     for (int p = 0; p < planes; p++) {
@@ -112,7 +112,7 @@ static double origin_of(const double *means, Py_ssize_t rows, int axis) {
   return lost ? pags_large_origin(values, count) : 0;
 }
 
-/* Reads the means as floats, which the caller frees. Where the caller names no origin, large ones may get one. */
+/* Reads the means as floats, which the caller frees. Large means may get an origin if the caller gives none. */
 static float *read_means(const scene_arguments *w, Py_ssize_t shape[2], double origin[3]) {
   double *const means = native_read_array(w->array[MEANS], arrays[MEANS].name, true, 2, shape);
   const Py_ssize_t numbers = means ? 3 * shape[0] : 0;
@@ -307,7 +307,7 @@ PyObject *native_scene_object_of(PyObject *object, void *closure) {
 
 /* ---- To files ---- */
 
-/* Objects with models of their own have to be brought to their poses first, their harmonics turned: exporters do it. */
+/* Objects with their own models would first require their poses, and rotated harmonics: exporters do that. */
 static bool check_savable(const pags_scene *scene) {
   for (int64_t i = 0; i < scene->object_count; i++)
     if (scene->objects[i].model >= 0) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags.gradients: from a loss's gradient by a picture to its gradients by the parameters of all Gaussians. The picture
- * is drawn again, to the same bits, so that nothing has to be kept between the two calls. */
+/* pags.gradients: backpropagates the gradient of a loss by a picture to the parameters of all Gaussians. The picture is
+ * rendered again, with the same bits, so that no state is kept between the two calls. */
 #include "blender_addon/native/job.h"
 
 #include <math.h>
@@ -23,7 +23,7 @@ enum { BY_T = 3, BY_DEPTH_SUM, PLANES };
 
 /* ---- Without the interpreter's lock ---- */
 
-/* Takes the gradients apart into the engine's planes. alpha is 1 - T. Depth is S / W, with S = sum(w z) and W = sum(w)
+/* Splits the gradients into the engine's planes. alpha is 1 - T. Depth is S / W, with S = sum(w z) and W = sum(w)
  * = 1 - T: dL/dS = g / W, dL/dT = g S / W^2. */
 static void fill_planes(const backward *b, const pags_picture *picture, float *const plane[PLANES]) {
   for (int y = 0; y < picture->height; y++)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Job: the Python object of one submitted render; it can be asked, waited for, cancelled and taken. */
+/* Job: the Python object of one submitted render. */
 #include "blender_addon/native/job.h"
 
 #include <math.h>
@@ -8,7 +8,7 @@
 
 #include "port/port.h"
 
-/* Whether the job was not done when this process was forked, and so never will be. */
+/* Whether the job was unfinished when this process was forked, and so never ends here. */
 static bool is_lost(const native_job *job) {
   return job->state != JOB_DONE && native_forked_since(((const native_renderer *)job->renderer)->process);
 }
@@ -53,7 +53,7 @@ static void cancel(native_job *job) {
   pthread_mutex_unlock(&r->lock);
 }
 
-/* Waits at most so many seconds; < 0: until the job is done. */
+/* Waits at most this number of seconds; < 0: until the job is done. */
 static bool wait_for(native_job *job, double seconds) {
   native_renderer *r = (native_renderer *)job->renderer;
   if (!r || native_forked_since(r->process))
@@ -76,7 +76,7 @@ static bool wait_for(native_job *job, double seconds) {
 static void job_dealloc(PyObject *object) {
   native_job *job = (native_job *)object;
   PyTypeObject *type = Py_TYPE(object);
-  const bool lost = job->renderer && is_lost(job); /* half drawn: what it holds stays */
+  const bool lost = job->renderer && is_lost(job); /* partly drawn: keep the old content */
   Py_BEGIN_ALLOW_THREADS cancel(job);
   wait_for(job, -1);
   Py_END_ALLOW_THREADS if (!lost) native_planes_free(&job->planes);
@@ -146,15 +146,16 @@ static PyObject *job_repr(PyObject *object) {
 static PyMethodDef job_methods[] = {
     {"done", job_done, METH_NOARGS, "done($self, /)\n--\n\nWhether take() would return at once."},
     {"wait", job_wait, METH_VARARGS,
-     "wait($self, seconds=-1, /)\n--\n\nWaits at most so long, if negative until it is done; returns whether it is."},
+     "wait($self, seconds=-1, /)\n--\n\nWaits at most this number of seconds, if negative until the job is done; "
+     "returns whether it is done."},
     {"take", job_take, METH_NOARGS,
      "take($self, /)\n--\n\nWaits; returns the Picture, or raises Cancelled, or Error with the engine's message."},
-    {"cancel", job_cancel, METH_NOARGS, "cancel($self, /)\n--\n\nAsks it to stop soon; doesn't wait."},
+    {"cancel", job_cancel, METH_NOARGS, "cancel($self, /)\n--\n\nRequests a stop; doesn't wait."},
     {0}};
 static PyType_Slot job_slots[] = {{Py_tp_dealloc, job_dealloc},
                                   {Py_tp_repr, job_repr},
                                   {Py_tp_methods, job_methods},
-                                  {Py_tp_doc, "A picture on its way. Dropping it cancels it."},
+                                  {Py_tp_doc, "A submitted picture. Deleting the last reference cancels it."},
                                   {0, NULL}};
 PyType_Spec native_job_spec = {.name = "pags.Job",
                                .basicsize = sizeof(native_job),

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Renderers, jobs, the scenes and the arguments of a job: shared by the files that read, queue and render them.
+/* Renderers, jobs, and the scenes and arguments of a job, for the files that read, queue and render them.
  *
  * A job belongs to the thread of its renderer from submit until its state is JOB_DONE; what both threads use is guarded
  * by the renderer's lock. A Job object holds references to its Scenes and Renderer; its destructor cancels and waits,
@@ -38,16 +38,16 @@ typedef struct native_contents {
   int shown_count;
   pags_part *parts;
   int part_count;
-  float **colours; /* of parts whose scene is shown at two times: copies of their constant colour terms */
+  float **colours; /* copies of the constant colour terms of parts whose scene is shown at two times */
   int colour_count;
 } native_contents;
 
-/* Values from Python, or None: what is drawn of the first scene, and the others. */
+/* Values from Python, or None: the parts of the first scene, and the other scenes. */
 typedef struct native_contents_arguments {
   PyObject *placements, *object_values, *names, *others;
 } native_contents_arguments;
 
-/* What motion refers to on one side. */
+/* The moment before or after that motion refers to. */
 typedef struct native_moment {
   bool known;
   pags_camera camera;
@@ -63,10 +63,10 @@ struct native_job {
   pags_camera camera;
   pags_frame_options options;
   native_layout layout;
-  int antialiased;          /* the argument: -1: each scene as it was trained */
+  int antialiased;          /* the argument; -1: each scene as trained */
   native_contents contents; /* what the picture shows */
   native_moment moments[2]; /* before, after, for motion */
-  /* Names of the mattes of objects and classes, where asked for, by the labels of the parts. */
+  /* Names in the requested mattes of objects and classes, by the labels of the parts. */
   pags_matte_names mattes[2];
   native_planes planes;
   pags_result result;
@@ -100,7 +100,7 @@ typedef struct native_job_arguments {
       &(w).depth_empty, &(w).depth_scale
 
 native_job_arguments native_default_job_arguments(void);
-/* Reads a number of threads, NULL: 0, all. Raises and returns false if so many can't be asked for. */
+/* Reads a number of threads; NULL: 0, all. Raises and returns false if out of range. */
 bool native_read_threads(PyObject *value, int *threads);
 /* A new job with these arguments, not yet queued. On failure raises and returns NULL. */
 PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_job_arguments *w);
@@ -116,7 +116,7 @@ void native_job_lock(const native_job *job, bool lock);
  * while the job's scenes stay locked. A part's label is counted on from scene to scene: the index of a placement or,
  * without placements, of an object, with the background's after them. */
 pags_result native_contents_compose(const native_job *job, native_contents *contents);
-/* Reads what the passes of a job need, after its outputs and contents. */
+/* Reads the inputs of a job's passes; call after reading its outputs and contents. */
 bool native_passes_read(const native_state *state, const native_job_arguments *w, native_job *job);
 /* Composes the moments of the job's motion, before the picture's own parts. Call with the job's scenes locked. */
 pags_result native_passes_moments(native_job *job, pags_moment out[2]);
@@ -127,7 +127,7 @@ pags_result native_passes_draw(const native_job *job, const pags_moment moments[
  * picture was. Call with the job's scenes locked. */
 pags_result native_deadline_draw(const native_job *job, pags_deadline *renderer, native_layout *layout,
                                  pags_picture *picture, native_drawn *drawn);
-/* Reports what a picture took that was drawn at a step. */
+/* Reports the time of a picture drawn at a step. */
 void native_deadline_tell(PyObject *deadline, int step, double ms);
 /* Waits for the job. Returns a new Picture, or raises the job's error. */
 PyObject *native_job_take(const native_state *state, native_job *job);

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_CUT = 1000 }; /* pixels; culls nearly everything already */
+enum { MOST_CUT = 1000 }; /* pixels; this limit already culls nearly everything */
 
 /* ---- Single arguments ---- */
 
@@ -103,7 +103,7 @@ static bool read_clips(PyObject *value, pags_frame_options *o) {
   return good;
 }
 
-/* Reads an argument that is a whole number; `out` keeps its value where it isn't given. */
+/* Reads an integer argument; `out` keeps its value if it is missing. */
 static bool read_count(PyObject *value, const char *what, int least, int most, int *out) {
   long long number = *out;
   const bool good = !value || native_read_integer(value, what, least, most, &number);

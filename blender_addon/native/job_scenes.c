@@ -63,14 +63,14 @@ static bool read_names(PyObject *value, native_shown *shown) {
   return shown->names != NULL;
 }
 
-/* Reads what is drawn of a scene; each value may be None. */
+/* Reads the parts of a scene to draw; each value may be None. */
 static bool read_drawn(PyObject *placements, PyObject *object_values, PyObject *names, native_shown *shown) {
   return (placements == Py_None || native_read_placements(placements, &shown->placements, &shown->placement_count)) &&
          (object_values == Py_None || read_object_values(object_values, shown)) &&
          (names == Py_None || read_names(names, shown));
 }
 
-/* A new reference to dict[key], or to None where it isn't there; counts what is there. */
+/* A new reference to dict[key], or to None if missing; counts existing keys. */
 static PyObject *item_or_none(PyObject *dict, const char *key, Py_ssize_t *found) {
   if (PyMapping_HasKeyString(dict, key)) {
     ++*found;
@@ -198,7 +198,7 @@ void native_contents_free(native_contents *contents) {
 
 /* ---- Locks ---- */
 
-/* Of the job's scenes with an address above `last`, the one with the lowest; NULL: there is none. */
+/* The scene of the job with the lowest address above `last`, or NULL. */
 static native_scene *next_scene(const native_job *job, const native_scene *last) {
   native_scene *next = NULL;
   for (int i = 0; i < job->contents.shown_count; i++) {
@@ -241,7 +241,7 @@ static pags_result keep_colours(native_contents *contents, pags_part *part) {
   return PAGS_OK;
 }
 
-/* Brings the parts of a scene other than the first, which are relative to its own origin, into the frame. */
+/* Transforms the parts of a scene other than the first from its own origin to the frame. */
 static void bring_in(const native_job *job, const native_shown *shown, pags_part *parts, int count) {
   const pags_frame_options own = pags_composition_options(scene_of(shown)->composition);
   double frame_from_scene[12];
@@ -253,7 +253,7 @@ static void bring_in(const native_job *job, const native_shown *shown, pags_part
   for (int p = 0; p < count; p++) {
     pags_rigid_multiply(frame_from_scene, parts[p].world_from_model, parts[p].world_from_model);
     parts[p].id_base = shown->id_base;
-    parts[p].low_pass = fmaxf(own.low_pass, FLT_MIN); /* as it was trained, like antialiasing */
+    parts[p].low_pass = fmaxf(own.low_pass, FLT_MIN); /* as trained, like antialiasing */
     parts[p].antialiased = job->antialiased < 0 ? (own.antialiased ? 1 : -1) : 0;
   }
 }

@@ -74,7 +74,7 @@ static PyObject *add_exception(PyObject *module, const char *full, const char *n
 static int module_exec(PyObject *module) {
   native_state *state = PyModule_GetState(module);
   state->error = add_exception(module, "pags.Error", "Error",
-                               "What the engine found wrong, in its words; `code` names the kind.", PyExc_RuntimeError);
+                               "An error of the engine with its message; `code` is the kind.", PyExc_RuntimeError);
   if (!state->error)
     return -1;
   state->cancelled = add_exception(module, "pags.Cancelled", "Cancelled", "The work was cancelled.", state->error);
@@ -149,7 +149,7 @@ static PyMethodDef methods[] = {
      "the camera's "
      "axis),\npoint (world, metres), scene (0: the first). placements, others, clips: as for Renderer.submit."},
     {"cryptomatte_hash", native_cryptomatte_hash, METH_VARARGS,
-     "cryptomatte_hash($module, name, /)\n--\n\nThe 32 bits that stand for a name in a Cryptomatte's manifest."},
+     "cryptomatte_hash($module, name, /)\n--\n\nThe 32-bit hash of a name in a Cryptomatte's manifest."},
     {"heat", heat, METH_VARARGS,
      "heat($module, value, /)\n--\n\nThe colour (r, g, b), as a screen shows it, that stands for a number from 0 to 1 "
      "in "

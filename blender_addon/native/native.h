@@ -2,8 +2,8 @@
 /* Declarations shared by the files of the Python module. The module is limited-API Python (abi3) over the public C API;
  * rows of packed Gaussians are read by scene/packed_rows.h.
  *
- * Scenes, renderers, jobs and pictures are Python objects that own what they stand for. Whatever may take time runs
- * with the interpreter lock released; the engine's threads never touch Python. */
+ * Scenes, renderers, jobs and pictures are Python objects that own their engine objects. Long calls release the
+ * interpreter lock; the engine's threads never touch Python. */
 #ifndef PAGS_NATIVE_H
 #define PAGS_NATIVE_H
 
@@ -29,23 +29,23 @@ native_state *native_state_of(PyObject *self);
 PyObject *native_raise(const native_state *state, pags_result code);
 PyObject *native_raise_text(const native_state *state, pags_result code, const char *text);
 PyObject *native_raise_value(PyObject *kind); /* kind: such as PyExc_ValueError */
-/* The string of a text of the engine; bytes that aren't UTF-8, of file names, as os.fsdecode has them. */
+/* A Python string from the engine's text; decodes non-UTF-8 bytes of file names like os.fsdecode. */
 PyObject *native_text(const char *text);
 
 /* ---- Locks, which a fork may lose (fork.c) ---- */
 
-/* Whether this is a process forked from the one of that number (pags_port_process_id). */
+/* Whether this process was forked from the one with that id (pags_port_process_id). */
 bool native_forked_since(int64_t process);
 
 typedef struct native_lock {
   pthread_mutex_t mutex;
-  int64_t process; /* that it was made in or last checked in */
+  int64_t process; /* process of its creation or last check */
   bool made, lost;
 } native_lock;
 
-bool native_lock_create(native_lock *lock); /* raises if there is none */
+bool native_lock_create(native_lock *lock); /* raises on failure */
 void native_lock_destroy(native_lock *lock);
-/* Whether the lock, and what it guards, can be used in this process. */
+/* Whether the lock and its data can be used in this process. */
 bool native_lock_is_alive(native_lock *lock);
 /* The same; raises that `what` was lost by a fork. To be called before the mutex is locked by a call from Python. */
 bool native_lock_check(native_lock *lock, const native_state *state, const char *what);
@@ -91,7 +91,7 @@ pags_result native_scene_need_sizes(native_scene *scene);
 
 enum { NATIVE_DIMENSIONS = 3 }; /* most of an array */
 
-/* What a picture shows of one of its scenes. The picture's world is that of its first scene. */
+/* The part of one scene in a picture. The picture's world is that of its first scene. */
 typedef struct native_shown {
   PyObject *scene;             /* a native_scene, referenced */
   double world_from_scene[12]; /* may scale, stretch and mirror; the identity for the first */
@@ -109,7 +109,7 @@ const native_shown *native_shown_of(const native_shown *shown, int count, int32_
 
 #define NATIVE_LARGEST ((double)FLT_MAX) /* of a number that counts as finite */
 
-/* `what` names the value in messages. Numbers have to be within [least, most], and so finite. */
+/* `what` names the value in messages. Numbers must be within [least, most], which implies finite. */
 bool native_read_number(PyObject *value, const char *what, double least, double most, double *out);
 bool native_read_finite(PyObject *value, const char *what, double *out);
 bool native_read_integer(PyObject *value, const char *what, long long least, long long most, long long *out);
@@ -121,9 +121,9 @@ bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, do
 /* A pose of finite numbers: 12, a matrix of 3 x 4, or one of 4 x 4 whose last row is 0 0 0 1. Not checked further. */
 bool native_read_pose(PyObject *value, const char *what, double out[12]);
 /* Reads an array of numbers from a buffer or nested sequences into a new block of floats, of doubles if `wide`, which
- * the caller frees. `shape` says what is expected (-1: any), and receives what there is. */
+ * the caller frees. `shape`: the expected shape (-1: any); receives the actual one. */
 void *native_read_array(PyObject *value, const char *what, bool wide, int dimensions, Py_ssize_t *shape);
-/* How many dimensions native_read_array would find. */
+/* The number of dimensions that native_read_array would find. */
 int native_array_dimensions(PyObject *value);
 /* Reads placements: a list of (object index, 12 numbers world_from_object, row-major 3 x 4); `out` is to be freed. */
 bool native_read_placements(PyObject *value, pags_placement **out, int64_t *count);
@@ -178,12 +178,12 @@ typedef struct native_layout {
 /* How a picture was drawn. */
 typedef struct native_drawn {
   int step;     /* of the deadline's ladder; 0: full quality */
-  int place[4]; /* x, y, width, height: pixels of the picture that was asked for which the planes cover */
+  int place[4]; /* x, y, width, height: pixels of the requested picture that the planes cover */
 } native_drawn;
 
 typedef struct native_planes {
   int width, height;
-  float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats a pixel; NULL where not asked for */
+  float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats per pixel; NULL if not requested */
   int32_t *id;
   uint8_t *rgb8;                      /* 3 bytes a pixel */
   float *crypto[2], *normal, *motion; /* objects and classes: 12 floats a pixel; 3; 4 */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The passes of a job (pags/passes.h): what they need of Python's arguments, and drawing them. */
+/* The passes of a job (pags/passes.h): reads their arguments from Python, and draws them. */
 #include "blender_addon/native/job.h"
 
 #include <stdlib.h>

@@ -13,8 +13,7 @@ typedef struct found {
   int scene; /* which of the job's */
 } found;
 
-/* Cuts off what of a ray is outside of the planes that clip the picture. `origin` and `direction` as pags_pick has
- * them. */
+/* Clips a ray to the picture's clip planes. `origin` and `direction` as in pags_pick. */
 static void clip_ray(const pags_frame_options *frame, const double origin[3], const double direction[3],
                      pags_pick_options *options) {
   for (int i = 0; i < frame->clip_count; i++) {
@@ -42,7 +41,7 @@ static pags_result pick_locked(native_job *job, int x, int y, found *out) {
   const pags_camera *const camera = &job->camera;
   double m[12], look[3] = {(x + 0.5 - camera->cx) / camera->fx, (y + 0.5 - camera->cy) / camera->fy, 1};
   if (pags_camera_bends(camera) && !pags_camera_look(camera, x + 0.5, y + 0.5, look))
-    return PAGS_OK; /* outside of the circle that the lens sees */
+    return PAGS_OK; /* outside of the lens's image circle */
   pags_rigid_move(camera->world_from_camera, camera->shutter.velocity, pags_camera_read_at(camera, x + 0.5, y + 0.5),
                   m);
   for (int k = 0; k < 3; k++) {

@@ -17,7 +17,7 @@
 /* sRGB to linear light for [0, 1] by linear interpolation in a table of spacing h: the error is under h^2 / 8 times the
  * largest second derivative above the knee, 2e-8. */
 enum { TABLE = 4096, ROWS = 8 };
-enum { MOST_PAIRS = 1000 }; /* Gaussians a pixel that are shown lightest; one is darkest */
+enum { MOST_PAIRS = 1000 }; /* Gaussians per pixel shown lightest; one is darkest */
 
 typedef struct decoder {
   float table[TABLE + 2];
@@ -88,7 +88,7 @@ static bool is_critical(const native_scene *scene, int32_t id) {
   return object >= 0 && pags_composition_scene(scene->composition)->objects[object].critical;
 }
 
-/* The factor by which a scene's lengths appear in the picture: that of a volume's edge. */
+/* The scale of a scene's lengths in the picture: the cube root of its scale of volumes. */
 static float size_factor(const native_shown *shown) {
   const double *m = shown->world_from_scene;
   const double volume =
@@ -440,7 +440,7 @@ static PyGetSetDef picture_getset[] = {
     {"crypto_object", picture_plane, NULL,
      "Buffer [height][width][12] float32: six times the value of a name and its weight, largest first",
      PLANE(PLANE_CRYPTO_OBJECT)},
-    {"crypto_class", picture_plane, NULL, "the same of classes", PLANE(PLANE_CRYPTO_CLASS)},
+    {"crypto_class", picture_plane, NULL, "the same for classes", PLANE(PLANE_CRYPTO_CLASS)},
     {"normal", picture_plane, NULL, "Buffer [height][width][3] float32: expected normal, world axes",
      PLANE(PLANE_NORMAL)},
     {"motion", picture_plane, NULL,
@@ -481,7 +481,7 @@ static PyObject *picture_repr(PyObject *object) {
 static PyType_Slot picture_slots[] = {{Py_tp_dealloc, picture_dealloc},
                                       {Py_tp_repr, picture_repr},
                                       {Py_tp_getset, picture_getset},
-                                      {Py_tp_doc, "What was drawn."},
+                                      {Py_tp_doc, "A rendered picture."},
                                       {0, NULL}};
 PyType_Spec native_picture_spec = {.name = "pags.Picture",
                                    .basicsize = sizeof(native_picture),

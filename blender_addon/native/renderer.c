@@ -216,7 +216,7 @@ static PyObject *renderer_repr(PyObject *object) {
 
 /* ---- Rendering without a renderer ---- */
 
-/* Draws the jobs of a list, which become pictures in their places. A signal, such as Ctrl-C, ends it between two. */
+/* Draws the jobs of a list and replaces each by its picture. A signal such as Ctrl-C ends it between two jobs. */
 static bool draw_all(const native_state *state, PyObject *renderer, PyObject *jobs) {
   const Py_ssize_t count = PyList_Size(jobs);
   for (Py_ssize_t i = 0; i < count; i++)
@@ -315,7 +315,7 @@ static PyType_Slot renderer_slots[] = {
     {Py_tp_repr, renderer_repr},
     {Py_tp_methods, renderer_methods},
     {Py_tp_getset, renderer_getset},
-    {Py_tp_doc, "Renderer(threads=0)\n--\n\nDraws what is submitted, one after another; 0: on all processors."},
+    {Py_tp_doc, "Renderer(threads=0)\n--\n\nDraws submitted jobs in order; threads 0: on all processors."},
     {0, NULL}};
 PyType_Spec native_renderer_spec = {.name = "pags.Renderer",
                                     .basicsize = sizeof(native_renderer),

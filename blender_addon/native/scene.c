@@ -103,7 +103,7 @@ PyObject *native_write_edited(PyObject *module, PyObject *arguments) {
 static void scene_dealloc(PyObject *object) {
   native_scene *self = (native_scene *)object;
   PyTypeObject *type = Py_TYPE(object);
-  if (native_lock_is_alive(&self->lock)) /* else a thread of another process was changing it */
+  if (native_lock_is_alive(&self->lock)) /* else a thread of another process was modifying it */
     pags_composition_destroy(self->composition);
   native_lock_destroy(&self->lock);
   free(self->object_of);
@@ -208,7 +208,7 @@ static PyObject *text_or_none(const char *text) {
   return Py_None;
 }
 
-/* The same of a name of a file, which Python's os.fsencode gives back. */
+/* The same for a file name, as os.fsencode decodes it back. */
 static PyObject *name_or_none(const char *text) {
   return text ? native_text(text) : text_or_none(NULL);
 }
@@ -403,7 +403,7 @@ static void put_color(const float *dc, int64_t stride, float *color) {
   color[3] = 1;
 }
 
-/* Counts of visible Gaussians (opacity of 0.2 or more): all, passed so far, taken, and the limit of those taken. */
+/* Counts of visible Gaussians (opacity of 0.2 or more): all, visited, sampled, and the maximum to sample. */
 typedef struct sampling {
   int64_t visible, seen, taken, most;
 } sampling;

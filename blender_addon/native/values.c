@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Converts numbers, words, poses and placements from and to Python. What doesn't fit is a TypeError or ValueError that
- * names the argument; a number that isn't finite never fits. */
+/* Converts numbers, words, poses and placements from and to Python. Invalid values raise a TypeError or ValueError that
+ * names the argument; non-finite numbers are always invalid. */
 #include "blender_addon/native/native.h"
 
 #include <float.h>
@@ -53,7 +53,7 @@ bool native_read_integer(PyObject *value, const char *what, long long least, lon
   if (index) {
     *out = PyLong_AsLongLongAndOverflow(index, &overflow);
     Py_DECREF(index);
-  } else if (PyErr_ExceptionMatches(PyExc_TypeError)) { /* a float such as 640.0 will do */
+  } else if (PyErr_ExceptionMatches(PyExc_TypeError)) { /* accepts a float such as 640.0 */
     PyErr_Clear();
     const double number = PyFloat_AsDouble(value);
     overflow = PyErr_Occurred() || !(fabs(number) < 9e18) || number != floor(number);

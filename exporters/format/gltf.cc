@@ -57,7 +57,7 @@ std::string readable(const char *text) {
   return std::string(copy.get());
 }
 
-/* Makes a name unique among those taken: importers tell things apart by it, or overwrite one by the other. */
+/* Makes a name unique: importers identify objects by name, and may overwrite one with another. */
 std::string unique(std::set<std::string> &taken, const char *name) {
   const std::string wanted = *name ? readable(name) : "unnamed";
   std::string out = wanted;

@@ -60,8 +60,8 @@ typedef struct pags_gltf_attribute {
 int pags_gltf_points(pags_gltf *gltf, const char *name, int64_t count, const pags_gltf_attribute *attributes,
                      int attribute_count, const char *extension, const char *extension_json);
 
-/* Writes a .glb, or for a path that ends in .gltf that file and its .bin beside it. To be called once, last: it
- * empties the buffer. */
+/* Writes a .glb or, for a path that ends in .gltf, that file and its .bin in the same folder. To be called once, last:
+ * it empties the buffer. */
 pags_result pags_gltf_save(pags_gltf *gltf, const char *path);
 
 #ifdef __cplusplus

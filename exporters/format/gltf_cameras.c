@@ -25,7 +25,7 @@ static bool same_lens(const pags_camera *a, const pags_camera *b) {
   return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy;
 }
 
-/* The index of the glTF camera with the view's intrinsics; adds one if there is none. */
+/* The index of the glTF camera with the view's intrinsics; added if missing. */
 static int camera_of(pags_gltf *gltf, kind *kinds, int64_t *count, const pags_scene_view *view) {
   char name[32];
   for (int64_t i = 0; i < *count; i++)

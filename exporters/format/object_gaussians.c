@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Extracts the Gaussians of one object in its own frame. The composition is asked to place the object at the identity
+/* Extracts the Gaussians of one object in its own frame. The composition places the object at the identity
  * pose, so that the Gaussians it would draw in the world are in the object's frame. Also makes objects' tracks. */
 #include "exporters/format/object_gaussians.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Takes a scene apart for export: the Gaussians of each object in the object's own frame, those of the background in
+/* Splits a scene for export: the Gaussians of each object in the object's own frame, those of the background in
  * the world's frame, and each object's track. */
 #ifndef PAGS_FORMAT_OBJECT_GAUSSIANS_H
 #define PAGS_FORMAT_OBJECT_GAUSSIANS_H

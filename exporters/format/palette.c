@@ -37,7 +37,7 @@ void pags_codebook_add(pags_codebook *book, double value, double weight) {
 }
 
 /* The tables of the search: sums of weights and values before each bin, the least costs of the bins before each with
- * one value less and with those so far, and where the last value's bins begin. */
+ * one value less, and the first bin of the last value. */
 typedef struct search {
   double weight[BINS + 1], sum[BINS + 1], before[BINS + 1], cost[BINS + 1];
   int16_t from[PAGS_CODEBOOK][BINS + 1];
@@ -87,7 +87,7 @@ pags_result pags_codebook_choose(pags_codebook *book) {
   for (int level = PAGS_CODEBOOK - 1, end = BINS; level >= 0; level--) {
     const int from = level ? s->from[level][end] : 0;
     const double weight = s->weight[end] - s->weight[from];
-    /* A value that stands for nothing repeats the next one, so that the values ascend. */
+    /* An unused value repeats the next one, so that the values ascend. */
     const double next = level < PAGS_CODEBOOK - 1 ? (double)book->values[level + 1] : book->hi;
     book->values[level] = (float)(weight > 0 ? book->lo + (s->sum[end] - s->sum[from]) / weight : next);
     end = from;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Palettes: few values that stand for many, in one dimension and in several. */
+/* Palettes: few values that approximate many, in one dimension and in several. */
 #ifndef PAGS_FORMAT_PALETTE_H
 #define PAGS_FORMAT_PALETTE_H
 
@@ -28,7 +28,7 @@ pags_result pags_codebook_choose(pags_codebook *book);
 /* The index of the nearest value. */
 uint8_t pags_codebook_index(const pags_codebook *book, double value);
 
-/* Finds at most `most` vectors that stand for the `count` rows of `width` numbers: the rows are cut in two at their
+/* Finds at most `most` vectors that approximate `count` rows of `width` numbers: the rows are cut in two at their
  * mean along their principal axis, again and again where the squares of the errors are largest. `entries` receives the
  * vectors, `most` * `width` numbers, *found how many; labels[i] is that of row i. PAGS_ERROR_MEMORY. */
 pags_result pags_palette_make(const float *rows, int64_t count, int width, int64_t most, float *entries,

@@ -82,7 +82,7 @@ static spz_range find_range(const pags_gaussians *g) {
   return range;
 }
 
-/* Says what the file can't hold, a line for each kind. Steps of less than a millimetre are no loss. */
+/* Reports the data that the file can't store, one line per kind. Steps of less than a millimetre are no loss. */
 static void say_range(const char *path, const spz_range *range) {
   const double reach = ldexp(8388607, -range->fraction), usual = ldexp(8388607, -MOST_FRACTION);
   if (range->fraction < MOST_FRACTION)

@@ -15,7 +15,7 @@ typedef struct pags_spz_options {
   const pags_splat_facts *facts; /* antialiased, up and origin of the scene; NULL: nothing is known of them */
 } pags_spz_options;
 
-/* Saves Gaussians. What is beyond the format's range goes to the log, a line for each kind. */
+/* Saves Gaussians. Reports values beyond the format's range in the log, one line per kind. */
 pags_result pags_spz_save(const char *path, const pags_gaussians *g, const pags_spz_options *options);
 
 #ifdef __cplusplus

@@ -37,7 +37,7 @@ typedef struct usd_export {
   pags_usd usd;
   double time_zero, rate; /* USD time code = (time - time_zero) * rate; seconds, time codes a second */
   int degree;
-  int64_t gaussians; /* written so far */
+  int64_t gaussians; /* bytes written */
 } usd_export;
 
 static pags_result tell(const usd_export *self, double fraction, const char *what) {

@@ -16,11 +16,11 @@ typedef struct pags_usd {
   pags_result result;
   int depth;
   bool archive;  /* .usdz */
-  uint64_t size; /* bytes of text so far, and their CRC */
+  uint64_t size; /* bytes of text written, and their CRC */
   uint32_t crc;
 } pags_usd;
 
-void pags_usd_begin(pags_usd *usd, const char *path); /* its extension, in any case, says which of the two */
+void pags_usd_begin(pags_usd *usd, const char *path); /* chosen by the extension, in any case */
 pags_result pags_usd_end(pags_usd *usd); /* commits the file; after a failure discards it and returns the failure */
 
 /* Writes one formatted line, indented by the present depth of blocks. */

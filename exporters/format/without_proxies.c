@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What stands for the export of proxies, glTF and USD in builds that leave the libraries of proxies out: functions that
+/* Replaces the export of proxies, glTF and USD in builds without the libraries for proxies: functions that
  * say so. Splat files are written by every build. */
 #include "exporters/format/gltf_splats.h"
 

@@ -160,7 +160,7 @@ static void sort_scales(const pags_gaussians *g, int64_t i, double s[3]) {
 pags_result pags_bare_mark_haze(const pags_bare *bare, const pags_gaussians *g, uint8_t *taken) {
   static const double least_logit = -0.85; /* of an opacity of 0.3 */
   static const double large = 1.5;         /* ln 4.5 */
-  static const double flat = -1.6;         /* ln 0.2: the smallest sigma beside the next */
+  static const double flat = -1.6;         /* ln 0.2: the smallest sigma relative to the next */
   double s[3], *sizes = malloc(((size_t)g->count + 1) * sizeof *sizes);
   int64_t count = 0;
   if (!sizes)

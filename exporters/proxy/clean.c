@@ -3,7 +3,7 @@
  * faces, also where vertices at the same place are taken for one.
  *
  * A triangle without area is a needle, whose shortest edge is collapsed, or a cap, whose corner lies on its longest
- * edge: that edge is flipped. Edges of too many faces are cut apart (repair.c); the copies of a vertex that this makes
+ * edge: that edge is flipped. Edges of too many faces are split (repair.c); the copies of a vertex that this makes
  * are drawn a little towards their own faces. */
 #include <math.h>
 #include <stdlib.h>
@@ -65,7 +65,7 @@ static edge *sorted_edges(const pags_proxy_mesh *s) {
   return edges;
 }
 
-/* The half-edge that runs from `from` to `to`; -1: there is none, or more than one. */
+/* The half-edge from `from` to `to`; -1 if missing or ambiguous. */
 static int64_t find_edge(const edge *edges, int64_t count, uint32_t from, uint32_t to) {
   int64_t lo = 0, hi = count;
   while (lo < hi) {

@@ -272,7 +272,7 @@ static pags_result cut_best(const body *b, const part *whole, part halves[2]) {
   return cut(b, whole, best_axis, best_at, halves);
 }
 
-/* Cuts the first of `parts`, the whole, into at most `most`. `count` says how many hulls are to be freed, also after a
+/* Cuts the first of `parts`, the whole, into at most `most`. `count`: number of hulls to free, also after a
  * failure. */
 static pags_result decompose(const body *b, int most, part parts[PAGS_MOST_PARTS], int *count) {
   *count = 1;

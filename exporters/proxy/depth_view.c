@@ -231,7 +231,7 @@ bool pags_camera_crop(const pags_camera *camera, const double lo[3], const doubl
   }
   if (behind == 8)
     return false;
-  if (behind) { /* the box reaches beside or behind the camera: keep the whole picture */
+  if (behind) { /* the box extends to the side of or behind the camera: keep the whole picture */
     box[0] = box[1] = 0;
     box[2] = camera->width;
     box[3] = camera->height;

@@ -44,7 +44,7 @@ enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2, LEAP = 7 };
 typedef struct heights {
   int64_t *first;             /* index of each cell's first value; cells + 1 entries */
   float *values;              /* grouped by cell, ascending in a cell */
-  int enough;                 /* number of heights of a cell from which no other source is asked */
+  int enough;                 /* number of heights of a cell that makes other sources unnecessary */
   double most_band;           /* most difference from the expected height, metres */
   const struct heights *next; /* the source to ask if there are not enough; NULL: none */
 } heights;
@@ -250,7 +250,7 @@ static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count
     }
 }
 
-/* Continues growing across gaps: where LiDAR rings lie far apart and no pixel shows the ground between them, cells
+/* Continues growing across gaps: where LiDAR rings are sparse and no pixel shows the ground between them, cells
  * with LiDAR heights up to LEAP cells from known ground are added, and the ground grows on from there. */
 static void leap(pags_ground *g, const heights *h, int64_t *queue) {
   heights lidar = *h;

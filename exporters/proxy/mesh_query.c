@@ -19,7 +19,7 @@ struct pags_mesh_query {
   const uint32_t *triangles; /* NULL: the query is over points */
 };
 
-/* One search for the nearest point, and the best found so far. */
+/* A search for the nearest point, and its best result. */
 typedef struct nearest_query {
   const pags_mesh_query *query;
   double point[3];
@@ -70,7 +70,7 @@ static double triangle_distance(const double a[3], const double b[3], const doub
 }
 
 /* Embree's callback for each primitive whose bounds the query sphere touches: keeps the primitive if it is nearer
- * than the best so far, and shrinks the sphere. */
+ * than the current best, and shrinks the sphere. */
 static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
   nearest_query *q = arguments->userPtr;
   double corner[3][3], foot[3], squared;

@@ -18,7 +18,7 @@ pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_m
 void pags_mesh_query_destroy(pags_mesh_query *query); /* NULL is allowed */
 
 /* The queries below may be called by several threads at once. Returns the distance from `point` to the nearest
- * triangle or point, infinite if there is none; `primitive` (may be NULL) receives its index. */
+ * triangle or point, infinite without any; `primitive` (may be NULL) receives its index. */
 double pags_mesh_query_distance(const pags_mesh_query *query, const double point[3], uint32_t *primitive);
 /* As pags_mesh_query_distance, but `nearest` receives the nearest point on the mesh or of the cloud. */
 double pags_mesh_query_nearest(const pags_mesh_query *query, const double point[3], double nearest[3]);

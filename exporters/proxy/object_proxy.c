@@ -99,7 +99,7 @@ pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object
   }
   *level = PAGS_PROXY_BOX;
 
-  /* The box gets the mean colour of the object's Gaussians; grey if there are none. */
+  /* The box gets the mean colour of the object's Gaussians; grey without any. */
   double sum[3] = {0};
   const pags_gaussians *g = &shape->gaussians;
   for (int c = 0; c < 3; c++) {

@@ -27,7 +27,7 @@ typedef struct pags_proxy_maker {
   pags_tasks *tasks;
   pags_frame *frame;
   pags_frame_options drawing;     /* options of drawing with the frame, as the scene was trained; origin zero */
-  pags_scene_depth scene_depth;   /* depth of the whole scene in each training view: says what is hidden */
+  pags_scene_depth scene_depth;   /* depth of the whole scene in each training view, for occlusion */
   pags_lidar lidar;               /* LiDAR points of the training sweeps; empty if there is no LiDAR */
   const pags_shape_prior *priors; /* shapes of well-seen vehicles, to complete what no camera saw of others */
   int64_t prior_count;

@@ -59,7 +59,7 @@ static int levels_of(const pags_proxy_options *options, pags_proxy_level levels[
     return count;
   }
   if (options->naming != PAGS_NAMING_PLAIN && options->level >= PAGS_PROXY_HULL)
-    levels[count++] = PAGS_PROXY_MESH; /* what is seen, beside what it collides with */
+    levels[count++] = PAGS_PROXY_MESH; /* the visible surface, in addition to the collision mesh */
   levels[count++] = options->level;
   return count;
 }

@@ -13,7 +13,7 @@
 extern "C" {
 #endif
 
-/* The mean, the 95th percentile and the largest of `values`, NaN if there are none. Sorts `values`. */
+/* The mean, the 95th percentile and the maximum of `values`, NaN without values. Sorts `values`. */
 pags_proxy_distance pags_distance_summary(double *values, int64_t count);
 
 /* Measures one proxy against the depth views of its Gaussians and fills in the distances in both directions, the

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What an export of proxies is asked for and what it reports: the default options, a growing list of the facts of all
+/* Options and reports of an export of proxies: the default options, a growing list of the facts of all
  * proxies written, with its own copies of their names, and those facts as JSON. */
 #include "exporters/proxy/proxy_report.h"
 

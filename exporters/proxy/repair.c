@@ -2,7 +2,7 @@
 /* Makes a decimated mesh closed again.
  *
  * Edge collapses leave two kinds of faults in a mesh that was closed: pairs of faces that cover each other, and edges
- * where four or more faces meet. Such pairs are removed. Such edges are cut apart: around the edge, each face is
+ * where four or more faces meet. Such pairs are removed. Such edges are split: around the edge, each face is
  * joined to the face that bounds the same wedge of solid, and vertices are doubled so that only joined faces share
  * them. If the joined faces are still connected around both ends of the edge, doubling doesn't separate them: then
  * each pair of faces gets its own new vertex in the middle of the edge. */

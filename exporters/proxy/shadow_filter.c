@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Tells the pixels of a vehicle's depth view that show its shadow, the road or a kerb beside it from those that show
+/* Tells the pixels of a vehicle's depth view that show its shadow, the road or a kerb next to it from those that show
  * the vehicle, by darkness, height above the box's lower face, place in the box and surface slope. */
 #include "exporters/proxy/shadow_filter.h"
 

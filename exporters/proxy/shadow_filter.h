@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Removes the shadow under a vehicle and the ground beside it from the vehicle's depth views. */
+/* Removes the shadow under a vehicle and the ground around it from the vehicle's depth views. */
 #ifndef PAGS_PROXY_SHADOW_FILTER_H
 #define PAGS_PROXY_SHADOW_FILTER_H
 

@@ -168,7 +168,7 @@ class Photos(WithStandIn):
         for number in range(3):
             picture(os.path.join(self.raw, f"{number}.png"), seed=number)
         self.refused("COLMAP failed at its features (code 1): there is no room for it", COLMAP_DOES="fail")
-        self.refused("COLMAP placed no camera", "900 to 900 features", "3 pairs fit together", "No good initial image pair", COLMAP_DOES="nothing")
+        self.refused("COLMAP placed no camera", "900 to 900 features", "3 pairs match", "No good initial image pair", COLMAP_DOES="nothing")
         shutil.rmtree(self.out)
         with mock.patch("shutil.which", return_value=None), mock.patch("importlib.util.find_spec", return_value=None):
             with self.assertRaisesRegex(photos.RecordingError, "by COLMAP, which isn't installed: .*install"):
@@ -206,7 +206,7 @@ class Folders(WithStandIn):
         os.symlink(self.raw, os.path.join(self.raw, "loop"))
         photographs, masks, why = self.look()
         self.assertEqual((photographs, masks), (["1.jpg", "2.PNG", "sub/3.jpeg"], {}))
-        for name, words in [("4.HEIC", "HEIC is not supported; convert"), ("6.tif", "TIF is not supported"), ("1.CR2", "of which there is a JPEG"), ("7.MOV", "a video is imported by itself"), ("notes.txt", "no photographs"),
+        for name, words in [("4.HEIC", "HEIC is not supported; convert"), ("6.tif", "TIF is not supported"), ("1.CR2", "with a JPEG or PNG of the same name"), ("7.MOV", "a video is imported by itself"), ("notes.txt", "no photographs"),
                             ("Thumbs.db", "of the system"), (".cache/8.jpg", "hidden"), ("__MACOSX/._1.jpg", "of the system"), ("loop", "aren't followed")]:  # fmt: skip
             self.assertIn(words, why[name])
         with mock.patch("os.walk", side_effect=lambda root, onerror: onerror(PermissionError(13, "Permission denied", os.path.join(root, "sub"))) or []):

@@ -111,8 +111,8 @@ PAGS_API void pags_proxy_report_destroy(pags_proxy_report *report);
 struct pags_json_writer;
 PAGS_API void pags_proxy_facts_put(struct pags_json_writer *writer, const pags_proxy_facts *facts);
 
-/* Makes the scene's proxies and writes them to `path`, .glb or .gltf (with its .bin beside it). `report` (may be
- * NULL) receives each proxy's facts. The bytes are the same for any number of threads. */
+/* Makes the scene's proxies and writes them to `path`, .glb or .gltf (with its .bin in the same folder). `report` (may
+ * be NULL) receives each proxy's facts. The bytes are the same for any number of threads. */
 PAGS_API pags_result pags_export_proxies(const pags_scene *scene, const char *path, const pags_proxy_options *options,
                                          pags_tasks *tasks, pags_progress_fn *progress, void *user,
                                          pags_proxy_report *report);

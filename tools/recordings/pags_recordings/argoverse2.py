@@ -15,7 +15,7 @@ from .importing import Tracks, chosen, existing, inside, joined, listed, optiona
 
 CAMERAS = ("ring_front_center", "ring_front_left", "ring_front_right", "ring_side_left", "ring_side_right", "ring_rear_left", "ring_rear_right")
 LARGEST_GAP = 0.03  # maximum seconds between a sweep and a photograph of its step: just above half of the cameras' 50 ms
-LABEL_GAP = 0.25  # maximum seconds between two labels of a track for interpolation; labels are 0.1 s apart
+LABEL_GAP = 0.25  # maximum seconds between two labels of a track for interpolation; label interval: 0.1 s
 
 
 def by_sensor(path, columns):

@@ -93,7 +93,7 @@ def nearest(times, at):
 
 
 def partners(times, at, gap):
-    """For each time of `at` the index of its partner among `times`, or -1. Both ascend. Partners are at most `gap` apart, unique, and in order of time.
+    """For each time of `at` the index of its partner among `times`, or -1. Both ascend. Partners differ by at most `gap`, are unique, and in order of time.
     Maximises the sum of gap - distance by dynamic programming, as in sequence alignment (Needleman, Wunsch 1970): a missing time only loses its own partner,
     and an offset of half a period does not matter."""
     zero = at[0] if len(at) else 0
@@ -222,7 +222,7 @@ class Tracks:
         self.account.contains("boxes", sum(first <= at <= last for _, times, _, _ in self.labels.values() for at in times), where)
 
     def put(self, step, at, gap):
-        """Adds the boxes at a time to a step: between two labels at most `gap` seconds apart, or within a quarter of that of a track's ends."""
+        """Adds the boxes at a time to a step: between two labels with an interval of at most `gap` seconds, or within a quarter of that of a track's ends."""
         for track, (name, times, boxes, sizes) in self.labels.items():
             near = nearest(times, at)
             if abs(times[near] - at) < 1e-4:

@@ -44,7 +44,7 @@ def sequences(raw):
 
 
 def only(readers, source, what):
-    """The component of that kind named default, or the only one; None if there is none."""
+    """The component of that kind named default, or the only one, or None."""
     if "default" not in readers and len(readers) > 1:
         raise RecordingError(f"{source}: has {len(readers)} components of {what}, none named default: {', '.join(sorted(readers))}")
     return "default" if "default" in readers else next(iter(readers), None)

@@ -19,7 +19,7 @@ CAMERAS = ("CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT", "CAM_BACK_LEFT", "C
 LIDAR = "LIDAR_TOP"
 LARGEST_GAP = 0.05  # maximum seconds between the photographs of a step: just above half of their 83 ms
 SWEEP_GAP = 0.03  # maximum seconds between a step and its sweep: just above half of 50 ms
-LABEL_GAP = 0.75  # maximum seconds between two labels of a track for interpolation; key frames are 0.5 s apart
+LABEL_GAP = 0.75  # maximum seconds between two labels of a track for interpolation; key frame interval: 0.5 s
 
 
 def load(folder, name, *keys):

@@ -311,7 +311,7 @@ class Work:
 
 
 def placed(log):
-    """Number of cameras that mapping has tried so far, from its log, without the initial two."""
+    """Number of cameras that mapping has tried, from its log, without the initial two."""
     with open(log, "rb") as file:
         return file.read().count(b"Registering image")
 
