@@ -46,15 +46,6 @@ const char *pags_crop_parse(const pags_crop *crop, pags_filter *out, const char 
   return NULL;
 }
 
-static pags_result apply_edits(const char *path, pags_scene *scene) {
-  uint8_t *text;
-  size_t size;
-  PAGS_TRY(pags_file_read(path, &text, &size));
-  const pags_result result = pags_scene_cleanup(scene, path, (const char *)text);
-  free(text);
-  return result;
-}
-
 pags_result pags_crop_apply(const pags_crop *crop, pags_scene *scene, double time, uint8_t *chosen,
                             const pags_session *session) {
   const int64_t before = pags_scene_gaussian_count(scene);
@@ -64,8 +55,14 @@ pags_result pags_crop_apply(const pags_crop *crop, pags_scene *scene, double tim
   pags_crop_parse(crop, &filter, &expected); /* the arguments were checked when the options were read */
   if (!pags_filter_is_set(&filter) && !crop->edits)
     return PAGS_OK;
-  if (crop->edits)
-    PAGS_TRY(apply_edits(crop->edits, scene));
+  if (crop->edits) {
+    uint8_t *text;
+    size_t size;
+    PAGS_TRY(pags_file_read(crop->edits, &text, &size));
+    const pags_result result = pags_scene_cleanup(scene, crop->edits, (const char *)text);
+    free(text);
+    PAGS_TRY(result);
+  }
   PAGS_TRY(pags_scene_filter(scene, &filter, time, chosen, &left));
   pags_say(session, "%lld of %lld Gaussians are left\n", (long long)left, (long long)before);
   return PAGS_OK;

@@ -66,11 +66,6 @@ static void put_views(pags_json_writer *json, const pags_scene *scene) {
   pags_json_end_array(json);
 }
 
-/* Rounded to a tenth of a millimetre, which keeps the text short. */
-static double rounded(double value) {
-  return round(value * 1e4) * 1e-4;
-}
-
 static void put_track(pags_json_writer *json, const pags_object *object) {
   pags_json_begin_array(json, "track");
   for (int64_t k = 0; k < object->keyframe_count; k++) {
@@ -79,7 +74,7 @@ static void put_track(pags_json_writer *json, const pags_object *object) {
       continue;
     row[0] = object->keyframes[k].time;
     for (int i = 0; i < 12; i++)
-      row[1 + i] = rounded(pose[i]);
+      row[1 + i] = round(pose[i] * 1e4) * 1e-4; /* tenths of a millimetre, for a short text */
     pags_json_put_numbers(json, NULL, row, 13);
   }
   pags_json_end_array(json);

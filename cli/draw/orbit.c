@@ -41,15 +41,10 @@ static pags_camera default_lens(double focal) {
                        .time = (double)NAN};
 }
 
-/* Finds two axes u, v that span the plane perpendicular to `up`. */
-static void horizontal_axes(pags_vec3 up, pags_vec3 *u, pags_vec3 *v) {
-  *u = pags_vec_normalized(pags_vec_cross(up, fabs(up.x) < 0.9 ? (pags_vec3){1, 0, 0} : (pags_vec3){0, 1, 0}));
-  *v = pags_vec_cross(up, *u);
-}
-
 static void stand_up(orbit *o, pags_vec3 up) {
   o->up = up;
-  horizontal_axes(up, &o->u, &o->v);
+  o->u = pags_vec_normalized(pags_vec_cross(up, fabs(up.x) < 0.9 ? (pags_vec3){1, 0, 0} : (pags_vec3){0, 1, 0}));
+  o->v = pags_vec_cross(up, o->u);
 }
 
 /* ---- The eye ---- */

@@ -24,9 +24,9 @@ typedef struct offset {
 
 /* ---- Errors of one keyframe and of one track ---- */
 
-static offset offset_of(const double photographs[12], const double pose[12]) {
+static offset offset_of(const double given[12], const double pose[12]) {
   double inverse[12], between[12];
-  pags_rigid_inverse(photographs, inverse);
+  pags_rigid_inverse(given, inverse);
   pags_rigid_multiply(inverse, pose, between);
   return (offset){{between[3], between[7], between[11]},
                   pags_atan2(between[4], between[0]) * 180 / 3.14159265358979323846};
@@ -83,7 +83,7 @@ static pags_result make_room(reading *r) {
  * sums at once; those of trained keyframes are kept in `r` until the track's mean is known. */
 static pags_result add_keyframe(reading *r, const pags_object *object, const pags_keyframe *keyframe,
                                 const pags_json_value *matrix, pags_pose_errors *out) {
-  double photographs[12], pose[12];
+  double given[12], pose[12];
 
   /* Read the 4x4 matrix, given as four rows, and keep its first three rows. */
   int n = 0;
@@ -95,7 +95,7 @@ static pags_result add_keyframe(reading *r, const pags_object *object, const pag
       double value;
       PAGS_TRY(pags_json_as_number(r->json, v, "an entry of 'obj_to_world'", &value));
       if (n < 12)
-        photographs[n] = value;
+        given[n] = value;
       n++;
     }
   if (n != 16)
@@ -103,14 +103,14 @@ static pags_result add_keyframe(reading *r, const pags_object *object, const pag
   /* turn about z: the new x axis (forward) is the old y, the new y axis (left) the old -x */
   if (r->forward_y)
     for (int k = 0; k < 3; k++) {
-      double x = photographs[4 * k];
-      photographs[4 * k] = photographs[4 * k + 1];
-      photographs[4 * k + 1] = -x;
+      double x = given[4 * k];
+      given[4 * k] = given[4 * k + 1];
+      given[4 * k + 1] = -x;
     }
 
   if (!pags_object_pose(object, keyframe->time, pose))
     return PAGS_OK;
-  const offset labelled = offset_of(photographs, keyframe->world_from_object), drawn = offset_of(photographs, pose);
+  const offset labelled = offset_of(given, keyframe->world_from_object), drawn = offset_of(given, pose);
   if (!keyframe->trained) {
     add_offset(&out->held_out, 1, labelled.p, labelled.degrees);
     add_offset(&out->held_out, 0, drawn.p, drawn.degrees);
