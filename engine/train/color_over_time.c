@@ -2,7 +2,7 @@
 /* Decides which moving objects get a colour that changes over time, by their errors on the training views. The error
  * of an object's pixels is fitted over time with Fourier terms, by least squares weighted by the number of pixels.
  * The gain is what the fit explains beyond a constant term, which the static colour would learn by itself. */
-#include "train/color_over_time.h"
+#include "train/stages.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -12,7 +12,6 @@
 #include "base/memory.h"
 #include "cluster/shares.h"
 #include "maths/maths.h"
-#include "train/round.h"
 #include "train/views.h"
 
 enum { TERMS = 5, SHRINK = 2 };

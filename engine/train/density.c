@@ -7,12 +7,11 @@
 #include <string.h>
 
 #include "threads/record.h"
-#include "train/color_over_time.h"
 #include "train/densify.h"
 #include "train/mcmc.h"
 #include "train/prune.h"
-#include "train/shared_step.h"
 #include "train/size_limit.h"
+#include "train/stages.h"
 
 enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4 };
 

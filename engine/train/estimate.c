@@ -13,7 +13,7 @@
 #include "train/estimate.h"
 #include "train/score_pass.h"
 #include "train/sky_fit.h"
-#include "train/step.h"
+#include "train/stages.h"
 #include "train/views.h"
 
 enum { PROBES = 4 };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Measures held-out views between two steps (held_out.h). Pictures are exposed as `pags eval` exposes them. */
-#include "train/held_out.h"
+/* Measures held-out views between two steps (held_out.c). Pictures are exposed as `pags eval` exposes them. */
+#include "train/stages.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -8,7 +8,6 @@
 #include "base/psnr.h"
 #include "cluster/shares.h"
 #include "threads/record.h"
-#include "train/round.h"
 
 /* Mean square of picture - photograph, both within 0..1, over the pixels that count; NaN if none does. */
 static double mean_square(const pags_picture *picture, const pags_photo *photo, const pags_camera *camera,

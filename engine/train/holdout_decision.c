@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Evaluates holdout tests; see holdout_decision.h. The holdout photographs have changed neither the correction nor a
+/* Evaluates holdout tests; see stages.h. The holdout photographs have changed neither the correction nor a
  * Gaussian. Their errors with and without the correction are compared per photograph, which removes the differences in
  * difficulty between photographs. */
-#include "train/holdout_decision.h"
+#include "train/stages.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -12,7 +12,6 @@
 #include "base/memory.h"
 #include "maths/maths.h"
 #include "train/fit_pose.h"
-#include "train/held_out.h"
 
 enum { MOST_VIEWS = 32, MOST_FITTED = 8 };
 /* The Gaussians were trained with the correction, which alone brings 0.15 dB where there is nothing to correct; with

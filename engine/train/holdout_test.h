@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A holdout test decides whether a run keeps an optional correction. The correction is optimised after
  * `pags_holdout_test_from` without every eighth training photograph, and tested on these at `pags_holdout_test_until`
- * (holdout_decision.h). After the test they are trained on, too. */
+ * (holdout_decision.c). After the test they are trained on, too. */
 #ifndef PAGS_TRAIN_HOLDOUT_TEST_H
 #define PAGS_TRAIN_HOLDOUT_TEST_H
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes the report of a run's modelling choices as JSON; see model_report.h. */
-#include "train/model_report.h"
+/* Writes the report of a run's modelling choices as JSON; see stages.h. */
+#include "train/stages.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -15,11 +15,10 @@
 #include "simd/kernels.h"
 #include "train/config.h"
 #include "train/estimate.h"
-#include "train/open_run.h"
-#include "train/other_views.h"
 #include "train/score_pass.h"
 #include "train/shards.h"
 #include "train/shared_parts.h"
+#include "train/stages.h"
 
 /* Upper bound, metres, of the extent of the background of a driving set. */
 static const double most_extent = 20;

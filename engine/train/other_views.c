@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finds the first difference between a data set's views and those of a scene.json (other_views.h). */
-#include "train/other_views.h"
+/* Finds the first difference between a data set's views and those of a scene.json (other_views.c). */
+#include "train/stages.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -20,7 +20,7 @@
 #include "scene/scene_json.h"
 #include "simd/kernels.h"
 #include "train/config.h"
-#include "train/model_report.h"
+#include "train/stages.h"
 
 /* ---- Finding and clearing the folder ---- */
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws views outside of a step; see round.h. */
-#include "train/round.h"
+/* Draws views outside of a step; see stages.h. */
+#include "train/stages.h"
 
 /* Splats that one frame projects and another draws need what the backward pass needs. */
 static pags_frame_options shared_options(const pags_frame_options *options) {

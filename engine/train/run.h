@@ -31,7 +31,7 @@ typedef struct pags_step_rest {
   } *poses;            /* [batch * models] */
 } pags_step_rest;
 
-/* Held-out views as they were measured last (held_out.h). */
+/* Held-out views as they were measured last (held_out.c). */
 enum { PAGS_HELD_OUT_VIEWS = 8 };
 typedef struct pags_held_out {
   int count; /* 0: not measured yet */

@@ -9,7 +9,7 @@
 #include "base/memory.h"
 #include "cluster/shares.h"
 #include "threads/record.h"
-#include "train/round.h"
+#include "train/stages.h"
 #include "train/views.h"
 
 typedef struct score_pass {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Shares a run out to ranks; see share_run.h. */
-#include "train/share_run.h"
+/* Shares a run out to ranks; see stages.h. */
+#include "train/stages.h"
 
 #include <stdlib.h>
 

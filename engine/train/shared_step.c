@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Shares the results of a step between ranks; see shared_step.h. */
-#include "train/shared_step.h"
+/* Shares the results of a step between ranks; see stages.h. */
+#include "train/stages.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -11,7 +11,7 @@
  * counts for densify's statistics, dropout, the object opacity term, and one Adam step of the poses and exposures that
  * it shows, in their order. So the bits of a run depend on the size of a batch, not on who computes which photograph.
  */
-#include "train/step.h"
+#include "train/stages.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -23,9 +23,7 @@
 #include "train/driving_losses.h"
 #include "train/dropout.h"
 #include "train/mcmc.h"
-#include "train/round.h"
 #include "train/score_pass.h"
-#include "train/shared_step.h"
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
 /* The object opacity term is evaluated for one of OBJECTS_EVERY photographs: its picture changes slowly, and it costs a

@@ -21,15 +21,11 @@
 #include "train/config.h"
 #include "train/density.h"
 #include "train/estimate.h"
-#include "train/held_out.h"
-#include "train/holdout_decision.h"
-#include "train/open_run.h"
 #include "train/score_pass.h"
 #include "train/sh_trim.h"
 #include "train/shards.h"
-#include "train/share_run.h"
 #include "train/size_limit.h"
-#include "train/step.h"
+#include "train/stages.h"
 #include "train/views.h"
 
 enum { ESTIMATE_STEPS = 50, MASKS_TEXT = 160 };

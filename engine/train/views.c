@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
-#include "train/holdout_decision.h"
+#include "train/stages.h"
 
 static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
   const uint8_t *b = bytes;

@@ -15,7 +15,7 @@
 #include "base/text.h"
 #include "scene/scene_json.h"
 #include "train/config.h"
-#include "train/model_report.h"
+#include "train/stages.h"
 
 /* The scene to write, with the memory of its arrays. */
 struct pags_described {

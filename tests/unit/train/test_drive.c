@@ -17,13 +17,11 @@
 #include "dataset/internal.h"
 #include "same_file.h"
 #include "small_street.h"
-#include "train/color_over_time.h"
 #include "train/config.h"
 #include "train/exposure.h"
-#include "train/open_run.h"
 #include "train/score_pass.h"
-#include "train/share_run.h"
 #include "train/sky_fit.h"
+#include "train/stages.h"
 #include "train/views.h"
 
 enum { ITERATIONS = 120 };
