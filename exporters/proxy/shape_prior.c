@@ -16,7 +16,7 @@ enum {
   NY = 56,
   NZ = 48,
   POINTS = NX * NY * NZ
-};                                /* points at distances of 4 to 5 cm on a car; a mirror has 10 cm */
+}; /* points at distances of 4 to 5 cm on a car; a mirror has 10 cm */
 static const double reach = 0.55; /* half extents of the lattice, as a share of the box's size */
 
 /* The likeness of two sizes is a Gaussian of the logarithm of their ratio with this standard deviation (vehicles of

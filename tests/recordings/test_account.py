@@ -179,7 +179,7 @@ class Damage(Case):
             (array((1, -2), kind("f8"), bytes(16)), "number of bytes differs|without shape"),
             (array((1, 2), kind("V8"), bytes(16)), "an array of the unsupported type 'V8'"),
             (array((1, 2), kind("f8,O8"), bytes(32)), "an array of the unsupported type"),
-            (3, "something else in place of an array"),
+            (3, "another type instead of an array"),
         ]:
             with self.assertRaisesRegex(RecordingError, words):
                 self.table_of(whole(values))

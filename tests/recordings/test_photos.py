@@ -171,11 +171,11 @@ class Photos(WithStandIn):
         self.refused("COLMAP placed no camera", "900 to 900 features", "3 pairs match", "No good initial image pair", COLMAP_DOES="nothing")
         shutil.rmtree(self.out)
         with mock.patch("shutil.which", return_value=None), mock.patch("importlib.util.find_spec", return_value=None):
-            with self.assertRaisesRegex(photos.RecordingError, "by COLMAP, which isn't installed: .*install"):
+            with self.assertRaisesRegex(photos.RecordingError, "COLMAP, which finds the cameras, is not installed: .*install"):
                 photos.read(self.raw, self.out, None, None, True)
         self.assertFalse(os.path.exists(self.out))
         write(os.path.join(self.out, "mine.txt"), "x")
-        self.refused("wasn't written by an import", more=("--overwrite",))
+        self.refused("not written by an import", more=("--overwrite",))
         self.assertEqual(list(files_below(self.out)), ["mine.txt"])
 
 
@@ -206,7 +206,7 @@ class Folders(WithStandIn):
         os.symlink(self.raw, os.path.join(self.raw, "loop"))
         photographs, masks, why = self.look()
         self.assertEqual((photographs, masks), (["1.jpg", "2.PNG", "sub/3.jpeg"], {}))
-        for name, words in [("4.HEIC", "HEIC is not supported; convert"), ("6.tif", "TIF is not supported"), ("1.CR2", "with a JPEG or PNG of the same name"), ("7.MOV", "a video is imported by itself"), ("notes.txt", "no photographs"),
+        for name, words in [("4.HEIC", "HEIC is not supported; convert"), ("6.tif", "TIF is not supported"), ("1.CR2", "with a JPEG or PNG of the same name"), ("7.MOV", "videos are imported separately"), ("notes.txt", "not photographs"),
                             ("Thumbs.db", "of the system"), (".cache/8.jpg", "hidden"), ("__MACOSX/._1.jpg", "of the system"), ("loop", "aren't followed")]:  # fmt: skip
             self.assertIn(words, why[name])
         with mock.patch("os.walk", side_effect=lambda root, onerror: onerror(PermissionError(13, "Permission denied", os.path.join(root, "sub"))) or []):
