@@ -55,7 +55,7 @@ struct pags_tasks {
   hand *crew;          /* [workers]; entry 0 is the caller */
   pags_arena **arenas; /* [workers] */
   loop loop;           /* written with the gate closed and nobody inside */
-  pags_record *record; /* what the calling thread does is recorded there; NULL: it isn't */
+  pags_record *record; /* the record of the calling thread; NULL: none */
 
   /* Different sets of threads access these at high rates, hence each group has cache lines of its own. */
   _Alignas(64) atomic_uint gate;

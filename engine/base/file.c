@@ -60,7 +60,7 @@ size_t pags_file_head(const char *path, void *head, size_t size) {
   return got;
 }
 
-/* Fails if a file is what Git leaves in its place until 'git lfs pull' gets it. */
+/* Fails if a file is a pointer of Git LFS ('git lfs pull' gets the content). */
 static pags_result refuse_pointer(const char *path, const uint8_t *bytes, size_t size) {
   static const char begin[] = "version https://git-lfs";
   if (size < sizeof begin - 1 || memcmp(bytes, begin, sizeof begin - 1) != 0)
@@ -201,7 +201,7 @@ static pags_result open_part(pags_file_writer *writer) {
   return writer->stream ? PAGS_OK : pags_fail_errno(writer->path, "can't write");
 }
 
-/* Opens the writer on `path`: on a part file, or directly on what can't be replaced or is to be appended to. */
+/* Opens the writer on `path`: on a part file, or directly on a file that can't be replaced or is to be appended to. */
 static pags_result writer_open(pags_file_writer *writer, const char *path, bool append) {
   bool straight = false;
   *writer = (pags_file_writer){0};

@@ -169,7 +169,7 @@ static pags_result read_hex4(reader *r, unsigned *code) {
   return PAGS_OK;
 }
 
-/* Reads what follows "\u", a second half of a surrogate pair included, and stores the character as UTF-8. U+DC80 to
+/* Reads the digits after "\u", with the second half of a surrogate pair, and stores the character as UTF-8. U+DC80 to
  * U+DCFF alone are bytes that aren't UTF-8 (json_write.c). */
 static pags_result read_unicode_escape(reader *r) {
   unsigned code, low;

@@ -77,7 +77,7 @@ static void put_quoted(pags_json_writer *w, const char *text) {
   put(w, "\"", 1);
 }
 
-/* Writes what comes before a value: the comma after the previous value, the line break, the key (NULL: none). */
+/* Writes the text before a value: the comma after the previous value, the line break, the key (NULL: none). */
 static void begin_value(pags_json_writer *w, const char *key) {
   if (w->has_sibling)
     put_text(w, w->flat || !w->indent ? ", " : ",");

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Locks of what a process writes (lock.h). */
+/* Write locks (lock.h). */
 #include "base/lock.h"
 
 #include <errno.h>
@@ -30,7 +30,7 @@ void pags_lock_set_holder(const char *program) {
   snprintf(holder_name, sizeof holder_name, "%s", program);
 }
 
-/* ---- Who holds a lock ---- */
+/* ---- The holder of a lock ---- */
 
 static void describe_self(char *text, size_t size) {
   char host[128], since[40] = "";
@@ -76,7 +76,7 @@ void pags_lock_release(pags_lock *lock) {
   free(lock);
 }
 
-/* Takes the lock, a file in `place`, of what messages call `path`. */
+/* Takes the lock, a file in `place`; `path` is its name in messages. */
 static pags_result take(pags_lock *lock, const char *path, const char *place, const char *name) {
   char self[WHO], holder[WHO] = "";
   char *const real = pags_port_real_path(place); /* the working directory may change meanwhile */

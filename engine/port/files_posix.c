@@ -116,7 +116,7 @@ static bool is_at(int file, const char *path) {
          opened.st_ino == there.st_ino;
 }
 
-/* Whether a lock was refused because another one holds the file; EACCES: what shared folders of Windows answer. */
+/* Whether a lock was refused because another one holds the file; shared folders of Windows return EACCES. */
 static bool is_held(int error) {
   return error == EWOULDBLOCK || error == EAGAIN || error == EACCES;
 }

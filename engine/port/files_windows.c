@@ -418,7 +418,7 @@ bool pags_port_is_locked(const char *path, char *holder, size_t size) {
   wchar_t *wide = path_of(path);
   if (!wide)
     return false;
-  /* Who may write to it while others are shut out finds nobody. */
+  /* A successful exclusive open shows that no process holds the lock. */
   const HANDLE file = CreateFileW(wide, GENERIC_READ | GENERIC_WRITE, FILE_SHARE_READ | FILE_SHARE_DELETE, NULL,
                                   OPEN_EXISTING, FILE_ATTRIBUTE_NORMAL, NULL);
   const bool held = file == INVALID_HANDLE_VALUE && GetLastError() == ERROR_SHARING_VIOLATION;

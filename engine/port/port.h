@@ -79,7 +79,7 @@ FILE *pags_port_open(const char *path, const char *mode);
 FILE *pags_port_open_part(const char *path);
 /* Closes a part file's stream and renames the file, which stays locked in between. */
 bool pags_port_rename_part(FILE *stream, const char *from, const char *to);
-/* Opens for writing what is no file to be replaced: appends to a file, writes to a device or FIFO, connects to a
+/* Opens a path for direct writing: appends to a file, writes to a device or FIFO, connects to a
  * stream socket. A missing file is created. */
 FILE *pags_port_open_straight(const char *path);
 bool pags_port_sync(FILE *stream); /* flushed data to disk; true for devices that can't be synced */
@@ -162,7 +162,7 @@ void pags_port_let_writes_fail(void);
 void pags_port_on_lost_mapping(const char *message);
 /* Makes main's arguments UTF-8 where the system gives them in another form, the console understand UTF-8, and the
  * standard streams carry bytes as they are. Reserves the descriptors of standard streams that are closed, so that no
- * file gets one: what is written to such an output fails. */
+ * file gets one: writes to such an output fail. */
 void pags_port_begin_program(int *argc, char ***argv);
 
 /* Writes the path of the running program's folder; false if it isn't known or doesn't fit into `size` bytes. */

@@ -219,7 +219,7 @@ void pags_port_let_writes_fail(void) {
   writes_may_fail = true;
 }
 
-/* Handlers are dropped when another program takes over; what is ignored stays ignored. */
+/* Handlers are dropped when another program takes over; ignored signals stay ignored. */
 static void set_back_write_signals(void) {
   for (int i = 0; writes_may_fail && i < WRITE_SIGNALS; i++)
     sigaction(write_signals[i], &found[i], NULL);
@@ -247,7 +247,8 @@ void pags_port_begin_program(int *argc, char ***argv) {
       open("/dev/null", O_RDONLY | O_CLOEXEC);
 #ifdef __GLIBC__
   /* Otherwise the limit grows to the largest block that was ever freed, up to 32 MB: later blocks then lie in the heap,
-   * which isn't given back, and calloc fills with zeros what would take no memory until it is used. */
+   * which isn't given back, and calloc writes zeros to memory that would otherwise not be allocated until it is used.
+   */
   mallopt(M_MMAP_THRESHOLD, 2 << 20);
 #endif
 }

@@ -82,7 +82,7 @@ static double unit(uint32_t word, int shift, int bits) {
 }
 
 /* A bound may be infinite, as the lower one of scales is where an axis has vanished: t = 0 is then the bound itself,
- * and what lies between an infinite and a finite one can't be known: the finite one is the best guess. */
+ * and a value between an infinite and a finite bound is unknown: the finite bound is the best guess. */
 static double mix(double lo, double hi, double t) {
   if (isinf(lo) || isinf(hi))
     return t > 0 ? hi : lo;

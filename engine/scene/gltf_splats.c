@@ -131,7 +131,7 @@ static const char *compression_of(const pags_json_value *primitive, const pags_j
   return NULL;
 }
 
-/* Checks what the extension object says of kernel and colours. */
+/* Checks kernel and colour space of the extension object. */
 static pags_result check_extension(gltf_splats *s, const pags_json_value *primitive, const pags_json_value *extension) {
   const gltf_file *f = &s->file;
   const char *kernel, *space;
@@ -394,7 +394,7 @@ static pags_result read_items(gltf_splats *s, pags_gaussians *out, double origin
 
 /* ---- The file ---- */
 
-/* Reads who wrote the file, and of PAGS' own what it says of the scene. */
+/* Reads the program that wrote the file and, if that is PAGS, the metadata of the scene. */
 static pags_result read_asset(gltf_splats *s, pags_splat_facts *facts) {
   const gltf_file *f = &s->file;
   const pags_json_value *asset, *extras;

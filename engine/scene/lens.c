@@ -198,7 +198,7 @@ double pags_lens_angle(const double v[3]) {
   return angle_of(sqrt(v[0] * v[0] + v[1] * v[1]), v[2]);
 }
 
-/* A direction from the axis: what radial functions and their derivatives take. */
+/* A direction relative to the axis: the arguments of radial functions and of their derivatives. */
 typedef struct aside {
   double e[2], rho, s, s_rho, s_z; /* s_rho, s_z: derivatives of s */
 } aside;

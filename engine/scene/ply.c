@@ -100,7 +100,7 @@ typedef struct reduced {
   const ply_property *rgb[3]; /* in place of f_dc_*; NULL: f_dc_* are there */
 } reduced;
 
-/* Finds out which kind the file is; names what makes a file none of them. */
+/* Finds the kind of the file; fails, naming the missing property, if it is none of them. */
 static pags_result find_reduced(const ply_table *table, const ply_element *vertex, reduced *kind) {
   static const char *const rgb_names[3] = {"red", "green", "blue"};
   static const char *const must[] = {"x", "y", "z", "scale_0"};
@@ -125,7 +125,7 @@ static pags_result find_reduced(const ply_table *table, const ply_element *verte
   return PAGS_OK;
 }
 
-/* Fills what a reduced kind lacks and says it. */
+/* Fills the properties that a reduced kind lacks and logs them. */
 static void complete(const ply_table *table, const ply_element *vertex, const reduced *kind, pags_gaussians *out) {
   if (out->count == 0) /* has no planes */
     return;
@@ -232,7 +232,7 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
   int count = list_columns(degree, columns);
   const int rest = pags_sh_coefficients(degree) - 1, stored_rest = pags_sh_coefficients(stored) - 1;
 
-  /* Finds the property of each column; only normals and what the kind lacks may be missing. */
+  /* Finds the property of each column; only normals and those that the kind lacks may be missing. */
   for (int i = 0; i < count; i++) {
     char other[NAME_SIZE];
     const char *name = columns[i].name;
@@ -330,7 +330,7 @@ static int put_facts(const pags_splat_facts *facts, char *text, size_t size) {
   int length = 0;
   if (facts->antialiased)
     length += snprintf(text, size, "comment SplatRenderMode: mip\n");
-  if (facts->up == PAGS_UP_Z || facts->up == PAGS_UP_Y) /* -y is what readers take anyway */
+  if (facts->up == PAGS_UP_Z || facts->up == PAGS_UP_Y) /* -y is the default of readers */
     length += snprintf(text + length, size - (size_t)length, "comment Vertical axis: %s\n",
                        facts->up == PAGS_UP_Z ? "z" : "0 1 0");
   if (facts->origin[0] != 0 || facts->origin[1] != 0 || facts->origin[2] != 0) {

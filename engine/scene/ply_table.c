@@ -125,10 +125,10 @@ static void parse_alpha_min(ply_table *t, double value) {
     pags_log_message(PAGS_LOG_WARNING, "%s: its alpha_min, %g, isn't from 1/255 to 1 and is not used", t->path, value);
 }
 
-/* Reads what programs say in comments, in any case, with or without a colon: "SplatRenderMode: mip" (Brush, gsplat,
- * splat-transform, PAGS), "antialiased 1" (Postshot), "train_flags antialiasing" (proposed to INRIA); "Vertical axis";
- * "offset X Y Z", which was taken off all positions; "alpha_min A" and "converted_from_alpha_min A" (pags_gaussians,
- * pags_splat_facts; PAGS). Others are skipped; of several the last holds. */
+/* Reads the metadata that programs write as comments, in any case, with or without a colon: "SplatRenderMode: mip"
+ * (Brush, gsplat, splat-transform, PAGS), "antialiased 1" (Postshot), "train_flags antialiasing" (proposed to INRIA);
+ * "Vertical axis"; "offset X Y Z", which was taken off all positions; "alpha_min A" and "converted_from_alpha_min A"
+ * (pags_gaussians, pags_splat_facts; PAGS). Others are skipped; of several the last holds. */
 static void parse_comment(ply_table *t, int words, char *word[]) {
   pags_splat_facts *const facts = &t->facts;
   double offset[3];

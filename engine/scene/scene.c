@@ -96,7 +96,7 @@ static pags_result load_own(const char *folder, pags_scene *scene) {
 }
 
 /* Loads a bare splat file as a scene of one model, "background"; its up axis is -y unless it names another. `file` is
- * what the model's file is called. */
+ * the file name of the model. */
 static pags_result load_bare(const char *path, const char *file, int axes, pags_scene *scene) {
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models)

@@ -98,7 +98,7 @@ static pags_result read_raw(const pags_json *json, const pags_json_value *root, 
   return PAGS_OK;
 }
 
-/* Fails if one of three numbers is larger than what float arithmetic can hold with something added. */
+/* Fails if one of three numbers is too large for sums in float. */
 static pags_result check_sizes(const pags_json *json, const pags_json_value *object, const char *key,
                                const double numbers[3]) {
   static const double most = 1e12;
@@ -173,7 +173,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
                           scene->fps);
   PAGS_TRY(pags_place_from_json(json, root, &scene->place));
 
-  /* How the scene was trained: data set, seed, steps, configuration, notes on what was modelled. */
+  /* How the scene was trained: data set, seed, steps, configuration, notes on the models. */
   const char *dataset, *colmap;
   PAGS_TRY(pags_json_string_or(json, root, "dataset", NULL, &dataset));
   PAGS_TRY(pags_json_string_or(json, root, "colmap", NULL, &colmap));

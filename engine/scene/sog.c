@@ -153,7 +153,7 @@ static pags_result read_model(sog_file *f) {
   return PAGS_OK;
 }
 
-/* Reads what PAGS writes of the scene: origin and up axis. */
+/* Reads the metadata that PAGS writes: origin and up axis. */
 static pags_result read_asset(sog_file *f) {
   const pags_json_value *asset = pags_json_member(pags_json_root(f->json), "asset");
   const char *generator, *up;

@@ -102,7 +102,7 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
   if (axes != PAGS_AXES_UNKNOWN) {
     facts->axes = axes;
     facts->axes_from = "option";
-    facts->up = PAGS_UP_UNKNOWN; /* what the file says is of the axes that it names itself */
+    facts->up = PAGS_UP_UNKNOWN; /* the file's up axis refers to the axes stored in it */
   }
   if (facts->axes_from && strcmp(facts->axes_from, "specification") == 0)
     pags_log_message(

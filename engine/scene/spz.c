@@ -30,7 +30,7 @@ typedef struct spz_header {
   int sh_degree; /* 0..4; coefficients of degree 4 are not read */
   int fractional_bits, flags;
   uint64_t sizes[STREAMS]; /* of each attribute's stream (means, opacities, ...) before compression, bytes */
-  pags_splat_facts facts;  /* what the records say */
+  pags_splat_facts facts;  /* of the records */
 } spz_header;
 
 /* ---- Header and attributes ---- */
@@ -201,7 +201,7 @@ static void read_records(const char *path, const uint8_t *bytes, size_t size, sp
                      (long long)skipped, first);
 }
 
-/* Creates the Gaussians that the header describes, and logs what of the file is not read. */
+/* Creates the Gaussians that the header describes, and logs the parts of the file that are not read. */
 static pags_result create(const char *path, const spz_header *h, pags_gaussians *out) {
   if (h->sh_degree > 3)
     pags_log_message(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
@@ -253,9 +253,9 @@ static pags_result inflate_growing(const char *path, z_stream *stream, uint64_t 
   return PAGS_OK;
 }
 
-/* Inflates what follows the attributes, up to the end of the stream, so that zlib verifies the checksum, and reads the
- * extension records there. At most 16 MiB may follow, so that a decompression bomb ends in an error; records are looked
- * for in the first 64 KiB. */
+/* Inflates the rest after the attributes, up to the end of the stream, so that zlib verifies the checksum, and reads
+ * the extension records there. At most 16 MiB may follow, so that a decompression bomb ends in an error; records are
+ * looked for in the first 64 KiB. */
 static pags_result inflate_rest(const char *path, z_stream *stream, spz_header *h) {
   enum { RECORDS = 1 << 16 };
   const bool extensions = h->flags & FLAG_EXTENSIONS;

@@ -19,7 +19,7 @@ enum {
   MOST_SAMPLES = 400000 /* Gaussians looked at: an even choice of more */
 };
 
-static const double least_opacity = 0.3; /* what is less opaque doesn't count */
+static const double least_opacity = 0.3; /* less opaque Gaussians are ignored */
 static const double solid_cover = 0.3;   /* share of a cell's side that is covered if the cell is solid */
 static const double least_room = 0.18;  /* cells of a room for each solid cell: objects have up to 0.14, streets 0.22 */
 static const double least_height = 1.5; /* a hollow shell that is smaller in any direction is an object; metres */
@@ -89,9 +89,9 @@ static pags_result take_samples(const pags_scene *scene, double least, sample **
 
 /* ---- The box ---- */
 
-/* Bounds the means: the middle 90 % of them, widened by as much on both sides, but no farther than 99.8 % reach. What
- * is farther away is a floater, or the far background of an object. What is flat or a single point has an extent of
- * `reach` at least. */
+/* Bounds the means: the middle 90 % of them, widened by as much on both sides, but no farther than 99.8 % reach.
+ * Gaussians farther away are floaters, or the far background of an object. A flat scene or a single point has an extent
+ * of at least `reach`. */
 static pags_result bound_samples(const sample *samples, int64_t count, double reach, double lo[3], double hi[3]) {
   double *values = malloc(((size_t)count + 1) * sizeof *values);
   if (!values)
@@ -325,7 +325,7 @@ static pags_result mark_room(pags_survey *s) {
   return PAGS_OK;
 }
 
-/* Whether what is solid lies on a ball about the middle of the box. */
+/* Whether the solid cells lie on a ball about the middle of the box. */
 static bool is_round(const pags_survey *s) {
   double sum = 0, squares = 0, count = 0;
   for (int64_t i = 0; i < (int64_t)s->n[0] * s->n[1] * s->n[2]; i++) {

@@ -54,7 +54,7 @@ pags_result pags_webp_encode(const uint8_t *rgba, int width, int height, uint8_t
   picture.custom_ptr = &writer;
   const int encoded = WebPPictureImportRGBA(&picture, rgba, 4 * width) && WebPEncode(&config, &picture);
   WebPPictureFree(&picture);
-  /* The block is copied, since the caller frees what malloc gave. */
+  /* The block is copied, since the caller uses free(). */
   uint8_t *copy = encoded ? malloc(writer.size) : NULL;
   if (copy) {
     memcpy(copy, writer.mem, writer.size);

@@ -16,7 +16,7 @@ enum { TREE_FRAMES = 5, TREE_CAMERAS = 2, TREE_WIDTH = 48, TREE_HEIGHT = 32 };
 
 typedef struct tree_kind {
   const char *name;
-  int waymo_axes, per_frame, laser_frame, forward_y, columns, first; /* first: index of the column that holds x */
+  int waymo_axes, per_frame, lidar_frame, forward_y, columns, first; /* first: index of the column that holds x */
 } tree_kind;
 
 static const tree_kind tree_kinds[] = {{"waymo", 1, 0, 0, 0, 14, 3},     {"pandaset", 0, 1, 0, 1, 5, 0},
@@ -85,7 +85,7 @@ static inline void tree_box(int object, int frame, double out[12]) {
 static const double tree_sizes[2][3] = {{4.5, 2, 1.6}, {0.6, 0.7, 1.8}};
 static const double tree_points[2][3] = {{9, 1, 0.5}, {20, -3, 2}}; /* in the ego frame, the same at every frame */
 
-static inline void tree_laser(double out[12]) {
+static inline void tree_lidar(double out[12]) {
   tree_turn(-1.5, 0.9, 0.1, 1.8, out);
 }
 
@@ -136,7 +136,7 @@ static inline void tree_write_cameras(scratch *s, const tree_kind *kind) {
 static inline void tree_write_sweeps(scratch *s, const tree_kind *kind) {
   double ego[12], laser[12], inverse[12], pose[12];
   char name[64];
-  tree_laser(laser);
+  tree_lidar(laser);
   pags_rigid_inverse(laser, inverse);
   for (int t = 0; t < TREE_FRAMES; t++) {
     float rows[2 * 14] = {0};
@@ -144,14 +144,14 @@ static inline void tree_write_sweeps(scratch *s, const tree_kind *kind) {
       for (int k = 0; k < 3; k++) {
         const double *p = tree_points[i], *m = inverse + 4 * k;
         double there = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
-        rows[i * kind->columns + kind->first + k] = (float)(kind->laser_frame ? there : p[k]);
+        rows[i * kind->columns + kind->first + k] = (float)(kind->lidar_frame ? there : p[k]);
       }
     snprintf(name, sizeof name, "lidar/%03d.bin", t);
     tree_bytes(s, name, rows, (size_t)(2 * kind->columns) * sizeof *rows);
     tree_ego(t, ego);
     pags_rigid_multiply(ego, laser, pose);
-    snprintf(name, sizeof name, kind->laser_frame ? "lidar_pose/%03d.txt" : "ego_pose/%03d.txt", t);
-    tree_write_matrix(s, name, kind->laser_frame ? pose : ego);
+    snprintf(name, sizeof name, kind->lidar_frame ? "lidar_pose/%03d.txt" : "ego_pose/%03d.txt", t);
+    tree_write_matrix(s, name, kind->lidar_frame ? pose : ego);
   }
 }
 

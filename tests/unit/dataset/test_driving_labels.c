@@ -240,7 +240,7 @@ static void labels_are_undistorted(void **state) {
 
 /* Without label files sky is guessed from LiDAR. Here a wall fills the left half up to an elevation of some 5
  * degrees, and the right half has only a road. */
-static void sky_is_guessed_from_the_laser(void **state) {
+static void sky_is_guessed_from_the_lidar(void **state) {
   (void)state;
   enum { COUNT = 40 * 60 };
   static float rows[COUNT * 5];
@@ -454,7 +454,7 @@ static bool in_vehicle(const pags_dataset *dataset, int frame, const double p[3]
 
 /* LiDAR points inside boxes of moving vehicles project into dynamic_masks/vehicle, which shows that poses, axes and
  * times agree. */
-static void pandaset_laser_hits_masks(void **state) {
+static void pandaset_lidar_hits_masks(void **state) {
   (void)state;
   char path[1024], name[1100];
   pags_dataset *dataset = tree_pandaset();
@@ -499,9 +499,9 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(labels_come_from_what_there_is),    cmocka_unit_test(budgets_count_labels),
       cmocka_unit_test(a_mask_of_another_size_is_refused), cmocka_unit_test(labels_are_undistorted),
-      cmocka_unit_test(sky_is_guessed_from_the_laser),     cmocka_unit_test(the_own_car_is_found),
+      cmocka_unit_test(sky_is_guessed_from_the_lidar),     cmocka_unit_test(the_own_car_is_found),
       cmocka_unit_test(given_ego_masks_are_used),          cmocka_unit_test(pandaset_boxes_match_masks),
-      cmocka_unit_test(pandaset_laser_hits_masks),
+      cmocka_unit_test(pandaset_lidar_hits_masks),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -57,7 +57,7 @@ static const struct expected_box {
 } expected_boxes[] = {{0, 0, "Pedestrian", 412, 0.995}, {1, 0, "Truck", 70, 1},  {1, 1, "Car", 9, 1},
                       {1, 2, "Cyclist", 18, 1},         {2, 0, "Misc", 1359, 1}, {2, 1, "Car", 79, 1}};
 
-static void object_boxes_hold_the_lasers_points(void **state) {
+static void object_boxes_hold_the_lidar_points(void **state) {
   (void)state;
   for (size_t i = 0; i < sizeof expected_boxes / sizeof expected_boxes[0]; i++) {
     const struct expected_box *e = &expected_boxes[i];
@@ -505,7 +505,7 @@ static void bad_tracklets_are_refused_with_their_line(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(object_boxes_hold_the_lasers_points),
+      cmocka_unit_test(object_boxes_hold_the_lidar_points),
       cmocka_unit_test(sweeps_have_their_points),
       cmocka_unit_test(projections_give_the_stereo_pair),
       cmocka_unit_test(tracking_labels_count),
