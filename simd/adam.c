@@ -9,7 +9,7 @@
  * b2^k). After a last gradient at step s, with u = m_s / (sqrt v_s + e_s), step s + j without one is
  *     p -= r c_(s+j) q^j u,   q = b1 / sqrt b2,
  * up to a relative error of (1 - b2^(j/2)) eps / sqrt v: under 2e-6 while gradients exceed 1e5 eps = 1e-10. So m and
- * v stay as they were at step s, and each step that is owed is p -= weight[j] u. Each of them is rounded by itself,
+ * v stay as they were at step s, and each pending step is p -= weight[j] u. Each is rounded separately,
  * so that the bits do not depend on when the replay is done and in how many pieces. */
 #include "kernel.h"
 

@@ -44,8 +44,8 @@ typedef struct raster_how {
   int64_t mark_count;
 } raster_how;
 
-/* Blends one splat over the sixteen pixels of a block. Returns, if how.counted, at how many it was blended, and 32
- * times as many as hadn't stopped before; else 0.
+/* Blends one splat over the sixteen pixels of a block. Returns, if how.counted, the number of pixels where it was
+ * blended plus 32 times the number that had not stopped before; else 0.
  *
  * Transmittance never grows, and rounding is monotone. So a pixel whose transmittance has fallen below a threshold
  * stays below it, and it stops whatever splats are blended in between. */
@@ -153,8 +153,8 @@ static inline int64_t block_at(const pags_raster_out *out, int block) {
   return (int64_t)(block >> 2) * 4 * out->stride + 4 * (block & 3);
 }
 
-/* If how.bounded, lets the finished pixels whose transmittance is at most eps be opaque: what of the light comes from
- * behind, which wasn't looked at, gets the mean colour of what lies in front. */
+/* If how.bounded, lets the finished pixels whose transmittance is at most eps be opaque: the
+ * light from the unvisited splats behind is replaced by the mean colour of those in front. */
 V_INLINE raster_state raster_close(const raster_state *state, raster_how how) {
   raster_state s = *state;
   s.t = v_abs(s.t);

@@ -11,8 +11,8 @@
 
 /* ---- The processor's features ---- */
 
-/* Bits of cpuid (Intel's Software Developer's Manual, volume 2A). __builtin_cpu_supports is not asked, since not every
- * compiler's runtime library tells it the truth. */
+/* Bits of cpuid (Intel's Software Developer's Manual, volume 2A). __builtin_cpu_supports is not used: some
+ * compilers' runtime libraries report it wrongly. */
 enum {
   LEAF1_ECX = 1 << 12 | 1 << 23 | 1 << 27 | 1 << 28 | 1 << 29, /* FMA, POPCNT, OSXSAVE, AVX, F16C */
   LEAF7_EBX = 1 << 3 | 1 << 5 | 1 << 8,                        /* BMI1, AVX2, BMI2 */

@@ -12,17 +12,18 @@
 
 enum {
   PAGS_LANES = 16,
-  PAGS_TILE = 16, /* pixels a side */
+  PAGS_TILE = 16, /* pixels per side */
   PAGS_TILE_PIXELS = PAGS_TILE * PAGS_TILE,
-  PAGS_TILE_BLOCKS = 16 /* 4x4-pixel blocks of a tile: what one vector covers; block b at (b & 3, b >> 2) */
+  PAGS_TILE_BLOCKS = 16 /* 4x4-pixel blocks of a tile, one vector each; block b at (b & 3, b >> 2) */
 };
 
 #define PAGS_ALPHA_MAX 0.99f
-#define PAGS_ALPHA_MIN (1.0f / 255.0f) /* where nothing else is said; Kerbl et al. 2023 */
+#define PAGS_ALPHA_MIN (1.0f / 255.0f) /* the default; Kerbl et al. 2023 */
 #define PAGS_T_STOP 1e-4f
 #define PAGS_COLOUR_MAX 1e6f      /* of a Gaussian's shaded colour; the loss takes four of these in a product */
 #define PAGS_LOG2_255 7.99435344f /* -log2 of it */
-/* Of Gaussians that are drawn at the time of their line (scan.h): the least q, and the most pixels a line. */
+/* Limits for Gaussians that are drawn at the time of their line (scan.h): the least q, and the largest motion in pixels
+ * per line. */
 #define PAGS_SCAN_LEAST 0.1f
 #define PAGS_SCAN_MOST 1.0f
 /* Added to the cut-off, in powers of two, by every test that excludes pixels before they are computed, so that no
@@ -30,7 +31,7 @@ enum {
  * 2^-23 p |d| <= 1e-3 for |d| <= 4096 px, hence u^2 one of at most 0.01. */
 #define PAGS_CUT_SLACK 0.02f
 
-/* How a part's Gaussians end. With least alpha a, what the rasteriser blends at a pixel is
+/* Cut-off of a part's Gaussians. With least alpha a, the rasteriser blends at a pixel
  *
  *     hard         alpha        where alpha >= a, else 0
  *     continuous   (alpha - a) / (1 - a)    where alpha > a, else 0
@@ -136,8 +137,8 @@ typedef struct pags_bin {
   const uint32_t *keys; /* per splat, which bin_fill gives to the entries; NULL: ranks, and no limits */
 } pags_bin;
 
-/* Output planes of a tile: pointers to its top left pixel in each plane; NULL if not wanted. Of depth, depth_sum,
- * best and id either all or none are given, or depth_sum alone if nothing is resumed or left unfinished. An
+/* Output planes of a tile: pointers to its top left pixel in each plane; NULL if not wanted. depth, depth_sum,
+ * best and id are given all or not at all, or depth_sum alone if no tile is resumed or left unfinished. An
  * unfinished tile leaves in the planes the state that it is resumed from: colour without background, transmittance
  * with a negative sign where the pixel has stopped, sum(w) in depth. */
 typedef struct pags_raster_out {
@@ -171,18 +172,23 @@ typedef struct pags_raster_in {
       *hard; /* a plane as the output's: a splat with z > hard changes no pixel there; NULL: none. Not with eps */
 } pags_raster_in;
 
+/* The pairs of a tile that has been drawn, for the kernels that walk through them again. */
+typedef struct pags_drawn_tile {
+  const pags_splat *splats;
+  const pags_entry *entries;   /* front to back */
+  const uint16_t *block_masks; /* of each pair; written by the forward pass, as the entries and rgb */
+  int64_t count;
+  const int64_t *slot_start; /* per splat */
+  float *slots;              /* out; slot of a pair = slot_start[splat] + rank */
+  int x0, y0, width, height; /* as in the forward pass, which must have used exp_degree 5 */
+  int64_t stride;            /* of all planes; each points at the tile's top left pixel */
+  const float *rgb[3];       /* background included */
+} pags_drawn_tile;
+
 enum { PAGS_BACK_PLANES = 10 }; /* most planes that a tile reads */
 
 typedef struct pags_raster_back {
-  const pags_splat *splats;
-  const pags_entry *entries;
-  const uint16_t *block_masks; /* as forward left them */
-  int64_t count;
-  const int64_t *slot_start; /* per splat */
-  float *slots;              /* PAGS_SLOT_FLOATS each; slot of a pair = slot_start[splat] + rank */
-  int x0, y0, width, height; /* as forward's; forward must have used exp_degree 5 */
-  int64_t stride;            /* of all planes below; each points at the tile's top left pixel */
-  const float *rgb[3];       /* as forward left them (background included) */
+  pags_drawn_tile tile; /* slots of PAGS_SLOT_FLOATS */
   const float *transmittance;
   const float *depth_sum; /* sum(w z) or NULL when depth_gradient is */
   const float *rgb_gradient[3];
@@ -201,15 +207,7 @@ enum {
 }; /* of one (Gaussian, tile) pair; score.c */
 
 typedef struct pags_raster_score {
-  const pags_splat *splats;
-  const pags_entry *entries;
-  const uint16_t *block_masks; /* as forward left them */
-  int64_t count;
-  const int64_t *slot_start;       /* per splat */
-  float *slots;                    /* PAGS_SCORE_SUMS each; slot of a pair = slot_start[splat] + rank */
-  int x0, y0, width, height;       /* as forward's; forward must have used exp_degree 5 */
-  int64_t stride;                  /* of all planes below; each points at the tile's top left pixel */
-  const float *rgb[3];             /* as forward left them (background included) */
+  pags_drawn_tile tile;            /* slots of PAGS_SCORE_SUMS */
   const float *rgb_gradient[3];    /* NULL: 1 everywhere */
   const float *counted, *critical; /* 0..1 */
   int32_t overlap;                 /* 1: sums of alpha in place of alpha T; without rgb_gradient */
@@ -234,7 +232,7 @@ typedef struct pags_raster_weights {
 typedef struct pags_sky_rays {
   float forward[3], across[3], downwards[3];
   float cx, cy; /* px */
-  int32_t size; /* of the cube map, texels a side, >= 1 */
+  int32_t size; /* of the cube map, texels per side, >= 1 */
 } pags_sky_rays;
 
 /* Where a tile's pixels, row after row, meet the cube map: the index of the top left one of the four texels around
@@ -287,13 +285,13 @@ typedef struct pags_loss_rows {
   int begin, end;    /* rows of the band */
   int64_t stride;
   const float *prediction;
-  float exposure[2];       /* gain and offset: what is compared is gain * prediction + offset. 1, 0: as it is */
+  float exposure[2];       /* gain and offset: gain * prediction + offset is compared; 1, 0: no change */
   const uint8_t *target;   /* 0..255 for 0..1; readable to the stride */
   const uint8_t *mask;     /* 0: both pictures are taken as 0 there and the pixel doesn't count; NULL: all count */
-  const uint8_t *emphasis; /* how often a pixel counts: 1 + emphasis * gain; NULL: once */
+  const uint8_t *emphasis; /* the weight of a pixel is 1 + emphasis * gain; NULL: 1 */
   float gain;
   float *gradient;                /* by the prediction: rows [begin, end) written, zero beyond the width */
-  float l1_scale, ssim_scale;     /* d(loss)/d(sum |x - y|), d(loss)/d(sum of SSIM values), of pixels that count once */
+  float l1_scale, ssim_scale;     /* d(loss)/d(sum |x - y|), d(loss)/d(sum of SSIM values), of pixels of weight 1 */
   float *scratch;                 /* pags_loss_scratch(stride) floats, aligned to 64 bytes */
   double (*sums)[PAGS_LOSS_SUMS]; /* of the rows [begin, end), from sums[0] on; they don't depend on the band */
 } pags_loss_rows;
@@ -318,9 +316,9 @@ typedef struct pags_light_row {
   float per_corner;              /* 1 / the corner's squared distance, px^-2 */
   float vignette[4];             /* base, slope, and its changes at q = 1/3 and 2/3 */
   float bends[PAGS_LIGHT_BENDS]; /* changes of the curve's slope at u = k/6, from 1 */
-  const float *rgb[3];           /* what the scene shows */
-  float *planes[3];              /* what the camera makes of it: written; or the gradient by that, which becomes that
-                                    by what the scene shows */
+  const float *rgb[3];           /* radiance of the scene */
+  float *planes[3]; /* out: values after vignetting and response; in light_back: the gradient by these, replaced by the
+                       gradient by rgb */
 } pags_light_row;
 
 /* Distance between rows of the scratch, in floats: an odd number of cache lines, so that rows lie in different
@@ -371,7 +369,7 @@ typedef struct pags_kernels {
   void (*sample)(const pags_raster_in *in, const uint8_t *marks, int64_t mark_count, const pags_raster_out *out,
                  float *marked);
   /* The depth-only pre-pass of the paper: writes to `depth`, for each pixel, the smallest z of the tile's splats
-   * whose alpha there is >= 1/2, infinity if there is none; the entries may have any order. farthest[b]: the largest
+   * whose alpha there is >= 1/2, or infinity; the entries may have any order. farthest[b]: the largest
    * depth of block b's pixels inside of the picture. Only splats, entries, count, x0, y0, width and height of `in`
    * are used. */
   void (*raster_depth)(const pags_raster_in *in, float *depth, int64_t stride, float farthest[PAGS_TILE_BLOCKS]);
@@ -419,8 +417,8 @@ typedef struct pags_kernels {
    * Returns the sum, not multiplied by `scale`. */
   double (*opacity_row)(const pags_opacity_row *in);
 
-  /* A camera's light over a row of pixels, and its gradient: by the four numbers of the vignette, and by the logarithm
-   * of the slope of each piece of the curve divided by the piece's rise (light.c). */
+  /* Vignetting and camera response over a row of pixels, and the gradient by the four numbers of the vignette and by
+   * the logarithm of the slope of each piece of the curve divided by the piece's rise (light.c). */
   void (*light_row)(const pags_light_row *in);
   void (*light_back)(const pags_light_row *in, double by_vignette[4], double by_rises[PAGS_LIGHT_BENDS]);
 

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A camera's vignette and response curve (pags/photometric.h) over a row of pixels, and the way back. With the squared
+/* A camera's vignette and response curve (pags/photometric.h) over a row of pixels, and its gradient. With the squared
  * distance q and the value x,
  *
  *   u = b x,  b = base + v_0 q + v_1 max(q - 1/3, 0) + v_2 max(q - 2/3, 0), at least 0.01
  *   f(u) = u + sum r_i max(min(u, 1) - i/6, 0)
  *
- * which are the straight pieces of both, written as their bends. With w_j the rise of the curve's piece j and c_j =
+ * both piecewise linear, written as changes of slope. With w_j the rise of the curve's piece j and c_j =
  * min(max(6 u - j, 0), 1), the gradient by the logarithm of its slope is w_j (c_j - f) where 0 < u < 1, and that by a
  * number of the vignette is f' x times its share in b: a hat around q = k/3, the last ones straight on beyond 1. */
 #include "kernel.h"

@@ -46,8 +46,7 @@ static inline row_cuts project_cuts(const pags_projection *view, vf compensation
   return c;
 }
 
-/* The rows of a call that are drawn, without gaps: what projection finds of their splats, half the sizes of their
- * boxes, and their numbers. */
+/* The drawn rows of a call, compacted: members of their splats, half the sizes of their boxes, and their numbers. */
 enum { PACKED_ROWS = 256 + V_LANES };
 typedef struct packed_splats {
   float x[PACKED_ROWS], y[PACKED_ROWS], p[PACKED_ROWS], h[PACKED_ROWS], w[PACKED_ROWS], log2_opacity[PACKED_ROWS];
@@ -58,7 +57,7 @@ typedef struct packed_splats {
 } packed_splats;
 
 /* Projects the sixteen rows from `first` on and appends those that are drawn to `out`; returns how many of them are
- * held at mid-exposure. */
+ * drawn at mid-exposure. */
 V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride,
                           const float *factor, int first, int count, uint32_t *keys, pags_reach *reaches,
                           packed_splats *out) {
@@ -121,18 +120,18 @@ V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *
 /* Whether the shutter rolls is a constant, so that a global one has code of its own. */
 V_INLINE int pack_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride, const float *factor,
                        int count, uint32_t *keys, pags_reach *reaches, packed_splats *packed) {
-  int held = 0;
+  int at_middle = 0;
   packed->count = 0;
   for (int first = 0; first < count; first += V_LANES)
-    held += project_rows(rolls, view, data, stride, factor, first, count, keys, reaches, packed);
-  return held;
+    at_middle += project_rows(rolls, view, data, stride, factor, first, count, keys, reaches, packed);
+  return at_middle;
 }
 
 int KERNEL(project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
                     pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches) {
   packed_splats packed;
-  const int held = view->scan ? pack_rows(true, view, data, stride, factor, count, keys, reaches, &packed)
-                              : pack_rows(false, view, data, stride, factor, count, keys, reaches, &packed);
+  const int at_middle = view->scan ? pack_rows(true, view, data, stride, factor, count, keys, reaches, &packed)
+                                   : pack_rows(false, view, data, stride, factor, count, keys, reaches, &packed);
 
   const int tiles_x = ((int)view->width + PAGS_TILE - 1) / PAGS_TILE,
             tiles_y = ((int)view->height + PAGS_TILE - 1) / PAGS_TILE;
@@ -159,5 +158,5 @@ int KERNEL(project)(const pags_projection *view, const float *data, int64_t stri
       store_splat(splats + rows[k], fields[k]);
     large_boxes(found.large, rows, splats, boxes);
   }
-  return held;
+  return at_middle;
 }

@@ -8,8 +8,8 @@
  * their transmittance is stored negative, so that the test against the stop threshold fails for every later splat. */
 #include "blend.h"
 
-/* Splats of a chunk. Once per chunk it is tested which blocks have stopped: with twice as many splats, three per cent
- * more pairs are blended in vain; with half as many, the inner loops end too often. */
+/* Splats of a chunk. Stopped blocks are tested once per chunk: with twice as many splats, 3 % more pairs are blended
+ * in vain; with half as many, the inner loops end too often. */
 enum { RASTER_CHUNK = 32 };
 
 typedef struct raster_chunk {

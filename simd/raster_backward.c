@@ -24,21 +24,21 @@ typedef struct backward_tile {
 
 V_INLINE void backward_load(backward_tile *tile, const pags_raster_back *in, bool depth) {
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
-    const int64_t at = (int64_t)(b >> 2) * 4 * in->stride + 4 * (b & 3);
-    tile->px[b] = block_x(b, in->x0);
-    tile->py[b] = block_y(b, in->y0);
-    const vm inside = block_inside(tile->px[b], tile->py[b], in->width, in->height);
+    const int64_t at = (int64_t)(b >> 2) * 4 * in->tile.stride + 4 * (b & 3);
+    tile->px[b] = block_x(b, in->tile.x0);
+    tile->py[b] = block_y(b, in->tile.y0);
+    const vm inside = block_inside(tile->px[b], tile->py[b], in->tile.width, in->tile.height);
     vf behind = v_zero();
     for (int c = 0; c < 3; c++) {
-      tile->g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->stride));
-      behind = v_fma(tile->g[c][b], v_load_4x4(in->rgb[c] + at, in->stride), behind);
+      tile->g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->tile.stride));
+      behind = v_fma(tile->g[c][b], v_load_4x4(in->tile.rgb[c] + at, in->tile.stride), behind);
     }
     if (in->transmittance_gradient)
-      behind = v_fma(v_load_4x4(in->transmittance_gradient + at, in->stride),
-                     v_load_4x4(in->transmittance + at, in->stride), behind);
+      behind = v_fma(v_load_4x4(in->transmittance_gradient + at, in->tile.stride),
+                     v_load_4x4(in->transmittance + at, in->tile.stride), behind);
     if (depth) {
-      tile->g[3][b] = v_maskz(inside, v_load_4x4(in->depth_gradient + at, in->stride));
-      behind = v_fma(tile->g[3][b], v_load_4x4(in->depth_sum + at, in->stride), behind);
+      tile->g[3][b] = v_maskz(inside, v_load_4x4(in->depth_gradient + at, in->tile.stride));
+      behind = v_fma(tile->g[3][b], v_load_4x4(in->depth_sum + at, in->tile.stride), behind);
     }
     tile->behind[b] = v_maskz(inside, behind);
     tile->t[b] = v_maskz(inside, v_set(1.0f));
@@ -93,20 +93,20 @@ enum { BACKWARD_SOON = 8, BACKWARD_LATER = 16 }; /* how many splats ahead is pre
 /* Prefetches, for a splat BACKWARD_LATER entries ahead, the index of its first slot; for one BACKWARD_SOON entries
  * ahead, the slot itself and the splat. They are scattered in memory. */
 V_INLINE void backward_fetch(const pags_raster_back *in, int64_t i) {
-  const int64_t count = in->count + in->next_count;
+  const int64_t count = in->tile.count + in->next_count;
   if (i + BACKWARD_LATER < count)
-    __builtin_prefetch(in->slot_start + in->entries[i + BACKWARD_LATER].splat);
+    __builtin_prefetch(in->tile.slot_start + in->tile.entries[i + BACKWARD_LATER].splat);
   if (i + BACKWARD_SOON < count) {
-    const pags_entry soon = in->entries[i + BACKWARD_SOON];
-    __builtin_prefetch(in->splats + soon.splat);
-    __builtin_prefetch(in->slots + (in->slot_start[soon.splat] + soon.rank) * PAGS_SLOT_FLOATS, 1);
+    const pags_entry soon = in->tile.entries[i + BACKWARD_SOON];
+    __builtin_prefetch(in->tile.splats + soon.splat);
+    __builtin_prefetch(in->tile.slots + (in->tile.slot_start[soon.splat] + soon.rank) * PAGS_SLOT_FLOATS, 1);
   }
 }
 
 /* Prefetches rows of the next tile's planes, two per splat. They are a picture's width apart, too far for the
  * hardware prefetcher; prefetched all at once, they would exceed what the processor can have in flight. */
 V_INLINE void backward_fetch_row(const pags_raster_back *in, int64_t i) {
-  const int64_t pair = i / PAGS_TILE, row = i % PAGS_TILE * in->stride;
+  const int64_t pair = i / PAGS_TILE, row = i % PAGS_TILE * in->tile.stride;
   for (int64_t k = 2 * pair; k < 2 * pair + 2 && k < PAGS_BACK_PLANES; k++)
     if (in->next[k])
       __builtin_prefetch(in->next[k] + row);
@@ -115,12 +115,13 @@ V_INLINE void backward_fetch_row(const pags_raster_back *in, int64_t i) {
 V_INLINE void backward_all(const pags_raster_back *in, bool depth) {
   backward_tile tile;
   backward_load(&tile, in, depth);
-  for (int64_t i = 0; i < in->count; i++) {
+  for (int64_t i = 0; i < in->tile.count; i++) {
     backward_fetch(in, i);
     backward_fetch_row(in, i);
-    const pags_splat *const s = in->splats + in->entries[i].splat;
-    float *const slot = in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * PAGS_SLOT_FLOATS;
-    unsigned blocks = in->block_masks[i];
+    const pags_splat *const s = in->tile.splats + in->tile.entries[i].splat;
+    float *const slot =
+        in->tile.slots + (in->tile.slot_start[in->tile.entries[i].splat] + in->tile.entries[i].rank) * PAGS_SLOT_FLOATS;
+    unsigned blocks = in->tile.block_masks[i];
     if (!blocks) {
       v_store12(slot, v_zero());
       continue;

@@ -6,7 +6,7 @@
 
 enum {
   SAMPLES_AHEAD = 16, /* how many splats ahead are prefetched */
-  SAMPLES_LOOK = 16   /* after how many splats it is tested whether all samples have stopped */
+  SAMPLES_LOOK = 16   /* splats between tests whether all samples have stopped */
 };
 
 V_INLINE void sample_tile(const pags_raster_in *in, const pags_raster_out *out, float *marked, raster_how how) {

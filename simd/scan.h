@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rolling shutter: a Gaussian is projected as the camera and its object stood when the line of the picture was read on
- * which its mean is seen.
+/* Rolling shutter: a Gaussian is projected with the poses that the camera and its object had when the line of the
+ * picture that shows its mean was read.
  *
  * At time u a mean has the camera coordinates c(u) = c0 + u c1 + u^2 c2 and lies at the pixel m(u) = pi(c(u)); the line
  * through a pixel is read at tau(m) = x X + y Y + start. Its time is the root of
@@ -8,23 +8,23 @@
  *     f(u) = u - tau(m(u)),   f' = 1 - (x X' + y Y') = q,   m' = (X', Y') the velocity on the picture in px a read-out
  *
  * by Newton's method from u = 0, which is exact after a step where m is linear. u is clamped to [-1, 1], half a
- * read-out beyond both edges of the picture, so that what reaches into it from outside is met too. Differentiating f =
- * 0 by the mean p gives the derivative of what is seen, by which the covariance is projected:
+ * read-out beyond both edges of the picture, to include Gaussians that reach into it from outside. Differentiating f =
+ * 0 by the mean p gives the derivative of the pixel m, which projects the covariance:
  *
  *     du = (x J_x + y J_y) W dp / q,   dm = J W dp + m' du = (I + m' (x, y) / q) J W dp
  *
- * with W = camera_from_model at u; of a clamped row it is J W. This is of no use for what is smeared over many lines:
- * what keeps up with the read-out, q < 0.1, and what passes so close by that it moves more than a pixel while a line is
- * read, whose path isn't straight. Both are drawn as at u = 0, and so is what the iteration doesn't find. */
+ * with W = camera_from_model at u; for a clamped row it is J W. The linearisation fails for Gaussians that are smeared
+ * over many lines: those that move with the read-out (q < 0.1), and those so close that they move by more than a pixel
+ * per line on a curved path. Both are drawn as at u = 0, as are those for which the iteration doesn't converge. */
 #ifndef PAGS_SIMD_SCAN_H
 #define PAGS_SIMD_SCAN_H
 
 #include "kernel.h"
 
-enum { SCAN_STEPS = 4 }; /* errors are squared in each; at q = 1/2 the last one changes less than rounding does */
-#define SCAN_DONE 1e-4f  /* a mean whose last step was smaller takes no further one, whatever its neighbours do */
+enum { SCAN_STEPS = 4 }; /* each step squares the error; at q = 1/2 the last step changes less than rounding */
+#define SCAN_DONE 1e-4f  /* a mean whose last step was smaller takes no further step, independent of its neighbours */
 
-/* What the projection of sixteen Gaussians knows of their time, and the backward pass uses. */
+/* Read-out times of sixteen projected Gaussians, with the terms that the backward pass uses. */
 typedef struct scanned {
   vf c0[3], c1[3], c2[3];
   vf u;
@@ -103,7 +103,7 @@ static inline void scan_shear(scanned *s, const pags_scan *scan, vf t[6]) {
   }
 }
 
-/* When the lines are read on which the means of `drawn` splats lie. */
+/* Read-out times of the lines that contain the means of the `drawn` splats. */
 static inline vf scan_time(const pags_scan *scan, const pags_splat *splats, unsigned drawn) {
   float u[V_LANES] = {0.0f};
   for (; drawn; drawn &= drawn - 1) {

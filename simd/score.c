@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pruning scores of a (splat, tile) pair: how much of the splat is visible, how much of that where pixels are
- * critical, and how strongly the picture or the loss depends on it (the score of Speedy-Splat, Hanson et al. 2025).
+/* Pruning scores of a (splat, tile) pair: the visible weight of the splat, the part of it on critical pixels, and the
+ * sensitivity of the picture or the loss to the splat (the score of Speedy-Splat, Hanson et al. 2025).
  *
  * Pairs are walked front to back as in the backward pass (raster_backward.c), with w = alpha T:
  *   seen     = sum of w n              n: weight of the pixel
@@ -23,22 +23,22 @@ typedef struct score_tile {
 
 V_INLINE void score_load(score_tile *tile, const pags_raster_score *in, bool loss) {
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
-    const int64_t at = (int64_t)(b >> 2) * 4 * in->stride + 4 * (b & 3);
-    tile->px[b] = block_x(b, in->x0);
-    tile->py[b] = block_y(b, in->y0);
-    const vm inside = block_inside(tile->px[b], tile->py[b], in->width, in->height);
+    const int64_t at = (int64_t)(b >> 2) * 4 * in->tile.stride + 4 * (b & 3);
+    tile->px[b] = block_x(b, in->tile.x0);
+    tile->py[b] = block_y(b, in->tile.y0);
+    const vm inside = block_inside(tile->px[b], tile->py[b], in->tile.width, in->tile.height);
     vf behind = v_zero();
     for (int c = 0; c < 3; c++) {
-      const vf rgb = v_load_4x4(in->rgb[c] + at, in->stride);
+      const vf rgb = v_load_4x4(in->tile.rgb[c] + at, in->tile.stride);
       if (loss) {
-        tile->g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->stride));
+        tile->g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->tile.stride));
         behind = v_fma(tile->g[c][b], rgb, behind);
       } else {
         behind = v_add(behind, rgb);
       }
     }
-    tile->counted[b] = v_maskz(inside, v_load_4x4(in->counted + at, in->stride));
-    tile->critical[b] = v_mul(tile->counted[b], v_maskz(inside, v_load_4x4(in->critical + at, in->stride)));
+    tile->counted[b] = v_maskz(inside, v_load_4x4(in->counted + at, in->tile.stride));
+    tile->critical[b] = v_mul(tile->counted[b], v_maskz(inside, v_load_4x4(in->critical + at, in->tile.stride)));
     tile->behind[b] = v_maskz(inside, behind);
     tile->t[b] = v_maskz(inside, v_set(1.0f));
   }
@@ -71,15 +71,16 @@ V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool over
 }
 
 V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
-  const block_corners corners = corners_of(in->x0, in->y0);
+  const block_corners corners = corners_of(in->tile.x0, in->tile.y0);
   score_tile tile;
   score_load(&tile, in, loss);
-  for (int64_t i = 0; i < in->count; i++) {
-    if (i + 4 < in->count)
-      __builtin_prefetch(in->splats + in->entries[i + 4].splat);
-    const pags_splat *const s = in->splats + in->entries[i].splat;
-    float *const slot = in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * PAGS_SCORE_SUMS;
-    uint16_t blocks = in->block_masks[i];
+  for (int64_t i = 0; i < in->tile.count; i++) {
+    if (i + 4 < in->tile.count)
+      __builtin_prefetch(in->tile.splats + in->tile.entries[i + 4].splat);
+    const pags_splat *const s = in->tile.splats + in->tile.entries[i].splat;
+    float *const slot =
+        in->tile.slots + (in->tile.slot_start[in->tile.entries[i].splat] + in->tile.entries[i].rank) * PAGS_SCORE_SUMS;
+    uint16_t blocks = in->tile.block_masks[i];
     if (overlap) /* a splat counts also where it is hidden by others */
       blocks = block_mask(s, &corners);
     vf sum[3] = {v_zero(), v_zero(), v_zero()};

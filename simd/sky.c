@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The cube map behind the Gaussians (pags/sky.h): finds the texels that each pixel sees, and adds their colour times
+/* The cube map behind the Gaussians (pags/sky.h): finds the texels behind each pixel, and adds their colour times
  * the transmittance that the Gaussians leave.
  *
  * A cell is the square between four texel centres, named by its top left texel. A pixel's colour is interpolated
@@ -98,8 +98,8 @@ void KERNEL(sky_find)(const pags_sky_rays *rays, const float *texels, int x0, in
 }
 
 /* Addresses of the corners of four pixels' cells: at[k] is the top left one, the others lie `right` and `below`
- * floats further. Loads read one float beyond a texel's three. There is none after the last texel of the map, so a
- * cell that has this texel as its last corner reads it from the copy `ending`. */
+ * floats further. Loads read one float beyond a texel's three. The last texel of the map is read from the copy
+ * `ending`, since no float follows it. */
 typedef struct sky_corners {
   const float *at[4], *last[4];
 } sky_corners;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The training loss and its gradient for a band of rows of one channel: L1 and D-SSIM (Wang et al. 2004), both as
- * sums over the pixels of each row, weighted by how often a pixel counts.
+ * sums over the pixels of each row, weighted per pixel.
  *
  *   S = A1 A2 / (B1 B2),  A1 = 2 mx my + C1,  A2 = 2 s_xy + C2,  B1 = mx^2 + my^2 + C1,  B2 = s_xx + s_yy + C2
  *
@@ -32,7 +32,7 @@ typedef struct loss_state {
   const pags_loss_rows *io;
   int64_t pitch;        /* floats from row to row of the scratch */
   float *x, *y;         /* rings of LOSS_RING rows of prediction and target, 0 where masked */
-  float *derivative[3]; /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale, the mask and how often the pixel counts */
+  float *derivative[3]; /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale, the mask and the pixel's weight */
   float *sums[2][4];    /* two rows of up to four quantities blurred along the columns, not yet along the row */
 } loss_state;
 

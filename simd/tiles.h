@@ -89,8 +89,8 @@ static inline vf tile_floor(vf t, int tiles) {
   return v_sub(nearest, v_maskz(v_gt(nearest, cut), v_set(1.0f)));
 }
 
-/* What is known of sixteen splats' tiles once their boxes are found: how many each touches and, as a bit each, which
- * have boxes of more than LANE_TILES tiles and are left for large_boxes. */
+/* Result of find_boxes for sixteen splats: the number of tiles that each touches, and a bit for each splat whose box
+ * has more than LANE_TILES tiles, which large_boxes tests. */
 typedef struct boxes_found {
   vi tiles;
   unsigned large;

@@ -16,12 +16,11 @@
  *   v_spread        repeats each of the lanes 4 k, ..., 4 k + 3 four times
  *   i_compress      stores the lanes that m selects, without gaps, and returns their number; writes up to 16 numbers
  *   i_compress8     the same of the first eight lanes, by the bits of a mask; bits from 8 on must be 0
- *   v_packing_of    how the lanes that m selects move to the front, and their number `count`; v_pack stores a vector's
- *                   lanes in that way; writes up to 16 floats
- *   v_transpose4    of four vectors: then lanes 4 q, ..., 4 q + 3 of rows[j] are what the four had in lane 4 q + j
- *   v_transpose     of sixteen vectors: lane j of rows[k] becomes lane k of rows[j]
- *   v_columns3      of 16 groups of four lanes (four vectors), the first, second and third lane of each
- * vf = 16 floats, vi = 16 int32, vm = 16 truth values. */
+ *   v_packing_of    permutation that moves the lanes selected by m to the front, and their number `count`; v_pack
+ * stores a vector's lanes permuted so; writes up to 16 floats v_transpose4    of four vectors: lanes 4 q, ..., 4 q + 3
+ * of rows[j] become lane 4 q + j of the four v_transpose     of sixteen vectors: lane j of rows[k] becomes lane k of
+ * rows[j] v_columns3      of 16 groups of four lanes (four vectors), the first, second and third lane of each vf = 16
+ * floats, vi = 16 int32, vm = 16 truth values. */
 #ifndef PAGS_SIMD_VEC_H
 #define PAGS_SIMD_VEC_H
 
@@ -32,7 +31,7 @@
 
 enum { V_LANES = 16 };
 
-/* Forces inlining, for functions whose constant arguments select a variant: by itself gcc leaves the selection in the
+/* Forces inlining, for functions whose constant arguments select a variant: otherwise gcc leaves the selection in the
  * inner loop. */
 #define V_INLINE static inline __attribute__((always_inline))
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The weights w = alpha T of a tile's splats at its pixels: the blending of blend.h once more, for the passes that
- * sum something else than colour. Front to back like it, so that the weights are those of the picture, to the bit. */
+/* The weights w = alpha T of a tile's splats at its pixels: for the passes that sum other quantities
+ * than colour. Blending as in blend.h, front to back, gives the weights of the picture to the bit. */
 #include "blend.h"
 
 V_INLINE void weights_all(const pags_raster_weights *in, int degree) {

@@ -24,11 +24,11 @@ typedef struct backward_context {
   void *user;
   float *scratch;       /* per worker: SCRATCH_PLANES planes of MOST_MEMBERS floats */
   uint8_t *drawn, *bad; /* per worker: MOST_MEMBERS flags each */
-  kept_room *kept;
+  member_scratch *members;
   atomic_llong bad_rows;
 } backward_context;
 
-enum { MOST_MEMBERS = 256, SCRATCH_PLANES = PAGS_MAX_PLANES + 2 };
+enum { SCRATCH_PLANES = PAGS_MAX_PLANES + 2 };
 enum { TILES_AT_A_TIME = 4 }; /* a worker's block of tiles, as in raster.c */
 
 static const float *at_tile(const float *plane, int64_t at) {
@@ -47,7 +47,7 @@ static const float *tile_gradient(const pags_frame *f, const float *plane, int64
   return NULL;
 }
 
-/* Tells the kernel which planes and entries the worker's next tile will read, so that it prefetches them. */
+/* Sets the planes and entries of the worker's next tile, which the kernel prefetches. */
 static void name_next(const backward_context *c, int64_t tile, pags_raster_back *in) {
   const pags_frame *const f = c->frame;
   const pags_picture_gradient *const g = c->gradient;
@@ -72,27 +72,14 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
   const pags_frame *const f = c->frame;
   (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
-    const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
-    const int64_t start = f->tile_start[tile], at = frame_tile_offset(f, tile);
-    pags_raster_back in = {.splats = f->splats,
-                           .entries = f->entries + start,
-                           .block_masks = f->block_masks + start,
-                           .count = f->tile_start[tile + 1] - start,
-                           .slot_start = f->slot_start,
-                           .slots = c->written,
-                           .x0 = x0,
-                           .y0 = y0,
-                           .width = f->camera.width,
-                           .height = f->camera.height,
-                           .stride = f->stride,
+    const int64_t at = frame_tile_offset(f, tile);
+    pags_raster_back in = {.tile = frame_drawn_tile(f, tile, c->written),
                            .transmittance = frame_plane(f, PLANE_T) + at,
                            .depth_sum = frame_plane(f, PLANE_DEPTH_SUM) + at,
                            .transmittance_gradient = at_tile(c->gradient->transmittance, at),
                            .depth_gradient = tile_gradient(f, c->gradient->depth_sum, at)};
-    for (int k = 0; k < 3; k++) {
-      in.rgb[k] = frame_plane(f, PLANE_R + k) + at;
+    for (int k = 0; k < 3; k++)
       in.rgb_gradient[k] = c->gradient->rgb[k] + at;
-    }
     if (tile + 1 < end)
       name_next(c, tile + 1, &in);
     f->kernels->raster_backward(&in);
@@ -117,7 +104,7 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
     float *const extra = scratch + (int64_t)planes * stride;
     const pags_row_gradient rows = {scratch, stride, extra, extra + stride, bad_planes};
     memset(bad_planes, 0, (size_t)v->count);
-    const frame_members members = pags_frame_members(f, v, c->kept, worker);
+    const frame_members members = pags_frame_members(f, v, c->members, worker);
     const int bad = f->lens ? pags_frame_lens_backward(f, v, &members, c->slots, &rows)
                             : f->kernels->project_backward(view, g->data + v->first, g->stride, v->count, members.keys,
                                                            members.splats, members.slot_start, c->slots, &rows);
@@ -171,7 +158,7 @@ pags_result pags_stage_project_backward(pags_frame *frame, int first_part, const
   c.bad = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "flags of gradients");
   if (!c.scratch || !c.drawn || !c.bad)
     return PAGS_ERROR_MEMORY;
-  PAGS_TRY(pags_frame_kept_reserve(frame, &c.kept));
+  PAGS_TRY(pags_frame_reserve_members(frame, &c.members));
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 4, clusters_backward, &c));
   frame->stats.ms_project_backward = pags_clock_ms() - t0;
   if (bad_rows)

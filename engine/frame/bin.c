@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Binning: makes each tile's list of the splats that can change it. The lists come in about the order of memory;
- * there, neighbours fall into the same tiles, so that only few cache lines of few lists are written at a time. sort.c
- * then sorts each list by depth.
+/* Binning: makes each tile's list of the splats that can change it. Splats are binned about in memory order, in which
+ * neighbours fall into the same tiles, so that only few cache lines of few lists are written at a time. sort.c then
+ * sorts each list by depth.
  *
  * This is a stable counting sort by tile, without atomics. The drawn splats are cut into fixed blocks. Each block
  * counts its (Gaussian, tile) pairs per tile; prefix sums over (tile, block) give each block its range in each tile's

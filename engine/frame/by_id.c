@@ -9,20 +9,9 @@
 #include "base/memory.h"
 #include "frame/stages.h"
 
-static int64_t cluster_rows(const pags_part *part, int64_t cluster) {
-  const int64_t rest = part->gaussians->count - cluster * part->clusters->size;
-  return rest < part->clusters->size ? rest : part->clusters->size;
-}
-
 /* ---- Gaussians ---- */
 
-/* What belongs to an object (-1: to none), where the object's frame is the world: one part for each of its groups. */
-static pags_result parts_of(pags_composition *composition, int64_t object, const pags_part **parts, int *count) {
-  const pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-  return pags_compose_placed(composition, (double)NAN, &placement, 1, parts, count);
-}
-
-/* What all parts together need: the highest SH degree, and what any of them has besides. */
+/* The highest SH degree of all parts, and the optional arrays that any part has. */
 typedef struct shape {
   int sh_degree;
   bool any, s_sem, object_id, fourier;
@@ -47,7 +36,8 @@ static void copy_part(const pags_part *part, pags_gaussians *out) {
     int64_t geometry_stride, colour_stride;
     const float *const places = pags_frame_geometry(part, &cluster, &geometry, &geometry_stride);
     const float *const shades = pags_frame_colours(part, &cluster, g->sh_degree, &colours, &colour_stride);
-    for (int64_t i = 0; i < cluster_rows(part, c); i++) {
+    const int64_t rest = part->gaussians->count - c * part->clusters->size;
+    for (int64_t i = 0; i < part->clusters->size && i < rest; i++) {
       const int64_t row = cluster.first + i, id = part_id(part, row);
       for (int p = 0; p < PAGS_SH; p++)
         pags_plane(out, p)[id] = places[p * geometry_stride + i];
@@ -84,7 +74,8 @@ pags_result pags_composition_gaussians(pags_composition *composition, pags_gauss
     for (int64_t object = -1; object < objects && result == PAGS_OK; object++) {
       const pags_part *parts;
       int count;
-      result = parts_of(composition, object, &parts, &count);
+      const pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+      result = pags_compose_placed(composition, (double)NAN, &placement, 1, &parts, &count);
       for (int p = 0; p < count && result == PAGS_OK; p++) {
         if (pass == 0)
           widen(&s, &parts[p]);

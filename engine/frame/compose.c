@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From a scene to the parts of a frame: sorts the scene's Gaussians into groups that are hidden and moved together,
- * and lists the parts to draw at a time, with objects hidden, moved, added or placed.
+/* Turns a scene into the parts of a frame: sorts the scene's Gaussians into groups that are hidden and moved together,
+ * and lists the parts to draw at a given time, with objects hidden, moved, added or placed.
  *
  * Each model's rows are brought into Morton order. The background model is split by object, so that a parked car is a
  * group of its own. With P the pose of an object's labelled box and D an edit's motion, a parked object's group is
@@ -51,7 +51,7 @@ struct pags_composition {
   pags_part *parts;        /* of pags_compose: room for every group and addition */
   pags_part *placed_parts; /* of pags_compose_placed: placed_capacity */
   int64_t placed_capacity;
-  bool borrowed; /* the scene and the groups' Gaussians and clusters are somebody else's */
+  bool borrowed; /* borrowed: the scene and the groups' Gaussians and clusters belong to another composition */
 };
 
 static pags_result out_of_memory(const pags_composition *c) {
@@ -93,7 +93,7 @@ static void sort_by_object(const int32_t *object_id, const int64_t *order, int64
     sorted[end[bucket_of(object_id[order[i]], object_count)]++] = order[i];
 }
 
-/* Makes room for a group's colours at a time, if they change with it. */
+/* Allocates a group's colours at one time, if they change with time. */
 static pags_result add_dc(const pags_composition *c, group *g) {
   const size_t bytes = (size_t)g->gaussians.stride * 3 * sizeof *g->dc;
   if (!g->gaussians.fourier)
@@ -454,7 +454,7 @@ static int64_t group_rows(const group *g) {
   return g->gaussians.count + g->packed.shape.count;
 }
 
-/* S_sem of a group's Gaussians that have none of their own: 1 for a critical object, else 0. */
+/* S_sem of a group whose Gaussians store none: 1 for a critical object, else 0. */
 static float priority_of_object(const pags_composition *c, const group *g) {
   return g->object >= 0 && c->scene.objects[g->object].critical ? 1 : 0;
 }
@@ -531,7 +531,7 @@ void pags_composition_rest_pose(const pags_composition *composition, int64_t obj
 
 /* ---- Parts where the caller places them ---- */
 
-/* Whether a placement of `object` draws group `g`; `object` -1 stands for the background, which has all groups that
+/* Whether a placement of `object` draws group `g`; `object` -1 is the background: all groups that
  * no object's placement draws. */
 static bool is_placed_by(const pags_composition *c, const group *g, int64_t object) {
   return object < 0 ? g->object < 0 || !follows_edits(c, g, g->object) : follows_edits(c, g, object);
@@ -650,7 +650,7 @@ int pags_composition_priorities(const pags_composition *composition, float *prio
   return known;
 }
 
-/* Packs group by group, but for those whose colour changes with time; the rows are in Morton order already. Packed
+/* Packs group by group, except groups whose colour changes with time; the rows are in Morton order already. Packed
  * rows have no object_id, so ids in the background that belong to no object of the scene are lost. */
 pags_result pags_composition_pack(pags_composition *composition) {
   for (int64_t k = 0; k < composition->group_count; k++) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How names become numbers in a Cryptomatte: MurmurHash3 for 32-bit results (Austin Appleby, public domain) and the
+/* Hashes of names in a Cryptomatte: MurmurHash3 for 32-bit results (Austin Appleby, public domain) and the
  * specification's conversion to a float (Psyop, Cryptomatte Specification 1.2.0); and the names of a matte. */
 #include <pags/passes.h>
 

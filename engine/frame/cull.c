@@ -72,16 +72,7 @@ static void reach_blocks(interval reach, float size, uint16_t *first, uint16_t *
   *end = (uint16_t)(hi < blocks ? hi > 0.0f ? hi : 0.0f : blocks);
 }
 
-/* The bound of a cluster about whose members nothing is known: any depth from 0 on, all blocks of the picture. */
-static cluster_bound everywhere(const pags_projection *v) {
-  cluster_bound bound = {.near = 0.0f};
-  const interval all = {-INFINITY, INFINITY};
-  reach_blocks(all, v->width, &bound.reach.x0, &bound.reach.x1);
-  reach_blocks(all, v->height, &bound.reach.y0, &bound.reach.y1);
-  return bound;
-}
-
-/* How far, and how fast, the means of a box move at most along the camera's axes while the picture is read. */
+/* The largest motion and velocity of the means of a box along the camera's axes while the picture is read. */
 static void motion_bound(const pags_scan *s, const float centre[3], const float half[3], float moved[3],
                          float speed[3]) {
   const float *const turn[2] = {s->r1, s->r2}, *const shift[2] = {s->t1, s->t2};
@@ -102,7 +93,7 @@ static void motion_bound(const pags_scan *s, const float centre[3], const float 
   }
 }
 
-/* By how much more than `stretch`, that at mid-exposure, the pose stretches at most. */
+/* The most by which the pose's stretch exceeds `stretch`, its value at mid-exposure. */
 static float turn_bound(const pags_scan *s, float stretch) {
   float first = 0.0f, second = 0.0f;
   for (int k = 0; k < 9; k++) {
@@ -157,7 +148,11 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
   if (hi[2] <= v->near_plane)
     return true;
   const float z0 = lo[2] > v->near_plane ? lo[2] : v->near_plane, z1 = hi[2];
-  *bound = everywhere(v);
+  /* Until more is known: any depth from 0 on, all blocks of the picture. */
+  const interval all = {-INFINITY, INFINITY};
+  *bound = (cluster_bound){.near = 0.0f};
+  reach_blocks(all, v->width, &bound->reach.x0, &bound->reach.x1);
+  reach_blocks(all, v->height, &bound->reach.y0, &bound->reach.y1);
   if (!(z0 > 0.0f))
     return false;
   if (v->scan)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Rendering with a time budget per frame. A controller learns from measured frame times what each quality step costs,
- * and picks the step of the next frame. The steps reduce the quality of what isn't critical (S_sem <= 0.5) first;
- * critical Gaussians keep theirs but for a few grey levels, until nothing but a smaller picture is left to try. */
+ * and picks the step of the next frame. The steps first reduce the quality of Gaussians that aren't critical
+ * (S_sem <= 0.5); critical Gaussians change by a few grey levels only. The last steps make the picture smaller. */
 #include <assert.h>
 #include <math.h>
 #include <pags/deadline.h>
@@ -17,8 +17,8 @@
 /* ---- The steps ---- */
 
 /* eps, SH degrees taken off, smallest opacity x area in px, sampled or not, divisor of the sides. Sorted by falling
- * cost, which was measured on trained streets. Smaller pictures aren't sampled: their samples would lie 6 to 16 pixels
- * of the picture asked for apart. */
+ * cost, which was measured on trained streets. Smaller pictures aren't sampled: the distance of their samples would be
+ * 6 to 16 pixels of the requested picture. */
 #define GREY (1.0f / 255.0f)
 static const pags_deadline_step steps[PAGS_DEADLINE_STEPS] = {
     {0.0f, 0, 0.0f, 0, 1},       {GREY, 0, 0.0f, 0, 1},     {GREY, 3, 0.25f, 0, 1},    {GREY, 3, 1.0f, 0, 1},
@@ -48,9 +48,9 @@ static pags_camera smaller_camera(const pags_camera *camera, double divisor) {
 
 #define MARGIN 1.12     /* frame times along a camera path vary by about 12 % from frame to frame */
 #define RISE_MARGIN 1.2 /* what a finer step has to promise */
-#define OUTLIER 1.25    /* a frame that took so many times what was expected counts if the next one does, too */
+#define OUTLIER 1.25    /* ratio to the expected time above which a frame counts only if the next one exceeds it too */
 #define LEAST_HASTE 0.25
-#define PAUSE_MS 500 /* pictures further apart belong to two movements */
+#define PAUSE_MS 500 /* a larger gap between pictures begins a new movement */
 
 pags_deadline_controller pags_deadline_controller_begin(double target_ms) {
   pags_deadline_controller out = {
@@ -70,7 +70,7 @@ pags_deadline_controller pags_deadline_controller_begin_live(double target_ms) {
 
 /* Updates the cost shares after a frame of `ms` milliseconds at the current step, if the last frame was drawn at
  * another step: their views hardly differ, so the ratio of the times is the ratio of the steps' costs. The ratio is
- * corrected half of the way on a log scale, and that of two steps in between by their part of the way; ratios of other
+ * corrected by half on a log scale, and those of the steps in between in proportion; the ratios of other
  * neighbouring steps stay. */
 static void learn(pags_deadline_controller *c, double ms) {
   const int k = c->step, last = c->last_step;
@@ -85,8 +85,8 @@ static void learn(pags_deadline_controller *c, double ms) {
   }
 }
 
-/* Updates what a frame at step 0 is expected to take: a rise counts at once, a fall gradually, an outlier not at all.
- * At a new step a long time is no outlier: what the step costs may have been guessed wrong. */
+/* Updates the expected time of a frame at step 0: a rise counts immediately, a fall gradually, an outlier not at all.
+ * A long time at a new step is not an outlier, since the cost of that step may be a wrong guess. */
 static void expect(pags_deadline_controller *c, double ms) {
   const double now = ms / c->share[c->step];
   const bool outlier = now > OUTLIER * c->full && c->step == c->last_step;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Early-Z in the modes PAGS_EARLY_Z_LOSSLESS and PAGS_EARLY_Z_BOUNDED: a frame is drawn in slabs of depth, front to
  * back, and clusters and Gaussians that only reach saturated pixels are left out before they are read or shaded. The
- * slabs drawn so far take the place of a depth pre-pass.
+ * the slabs already drawn replace a depth pre-pass.
  *
  * Clusters are taken in ascending order of a lower bound of their members' depth keys, some thousand Gaussians per
  * slab. Let K be the bound of the next cluster. Every Gaussian whose key is below K has been read then, and those of
@@ -23,7 +23,7 @@
  * same holds for PAGS_EARLY_Z_BOUNDED, compared with a frame without slabs whose pixels also stop at T <= eps: the
  * number of slabs and the depths at which they are cut change no bit in either mode.
  *
- * Error of PAGS_EARLY_Z_BOUNDED: let a pixel stop at transmittance T <= eps where OFF goes on. Until then both have
+ * Error of PAGS_EARLY_Z_BOUNDED: let a pixel stop at transmittance T <= eps where OFF continues. Until then both have
  * summed up the same C. OFF then adds sum(w_k c_k) + T' s, with weights w_k >= 0 that sum to T - T', colours c_k, and s
  * the colour of sky or background: something from 0 to T times the largest of these. BOUNDED adds T times the mean
  * colour in front, C / (1 - T), from 0 to T times the largest of the colours in front. So no channel is off by more
@@ -41,7 +41,7 @@ typedef struct active_cluster {
   int64_t view;                  /* index in the frame's clusters */
   bool fresh;                    /* not projected yet */
   uint16_t shaded;               /* bit g: the colours and tiles of group g have been computed */
-  uint16_t waiting[MOST_GROUPS]; /* per group, a bit per member: neither drawn nor found hidden so far */
+  uint16_t waiting[MOST_GROUPS]; /* per group, a bit per member: neither drawn nor found hidden yet */
   uint16_t ready[MOST_GROUPS];   /* per group, a bit per member: to be drawn in this slab */
   int32_t ready_count, waiting_count, hidden_count, shaded_count;
   int64_t place; /* where the cluster's ready members begin in the frame's `drawn` */

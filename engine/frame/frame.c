@@ -11,15 +11,6 @@
 #include "maths/maths.h"
 #include "port/port.h"
 
-/* Sets the planes' size, padded to whole tiles. */
-static void size_planes(pags_frame *frame) {
-  frame->tiles_x = (frame->camera.width + PAGS_TILE - 1) / PAGS_TILE;
-  frame->tiles_y = (frame->camera.height + PAGS_TILE - 1) / PAGS_TILE;
-  frame->stride = frame->tiles_x * PAGS_TILE;
-  frame->rows = frame->tiles_y * PAGS_TILE;
-  frame->plane_size = (int64_t)frame->stride * frame->rows;
-}
-
 pags_result pags_frame_reserve_planes(pags_frame *frame) {
   if (frame->plane_size <= frame->plane_capacity)
     return PAGS_OK;
@@ -146,7 +137,7 @@ pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part
   frame->tile_limits = NULL;
   frame->hard = NULL;
   frame->extents = NULL;
-  frame->kept = NULL;
+  frame->member_flags = NULL;
   frame->cluster_slots = NULL;
   memset(&frame->stats, 0, sizeof frame->stats);
   pags_arena_reset(frame->arena);
@@ -167,7 +158,11 @@ pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part
     next_id = first + parts[p].gaussians->count;
     frame->ids_ascend &= !parts[p].id && follows;
   }
-  size_planes(frame);
+  frame->tiles_x = (frame->camera.width + PAGS_TILE - 1) / PAGS_TILE;
+  frame->tiles_y = (frame->camera.height + PAGS_TILE - 1) / PAGS_TILE;
+  frame->stride = frame->tiles_x * PAGS_TILE;
+  frame->rows = frame->tiles_y * PAGS_TILE;
+  frame->plane_size = (int64_t)frame->stride * frame->rows;
   if (frame_keeps_lists(frame))
     frame->options.early_z = PAGS_EARLY_Z_OFF;
   PAGS_TRY(pags_frame_prepare_lens(frame));

@@ -7,7 +7,7 @@
  *   |pixel of the mean - pixel of the middle| <= L a
  *   extent = sqrt(reach_max (s^2 |J|^2 + low_pass)),  |J| <= L / (d - r)
  *
- * Of a lens that clamps, |J| <= L / (least z), since a clamped direction is nearer to the axis and as far along it. */
+ * For a lens that clamps, |J| <= L / (least z), since a clamped direction is nearer to the axis and as far along it. */
 #include <math.h>
 
 #include "frame/lens_view.h"
@@ -48,7 +48,7 @@ static bool meets_seam(const struct frame_lens *l, const pags_projection *v, bal
   return 1.0001 * (l->camera.fx * longitude + extent) + 1 >= 0.5 * l->turn;
 }
 
-/* As lens_blocks; returns whether all of it lies beside the picture. */
+/* As lens_blocks; returns whether all of it lies outside of the picture. */
 static bool find_blocks(double middle, double aside, float size, uint16_t *first, uint16_t *end) {
   lens_blocks(middle, aside, (double)size, first, end);
   return middle + aside <= 0 || middle - aside >= (double)size;

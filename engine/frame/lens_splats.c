@@ -4,7 +4,7 @@
  * The covariance is projected by the Jacobian J of the lens at the mean (EWA: Zwicker et al. 2001), as in
  * simd/projection.h with its notation, where J is a pinhole's:
  *   M = J W R S,  [A B; B C] = M M' + low_pass I,  D0 = the sum of the squared 2x2 minors of M
- * Sigma points (Julier and Uhlmann 1997; Wu et al. 2024) were measured beside it (docs/lab/lenses.md).
+ * Sigma points (Julier and Uhlmann 1997; Wu et al. 2024) were measured for comparison (docs/lab/lenses.md).
  *
  * Backward, L depends on the mean p by m(p), by the distance and by J. With G = dL/dJ, row g_i for row J_i,
  *   dL/dp_k = sum_ij G_ij dJ_ij/dp_k = sum_i (derivative of J_ik along g_i),
@@ -17,25 +17,23 @@
 #include "frame/lens_view.h"
 #include "maths/maths.h"
 
-enum { MOST_MEMBERS = 256 };
-
 static const double half_log2e = 0.72134752044448170;
 
-/* A projected Gaussian: what the backward pass takes up again. */
-typedef struct seen {
+/* The projection of a Gaussian, with the terms that the backward pass uses. */
+typedef struct lens_projection {
   double p[3], distance, at[2]; /* mean in camera space, px */
   double q[3];                  /* where J is taken: p, or the nearest direction of a lens that clamps */
   bool clamped[2];
   double here[6], j[6]; /* derivatives at p and at q */
   double sigma[3], quaternion[4], inverse_norm, rotation[9], t[6], m[6], minor[3];
   double a, b, c, d0, d, compensation, opacity, rest;
-} seen;
+} lens_projection;
 
-typedef enum sight { SIGHT_NEAR, SIGHT_BEYOND, SIGHT_GOOD } sight_kind;
+typedef enum cull_result { CULLED_NEAR, CULLED_BEYOND, NOT_CULLED } cull_result;
 
 /* ---- Forward ---- */
 
-static void find_rotation(const float *data, int64_t stride, seen *s) {
+static void find_rotation(const float *data, int64_t stride, lens_projection *s) {
   double norm2 = 0;
   for (int k = 0; k < 4; k++) {
     s->quaternion[k] = (double)data[(PAGS_ROTATION + k) * stride];
@@ -50,8 +48,8 @@ static void find_rotation(const float *data, int64_t stride, seen *s) {
 }
 
 /* Computes the mean in camera space and in pixels, and J. */
-static sight_kind find_mean(const struct frame_lens *l, const pags_projection *v, const float *data, int64_t stride,
-                            seen *s) {
+static cull_result find_mean(const struct frame_lens *l, const pags_projection *v, const float *data, int64_t stride,
+                             lens_projection *s) {
   double square = 0;
   for (int i = 0; i < 3; i++) {
     s->p[i] = (double)v->t[i];
@@ -61,30 +59,30 @@ static sight_kind find_mean(const struct frame_lens *l, const pags_projection *v
   }
   s->distance = sqrt(square);
   if (!(s->distance > (double)v->near_plane && s->distance < 1e18)) /* false for NaN */
-    return SIGHT_NEAR;
+    return CULLED_NEAR;
   if (!l->sphere && !(pags_lens_angle(s->p) <= l->farthest))
-    return SIGHT_BEYOND;
+    return CULLED_BEYOND;
   pags_frame_lens_see(l, s->p, s->at, s->here);
   memcpy(s->q, s->p, sizeof s->q);
   for (int i = 0; i < 2; i++) {
-    const double slope = l->clamps ? s->p[i] / s->p[2] : 0, held = fmin(fmax(slope, l->least[i]), l->most[i]);
-    s->clamped[i] = l->clamps && held != slope;
+    const double slope = l->clamps ? s->p[i] / s->p[2] : 0, clamped = fmin(fmax(slope, l->least[i]), l->most[i]);
+    s->clamped[i] = l->clamps && clamped != slope;
     if (s->clamped[i])
-      s->q[i] = held * s->p[2];
+      s->q[i] = clamped * s->p[2];
   }
   memcpy(s->j, s->here, sizeof s->j);
   if (s->clamped[0] || s->clamped[1]) {
     double unused[2];
     pags_frame_lens_see(l, s->q, unused, s->j);
   }
-  return SIGHT_GOOD;
+  return NOT_CULLED;
 }
 
-static sight_kind find_seen(const struct frame_lens *l, const pags_projection *v, const float *data, int64_t stride,
-                            seen *s) {
-  const sight_kind sight = find_mean(l, v, data, stride, s);
-  if (sight != SIGHT_GOOD)
-    return sight;
+static cull_result project_row(const struct frame_lens *l, const pags_projection *v, const float *data, int64_t stride,
+                               lens_projection *s) {
+  const cull_result culled = find_mean(l, v, data, stride, s);
+  if (culled != NOT_CULLED)
+    return culled;
   find_rotation(data, stride, s);
   for (int i = 0; i < 2; i++)
     for (int k = 0; k < 3; k++)
@@ -112,7 +110,7 @@ static sight_kind find_seen(const struct frame_lens *l, const pags_projection *v
   s->rest = fade < 1e300 ? fade * raw : 1;
   s->compensation = v->antialiased ? sqrt(fmax(2.5e-5, s->d0 / s->d)) : 1;
   s->opacity = raw * s->compensation;
-  return SIGHT_GOOD;
+  return NOT_CULLED;
 }
 
 /* Where the splat's box begins and ends along an axis, in blocks; a little larger, for the rounding of floats. */
@@ -134,8 +132,8 @@ static pags_alpha_cut cut_of(const pags_projection *v, double compensation) {
 
 /* Writes the splat, the box's extent and *reach of a Gaussian; returns its key, UINT32_MAX if it isn't drawn.
  * `across`: px by which it is moved, for its second place over the seam. */
-static uint32_t write_splat(const pags_projection *v, const seen *s, double factor, bool factored, double across,
-                            pags_splat *out, pags_tile_box *box, pags_reach *reach) {
+static uint32_t write_splat(const pags_projection *v, const lens_projection *s, double factor, bool factored,
+                            double across, pags_splat *out, pags_tile_box *box, pags_reach *reach) {
   const pags_alpha_cut cut = cut_of(v, s->compensation);
   const double opacity = s->opacity * factor, x = s->at[0] + across, y = s->at[1];
   const double raw = pags_log2(fmax(opacity, 1e-30)), l = (factored ? raw : fmin(raw, 0)) + (double)v->alpha.lift;
@@ -180,11 +178,11 @@ int pags_frame_project_lens(const pags_frame *f, const view_cluster *c, const fl
   const float *const factors = f->parts[c->part].opacity_factor;
   int beyond = 0;
   for (int k = 0; k < c->count; k++) {
-    seen s;
-    const sight_kind sight = find_seen(lens, v, rows + k, stride, &s);
+    lens_projection s;
+    const cull_result culled = project_row(lens, v, rows + k, stride, &s);
     f->keys[c->base + k] = UINT32_MAX;
-    beyond += sight == SIGHT_BEYOND;
-    if (sight != SIGHT_GOOD)
+    beyond += culled == CULLED_BEYOND;
+    if (culled != NOT_CULLED)
       continue;
     const double across = !c->turned ? 0 : s.at[0] > lens->camera.cx ? -lens->turn : lens->turn;
     f->keys[c->base + k] = write_splat(v, &s, factors ? (double)factors[c->first + k] : 1, factors, across,
@@ -208,7 +206,7 @@ static void add_slots(const pags_splat *splat, const float *slots, double sums[P
 }
 
 /* dL/dM from dL/d(A0, B, C0, D0). */
-static void covariance_backward(const seen *s, double ga, double gb, double gc, double gd0, double gm[6]) {
+static void covariance_backward(const lens_projection *s, double ga, double gb, double gc, double gd0, double gm[6]) {
   const double *const m = s->m;
   double e[3];
   for (int k = 0; k < 3; k++) {
@@ -225,7 +223,7 @@ static void covariance_backward(const seen *s, double ga, double gb, double gc, 
 }
 
 /* dL/dq of the quaternion as stored from dL/dR. */
-static void quaternion_backward(const seen *s, const double gr[9], double gq[4]) {
+static void quaternion_backward(const lens_projection *s, const double gr[9], double gq[4]) {
   const double w = s->quaternion[0], x = s->quaternion[1], y = s->quaternion[2], z = s->quaternion[3];
   const double g[4] = {2 * (x * (gr[7] - gr[5]) + y * (gr[2] - gr[6]) + z * (gr[3] - gr[1])),
                        2 * (y * (gr[1] + gr[3]) + z * (gr[2] + gr[6]) + w * (gr[7] - gr[5])) - 4 * x * (gr[4] + gr[8]),
@@ -238,7 +236,7 @@ static void quaternion_backward(const seen *s, const double gr[9], double gq[4])
 }
 
 /* Adds to gp what dL/dJ = g gives: the derivative of each row of J along its row of g. */
-static void jacobian_backward(const struct frame_lens *l, const seen *s, const double g[6], double gp[3]) {
+static void jacobian_backward(const struct frame_lens *l, const lens_projection *s, const double g[6], double gp[3]) {
   double by_q[3] = {0, 0, 0}, unused[2];
   const double length = sqrt(s->q[0] * s->q[0] + s->q[1] * s->q[1] + s->q[2] * s->q[2]);
   for (int i = 0; i < 2; i++) {
@@ -256,7 +254,7 @@ static void jacobian_backward(const struct frame_lens *l, const seen *s, const d
       by_q[k] += (high[3 * i + k] - low[3 * i + k]) / (2 * step);
   }
   for (int i = 0; i < 2; i++)
-    if (s->clamped[i]) { /* q_i = held * p_z */
+    if (s->clamped[i]) { /* q_i = clamped * p_z */
       by_q[2] += by_q[i] * s->q[i] / s->q[2];
       by_q[i] = 0;
     }
@@ -265,7 +263,7 @@ static void jacobian_backward(const struct frame_lens *l, const seen *s, const d
 }
 
 /* Adds the gradients of row k by its place and shape; the planes hold those by its colour. */
-static void shape_backward(const struct frame_lens *l, const pags_projection *v, const seen *s,
+static void shape_backward(const struct frame_lens *l, const pags_projection *v, const lens_projection *s,
                            const double f[PAGS_SLOT_FLOATS], int k, const pags_row_gradient *out) {
   const double p = sqrt(half_log2e * s->c / s->d), h = s->b / s->c, w = sqrt(half_log2e / s->c);
   const double low = (double)v->low_pass;
@@ -357,10 +355,10 @@ int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *c, con
   int bad = frame->kernels->project_backward(&alone, g->data + c->first, g->stride, c->count, keys, splats, places,
                                              colours, out);
   for (int k = 0; k < c->count; k++) {
-    seen s;
+    lens_projection s;
     if (keys[k] == UINT32_MAX || splats[k].tiles == 0 || out->bad[k])
       continue;
-    if (find_seen(frame->lens, v, g->data + c->first + k, g->stride, &s) != SIGHT_GOOD)
+    if (project_row(frame->lens, v, g->data + c->first + k, g->stride, &s) != NOT_CULLED)
       continue;
     shape_backward(frame->lens, v, &s, sums[k], k, out);
     bad += guard_row(pags_plane_count(v->sh_degree), k, out);

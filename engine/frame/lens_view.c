@@ -12,7 +12,7 @@
 #include "scene/lens.h"
 
 static const double pi = 3.14159265358979323846;
-/* Means this much beyond what is seen are drawn still, radians: 20 degrees, for large Gaussians at the edge. */
+/* Means up to this angle beyond the field of view are drawn, radians: 20 degrees, for large Gaussians at the edge. */
 static const double beyond = 0.35;
 
 void pags_frame_lens_see(const struct frame_lens *l, const double point[3], double pixel[2], double j[6]) {

@@ -1,27 +1,27 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Drawing through a lens (pags/lens.h). A Gaussian's mean is projected by the lens itself, its covariance by the lens's
- * derivatives at the mean, in double precision, one Gaussian at a time; what comes out is the splat that the kernels
- * write for a pinhole, and all later stages are the same. Depth, key and near plane are distances from the camera.
- * Internal to engine/frame. */
+ * derivatives at the mean, in double precision, one Gaussian at a time. The resulting splats have the form that the
+ * kernels write for a pinhole, so all later stages are the same. Depth, key and near plane are distances from the
+ * camera. Internal to engine/frame. */
 #ifndef PAGS_FRAME_LENS_VIEW_H
 #define PAGS_FRAME_LENS_VIEW_H
 
 #include <math.h>
 
-#include "frame/kept.h"
+#include "frame/members.h"
 
 enum { LENS_STEPS = 128 };
 
-/* What the stages know of a frame's lens. */
+/* A frame's lens, as the stages use it. */
 struct frame_lens {
   pags_camera camera; /* checked */
-  double farthest;    /* angle from the axis, radians, up to which means are drawn: a little beyond what is seen */
+  double farthest;    /* angle from the axis, radians, up to which means are drawn: a little beyond the field of view */
   bool sphere;        /* equirectangular: every direction is seen */
   /* Lenses of r (pags/lens.h): the directions x/z, y/z up to which derivatives are taken; others take those at the
    * nearest one of these, as a pinhole's do. */
   bool clamps;
   double least[2], most[2];
-  double turn; /* px a full turn, after which the picture would begin anew; 0: it doesn't */
+  double turn; /* px per full turn, after which the picture repeats; 0: never */
   /* reach[i]: no derivative of the pixel by the direction, px a radian, is larger within i / LENS_STEPS of `farthest`
    */
   float reach[LENS_STEPS + 1];
@@ -57,7 +57,7 @@ int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *cluste
 bool pags_frame_lens_misses(const struct frame_lens *lens, const pags_projection *view, const float lo[3],
                             const float hi[3], float sigma, float reach_max, cluster_bound *bound);
 
-/* Ends a tile: what the lens doesn't see has no colour, no depth and no id, and a transmittance of 1. */
+/* Ends a tile: pixels outside of the lens's field of view get no colour, depth or id, and a transmittance of 1. */
 void pags_frame_mask_lens(const pags_frame *frame, int64_t tile);
 /* As pags_kernels.sky_find and sky_cells, with the lens's directions. */
 void pags_frame_lens_sky(const pags_frame *frame, int x0, int y0, pags_sky_tile *tile);

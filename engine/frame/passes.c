@@ -77,7 +77,7 @@ static void normal_of(const double map[9], const pags_projection *view, const fl
     out[k] = (float)((away > 0.0 ? -1.0 : 1.0) * mapped[k] / length);
 }
 
-/* Block function: the normals of what is drawn of clusters [begin, end). */
+/* Block function: the normals of the drawn Gaussians of clusters [begin, end). */
 static void find_normals(void *context, int64_t begin, int64_t end, int worker) {
   const pass_context *const c = context;
   const pags_frame *const f = c->frame;
@@ -116,7 +116,7 @@ static carrier make_carrier(const pags_camera *now, const pags_camera *then, con
 }
 
 /* The pose at the moment of the frame's part p: that of the k-th part with its Gaussians, where p is the k-th in the
- * frame; its own where there is none. */
+ * frame; its own if it has no counterpart. */
 static const double *pose_then(const pags_frame *f, const pags_moment *moment, int p) {
   int before = 0;
   for (int k = 0; k < p; k++)

@@ -19,17 +19,13 @@ static float exp2_about(float x) {
   return power * (1.0f + f * (0.6565f + 0.3435f * f));
 }
 
-/* The opacity of a projected Gaussian times its area on the screen, px. With k = log2(e) / 2:
- *   area = 2 pi sqrt(det),  p w = k / sqrt(det). */
-static float weight_of(const pags_splat *s) {
-  return exp2_about(s->log2_opacity) * 4.5323601f / (s->p * s->w);
-}
-
-/* Drops the cluster's Gaussians that aren't critical and whose opacity times area is below options.rest_cut. */
+/* Drops the cluster's Gaussians that aren't critical and whose opacity times area on the picture, px, is below
+ * options.rest_cut. With k = log2(e) / 2: area = 2 pi sqrt(det),  p w = k / sqrt(det). */
 static void cut_rest(const pags_frame *frame, const view_cluster *c, const pags_splat *splats, uint32_t *keys) {
   const pags_part *const part = frame->parts + c->part;
   for (int k = 0; k < c->count; k++)
-    if (keys[k] != UINT32_MAX && weight_of(splats + k) < frame->options.rest_cut &&
+    if (keys[k] != UINT32_MAX &&
+        exp2_about(splats[k].log2_opacity) * 4.5323601f / (splats[k].p * splats[k].w) < frame->options.rest_cut &&
         !frame_is_critical(part, c->first + k))
       keys[k] = UINT32_MAX;
 }
@@ -122,7 +118,7 @@ pags_result pags_stage_shade(pags_frame *frame) {
 
 typedef struct project_context {
   pags_frame *frame;
-  double (*ms)[8]; /* per worker: of projecting, of shading; a cache line apart */
+  double (*ms)[8]; /* per worker: of projecting, of shading; on separate cache lines */
 } project_context;
 
 /* Block function: projects clusters [begin, end), finds their tiles and shades them. */

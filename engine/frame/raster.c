@@ -15,7 +15,7 @@ enum { TILES_AT_A_TIME = 4 };
 typedef struct raster_context {
   pags_frame *frame;
   const frame_samples *samples; /* output of the sample stage; NULL: the raster stage */
-  int64_t (*counts)[8];         /* per worker: lanes evaluated, blended, open; entries reached; a cache line apart */
+  int64_t (*counts)[8]; /* per worker: lanes evaluated, blended, open; entries reached; on separate cache lines */
 } raster_context;
 
 /* The kernel's output pointers into the frame's planes, at the plane offset `at` of a tile. Under a sky the

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Computes each Gaussian's importance for a picture: how much of it is seen, how much of that where critical pixels
- * are, and the sensitivity score of Speedy-Splat (Hanson et al. 2025). Each tile writes partial sums to one slot per
+/* Computes each Gaussian's importance for a picture: its visible weight, the part of it on critical pixels, and the
+ * sensitivity score of Speedy-Splat (Hanson et al. 2025). Each tile writes partial sums to one slot per
  * (Gaussian, tile) pair; each cluster then adds up its members' slots, always in the same order. */
 #include <assert.h>
 
-#include "frame/kept.h"
+#include "frame/members.h"
 
 typedef struct score_context {
   pags_frame *frame;
@@ -15,10 +15,8 @@ typedef struct score_context {
   pags_score_fn *receive;
   void *user;
   double *scratch; /* per worker: PAGS_SCORE_SUMS arrays of MOST_MEMBERS */
-  kept_room *kept;
+  member_scratch *members;
 } score_context;
-
-enum { MOST_MEMBERS = 256 };
 
 /* Block function: writes the partial sums of the pairs in tiles [begin, end). */
 static void tiles_score(void *context, int64_t begin, int64_t end, int worker) {
@@ -26,26 +24,13 @@ static void tiles_score(void *context, int64_t begin, int64_t end, int worker) {
   const pags_frame *const f = c->frame;
   (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
-    const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
-    const int64_t start = f->tile_start[tile], at = frame_tile_offset(f, tile);
-    pags_raster_score in = {.splats = f->splats,
-                            .entries = f->entries + start,
-                            .block_masks = f->block_masks + start,
-                            .count = f->tile_start[tile + 1] - start,
-                            .slot_start = f->slot_start,
-                            .slots = c->written,
-                            .x0 = x0,
-                            .y0 = y0,
-                            .width = f->camera.width,
-                            .height = f->camera.height,
-                            .stride = f->stride,
+    const int64_t at = frame_tile_offset(f, tile);
+    pags_raster_score in = {.tile = frame_drawn_tile(f, tile, c->written),
                             .counted = c->planes->counted + at,
                             .critical = c->planes->critical + at,
                             .overlap = c->planes->overlap};
-    for (int k = 0; k < 3; k++) {
-      in.rgb[k] = frame_plane(f, PLANE_R + k) + at;
+    for (int k = 0; k < 3; k++)
       in.rgb_gradient[k] = c->planes->rgb[k] ? c->planes->rgb[k] + at : NULL;
-    }
     f->kernels->raster_score(&in);
   }
 }
@@ -78,7 +63,7 @@ static void clusters_score(void *context, int64_t begin, int64_t end, int worker
   double *const critical = seen + MOST_MEMBERS, *const squared = critical + MOST_MEMBERS;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const v = c->frame->clusters + i;
-    const frame_members members = pags_frame_members(c->frame, v, c->kept, worker);
+    const frame_members members = pags_frame_members(c->frame, v, c->members, worker);
     for (int k = 0; k < v->count; k++) {
       const pags_splat_scores sum = scores_of(c, v, &members, k);
       seen[k] = sum.seen, critical[k] = sum.critical, squared[k] = sum.squared;
@@ -112,7 +97,7 @@ pags_result pags_stage_receive_scores(pags_frame *frame, const float *slots, con
   c.scratch = pags_frame_alloc(frame, (int64_t)workers * PAGS_SCORE_SUMS * MOST_MEMBERS, sizeof *c.scratch, "scores");
   if (!c.scratch)
     return PAGS_ERROR_MEMORY;
-  PAGS_TRY(pags_frame_kept_reserve(frame, &c.kept));
+  PAGS_TRY(pags_frame_reserve_members(frame, &c.members));
   return pags_frame_for(frame, frame->cluster_count, 4, clusters_score, &c);
 }
 

@@ -68,7 +68,7 @@ pags_result pags_frame_scan(pags_frame *frame) {
 }
 
 /* Within a tile the directions are linear in the pixel: those at the tile's middle, and how they change from there by
- * the pixel and by the camera's rotation until it is read. What is left out is less than 1e-3 px at a radian a second.
+ * the pixel and by the camera's rotation until it is read. The error is less than 1e-3 px at a radian a second.
  */
 pags_sky_rays pags_frame_rays(const pags_frame *frame, int64_t tile) {
   const pags_camera *const c = &frame->camera;

@@ -278,8 +278,7 @@ static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
   return tile;
 }
 
-/* Prefetches the rows of a tile's planes. They lie a picture's width apart, too far for the processor to prefetch
- * them by itself. */
+/* Prefetches the rows of a tile's planes. They lie a picture's width apart, too far for the hardware prefetcher. */
 static void fetch_tile(const sky_context *c, int64_t tile) {
   const pags_frame *const f = c->frame;
   const int64_t at = frame_tile_offset(f, tile);
@@ -290,7 +289,7 @@ static void fetch_tile(const sky_context *c, int64_t tile) {
       __builtin_prefetch(planes[k] + at + y * f->stride);
 }
 
-/* Adds up the gradient of run `index` over all tiles that see it, and calls the receiver unless there are none. */
+/* Adds up the gradient of run `index` over all tiles that see it, and calls the receiver if any does. */
 static void add_run(const sky_context *c, int64_t index, int worker) {
   const int64_t tiles = (int64_t)c->frame->tiles_x * c->frame->tiles_y, texels = (int64_t)1 << c->run_bits;
   const texel_run run = {(int32_t)(index * texels), (int32_t)((index + 1) * texels), c->frame->rays.size,

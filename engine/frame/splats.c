@@ -5,7 +5,7 @@
 #include <assert.h>
 #include <string.h>
 
-#include "frame/kept.h"
+#include "frame/members.h"
 
 enum { MEMBERS = 256 }; /* a worker's block of splats */
 
@@ -57,7 +57,7 @@ static pags_sent_splat sent(const pags_splat *s, const float extent[2]) {
 typedef struct taking {
   const pags_frame *frame;
   pags_sent_splat *out;
-  uint8_t *kept;
+  uint8_t *flags;
 } taking;
 
 static void take(void *context, int64_t begin, int64_t end, int worker) {
@@ -65,25 +65,25 @@ static void take(void *context, int64_t begin, int64_t end, int worker) {
   const pags_frame *const f = t->frame;
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
-    t->kept[i] = 0;
+    t->flags[i] = 0;
     if (f->slot_start[i] == f->slot_start[i + 1])
       continue;
     t->out[f->slot_start[i]] = sent(f->splats + i, f->extents[i]);
-    t->kept[i] = (uint8_t)(KEPT_DRAWN | f->splats[i].clamped);
+    t->flags[i] = (uint8_t)(MEMBER_DRAWN | f->splats[i].clamped);
   }
 }
 
 pags_result pags_frame_take_splats(pags_frame *frame, pags_sent_splat *out) {
-  assert(!frame->kept);
-  uint8_t *const kept = pags_frame_alloc(frame, frame->dense_count, 1, "what is kept of splats");
+  assert(!frame->member_flags);
+  uint8_t *const flags = pags_frame_alloc(frame, frame->dense_count, 1, "flags of splats");
   int64_t *const slots = pags_frame_alloc(frame, frame->cluster_count + 1, sizeof *slots, "slots of clusters");
-  if (!kept || !slots)
+  if (!flags || !slots)
     return PAGS_ERROR_MEMORY;
-  PAGS_TRY(pags_frame_for(frame, frame->dense_count, MEMBERS, take, &(taking){frame, out, kept}));
+  PAGS_TRY(pags_frame_for(frame, frame->dense_count, MEMBERS, take, &(taking){frame, out, flags}));
   for (int64_t c = 0; c < frame->cluster_count; c++)
     slots[c] = frame->slot_start[frame->clusters[c].base];
   slots[frame->cluster_count] = frame->slot_start[frame->dense_count];
-  frame->kept = kept;
+  frame->member_flags = flags;
   frame->cluster_slots = slots;
   frame->splats = NULL;
   frame->keys = NULL;

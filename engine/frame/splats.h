@@ -1,20 +1,21 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A frame whose Gaussians lie in several places: each owner culls, projects and shades its Gaussians and sends what
- * touches a tile; one frame draws the splats of all owners, and sends back what its backward pass, or its scores, add
- * up to for each of them; the owners go on to the gradients of their parameters. Picture and gradients have the bits of
- * one frame of all Gaussians: splats are drawn by (depth, id) whatever the order in which they arrive, and a splat's
- * sums are taken over its tiles in the order of one frame.
+/* A frame whose Gaussians are distributed over owners (ranks). Each owner culls, projects and shades its Gaussians and
+ * sends the splats that touch a tile. One frame draws the splats of all owners and returns, per splat, the sums of its
+ * backward pass or scores. The owners then compute the gradients of their parameters. Picture and gradients have the
+ * bits of one frame of all Gaussians: splats are drawn by (depth, id) whatever the order in which they arrive, and a
+ * splat's sums are taken over its tiles in the order of one frame.
  *
- * Owners call, in this order, pags_frame_project, pags_frame_take_splats and, as often as they like,
- * pags_frame_return_sums and pags_frame_return_scores. In between they keep one byte of each Gaussian (frame/kept.h);
- * the parameters must stay as they were projected. The frame that draws calls pags_frame_draw_splats, then
- * pags_frame_splat_sums and pags_frame_splat_scores. The options need keep_for_backward, and the same for all. */
+ * Owners call, in this order, pags_frame_project, pags_frame_take_splats and, any number of times,
+ * pags_frame_return_sums and pags_frame_return_scores. In between they keep one byte per Gaussian
+ * (frame/members.h); the parameters must stay as they were projected. The frame that draws calls
+ * pags_frame_draw_splats, then pags_frame_splat_sums and pags_frame_splat_scores. The options need keep_for_backward,
+ * and the same for all. */
 #ifndef PAGS_FRAME_SPLATS_H
 #define PAGS_FRAME_SPLATS_H
 
 #include <pags/frame.h>
 
-/* A projected Gaussian on its way: 56 bytes. pags_splat (simd/kernels.h) has the meaning of the members. */
+/* A projected Gaussian as sent: 56 bytes. pags_splat (simd/kernels.h) has the meaning of the members. */
 typedef struct pags_sent_splat {
   float x, y, p, h, w, log2_opacity, r, g, b, z, slope;
   int32_t id;
@@ -22,7 +23,7 @@ typedef struct pags_sent_splat {
 } pags_sent_splat;
 
 enum { PAGS_SPLAT_SUMS = 12 };
-/* Gradients of a splat, summed over its pixels, on their way back: 48 bytes. */
+/* Gradients of a splat, summed over its pixels, as returned: 48 bytes. */
 typedef struct pags_splat_sums {
   float sum[PAGS_SPLAT_SUMS];
 } pags_splat_sums;
@@ -35,7 +36,7 @@ typedef struct pags_splat_scores {
 /* ---- Owners ---- */
 
 /* Culls, touches, projects and shades the parts; *count receives how many of their Gaussians touch a tile. Until they
- * are taken, the splats lie in the memory of `lender`, another frame, which forgets what it has drawn and isn't used
+ * are taken, the splats lie in the memory of `lender`, another frame, which loses its picture and must not be used
  * meanwhile. Errors as pags_frame_render. */
 pags_result pags_frame_project(pags_frame *frame, pags_frame *lender, const pags_part *parts, int part_count,
                                const pags_camera *camera, const pags_frame_options *options, pags_touch_fn *touch,
@@ -49,7 +50,7 @@ pags_result pags_frame_return_sums(pags_frame *frame, int first_part, const pags
 /* As pags_frame_scores, from the scores of all splats taken. */
 pags_result pags_frame_return_scores(pags_frame *frame, const pags_splat_scores *scores, pags_score_fn *receive,
                                      void *user);
-/* How many of the splats taken are of parts before `part`. */
+/* Number of the splats taken from parts before `part`. */
 int64_t pags_frame_splats_before(const pags_frame *frame, int part);
 
 /* ---- The frame that draws ---- */

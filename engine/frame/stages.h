@@ -21,7 +21,8 @@ typedef struct view_cluster {
   int32_t part;
   int32_t count;
   int64_t cluster, first, base;
-  bool turned; /* a second time, for what reaches over the seam of an equirectangular picture (lens_view.h) */
+  bool turned; /* listed a second time, for members that reach over the seam of an equirectangular picture (lens_view.h)
+                */
 } view_cluster;
 
 static inline int32_t part_id(const pags_part *part, int64_t row) {
@@ -35,8 +36,8 @@ typedef struct cluster_bound {
   bool seam;        /* members may reach over the seam of an equirectangular picture; set where a lens is */
 } cluster_bound;
 
-/* An item to sort by `key`, the bits of a depth z. `splat` is the index of what has this depth: of a splat, as in the
- * tiles' lists, of a list's entry, or of a cluster. */
+/* An item to sort by `key`, the bits of a depth z. `splat` is the index of a splat, as in the tiles' lists, of a
+ * list's entry, or of a cluster. */
 typedef pags_entry depth_key;
 
 /* Which tiles and 4x4-pixel blocks are saturated while a frame is drawn slab by slab (early_z_slabs.c). A pixel is
@@ -61,8 +62,8 @@ typedef struct frame_samples {
   int32_t *id;
 } frame_samples;
 
-/* Variable-rate shading (variable_rate.c): which Gaussians are critical. Only tiles that show these are shaded at
- * every pixel. */
+/* Variable-rate shading (variable_rate.c): the critical Gaussians. Only tiles that show these are shaded at every
+ * pixel. */
 typedef struct frame_variable_rate {
   const uint8_t *critical; /* per id: 1 where the Gaussian is critical, else 0 */
   int64_t count;           /* number of ids in `critical`; Gaussians with larger ids aren't critical */
@@ -95,8 +96,8 @@ struct pags_frame {
   pags_splat *splats;   /* dense_count */
   uint32_t *keys;       /* dense_count sort keys: the bits of z; UINT32_MAX where the Gaussian isn't drawn */
   pags_tile_box *boxes; /* dense_count; set for Gaussians that are drawn */
-  /* dense_count: the boxes' extents, kept for another frame (splats.c), for which each splat has one slot, not one for
-   * each tile; NULL: not wanted */
+  /* dense_count: the boxes' extents, kept for another frame (splats.c), for which each splat has one slot instead of
+   * one per tile; NULL: not wanted */
   float (*extents)[2];
   uint32_t *drawn; /* drawn_count dense indices of the Gaussians that are drawn, about in memory order */
   int64_t drawn_count;
@@ -114,15 +115,15 @@ struct pags_frame {
   bool guessed;             /* `hiding` has been set */
   double hiding; /* fraction hidden in the last Early-Z frame: of Gaussians (slabs) or of list entries (at once) */
   int64_t *slot_start; /* dense_count + 1: each splat's first gradient slot; if keep_for_backward */
-  /* Of an owner whose splats have been taken (splats.c), in place of splats, keys, boxes and slot_start: what is kept
-   * of each of the dense_count members (kept.h), and each cluster's first slot, cluster_count + 1; else NULL. */
-  uint8_t *kept;
+  /* In an owner whose splats have been taken (splats.c), in place of splats, keys, boxes and slot_start: flags of the
+   * dense_count members (members.h), and each cluster's first slot, cluster_count + 1; else NULL. */
+  uint8_t *member_flags;
   int64_t *cluster_slots;
 
   float *planes; /* 7 float planes and one of int32 ids, plane_size pixels each, in the order of PLANE_R .. */
   int64_t plane_capacity, plane_size; /* pixels per plane: allocated, used */
   int stride, rows;                   /* width and height, padded to whole tiles */
-  uint64_t plane_calls;               /* heap allocations of `planes` so far */
+  uint64_t plane_calls;               /* number of heap allocations of `planes` */
   pags_frame_stats stats;
 };
 
@@ -140,6 +141,23 @@ static inline int frame_tile_y(const pags_frame *frame, int64_t tile) {
 static inline int64_t frame_tile_offset(const pags_frame *frame, int64_t tile) {
   return (int64_t)frame_tile_y(frame, tile) * frame->stride + frame_tile_x(frame, tile);
 }
+/* A tile after the forward pass, for the kernels that write to the slots of its pairs. */
+static inline pags_drawn_tile frame_drawn_tile(const pags_frame *frame, int64_t tile, float *slots) {
+  const int64_t start = frame->tile_start[tile], at = frame_tile_offset(frame, tile);
+  return (pags_drawn_tile){
+      .splats = frame->splats,
+      .entries = frame->entries + start,
+      .block_masks = frame->block_masks + start,
+      .count = frame->tile_start[tile + 1] - start,
+      .slot_start = frame->slot_start,
+      .slots = slots,
+      .x0 = frame_tile_x(frame, tile),
+      .y0 = frame_tile_y(frame, tile),
+      .width = frame->camera.width,
+      .height = frame->camera.height,
+      .stride = frame->stride,
+      .rgb = {frame_plane(frame, PLANE_R) + at, frame_plane(frame, PLANE_G) + at, frame_plane(frame, PLANE_B) + at}};
+}
 
 /* Whether the frame is drawn at once, and its lists and masks are kept, for a second walk through them. */
 static inline bool frame_keeps_lists(const pags_frame *frame) {
@@ -147,7 +165,7 @@ static inline bool frame_keeps_lists(const pags_frame *frame) {
 }
 
 /* Whether enough of the scene is hidden for drawing in slabs to be faster than drawing at once. The threshold of 35 %
- * was measured (docs/lab/early-z.md); the last frame's hidden fraction stands for that of the next frame. */
+ * was measured (docs/lab/early-z.md); the hidden fraction of the last frame is used as an estimate for the next. */
 static inline bool frame_hides_enough(const pags_frame *frame) {
   return frame->hiding > 0.35;
 }
@@ -155,13 +173,13 @@ static inline bool frame_hides_enough(const pags_frame *frame) {
 /* Begins a frame: forgets the last one, takes options, camera and parts, and sets the planes' size. */
 pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
                              const pags_frame_options *options);
-/* By what factor what PAGS_EARLY_Z_BOUNDED leaves out at a pixel shows in the picture, at least 1. */
+/* Factor, at least 1, by which exposure enlarges the error of PAGS_EARLY_Z_BOUNDED at a pixel. */
 double pags_frame_enlargement(const pags_frame_options *options, const pags_camera *camera);
 /* Grows the planes' memory where needed; it never shrinks. */
 pags_result pags_frame_reserve_planes(pags_frame *frame);
 /* Ends the forward part of a frame: sets the picture's pointers into the frame's planes. */
 void pags_frame_show(pags_frame *frame, pags_picture *out);
-/* How Gaussians of this alpha_min are cut. */
+/* The cut-off of Gaussians with this alpha_min. */
 pags_alpha_cut pags_frame_alpha_cut(float alpha_min);
 
 /* The stages, in the order in which frame.c runs them, each with the members of pags_frame that it writes. They

@@ -263,7 +263,8 @@ static void test_affine_poses(void **state) {
   for (int p = 0; p < 3; p++)
     reference_part_destroy(&parts[p]);
 
-  /* A Gaussian beside the picture that reaches into it only by its pose: its cluster's sigma has to grow with it. */
+  /* A Gaussian outside of the picture that reaches into it only by its pose: its cluster's sigma has to grow with it.
+   */
   reference_part beside = single_splat((const double[3]){0.2, 0, 0.25}, 0.1, 0.9, (const double[3]){0.9, 0.4, 0.1});
   for (int k = 0; k < 3; k++)
     beside.world_from_model[5 * k] = 8;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard positions and pictures (cases 3, 9, 10, 13, 18 of docs/lab/numerics.md): Gaussians at, beside and behind the
+/* Hard positions and pictures (cases 3, 9, 10, 13, 18 of docs/lab/numerics.md): Gaussians at, next to and behind the
  * camera, cameras inside of objects and far from the world's origin; pictures of one pixel and of 16384 x 16. */
 #include "hard/hard.h"
 
@@ -49,7 +49,7 @@ static void at_the_camera(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* #9: long rows beside the frustum that the clamp of the Jacobian keeps from fanning across the picture. */
+/* #9: long rows next to the frustum that the clamp of the Jacobian keeps from fanning across the picture. */
 static void beside_the_picture(void **state) {
   (void)state;
   enum { ROWS = 64 };
@@ -243,7 +243,7 @@ static void odd_pictures(void **state) {
   }
 }
 
-/* #13: rows of which none is in view: behind the camera, beside it, below 1/255, and all of these. The picture is the
+/* #13: rows of which none is in view: behind the camera, next to it, below 1/255, and all of these. The picture is the
  * background and the gradients are 0. */
 static void nothing_in_view(void **state) {
   (void)state;

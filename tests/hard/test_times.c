@@ -145,7 +145,7 @@ static void a_street_of_one_instant(void **state) {
   train("a street of one instant", "instant", &reading, 0);
 }
 
-/* Frames so far apart that no unit of time explains it: milli-, micro- and nanoseconds would be recognised. */
+/* Intervals between frames that no unit of time explains: milli-, micro- and nanoseconds would be recognised. */
 static void a_street_of_twenty_million_seconds(void **state) {
   (void)state;
   if (hard_leaves_out())

@@ -31,9 +31,9 @@ pags_projection view_straight(int sh_degree);
 /* How the view may move under a rolling shutter: up to a metre and a tenth of a radian in a read-out. */
 pags_scan scan_random(const pags_projection *view);
 
-/* Ordinary rows lie in and around the picture with ratios of axes up to 1:20. Of awkward rows one in three is behind
- * the camera, at the near plane, of zero or infinite size, at the opacity cut-off, without a rotation, or holds a NaN
- * or infinity in any parameter. Rows beyond the count hold NaN. */
+/* Ordinary rows lie in and around the picture with ratios of axes up to 1:20. One in three of the awkward rows is
+ * behind the camera, at the near plane, of zero or infinite size, at the opacity cut-off, without a rotation, or holds
+ * a NaN or infinity in any parameter. Rows beyond the count hold NaN. */
 rows rows_random(const pags_projection *view, int count, row_kind kind);
 
 typedef struct plain_row {

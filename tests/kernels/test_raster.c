@@ -321,7 +321,7 @@ static int check_samples(const pags_kernels *k, const scene *s, const uint8_t *m
   const samples scalar = take_samples(&pags_kernels_scalar, s, marks, 0.0f, extra);
   CHECK_FLOATS("rgb", got.rgb[0], scalar.rgb[0], SAMPLE_PLANE, .absolute = 3e-6, .flips = flips, .flip_size = size);
   CHECK_FLOATS("marked", got.marked, scalar.marked, SAMPLE_PLANE, .absolute = 3e-6, .flips = flips, .flip_size = size);
-  const float eps = 0.05f; /* bound on the weight of what is left out */
+  const float eps = 0.05f; /* bound on the weight of the excluded splats */
   const samples bounded = take_samples(k, s, marks, eps, extra);
   int sooner = 0;
   for (int i = 0; i < SAMPLES; i++) {

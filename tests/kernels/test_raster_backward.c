@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The gradient of blending: each ISA against the scalar kernel, and all against a direct loop in double that goes
- * back to front. Beside each sum it keeps the sum of the terms' magnitudes, as the rounding error is relative to
+ * back to front. With each sum it keeps the sum of the terms' magnitudes, as the rounding error is relative to
  * those. */
 #include "check.h"
 #include "tile.h"
@@ -13,20 +13,8 @@ typedef struct choice {
 } choice;
 
 static pags_raster_back arguments(const tile *t, choice c, float *slots) {
-  pags_raster_back in = {.splats = t->splats,
-                         .entries = t->entries,
-                         .block_masks = t->masks,
-                         .count = t->count,
-                         .slot_start = t->slot_start,
-                         .slots = slots,
-                         .x0 = t->x0,
-                         .y0 = t->y0,
-                         .width = t->width,
-                         .height = t->height,
-                         .stride = TILE_STRIDE,
-                         .transmittance = t->plane[3]};
+  pags_raster_back in = {.tile = tile_drawn(t, slots), .transmittance = t->plane[3]};
   for (int j = 0; j < 3; j++) {
-    in.rgb[j] = t->plane[j];
     in.rgb_gradient[j] = t->gradient[j];
   }
   if (c.transmittance)

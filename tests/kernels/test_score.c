@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The kernel of the splats' scores: each ISA against a direct loop in double that goes back to front. Beside each sum
+/* The kernel of the splats' scores: each ISA against a direct loop in double that goes back to front. With each sum
  * it keeps the sum of the terms' magnitudes, as the rounding error is relative to those. */
 #include "check.h"
 #include "tile.h"
@@ -21,22 +21,9 @@ static tile make_tile(int64_t count, const splat_mix *mix, bool border) {
 }
 
 static pags_raster_score arguments(const tile *t, choice c, float *slots) {
-  pags_raster_score in = {.splats = t->splats,
-                          .entries = t->entries,
-                          .block_masks = t->masks,
-                          .count = t->count,
-                          .slot_start = t->slot_start,
-                          .slots = slots,
-                          .x0 = t->x0,
-                          .y0 = t->y0,
-                          .width = t->width,
-                          .height = t->height,
-                          .stride = TILE_STRIDE,
-                          .counted = t->gradient[3],
-                          .critical = t->gradient[4],
-                          .overlap = c == OVERLAP};
+  pags_raster_score in = {
+      .tile = tile_drawn(t, slots), .counted = t->gradient[3], .critical = t->gradient[4], .overlap = c == OVERLAP};
   for (int j = 0; j < 3; j++) {
-    in.rgb[j] = t->plane[j];
     in.rgb_gradient[j] = c == LOSS ? t->gradient[j] : NULL;
   }
   return in;

@@ -58,6 +58,21 @@ void tile_draw(const pags_kernels *k, tile *t) {
   check_freeze(t->masks);
 }
 
+pags_drawn_tile tile_drawn(const tile *t, float *slots) {
+  return (pags_drawn_tile){.splats = t->splats,
+                           .entries = t->entries,
+                           .block_masks = t->masks,
+                           .count = t->count,
+                           .slot_start = t->slot_start,
+                           .slots = slots,
+                           .x0 = t->x0,
+                           .y0 = t->y0,
+                           .width = t->width,
+                           .height = t->height,
+                           .stride = TILE_STRIDE,
+                           .rgb = {t->plane[0], t->plane[1], t->plane[2]}};
+}
+
 bool tile_pixel(const tile *t, int i, float *px, float *py) {
   *px = (float)(t->x0 + i % TILE_STRIDE) + 0.5f, *py = (float)(t->y0 + i / TILE_STRIDE) + 0.5f;
   return i % TILE_STRIDE < 16 && *px < (float)t->width && *py < (float)t->height;

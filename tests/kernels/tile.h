@@ -23,6 +23,8 @@ typedef struct tile {
  * between its own. The gradients may be changed until tile_draw. */
 tile tile_make(int64_t count, const splat_mix *mix, bool border);
 void tile_draw(const pags_kernels *k, tile *t);
+/* The drawn tile as the kernels read it, with `slots` as their output. */
+pags_drawn_tile tile_drawn(const tile *t, float *slots);
 /* Returns whether plane element i is a pixel of the picture, and that pixel's centre. */
 bool tile_pixel(const tile *t, int i, float *px, float *py);
 /* Number of SIMD lanes that the backward pass processes. */

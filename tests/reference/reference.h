@@ -16,15 +16,15 @@
  *   colour = max(0, 1/2 + SH(direction from the camera to the mean, in the part's frame))
  *   pixel  = front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel
  *            stops before T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the
- *              background. Of a part with alpha_min a, in place of raw: (raw - a') / (1 - a), skipped when raw < a';
+ *              background. In a part with alpha_min a, instead of raw: (raw - a') / (1 - a), skipped when raw < a';
  *              a' = a, antialiased: times the compensation, but at least 1/255
  * With a rolling shutter (reference_shutter.c) camera_from_model is that of the time t at which the line is read on
  * which the mean is seen, t clamped to half a read-out beyond the picture; J becomes (I + m' s / (1 - s m')) J with the
  * velocity m' of the mean on the picture and s = dt/d(pixel), but stays J where t is clamped; where 1 - s m' < 0.1 or
  * |s| (|m'_x| + |m'_y|) > 1, t is 0. There is no backward pass.
  * With a lens (reference_lens.c) the mean is seen where the lens shows it and J is the derivative there; depth and near
- * plane are distances; means beyond what is seen at the picture's border by more than 0.35 radians aren't drawn. There
- * is no backward pass. */
+ * plane are distances; means beyond the field of view at the picture's border by more than 0.35 radians aren't drawn.
+ * There is no backward pass. */
 #ifndef PAGS_TESTS_REFERENCE_H
 #define PAGS_TESTS_REFERENCE_H
 
@@ -197,7 +197,7 @@ reference_lens reference_lens_of(const pags_camera *camera);
 int reference_has_lens(const pags_camera *camera);
 void reference_lens_pixel(const pags_camera *camera, const double point[3], double pixel[2]);
 void reference_lens_jacobian(const pags_camera *camera, const double point[3], double jacobian[6]);
-/* The unit direction that the camera sees at (x, y), px; returns 0 if there is none. */
+/* The unit direction that the camera sees at (x, y), px; returns 0 if no direction is seen there. */
 int reference_lens_ray(const pags_camera *camera, double x, double y, double direction[3]);
 /* The mean and the covariance on the picture by sigma points; axes: the columns R S in camera axes. */
 void reference_lens_sigma_points(const pags_camera *camera, const double mean[3], const double axes[9], double pixel[2],
@@ -259,6 +259,6 @@ static inline double reference_value(const reference_part *part, int plane, int6
   return part->planes[(int64_t)plane * part->count + i];
 }
 
-void *reference_alloc(int64_t count, size_t size); /* zeroed memory; aborts if there is none */
+void *reference_alloc(int64_t count, size_t size); /* zeroed memory; aborts if out of memory */
 
 #endif

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A composition: a scene made ready for drawing at any time, with objects hidden, moved or drawn again elsewhere.
+/* A composition: a scene prepared for drawing at any time, with objects hidden, moved or duplicated.
  *
- * The background is always drawn. An object with a model of its own is drawn where its track has it at the time
- * drawn. The Gaussians of a parked object lie in the background; a composition makes them a part of their own, so
- * that the object can be hidden and moved like the others. Ids number the Gaussians as the scene's files do: model
+ * The background is always drawn. An object with a model of its own is drawn at the pose that its track has
+ * at that time. The Gaussians of a parked object lie in the background; a composition makes them a part of their own,
+ * so that the object can be hidden and moved like the others. Ids number the Gaussians as the scene's files do: model
  * after model, row after row.
  *
  * A composition may be used by one thread at a time. */
@@ -58,7 +58,7 @@ PAGS_API int64_t pags_composition_gaussian_count(const pags_composition *composi
 /* Returns the bytes that Gaussians, ids and cluster bounds take, in planes and packed. */
 PAGS_API size_t pags_composition_bytes(const pags_composition *composition);
 
-/* Returns the default frame options with the values that the scene asks for: origin, background, sky and
+/* Returns the default frame options with the values of the scene: origin, background, sky and
  * antialiasing, and the near plane and low-pass of the training configuration, if the scene has one. The options
  * are valid as long as the composition is, which owns the sky. */
 PAGS_API pags_frame_options pags_composition_options(const pags_composition *composition);
@@ -90,7 +90,7 @@ PAGS_API void pags_compose(pags_composition *composition, double time, const pag
 
 /* One object drawn at a pose that the caller gives. */
 typedef struct pags_placement {
-  int64_t object; /* index in the scene's objects; -1: everything that belongs to no object */
+  int64_t object; /* index in the scene's objects; -1: the background, without the objects in it */
   /* 3x4 pose of the object's frame, metres, absolute (the origin is not subtracted); it may scale, stretch and
    * mirror. For object -1: the motion applied to the world, the identity for none. */
   double world_from_object[12];
@@ -109,8 +109,8 @@ PAGS_API pags_result pags_compose_placed(pags_composition *composition, double t
                                          int64_t count, const pags_part **parts, int *part_count);
 
 /* Computes the rest pose of an object, absolute: its pose at the beginning of the scene, or at its label nearest
- * in time to it. The Gaussians of a parked object stand in the background at this pose; an object with a model of
- * its own is first seen at it. */
+ * in time to it. The Gaussians of a parked object lie in the background at this pose; an object with a model of
+ * its own starts at it. */
 PAGS_API void pags_composition_rest_pose(const pags_composition *composition, int64_t object, double out[12]);
 
 /* Returns 1 if the object has a model of its own and follows its track, 0 if its Gaussians lie in the background. */

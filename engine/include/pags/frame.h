@@ -16,8 +16,8 @@
  * would take its transmittance T below 1e-4. Such a pixel, and a tile all of whose pixels have stopped, is called
  * saturated. "The paper" is Priority-Adaptive Gaussian Splatting (arXiv:2510.12282).
  *
- * With a rolling shutter (pags_camera.shutter) each Gaussian is drawn as the camera and its part stood when the line
- * was read on which its mean is seen, and its depth and colour are those of that moment (docs/lenses.md). */
+ * With a rolling shutter (pags_camera.shutter) each Gaussian is drawn with the poses that the camera and its part had
+ * when the line that shows its mean was read; its depth and colour are those of that moment (docs/lenses.md). */
 #ifndef PAGS_FRAME_H
 #define PAGS_FRAME_H
 
@@ -51,10 +51,10 @@ typedef struct pags_part {
    * covariances become A S A', and colours are those of the direction in the model's frame. */
   double world_from_model[12];
   /* Motion while a camera with a rolling shutter reads the picture: t seconds after the middle of the exposure the pose
-   * is world_from_model * [Exp(t w) | t v], as pags_shutter has it; in the model's frame. 0: it stands still. */
+   * is world_from_model * [Exp(t w) | t v], as in pags_shutter; in the model's frame. 0: no motion. */
   double velocity[6];
   float low_pass;  /* px^2, in place of the options' low_pass; 0: the options' */
-  int antialiased; /* 1: on, -1: off, whatever the options say; 0: as they say */
+  int antialiased; /* 1: on, -1: off, 0: as in the options */
   /* Constant colour terms to use instead of those of the Gaussians: 3 planes of gaussians->stride floats, 64-byte
    * aligned; those of a cluster must be valid once `touch` has returned for it. NULL: the Gaussians' own. */
   const float *dc;
@@ -64,32 +64,32 @@ typedef struct pags_part {
   const float *opacity_factor;
   float opacity_factor_most; /* upper bound of all factors; ignored if opacity_factor is NULL */
   float s_sem;               /* semantic priority S_sem of the Gaussians if they have no s_sem of their own */
-  int64_t label;             /* the caller's; pags/compose.h says what it writes. Changes nothing */
+  int64_t label;             /* for the caller's use (pags/compose.h sets it); has no effect on the result */
 } pags_part;
 
-/* Early-Z: how Gaussians that are hidden are left out before they are read, shaded, sorted or binned;
+/* Early-Z: how hidden Gaussians are excluded before they are read, shaded, sorted or binned;
  * docs/render.md. */
 typedef enum pags_early_z {
   PAGS_EARLY_Z_OFF,      /* everything in view is drawn; only pixels stop when they are saturated */
   PAGS_EARLY_Z_LOSSLESS, /* the same bits as OFF in colour, transmittance, depth and id; if little is hidden, drawn as
                             OFF */
-  /* A pixel stops as soon as T is small enough, and is opaque then: T becomes 0, and the light that was left gets the
-   * mean colour of what lies in front. Compared with OFF, no colour channel of the picture, exposed or not, is off by
-   * more than eps times the largest of the shaded colours, the sky and the background (before exposure, in magnitude),
-   * and transmittance by no more than eps (before clamping, plus rounding). T is small enough at eps, divided by what
-   * enlarges the error: the largest gain, the light's steepest slope, and 1 to 2 if the sky or the background is
-   * negative somewhere. Depth and ids carry no bound. */
+  /* A pixel stops as soon as T is small enough, and then becomes opaque: T becomes 0, and the remaining light gets the
+   * mean colour of the Gaussians in front. Compared with OFF, no colour channel of the picture, exposed or not, is off
+   * by more than eps times the largest of the shaded colours, the sky and the background (before exposure, in
+   * magnitude), and transmittance by no more than eps (before clamping, plus rounding). T is small enough at eps
+   * divided by the factors that enlarge the error: the largest gain, the steepest slope of vignetting and response, and
+   * 1 to 2 if the sky or the background is negative somewhere. Depth and ids have no bound. */
   PAGS_EARLY_Z_BOUNDED,
   /* As in the paper: critical, opaque Gaussians (S_sem > 0.5, opacity >= 0.7) write their depth at pixels where
-   * their alpha is >= 1/2, and nothing is drawn behind that depth. What would be visible through them is lost;
-   * the error carries no bound. */
+   * their alpha is >= 1/2, and nothing is drawn behind that depth. Gaussians visible through them are lost; the
+   * error has no bound. */
   PAGS_EARLY_Z_PAPER
 } pags_early_z;
 
 typedef enum pags_order {
   PAGS_ORDER_DEPTH, /* front to back by (depth, id) */
-  /* The paper's composite key: Gaussians with S_sem > 0.5 in front of all others, both kinds by depth. This
-   * blends wrongly; it is there for the ablation. */
+  /* The paper's composite key: Gaussians with S_sem > 0.5 in front of all others, both kinds by depth. This order
+   * blends wrongly; it exists for the ablation. */
   PAGS_ORDER_PAPER
 } pags_order;
 
@@ -112,11 +112,11 @@ typedef struct pags_frame_options {
   int exp_degree;        /* degree of the polynomial for exp2 in the rasteriser: 5 (relative error 2e-7; default, and
                             required by keep_for_backward) or 3 (7.5e-5; for viewing only) */
   int extra_channels;    /* 1: also compute depth, depth_sum and id. Default 0 */
-  int depth_sum;         /* 1: also compute depth_sum, which is all that a depth loss needs and is cheaper than
+  int depth_sum;         /* 1: also compute depth_sum, which suffices for a depth loss and is cheaper than
                             extra_channels. Only with keep_for_backward. Default 0 */
   int count_pairs;       /* 1: fill pairs_evaluated and pairs_blended (costs a few per cent). Default 0 */
-  int keep_for_backward; /* 1: keep what pags_frame_backward and pags_frame_scores need. Default 0 */
-  int keep_for_passes;   /* 1: keep what pags_frame_passes needs (pags/passes.h). Default 0 */
+  int keep_for_backward; /* 1: keep the data for pags_frame_backward and pags_frame_scores. Default 0 */
+  int keep_for_passes;   /* 1: keep the data for pags_frame_passes (pags/passes.h). Default 0 */
   /* 1: rgb becomes gain * rgb + offset per channel, as a camera with that exposure shows the scene
    * (pags_scene_exposure). Not with keep_for_backward. Default 0. */
   int exposed;
@@ -130,8 +130,8 @@ typedef struct pags_frame_options {
   pags_order order;     /* default DEPTH; PAPER not with keep_for_backward */
   /* With early_z LOSSLESS or BOUNDED, a frame is drawn in slabs of depth, and before each slab the Gaussians
    * behind saturated tiles are dropped. slab_size is the number of Gaussians read per slab. 0 (default): chosen
-   * by how much was hidden in the previous frame, so that a view without occlusion is drawn in one go; the first
-   * frame is, too, with up to eight million Gaussians. Changes no bit of the result. */
+   * from the hidden fraction of the previous frame, so that a view without occlusion is drawn in one slab, as is a
+   * first frame of up to eight million Gaussians. Changes no bit of the result. */
   int64_t slab_size;
   float rest_cut;   /* px: non-critical Gaussians (S_sem <= 0.5) whose opacity times area on the picture is
                        smaller are not drawn; default 0 */
@@ -144,8 +144,8 @@ PAGS_API pags_frame_options pags_frame_options_default(void);
 PAGS_API int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]);
 
 /* Parses "off", "lossless", "paper", "bounded" or "bounded=EPS" (0 < EPS < 1) into early_z and early_z_eps. For
- * any other text it returns PAGS_ERROR_ARGUMENT, with a message that says what is expected, and `options` is
- * unchanged. */
+ * any other text it returns PAGS_ERROR_ARGUMENT, with a message that lists the valid texts, and `options` is unchanged.
+ */
 PAGS_API pags_result pags_early_z_parse(const char *text, pags_frame_options *options);
 
 /* Returns the name of a mode as pags_early_z_parse reads it, without EPS; a static string. */
@@ -154,8 +154,8 @@ PAGS_API const char *pags_early_z_name(pags_early_z mode);
 /* ---- Rendering ---- */
 
 /* A rendered picture: planes of `height` rows (in memory up to 15 more rows of padding) that lie `stride` floats
- * apart. They are owned by the frame and valid until its next render. Members are NULL where the options didn't
- * ask for them. w = alpha T is the weight of a Gaussian at a pixel. */
+ * apart. They are owned by the frame and valid until its next render. Members that the options don't enable are NULL. w
+ * = alpha T is the weight of a Gaussian at a pixel. */
 typedef struct pags_picture {
   int width, height;          /* pixels */
   int stride;                 /* width rounded up to a multiple of 16 */
@@ -167,7 +167,7 @@ typedef struct pags_picture {
   const float *depth_sum; /* extra_channels or depth_sum: sum(w z), the numerator of `depth` */
 } pags_picture;
 
-/* What a frame took and did. A pair is a Gaussian and a tile that it touches, or a Gaussian and a pixel. */
+/* Times and counts of a frame. A pair is a Gaussian and a tile that it touches, or a Gaussian and a pixel. */
 typedef struct pags_frame_stats {
   double ms_cull, ms_project, ms_shade, ms_sort, ms_bin, ms_raster; /* forward stages */
   /* Backward pass through the rasteriser, and through shade and project with the time of the receiver. */
@@ -175,13 +175,13 @@ typedef struct pags_frame_stats {
   double ms_occlude;                 /* of Early-Z: sorting clusters, testing them, updating the saturation */
   int64_t gaussians;                 /* Gaussians in all parts */
   int64_t in_view;                   /* members of the clusters in view */
-  int64_t loaded;                    /* Gaussians read: in_view less the members of clusters known to be hidden */
+  int64_t loaded;                    /* Gaussians read: in_view minus the members of clusters known to be hidden */
   int64_t hidden;                    /* Gaussians projected, then found to be hidden before their colour was read */
   int64_t shaded;                    /* Gaussians whose colour was computed */
   int64_t binned;                    /* Gaussians in at least one tile */
-  int64_t pairs_hidden;              /* (Gaussian, tile) pairs left out because the tile was saturated */
+  int64_t pairs_hidden;              /* (Gaussian, tile) pairs excluded because the tile was saturated */
   int64_t pairs_binned;              /* (Gaussian, tile) pairs in the tiles' lists */
-  int64_t pairs_reached;             /* pairs_binned that the rasteriser came to before their tiles had stopped */
+  int64_t pairs_reached;             /* pairs_binned that the rasteriser reached before their tiles had stopped */
   int64_t pairs_evaluated;           /* (Gaussian, pixel) pairs computed, in vector lanes; 0 without count_pairs */
   int64_t pairs_blended;             /* pairs_evaluated that were blended; 0 without count_pairs */
   int64_t pairs_open;                /* pairs_evaluated at pixels that hadn't stopped; 0 without count_pairs */
@@ -190,7 +190,7 @@ typedef struct pags_frame_stats {
   int64_t occluders;                 /* EARLY_Z_PAPER: Gaussians that wrote depth */
   int64_t slabs;                     /* slabs of depth drawn one after another; 1 with OFF */
   int64_t held;   /* too fast for the rolling shutter, so drawn as at mid-exposure (docs/lenses.md) */
-  int64_t beyond; /* of clusters in view, farther from the axis than the lens sees, so not drawn (docs/lenses.md) */
+  int64_t beyond; /* in clusters in view, but outside of the lens's field of view, so not drawn (docs/lenses.md) */
 } pags_frame_stats;
 
 /* Compute means over frames: pags_frame_stats_add adds every member of `one` to `sum`; pags_frame_stats_divide
@@ -239,7 +239,7 @@ typedef struct pags_sky_gradient {
 typedef void pags_sky_receive_fn(void *user, const pags_sky_gradient *gradient, int worker);
 
 /* dL/d(picture) of a loss L. Each plane has the picture's stride, and its height rounded up to 16 rows; the
- * additional rows are not used but must be readable. A NULL plane stands for zeros; rgb must be given. */
+ * additional rows are not used but must be readable. A NULL plane means zeros; rgb must be given. */
 typedef struct pags_picture_gradient {
   const float *rgb[3];
   const float *transmittance;
@@ -283,14 +283,14 @@ PAGS_API pags_result pags_frame_backward(pags_frame *frame, const pags_picture_g
  * parameters as pags/gaussians.h has them (ln sigma, the logit of the opacity, the quaternion as stored, means in their
  * part's frame); 0 for those that were not drawn. `count` is larger than all ids (pags_composition_gaussian_count).
  * `out` is overwritten, gets the highest SH degree of the parts and belongs to the caller; it is the same bits for any
- * number of threads. A part's own colour `dc` is what the constant term's gradient is by. Also PAGS_ERROR_ARGUMENT if
- * two parts are of the same Gaussians; on failure `out` is empty. */
+ * number of threads. The gradient of the constant term is with respect to the part's `dc`, if it has one. Also
+ * PAGS_ERROR_ARGUMENT if two parts have the same Gaussians; on failure `out` is empty. */
 PAGS_API pags_result pags_frame_gradients(pags_frame *frame, const pags_picture_gradient *gradient, int64_t count,
                                           pags_gaussians *out, int64_t *bad_rows);
 
 /* ---- Scores ---- */
 
-/* How much each Gaussian of one cluster contributes to a picture; 0 for members that were not drawn. The arrays
+/* Contributions of the Gaussians of one cluster to a picture; 0 for members that were not drawn. The arrays
  * lie in the worker's scratch memory, valid during the call only. `counted` and `critical` of a pixel are those
  * of pags_score_planes. */
 typedef struct pags_cluster_score {
@@ -311,8 +311,8 @@ typedef void pags_score_fn(void *user, const pags_cluster_score *score, int work
 
 /* The weights of the pixels for pags_frame_scores; planes as in pags_picture_gradient. */
 typedef struct pags_score_planes {
-  const float *counted;  /* 0..1: how much the pixel counts */
-  const float *critical; /* 0..1: how critical the content of the pixel is */
+  const float *counted;  /* weight of the pixel, 0..1 */
+  const float *critical; /* criticality of the pixel's content, 0..1 */
   const float *rgb[3];   /* dL/d(picture); NULL: all 1 */
   int overlap;           /* 1: `seen` and `critical` are sums of alpha instead of alpha T, as if nothing were hidden.
                             Not with rgb */
@@ -334,9 +334,9 @@ PAGS_API pags_result pags_frame_scores(pags_frame *frame, const pags_score_plane
 PAGS_API void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians,
                                  int64_t first, int count, double out[6]);
 
-/* Adds to `by_world` what a part's gradient `by_pose` means for a motion of everything in the world: its derivatives by
- * the rotation and the translation about the origin that parts are relative to. The sum over all parts, with its sign
- * changed, is that by a motion of the camera; a sky, which doesn't move, has no part in it. */
+/* Converts a part's gradient `by_pose` to the gradient with respect to a motion of the whole world (rotation and
+ * translation about the origin that parts are relative to) and adds it to `by_world`. The negative of the sum over all
+ * parts is the gradient with respect to a motion of the camera. The sky, which doesn't move, contributes nothing. */
 PAGS_API void pags_pose_gradient_by_world(const double world_from_model[12], const double by_pose[6],
                                           double by_world[6]);
 
@@ -346,7 +346,7 @@ PAGS_API const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame);
 /* Returns the number of heap calls made so far, for tests that the steady state makes none. */
 PAGS_API uint64_t pags_frame_heap_calls(const pags_frame *frame);
 
-/* Returns the bytes of memory that the frame's arena and planes have needed at most. */
+/* Returns the peak memory of the frame's arena and planes, bytes. */
 PAGS_API size_t pags_frame_bytes(const pags_frame *frame);
 
 #ifdef __cplusplus

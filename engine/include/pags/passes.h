@@ -2,8 +2,8 @@
 /* Passes of a rendered frame for compositing: Cryptomattes, expected normals and motion vectors.
  *
  * They are weighted means with the weights w = alpha T that the picture itself was blended with (pags/frame.h). They
- * are computed by a second walk through the tiles' lists, after the picture; a frame without them runs the code that
- * it always ran. All results are the same bits for any number of threads. */
+ * are computed by a second walk through the tiles' lists, after the picture, and cost nothing in frames without them.
+ * All results are the same bits for any number of threads. */
 #ifndef PAGS_PASSES_H
 #define PAGS_PASSES_H
 
@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-/* ---- What is asked for ---- */
+/* ---- Requests ---- */
 
 enum { PAGS_MATTE_RANKS = 6, PAGS_MATTE_PLANES = 2 * PAGS_MATTE_RANKS };
 
@@ -24,11 +24,11 @@ enum { PAGS_MATTE_RANKS = 6, PAGS_MATTE_PLANES = 2 * PAGS_MATTE_RANKS };
  * weights. Parts may share a name. */
 typedef struct pags_matte {
   int32_t name_count;
-  const float *values;         /* [name_count]: what stands for the name in the pass, by pags_cryptomatte_value */
+  const float *values;         /* [name_count]: the names' values in the pass, from pags_cryptomatte_value */
   const int32_t *name_of_part; /* of each part of the frame: index of its name; -1: it has none */
 } pags_matte;
 
-/* Where the camera and the parts are at another time. A part of the frame is found here as the k-th part with the same
+/* Poses of the camera and the parts at another time. A part of the frame is found here as the k-th part with the same
  * `gaussians`, where it is the k-th with these in the frame; one that isn't found stays where it is in the frame. */
 typedef struct pags_moment {
   pags_camera camera;     /* absolute */
@@ -40,14 +40,14 @@ typedef struct pags_pass_request {
   const pags_matte *matte[2];        /* NULL: not wanted */
   int normal;                        /* 1: expected normals */
   int motion;                        /* 1: motion vectors */
-  int pairs;                         /* 1: Gaussians a pixel, blended and computed */
+  int pairs;                         /* 1: number of Gaussians per pixel, blended and computed */
   const pags_moment *before, *after; /* of motion vectors; NULL: nothing moves on that side */
 } pags_pass_request;
 
-/* ---- What is computed ---- */
+/* ---- Results ---- */
 
 /* Planes with the stride and padding of the frame's picture, owned by the frame and valid until its next render. NULL
- * where not asked for. */
+ * if not requested. */
 typedef struct pags_passes {
   /* Plane 2 k: the value of the name with the k-th largest sum of weights; plane 2 k + 1: that sum, 0..1. Of equal sums
    * the smaller index of the name comes first. Ranks that no name has are 0. */
@@ -56,14 +56,14 @@ typedef struct pags_passes {
    * axis (the first of equal ones), as a normal of what the part's pose stretches, that faces the camera. The mean is
    * shorter than 1 where directions differ. */
   const float *normal[3];
-  /* Blender's Vector pass, pixels, x to the right and y upwards: where what is seen was `before`, less where it is
-   * (0, 1), and where it is, less where it will be `after` (2, 3). It is sum(w m) + T m_sky, with m the motion of the
-   * point on the pixel's ray at the Gaussian's depth, which its part and the camera carry, and m_sky that of a point
-   * infinitely far away. Points behind the other camera add 0. */
+  /* Blender's Vector pass, pixels, x to the right and y upwards: the position `before` minus the present position of
+   * the visible point (0, 1), and the present position minus the position `after` (2, 3). It is sum(w m) + T m_sky,
+   * with m the motion of the point on the pixel's ray at the Gaussian's depth, which its part and the camera carry, and
+   * m_sky that of a point infinitely far away. Points behind the other camera add 0. */
   const float *motion[4];
-  /* How many Gaussians were blended into the pixel (0), and for how many alpha was computed there (1), the rest being
-   * too faint at the pixel or behind where it stopped: what the pixel costs. The latter is the same for all pixels of a
-   * block of 4x4, the granularity of the rasteriser. */
+  /* Cost of the pixel: number of Gaussians blended into it (0) and for which alpha was computed there (1); the rest of
+   * the latter are too faint at the pixel or behind the point where it stopped. The latter is the same for all pixels
+   * of a block of 4x4, the granularity of the rasteriser. */
   const float *pairs[2];
 } pags_passes;
 
@@ -77,8 +77,8 @@ PAGS_API pags_result pags_frame_passes(pags_frame *frame, const pags_pass_reques
  * Appleby, public domain) with seed 0. */
 PAGS_API uint32_t pags_cryptomatte_hash(const char *name, size_t length);
 
-/* The hash as a float, by the specification's conversion uint32_to_float32: the same bits, but exponents that stand for
- * denormal numbers become 1 and those for infinity and NaN 254. */
+/* The hash as a float, by the specification's conversion uint32_to_float32: the same bits, but exponents of denormal
+ * numbers become 1 and those for infinity and NaN 254. */
 PAGS_API float pags_cryptomatte_value(uint32_t hash);
 
 /* The names of a matte. Labels with the same text share a name. */
@@ -88,7 +88,7 @@ typedef struct pags_matte_names {
   float *values; /* of each name, as pags_matte has it */
   int64_t label_count;
   int32_t *name_of_label; /* index of each label's name */
-  char *manifest;         /* JSON: each name with its hash in hexadecimal digits, as the specification has it */
+  char *manifest;         /* JSON: each name with its hash in hexadecimal digits, as in the specification */
 } pags_matte_names;
 
 /* Makes the list of the labels' names. PAGS_ERROR_MEMORY; then `out` is zeroed. */

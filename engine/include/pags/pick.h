@@ -35,7 +35,7 @@ typedef struct pags_pick_options {
 PAGS_API pags_pick_options pags_pick_options_default(void);
 
 typedef struct pags_picked {
-  int part;               /* index of the part; -1: nothing is hit, and then no other member means anything */
+  int part;               /* index of the part; -1: nothing is hit, and all other members are undefined */
   int64_t row;            /* row of the Gaussian in that part */
   int32_t id;             /* id of the Gaussian, as in pags_picture.id */
   double depth;           /* t, in multiples of the direction's length: camera z if the direction's camera z is 1 */
