@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Merges the scenes of a recording's blocks into one (pags/blocks.h). The scene's models are, first, the background's
- * Gaussians by the degree of their spherical harmonics, then the objects'. One block's scene is in memory at a time,
- * besides what is kept. */
+ * Gaussians by the degree of their spherical harmonics, then the objects'. Memory holds the merged
+ * Gaussians and the scene of one block at a time. */
 #include <pags/blocks.h>
 
 #include <math.h>
@@ -56,8 +56,8 @@ static void destroy(merger *m) {
 
 /* ---- Objects and views ---- */
 
-/* Returns how much of an object the training photographs of a block show: the sum over those in which the middle of its
- * box is of (focal length x size / depth)^2, square pixels. What hides it is not looked at. */
+/* Returns how much of an object the training photographs of a block show: the sum of (focal length x size / depth)^2,
+ * square pixels, over the photographs that contain the middle of its box. Occlusion is ignored. */
 static double how_seen(const pags_scene *head, const pags_object *object) {
   const double size = fmax(object->size[0], fmax(object->size[1], object->size[2]));
   double sum = 0;

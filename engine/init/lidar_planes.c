@@ -267,8 +267,8 @@ static const pags_lidar_plane *finest_plane(const pags_lidar_planes *self, const
   return best;
 }
 
-/* The plane into which p is laid: the nearest of the largest cells that have one, if it is near and level; NULL if
- * there is none. */
+/* The plane into which p is laid: the nearest of the largest cells that have one, if it is near and level; else
+ * NULL. */
 static const pags_lidar_plane *ground_plane(const pags_lidar_planes *self, const float p[3], float *across) {
   const pags_lidar_plane *best = NULL;
   for (int level = LEVELS - 1; level >= 0 && !best; level--)

@@ -10,7 +10,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "train/fields.h"
 #include "train/schedule.h"
 
 #define CONFIG_COOKIE 0x70616773u

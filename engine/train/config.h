@@ -6,7 +6,14 @@
 
 #include <pags/train.h>
 #include <stdbool.h>
-#include "train/fields.h"
+
+/* Largest number of steps of a run. Each model's optimiser allocates 16 bytes per step, so the limit also bounds the
+ * memory that a damaged checkpoint can ask for. */
+enum { PAGS_CONFIG_STEPS = 10000000 };
+
+/* The table of fields (fields.c), read by the functions of <pags/train.h>. */
+extern const pags_train_field pags_fields[];
+extern const int pags_field_count;
 
 /* Size in bytes of a buffer that holds a configuration as text, in either form. */
 enum { PAGS_CONFIG_TEXT = 8192 };

@@ -3,7 +3,7 @@
  * train`, checkpoints, scene.json and the documentation page of the command line are all derived from it. A row
  * without range, unit and text doesn't compile. Units are words of the field; "1" is a number without a unit.
  * The text of a switch is an imperative sentence: the help of a flag --no-NAME is "Don't" and the text. */
-#include "train/fields.h"
+#include "train/config.h"
 
 #include "train/schedule.h"
 

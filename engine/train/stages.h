@@ -81,7 +81,7 @@ typedef struct pags_measured_view {
 /* Collective: measures the views, which are the same at all ranks. Errors of photographs. */
 pags_result pags_held_out_views(pags_trainer *trainer, pags_measured_view *views, int count);
 /* Collective: measures at most PAGS_HELD_OUT_VIEWS held-out views, evenly spaced over the data set:
- * trainer->held_out. Does nothing if there are none. Errors of photographs. */
+ * trainer->held_out. Does nothing without held-out views. Errors of photographs. */
 pags_result pags_held_out_measure(pags_trainer *trainer);
 
 /* ---- Holdout tests: holdout_decision.c ---- */

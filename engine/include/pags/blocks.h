@@ -3,8 +3,8 @@
  * trained by itself as a data set of its own (pags_dataset_block), and the scenes are merged into one.
  *
  * Block-NeRF (Tancik et al. 2022) and VastGaussian (Lin et al. 2024) cut scenes so; here the cut goes along the drive.
- * A place belongs to the block from whose own time steps the rig came nearest to it: its cell. Of each block's
- * Gaussians merging keeps those in its cell; the rest are ghosts, which model what its photographs show beyond it.
+ * A place belongs to the cell of the block whose own time steps brought the rig nearest to it. Merging keeps the
+ * Gaussians of each block that lie in its cell; the others are ghosts, which model what its photographs show beyond it.
  */
 #ifndef PAGS_BLOCKS_H
 #define PAGS_BLOCKS_H
