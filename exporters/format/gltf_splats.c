@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Gaussians as glTF with KHR_gaussian_splatting: one set of them, or one animated node for each object. */
-#include "exporters/format/gltf_splats.h"
+#include "exporters/format/splat_save.h"
 
 #include <float.h>
 #include <math.h>

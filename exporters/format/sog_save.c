@@ -2,7 +2,7 @@
 /* Writes SOG, version 2 (developer.playcanvas.com, "The SOG Format"; scene/sog.c lists what its pictures hold):
  * Gaussians in Morton order, so that neighbours in the pictures are alike, and lossless WebP. Scales, colours and the
  * palette of harmonics have a codebook of 256 values each. */
-#include "exporters/format/sog_save.h"
+#include "exporters/format/splat_save.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -14,9 +14,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "exporters/format/bake.h"
-#include "exporters/format/gltf_splats.h"
-#include "exporters/format/sog_save.h"
-#include "exporters/format/spz_save.h"
+#include "exporters/format/splat_save.h"
 #include "scene/axes.h"
 #include "scene/splat_formats.h"
 

@@ -2,7 +2,7 @@
 /* Writes Gaussians as SPZ, versions 3 and 4 as nianticlabs/spz reads them. Its axes are OpenGL's unless the options say
  * otherwise; the record of the coordinate system names them in any case. Positions are 24-bit fixed-point numbers: with
  * the usual 12 bits of fraction they reach to 2048 m; farther ones get fewer bits of fraction. */
-#include "exporters/format/spz_save.h"
+#include "exporters/format/splat_save.h"
 
 #include <math.h>
 #include <stdbool.h>

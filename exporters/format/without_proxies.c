@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Replaces the export of proxies, glTF and USD in builds without the libraries for proxies: functions that
  * say so. Splat files are written by every build. */
-#include "exporters/format/gltf_splats.h"
+#include "exporters/format/splat_save.h"
 
 static pags_result left_out(const char *path) {
   return pags_fail(

@@ -12,7 +12,7 @@
 #include <cmocka.h>
 
 #include "exporters/format/bake.h"
-#include "exporters/format/spz_save.h"
+#include "exporters/format/splat_save.h"
 #include "exporters/proxy/cage.h"
 #include "exporters/proxy/mesh_query.h"
 #include "exporters/proxy/tsdf.h"
