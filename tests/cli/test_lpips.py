@@ -127,7 +127,7 @@ class Lpips(Case):
         scene, data = self.write("a.ply", ply_bytes(some_splats())), make_dataset(self.path("data"), views=1)
         np.savez(self.path("w.npz"), **random_weights("AlexNet"))
         said = self.succeeds("eval", scene, "--dataset", data, "--lpips-weights", self.path("w.npz")).stdout
-        self.assertIn("LPIPS: v0.1 over AlexNet", said)
+        self.assertIn("LPIPS: v0.1 on AlexNet", said)
         self.assertNotIn("LPIPS: ", self.succeeds("eval", scene, "--dataset", data).stdout)
         self.assertIsNone(json.loads(self.succeeds("eval", scene, "--dataset", data, "--json", "-").stdout)["lpips_network"])
 
