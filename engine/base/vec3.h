@@ -21,22 +21,8 @@ static inline float pags_length3f(const float v[3]) {
   return sqrtf(pags_dot3f(v, v));
 }
 
-/* out = a - b */
-static inline void pags_sub3(const double a[3], const double b[3], double out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = a[k] - b[k];
-}
-static inline void pags_sub3f(const float a[3], const float b[3], float out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = a[k] - b[k];
-}
-
 /* out += s v. With s = -1 the bits are those of a subtraction. */
 static inline void pags_add_scaled3(double s, const double v[3], double out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] += s * v[k];
-}
-static inline void pags_add_scaled3f(float s, const float v[3], float out[3]) {
   for (int k = 0; k < 3; k++)
     out[k] += s * v[k];
 }
@@ -46,24 +32,13 @@ static inline void pags_divide3(double v[3], double s) {
   for (int k = 0; k < 3; k++)
     v[k] /= s;
 }
-static inline void pags_divide3f(float v[3], float s) {
-  for (int k = 0; k < 3; k++)
-    v[k] /= s;
-}
 
 static inline double pags_distance_squared3(const double a[3], const double b[3]) {
   const double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
   return pags_dot3(d, d);
 }
-static inline float pags_distance_squared3f(const float a[3], const float b[3]) {
-  const float d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-  return pags_dot3f(d, d);
-}
 static inline double pags_distance3(const double a[3], const double b[3]) {
   return sqrt(pags_distance_squared3(a, b));
-}
-static inline float pags_distance3f(const float a[3], const float b[3]) {
-  return sqrtf(pags_distance_squared3f(a, b));
 }
 
 /* `out` is neither `a` nor `b`. */
@@ -78,14 +53,10 @@ static inline void pags_cross3f(const float a[3], const float b[3], float out[3]
   out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* out = R v, and R^T v; `out` is not `v`. For R v + t see pags_rigid_point. */
+/* out = R v; `out` is not `v`. For R v + t see pags_rigid_point. */
 static inline void pags_rotate3(const double pose[12], const double v[3], double out[3]) {
   for (int k = 0; k < 3; k++)
     out[k] = pags_dot3(pose + 4 * k, v);
-}
-static inline void pags_unrotate3(const double pose[12], const double v[3], double out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = pose[k] * v[0] + pose[4 + k] * v[1] + pose[8 + k] * v[2];
 }
 
 /* out = t */
@@ -94,11 +65,7 @@ static inline void pags_pose_position(const double pose[12], double out[3]) {
     out[k] = pose[4 * k + 3];
 }
 
-/* t += by, and t -= by: from absolute coordinates to those relative to a scene's origin `by`. */
-static inline void pags_pose_add(double pose[12], const double by[3]) {
-  for (int k = 0; k < 3; k++)
-    pose[4 * k + 3] += by[k];
-}
+/* t -= by: from absolute coordinates to those relative to a scene's origin `by`. */
 static inline void pags_pose_subtract(double pose[12], const double by[3]) {
   for (int k = 0; k < 3; k++)
     pose[4 * k + 3] -= by[k];
