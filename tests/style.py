@@ -81,7 +81,7 @@ SYSTEM_EXCEPTIONS = {
 # The folder that implements a public header.
 HEADERS = {
     "engine/base": ["base"],
-    "engine/scene": ["camera", "clusters", "gaussians", "lens", "photometric", "object", "packed", "place", "scene", "sky"],
+    "engine/scene": ["camera", "clusters", "gaussians", "lens", "light", "photometric", "object", "packed", "place", "scene", "sky"],
     "engine/frame": ["compose", "deadline", "frame", "passes", "pick"],
     "engine/image": ["image"],
     "engine/dataset": ["dataset"],
