@@ -201,7 +201,7 @@ static pags_size_fit fit_size(const pags_lens *lens, int width, int height, doub
   const pags_size_fit fit = pags_size_fits(width, height, lens->width, lens->height);
   if (fit != PAGS_FIT_NONE || aspect == 1)
     return fit;
-  const int wider = (int)lround(width * aspect), taller = (int)lround(height / aspect);
+  const int wider = (int)floor(width * aspect + 0.5), taller = (int)floor(height / aspect + 0.5);
   return pags_size_fits(wider, height, lens->width, lens->height) != PAGS_FIT_NONE ||
                  pags_size_fits(width, taller, lens->width, lens->height) != PAGS_FIT_NONE
              ? PAGS_FIT_SCALED

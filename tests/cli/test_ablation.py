@@ -206,7 +206,7 @@ class Ablation(DataCase):
             ("alpha=x", ["alpha=x"]),
             ("rate=60", ["60/30"]),
             ("--no-such-thing", ["row '--no-such-thing'", "unknown option"]),
-            ("set:no_such=1", ["row 'set:no_such=1'", "no field"]),
+            ("set:no_such=1", ["row 'set:no_such=1'", "unknown training field"]),
             ("--densify-from=5", ["row '--densify-from=5'", "--set densify_from=N"]),
             ("plain,plain", ["twice"]),
             ("plain*99", ["plain"]),

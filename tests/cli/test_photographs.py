@@ -534,7 +534,7 @@ class Photographs(fixtures.Case):
         found = self.eval()
         self.assertEqual((found["train"]["views"], found["train"]["without_pixels"]), (6, ["003.png"]))
         self.assertEqual((found["test"]["views"], found["test"]["without_pixels"]), (1, ["008.png"]))
-        self.assertIn("2 of 9 views have no pixel", found["warnings"][1])
+        self.assertIn("2 of 9 views are fully masked", found["warnings"][1])
         for split in ("train", "test"):
             for figures in [found[split], *found[split]["per_view"]]:
                 self.assertGreater(figures["psnr"], 1)

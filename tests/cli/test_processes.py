@@ -147,7 +147,7 @@ class Signals(Processes):
                 out = self.path(number.name)
                 running = self.start_training(out, "-q")
                 running.send_signal(number)
-                self.ends(running, 3, "--resume goes on")
+                self.ends(running, 3, "--resume continues")
                 self.assertLessEqual({"checkpoint.pags", "scene.json"}, set(os.listdir(out)))
                 self.assertNotIn(LOCK, os.listdir(out))
 

@@ -83,7 +83,6 @@ class Writes(DataCase):
             street = ["synth", "street", "--size", "32x18", "--frames", 2, "--cameras", 1]
             yield [*street, "-o", self.path("street"), "--overwrite", "--json"], ".json"
         yield [*ring, "--csv"], ".csv"
-        yield [*ring, "--plot"], ".svg"
         yield [*ring, "--json"], ".json"
         yield [*scale, "--csv"], ".csv"
         yield [*scale, "--json"], ".json"
