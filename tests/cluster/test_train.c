@@ -277,7 +277,7 @@ static const char *run_rank_that_is_refused(pags_transport *transport, void *exp
 /* What several ranks can't do is refused before anything is written, and no rank is named. */
 static void refuses(void **unused) {
   (void)unused;
-  static char expected[] = "an estimate";
+  static char expected[] = "--estimate requires one process";
   assert_true(run_ranks(2, 0, 60, run_rank_that_is_refused, expected));
   assert_false(pags_path_exists(scratch("refused")));
 }
