@@ -107,7 +107,7 @@ class Zip(Case):
         for name, answers in ANSWERS.items():
             self.assertEqual(asked(*answers), (f".{name}.pags", name))
         said = asked("linux", "aarch64", "linux-aarch64")
-        for word in [*ANSWERS, "for linux-arm64"]:
+        for word in [*ANSWERS, "needs linux-arm64"]:
             self.assertIn(word, said)
 
     def in_blender(self, package, script, chosen=""):
