@@ -207,7 +207,7 @@ class Folders(WithStandIn):
         photographs, masks, why = self.look()
         self.assertEqual((photographs, masks), (["1.jpg", "2.PNG", "sub/3.jpeg"], {}))
         for name, words in [("4.HEIC", "HEIC is not supported; convert"), ("6.tif", "TIF is not supported"), ("1.CR2", "with a JPEG or PNG of the same name"), ("7.MOV", "videos are imported separately"), ("notes.txt", "not photographs"),
-                            ("Thumbs.db", "system files"), (".cache/8.jpg", "hidden"), ("__MACOSX/._1.jpg", "system files"), ("loop", "aren't followed")]:  # fmt: skip
+                            ("Thumbs.db", "system files"), (".cache/8.jpg", "hidden"), ("__MACOSX/._1.jpg", "system files"), ("loop", "are not followed")]:  # fmt: skip
             self.assertIn(words, why[name])
         with mock.patch("os.walk", side_effect=lambda root, onerror: onerror(PermissionError(13, "Permission denied", os.path.join(root, "sub"))) or []):
             self.assertEqual(self.look_without_count()["sub"], "can't be read: Permission denied")
