@@ -18,6 +18,8 @@
 
 #include <pags/base.h>
 
+#include "base/memory.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -52,6 +54,7 @@ pags_result pags_json_parse_file(const char *path, pags_json **out);
 /* Parses `size` bytes of text, which are copied and need no final zero. `name` stands in for the path in messages. */
 pags_result pags_json_parse_text(const char *name, const char *text, size_t size, pags_json **out);
 void pags_json_destroy(pags_json *json); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_json, pags_json_destroy)
 
 const pags_json_value *pags_json_root(const pags_json *json);
 const char *pags_json_path(const pags_json *json);
