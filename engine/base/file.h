@@ -22,6 +22,12 @@ pags_result pags_file_size(const char *path, uint64_t *size);
  * read; 0 if it can't be read. */
 size_t pags_file_head(const char *path, void *head, size_t size);
 
+/* For PAGS_AUTO(pags_file_close) FILE *stream = NULL; */
+static inline void pags_file_close(FILE **stream) {
+  if (*stream)
+    fclose(*stream);
+}
+
 /* Fails with "path: what: " and the text of errno. PAGS_ERROR_IO, or PAGS_ERROR_MEMORY for ENOMEM. */
 pags_result pags_fail_errno(const char *path, const char *what);
 
@@ -65,8 +71,10 @@ void pags_file_stop_when(const volatile int *asked);
 
 bool pags_file_exists(const char *path); /* a regular file, or a link to one */
 bool pags_dir_exists(const char *path);
-bool pags_path_exists(const char *path);                    /* file, folder, link or anything else of that name */
-bool pags_folder_has(const char *folder, const char *name); /* pags_file_exists of it; false if out of memory */
+bool pags_path_exists(const char *path); /* file, folder, link or anything else of that name */
+/* pags_file_exists and pags_dir_exists of FOLDER/NAME; false if out of memory. */
+bool pags_folder_has(const char *folder, const char *name);
+bool pags_folder_has_folder(const char *folder, const char *name);
 
 /* Joins "a" and "b" to "a/b"; an absolute `name` is returned as it is. Freed by the caller; NULL if out of memory. */
 char *pags_path_join(const char *folder, const char *name);
@@ -94,7 +102,7 @@ typedef struct pags_dir_list {
   char **names;
 } pags_dir_list;
 pags_result pags_dir_list_read(const char *path, pags_dir_list *out);
-void pags_dir_list_destroy(pags_dir_list *list);
+void pags_dir_list_destroy(pags_dir_list *list); /* a zeroed list is allowed */
 
 /* Sets *empty to whether the folder has no entries but locks; also true if there is no such folder. */
 pags_result pags_dir_is_empty(const char *path, bool *empty);

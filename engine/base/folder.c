@@ -11,10 +11,13 @@
 #include "port/port.h"
 
 bool pags_folder_has(const char *folder, const char *name) {
-  char *path = pags_path_join(folder, name);
-  const bool found = path && pags_file_exists(path);
-  free(path);
-  return found;
+  PAGS_AUTOFREE char *path = pags_path_join(folder, name);
+  return path && pags_file_exists(path);
+}
+
+bool pags_folder_has_folder(const char *folder, const char *name) {
+  PAGS_AUTOFREE char *path = pags_path_join(folder, name);
+  return path && pags_dir_exists(path);
 }
 
 static pags_result fail_memory(const char *path) {

@@ -376,6 +376,13 @@ pags_result pags_json_parse_file(const char *path, pags_json **out) {
   return parse_owned(path, (char *)bytes, size, out);
 }
 
+pags_result pags_json_parse_in_folder(const char *folder, const char *name, pags_json **out) {
+  *out = NULL;
+  PAGS_AUTOFREE char *path = pags_path_join(folder, name);
+  PAGS_CHECK_MEMORY(path, "%s", folder);
+  return pags_file_exists(path) ? pags_json_parse_file(path, out) : PAGS_OK;
+}
+
 pags_result pags_json_parse_text(const char *name, const char *text, size_t size, pags_json **out) {
   *out = NULL;
   char *copy = size < SIZE_MAX ? malloc(size + 1) : NULL;

@@ -53,6 +53,8 @@ typedef struct pags_json pags_json; /* a document; owns all its values */
 pags_result pags_json_parse_file(const char *path, pags_json **out);
 /* Parses `size` bytes of text, which are copied and need no final zero. `name` stands in for the path in messages. */
 pags_result pags_json_parse_text(const char *name, const char *text, size_t size, pags_json **out);
+/* Parses FOLDER/NAME; *out is NULL if there is no such file. */
+pags_result pags_json_parse_in_folder(const char *folder, const char *name, pags_json **out);
 void pags_json_destroy(pags_json *json); /* NULL is allowed */
 PAGS_DEFINE_AUTO(pags_json, pags_json_destroy)
 
@@ -133,6 +135,7 @@ void pags_json_put_raw(pags_json_writer *writer, const char *key, const char *te
 pags_result pags_json_writer_finish(pags_json_writer *writer);
 /* Finishes the text and writes it to the file at `path` with pags_file_write. */
 pags_result pags_json_writer_save(pags_json_writer *writer, const char *path);
+pags_result pags_json_writer_save_in_folder(pags_json_writer *writer, const char *folder, const char *name);
 
 #ifdef __cplusplus
 }

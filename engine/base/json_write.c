@@ -197,3 +197,9 @@ pags_result pags_json_writer_save(pags_json_writer *writer, const char *path) {
   PAGS_TRY(pags_json_writer_finish(writer));
   return pags_file_write(path, writer->data, writer->size);
 }
+
+pags_result pags_json_writer_save_in_folder(pags_json_writer *writer, const char *folder, const char *name) {
+  PAGS_AUTOFREE char *path = pags_path_join(folder, name);
+  PAGS_CHECK_MEMORY(path, "%s", folder);
+  return pags_json_writer_save(writer, path);
+}

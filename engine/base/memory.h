@@ -11,9 +11,11 @@
 #ifndef PAGS_BASE_MEMORY_H
 #define PAGS_BASE_MEMORY_H
 
-#include <pags/base.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include <pags/base.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -25,9 +27,9 @@ extern "C" {
 pags_result pags_out_of_memory(const char *what, ...) PAGS_PRINTF(1, 2);
 
 /* Returns with the error above unless `pointer` (or an expression such as a && b) is set. */
-#define PAGS_CHECK_MEMORY(pointer, ...)      \
-  do {                                       \
-    if (!(pointer))                          \
+#define PAGS_CHECK_MEMORY(pointer, ...)       \
+  do {                                        \
+    if (!(pointer))                           \
       return pags_out_of_memory(__VA_ARGS__); \
   } while (0)
 
@@ -51,6 +53,12 @@ static inline void *pags_take(void *pointer) {
   memset(pointer, 0, sizeof memory);
   return memory;
 }
+
+/* Makes room for `needed` items of `size` bytes in the growing array at `list`, the address of a pointer, by doubling
+ * its capacity at least. False if out of memory; the array is unchanged then.
+ *
+ *   PAGS_CHECK_MEMORY(pags_grow(&rows->items, rows->count + 1, &rows->capacity, sizeof *rows->items), "%s", path); */
+bool pags_grow(void *list, int64_t needed, int64_t *capacity, size_t size);
 
 /* Defines DESTROY_auto for PAGS_AUTO from a function that destroys what a `type *` points to and takes NULL:
  * PAGS_AUTO(pags_frame_destroy_auto) pags_frame *frame = NULL; */

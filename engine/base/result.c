@@ -4,8 +4,6 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-#include "base/memory.h"
-
 /* The message of this thread's last failure. */
 static _Thread_local char message[1024];
 
@@ -19,17 +17,6 @@ pags_result pags_fail(pags_result code, const char *format, ...) {
   va_end(arguments);
   snprintf(message, sizeof message, "%s", length < 0 ? pags_result_name(code) : text);
   return code;
-}
-
-pags_result pags_out_of_memory(const char *what, ...) {
-  if (!what)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  char text[sizeof message];
-  va_list arguments;
-  va_start(arguments, what);
-  vsnprintf(text, sizeof text, what, arguments);
-  va_end(arguments);
-  return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %s", text);
 }
 
 const char *pags_error_message(void) {

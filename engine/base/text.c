@@ -4,7 +4,6 @@
 #include "base/text.h"
 
 #include <stdarg.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -59,6 +58,30 @@ char *pags_text_readable(const char *text) {
   if (copy)
     *to = 0;
   return copy;
+}
+
+bool pags_text_starts(const char *text, const char *prefix) {
+  return strncmp(text, prefix, strlen(prefix)) == 0;
+}
+
+bool pags_text_ends(const char *text, const char *suffix) {
+  const size_t length = strlen(text), ending = strlen(suffix);
+  return length >= ending && strcmp(text + length - ending, suffix) == 0;
+}
+
+bool pags_text_is(const char *text, size_t length, const char *word) {
+  return strlen(word) == length && strncmp(text, word, length) == 0;
+}
+
+int pags_text_find(const char *text, const char *const *names, int count) {
+  for (int i = 0; i < count; i++)
+    if (strcmp(text, names[i]) == 0)
+      return i;
+  return -1;
+}
+
+int pags_text_compare(const void *a, const void *b) {
+  return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
 
 char *pags_text_copy(const char *text) {

@@ -3,6 +3,8 @@
 #ifndef PAGS_BASE_TEXT_H
 #define PAGS_BASE_TEXT_H
 
+#include <stdbool.h>
+
 #include <pags/base.h>
 
 #ifdef __cplusplus
@@ -23,6 +25,15 @@ size_t pags_text_utf8(const char *text);
 /* Returns a copy of `text` in valid UTF-8, for people to read, that the caller frees: a byte that isn't UTF-8, as in a
  * file name of an old disk, becomes \xDF (its value). NULL if out of memory. */
 char *pags_text_readable(const char *text);
+
+bool pags_text_starts(const char *text, const char *prefix);
+bool pags_text_ends(const char *text, const char *suffix);
+/* Whether the first `length` bytes of `text` are `word`. */
+bool pags_text_is(const char *text, size_t length, const char *word);
+/* Returns the index of `text` in a table of names; -1 if it isn't there. */
+int pags_text_find(const char *text, const char *const *names, int count);
+/* For pags_sort and bsearch over arrays of char *, by bytes. */
+int pags_text_compare(const void *a, const void *b);
 
 /* Returns a copy of `text` that the caller frees; NULL if out of memory or if `text` is NULL. */
 char *pags_text_copy(const char *text);

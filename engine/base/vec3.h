@@ -6,6 +6,7 @@
 #define PAGS_BASE_VEC3_H
 
 #include <math.h>
+#include <string.h>
 
 static inline double pags_dot3(const double a[3], const double b[3]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -21,16 +22,82 @@ static inline float pags_length3f(const float v[3]) {
   return sqrtf(pags_dot3f(v, v));
 }
 
-/* out += s v. With s = -1 the bits are those of a subtraction. */
+static inline void pags_copy3(const double v[3], double out[3]) {
+  memmove(out, v, 3 * sizeof *out);
+}
+static inline void pags_copy3f(const float v[3], float out[3]) {
+  memmove(out, v, 3 * sizeof *out);
+}
+static inline void pags_widen3(const float v[3], double out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = (double)v[k];
+}
+static inline void pags_narrow3(const double v[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = (float)v[k];
+}
+
+static inline void pags_add3(const double a[3], const double b[3], double out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = a[k] + b[k];
+}
+static inline void pags_add3f(const float a[3], const float b[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = a[k] + b[k];
+}
+/* out = a - b */
+static inline void pags_subtract3(const double a[3], const double b[3], double out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = a[k] - b[k];
+}
+static inline void pags_subtract3f(const float a[3], const float b[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = a[k] - b[k];
+}
+/* out = s v */
+static inline void pags_scale3(double s, const double v[3], double out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = s * v[k];
+}
+static inline void pags_scale3f(float s, const float v[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = s * v[k];
+}
+/* out += s v. With s = 1 or -1 the bits are those of a sum or a difference. */
 static inline void pags_add_scaled3(double s, const double v[3], double out[3]) {
   for (int k = 0; k < 3; k++)
     out[k] += s * v[k];
+}
+static inline void pags_add_scaled3f(float s, const float v[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] += s * v[k];
+}
+/* out = v + s w, the point at distance s along the ray from v with direction w. */
+static inline void pags_along3(const double v[3], double s, const double w[3], double out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = v[k] + s * w[k];
+}
+static inline void pags_along3f(const float v[3], float s, const float w[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = v[k] + s * w[k];
 }
 
 /* v /= s: a division per component, not a product with 1/s. */
 static inline void pags_divide3(double v[3], double s) {
   for (int k = 0; k < 3; k++)
     v[k] /= s;
+}
+static inline void pags_divide3f(float v[3], float s) {
+  for (int k = 0; k < 3; k++)
+    v[k] /= s;
+}
+
+/* Widens the box [lo, hi] to hold the point p. */
+static inline void pags_box_add3(const double p[3], double lo[3], double hi[3]) {
+  for (int k = 0; k < 3; k++) {
+    lo[k] = fmin(lo[k], p[k]);
+    hi[k] = fmax(hi[k], p[k]);
+  }
 }
 
 static inline double pags_distance_squared3(const double a[3], const double b[3]) {
@@ -63,6 +130,12 @@ static inline void pags_rotate3(const double pose[12], const double v[3], double
 static inline void pags_pose_position(const double pose[12], double out[3]) {
   for (int k = 0; k < 3; k++)
     out[k] = pose[4 * k + 3];
+}
+
+/* t = position */
+static inline void pags_pose_place(double pose[12], const double position[3]) {
+  for (int k = 0; k < 3; k++)
+    pose[4 * k + 3] = position[k];
 }
 
 /* t -= by: from absolute coordinates to those relative to a scene's origin `by`. */
