@@ -32,26 +32,67 @@ from ablation_tables import OF_MOMENT, QUALITIES, Tables, write, write_plots
 
 MOST_SEEDS, MOST_MOMENTS = 16, 64
 SPR = "--preset paper --alpha 0.4 --set dropout=1 --set dropout_beta=0.5"
-WHOLE = {"default": "", "fast": "--preset fast", "plain": "--preset plain", "paper": "--preset paper", "sp": "--preset paper --alpha 0 --set dropout=0",
-         "sd": "--preset plain --set dropout=1 --set dropout_beta=0", "sp&sd": "--preset paper --alpha 0 --set dropout=1 --set dropout_beta=0",
-         "spr": SPR}
+WHOLE = {
+    "default": "",
+    "fast": "--preset fast",
+    "plain": "--preset plain",
+    "paper": "--preset paper",
+    "sp": "--preset paper --alpha 0 --set dropout=0",
+    "sd": "--preset plain --set dropout=1 --set dropout_beta=0",
+    "sp&sd": "--preset paper --alpha 0 --set dropout=1 --set dropout_beta=0",
+    "spr": SPR,
+}
 # Each of these changes one option of spr, or of another whole row if the row names one.
-CHANGES = {"alpha": "--alpha", "rate": "--prune-rate", "preset": "--preset", "beta": "--set dropout_beta", "gamma": "--set dropout_gamma",
-           "hybrid": "--set hybrid", "critical-weight": "--critical-weight", "s-sem": "--set s_sem", "s-grad": "--set s_grad",
-           "s-grad-from": "--set s_grad_from"}
-SWITCHES = {"no-objects": "--no-objects", "no-tracks": "--no-tracks", "no-fourier": "--set fourier=0", "no-sky": "--no-sky",
-            "no-lidar-start": "--no-lidar-start", "no-exposure": "--no-exposure", "no-lidar-loss": "--set depth_weight=0",
-            "no-camera-poses": "--set camera_poses=0", "no-light": "--set light=0",
-            # each of these takes one part of the default away
-            "no-alpha-min": "--set alpha_min=0", "no-scale-reset": "--set scale_reset=1", "no-prunes": "--set prunes=0",
-            "no-rates": "--set position_rate_begin=0.00016 --set position_rate_end=1.6e-6 --set scale_rate=0.005 --set sh_dc_rate=0.0025 "
-                        "--set sh_rest_rate=0.000125",
-            "no-rate-fall": "--set rate_fall=1", "no-ssim": "--set ssim_weight=0.2", "no-few-points": "--set lidar_points=200000",
-            "no-slow-growth": "--set densify_gradient=0.0002 --set densify_apart=1", "no-long-axis": "--set long_axis_split=0", "no-critical-weight": "--critical-weight 1"}
+CHANGES = {
+    "alpha": "--alpha",
+    "rate": "--prune-rate",
+    "preset": "--preset",
+    "beta": "--set dropout_beta",
+    "gamma": "--set dropout_gamma",
+    "hybrid": "--set hybrid",
+    "critical-weight": "--critical-weight",
+    "s-sem": "--set s_sem",
+    "s-grad": "--set s_grad",
+    "s-grad-from": "--set s_grad_from",
+}
+SWITCHES = {
+    "no-objects": "--no-objects",
+    "no-tracks": "--no-tracks",
+    "no-fourier": "--set fourier=0",
+    "no-sky": "--no-sky",
+    "no-lidar-start": "--no-lidar-start",
+    "no-exposure": "--no-exposure",
+    "no-lidar-loss": "--set depth_weight=0",
+    "no-camera-poses": "--set camera_poses=0",
+    "no-light": "--set light=0",
+    # each of these takes one part of the default away
+    "no-alpha-min": "--set alpha_min=0",
+    "no-scale-reset": "--set scale_reset=1",
+    "no-prunes": "--set prunes=0",
+    "no-rates": "--set position_rate_begin=0.00016 --set position_rate_end=1.6e-6 --set scale_rate=0.005 --set sh_dc_rate=0.0025 "
+    "--set sh_rest_rate=0.000125",
+    "no-rate-fall": "--set rate_fall=1",
+    "no-ssim": "--set ssim_weight=0.2",
+    "no-few-points": "--set lidar_points=200000",
+    "no-slow-growth": "--set densify_gradient=0.0002 --set densify_apart=1",
+    "no-long-axis": "--set long_axis_split=0",
+    "no-critical-weight": "--critical-weight 1",
+}
 # Options that apply to every row. They are passed to pags train; True: to pags eval, too, since the scene doesn't
 # record them.
-PASSED = {"downscale": False, "split-every": False, "cameras": False, "frames": False, "holdout-camera": False, "max-gaussians": False,
-          "kind": True, "ego-mask": True, "sfm": True, "colmap": True, "critical": True}
+PASSED = {
+    "downscale": False,
+    "split-every": False,
+    "cameras": False,
+    "frames": False,
+    "holdout-camera": False,
+    "max-gaussians": False,
+    "kind": True,
+    "ego-mask": True,
+    "sfm": True,
+    "colmap": True,
+    "critical": True,
+}
 
 
 class Failure(Exception):
@@ -109,7 +150,9 @@ class Row:
             self.train.put_text(SPR)
         for part in parts:
             self.add(part)
-        self.prunes = self.train.given.get("--preset", ["", "default"])[1] != "plain" and "prunes=0" not in self.train.words()
+        self.prunes = (
+            self.train.given.get("--preset", ["", "default"])[1] != "plain" and "prunes=0" not in self.train.words()
+        )
 
     def add(self, part):
         key, equals, value = part.partition("=")
@@ -125,7 +168,9 @@ class Row:
             self.train.put_text(SWITCHES[part])
         elif not equals or key not in [*CHANGES, "sh"]:
             known = ", ".join([*WHOLE, "pdr", *(f"{c}=..." for c in CHANGES), *SWITCHES, "sh=..."])
-            raise Failure(f"row '{self.name}': '{part}' is none of {known}, nor an option of pags train (--NAME=VALUE, set:NAME=VALUE)")
+            raise Failure(
+                f"row '{self.name}': '{part}' is none of {known}, nor an option of pags train (--NAME=VALUE, set:NAME=VALUE)"
+            )
         elif not value:
             raise Failure(f"row '{self.name}': expected a value behind '{part}'")
         elif key == "sh":
@@ -225,8 +270,14 @@ class Program:
         with tempfile.TemporaryFile("w+", errors="replace") as errors:
             out = subprocess.PIPE if on_line else subprocess.DEVNULL
             # In a session of its own, so that Ctrl-C on the terminal doesn't reach the process twice.
-            self.child = subprocess.Popen([self.path, *words], stdout=out, stderr=errors, text=True, start_new_session=True,
-                                          preexec_fn=die_with_parent)
+            self.child = subprocess.Popen(
+                [self.path, *words],
+                stdout=out,
+                stderr=errors,
+                text=True,
+                start_new_session=True,
+                preexec_fn=die_with_parent,
+            )
             if self.interrupted:
                 self.child.terminate()
             for line in self.child.stdout or []:
@@ -278,8 +329,17 @@ class Run:
         self.train.given = dict(row.train.given)
         if bound:
             self.train.put("--max-gaussians", str(bound))
-        self.folder = os.path.join(ablation.folder, safe_name("_".join(filter(None, [self.train.file_name(), f"seed-{self.seed}", of and f"beside_{of.name}"]))))
-        self.scene, self.checkpoint, self.state_path = self.path("scene"), self.path("scene/checkpoint.pags"), self.path("run.json")
+        self.folder = os.path.join(
+            ablation.folder,
+            safe_name(
+                "_".join(filter(None, [self.train.file_name(), f"seed-{self.seed}", of and f"beside_{of.name}"]))
+            ),
+        )
+        self.scene, self.checkpoint, self.state_path = (
+            self.path("scene"),
+            self.path("scene/checkpoint.pags"),
+            self.path("run.json"),
+        )
         self.state = {"step": 0, "seconds": 0, "cpu_seconds": 0, "peak_rss_bytes": 0, "moments": []}
         if os.path.exists(self.state_path):
             self.state = read_json(self.state_path)
@@ -314,8 +374,29 @@ class Run:
             link(self.known(self.state["step"]), self.checkpoint)
         if os.path.exists(report):
             os.unlink(report)
-        words = ["train", a.dataset, "--output", self.scene, "--iterations", target, "--set", f"schedule_iterations={a.iterations}", "--resume"]
-        words += ["--checkpoint-every", 0, "--preview-every", 0, "--json", report, "--seed", self.seed, "--threads", a.threads]
+        words = [
+            "train",
+            a.dataset,
+            "--output",
+            self.scene,
+            "--iterations",
+            target,
+            "--set",
+            f"schedule_iterations={a.iterations}",
+            "--resume",
+        ]
+        words += [
+            "--checkpoint-every",
+            0,
+            "--preview-every",
+            0,
+            "--json",
+            report,
+            "--seed",
+            self.seed,
+            "--threads",
+            a.threads,
+        ]
         seconds, whole = self.call([*words, *a.train, *self.train.words()])
         if os.path.exists(report):
             self.take_report(read_json(report), seconds, target)
@@ -334,7 +415,9 @@ class Run:
             self.moments.append({"step": step, "gaussians": report["gaussians"], **spent, **dict.fromkeys(OF_MOMENT)})
         if step == 0:
             return
-        link(self.checkpoint, self.known(step))  # pags train renames checkpoints into place, so the link keeps its bytes
+        link(
+            self.checkpoint, self.known(step)
+        )  # pags train renames checkpoints into place, so the link keeps its bytes
         state["step"] = step
         self.save()
         if last not in (0, step) and not (self.ablation.equal and self.row.prunes):
@@ -342,7 +425,9 @@ class Run:
 
     def measure(self, verb, path, more):
         """Runs pags eval or render on the held-out views; the report file exists only if it is complete."""
-        if not self.call([verb, self.scene, "--split", "test", "--json", path, "--threads", self.ablation.threads, *more])[1]:
+        if not self.call(
+            [verb, self.scene, "--split", "test", "--json", path, "--threads", self.ablation.threads, *more]
+        )[1]:
             raise Interrupted
 
     def measure_moment(self):
@@ -379,7 +464,11 @@ class Run:
 
     def finish(self):
         a, more = self.ablation, "_".join(["", self.row.eval.file_name()]) if self.row.eval.given else ""
-        evaluation, render, pictures = self.path(f"eval{more}.json"), self.path(f"render{more}.json"), self.path("pictures")
+        evaluation, render, pictures = (
+            self.path(f"eval{more}.json"),
+            self.path(f"render{more}.json"),
+            self.path("pictures"),
+        )
         lpips = ["--lpips-weights", a.lpips_weights] if a.lpips_weights else []
         if not os.path.exists(evaluation) or (lpips and read_json(evaluation).get("lpips_network") != a.lpips_network):
             self.measure("eval", evaluation, [*lpips, *a.eval, *self.row.eval.words()])
@@ -388,12 +477,25 @@ class Run:
                 self.measure("render", render, ["--output", pictures, *self.row.eval.words()])
             finally:
                 shutil.rmtree(pictures, ignore_errors=True)
-        found, last, network = read_json(evaluation)["test"], self.moments[-1], read_json(evaluation).get("lpips_network")
+        found, last, network = (
+            read_json(evaluation)["test"],
+            self.moments[-1],
+            read_json(evaluation).get("lpips_network"),
+        )
         frames = read_json(render)["frames"]
         result = {key: found.get(key) for key in QUALITIES}
-        result.update(beside=None, lpips_network=network, pairs=sum(frame["pairs_evaluated"] for frame in frames) / len(frames), gaussians=last["gaussians"],
-                      bytes=self.scene_bytes(), training_seconds=last["seconds"], training_cpu_seconds=last["cpu_seconds"], peak_rss_bytes=last["peak_rss_bytes"],
-                      render_ms=read_json(render)["mean"]["ms"]["total"], moments=self.moments)
+        result.update(
+            beside=None,
+            lpips_network=network,
+            pairs=sum(frame["pairs_evaluated"] for frame in frames) / len(frames),
+            gaussians=last["gaussians"],
+            bytes=self.scene_bytes(),
+            training_seconds=last["seconds"],
+            training_cpu_seconds=last["cpu_seconds"],
+            peak_rss_bytes=last["peak_rss_bytes"],
+            render_ms=read_json(render)["mean"]["ms"]["total"],
+            moments=self.moments,
+        )
         branch = self.branch()
         for name in os.listdir(self.folder):
             if name.startswith("known_") and not (branch and name == f"known_{branch['step']}.pags"):
@@ -446,7 +548,12 @@ class Ablation:
         self.program = Program(given.pags)
         self.rows = parse_rows(given.rows, given.seeds)
         self.results = {"own": {row.name: [] for row in self.rows}, "equal": {row.name: [] for row in self.rows}}
-        self.iterations, self.moments, self.moment_views, self.seed = given.iterations, given.moments, given.moment_views, given.seed
+        self.iterations, self.moments, self.moment_views, self.seed = (
+            given.iterations,
+            given.moments,
+            given.moment_views,
+            given.seed,
+        )
         self.equal, self.equal_count = given.equal_count, 0
         self.beside = Row(given.beside, 1) if given.beside else None
         self.lpips_weights, self.threads = given.lpips_weights, given.threads
@@ -475,15 +582,23 @@ class Ablation:
         """Compares the settings that all rows share with those recorded in the folder of runs, since only runs with
         equal settings can be compared; records them in a new folder."""
         path = os.path.join(self.folder, "settings.json")
-        settings = {key: getattr(self, key) for key in ["dataset", "iterations", "moments", "moment_views", "train", "eval"]}
+        settings = {
+            key: getattr(self, key) for key in ["dataset", "iterations", "moments", "moment_views", "train", "eval"]
+        }
         if not os.path.exists(path):
             write(path, json.dumps(settings, indent=1) + "\n")
         elif read_json(path) != settings:
-            raise Failure(f"{path}: says that the runs there are of another data set or other options; expected the same, or another -o TABLE")
+            raise Failure(
+                f"{path}: says that the runs there are of another data set or other options; expected the same, or another -o TABLE"
+            )
 
     def run_beside(self, row, seed):
         """The run of --beside that is trained for a row; None without it, and for the row that is the same training."""
-        return Run(self, self.beside, seed, of=row) if self.beside and row.train.words() != self.beside.train.words() else None
+        return (
+            Run(self, self.beside, seed, of=row)
+            if self.beside and row.train.words() != self.beside.train.words()
+            else None
+        )
 
     def count_steps(self):
         pairs = [(row, seed) for row in self.rows for seed in range(row.seeds)]
@@ -502,15 +617,19 @@ class Ablation:
         left = self.steps_wanted - self.steps_done - self.steps_told
         rest = duration(left * (time.monotonic() - self.begun) / done) if done > 0 else "not yet known"
         number = [row.name for row in self.rows].index(run.row.name) + 1
-        self.progress.say(f"row {number} of {len(self.rows)} ({run.row.name}, seed {run.seed}): {line}; {rest} for all", False)
+        self.progress.say(
+            f"row {number} of {len(self.rows)} ({run.row.name}, seed {run.seed}): {line}; {rest} for all", False
+        )
 
     def take(self, kind, row, seed, result):
         self.results[kind][row.name].append({"row": row.name, "seed": self.seed + seed, **result})
         regions = ""
         if result["psnr_critical"] is not None and result["psnr_noncritical"] is not None:
             regions = f" (critical {result['psnr_critical']:.2f}, other {result['psnr_noncritical']:.2f})"
-        self.progress.say(f"{row.name:16} seed {self.seed + seed}{' at equal count' if kind == 'equal' else ''}: PSNR {result['psnr']:.2f} dB{regions}, "
-                          f"{result['gaussians']} Gaussians, {result['training_seconds']:.0f} s, {result['render_ms']:.2f} ms a frame")
+        self.progress.say(
+            f"{row.name:16} seed {self.seed + seed}{' at equal count' if kind == 'equal' else ''}: PSNR {result['psnr']:.2f} dB{regions}, "
+            f"{result['gaussians']} Gaussians, {result['training_seconds']:.0f} s, {result['render_ms']:.2f} ms a frame"
+        )
         Tables(self).write()
         self.plotted = self.plotted and write_plots(self)
 
@@ -537,13 +656,18 @@ class Ablation:
                 bounded = Run(self, row, seed, self.equal_count)
                 bounded.branch_off(Run(self, row, seed))
                 self.take("equal", row, seed, bounded.go_on())
-        self.progress.say(", ".join(self.output + end for end in [".md", ".csv", "_curve.csv", *([".svg"] if self.plotted else [])]))
+        self.progress.say(
+            ", ".join(self.output + end for end in [".md", ".csv", "_curve.csv", *([".svg"] if self.plotted else [])])
+        )
 
     def json(self):
         def flat(kind):
             return [result for row in self.rows for result in self.results[kind][row.name]]
 
-        return json.dumps({"rows": flat("own"), "equal_count": self.equal_count, "equal_rows": flat("equal")}, indent=2) + "\n"
+        return (
+            json.dumps({"rows": flat("own"), "equal_count": self.equal_count, "equal_rows": flat("equal")}, indent=2)
+            + "\n"
+        )
 
 
 # ---- Command line ----
@@ -573,29 +697,83 @@ def parse_arguments(words):
         if own[i - 1] == "--rows":  # rows may begin with dashes
             own[i - 1 : i + 1] = [f"--rows={own[i]}"]
     built = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../build/pags")
-    p = Parser("ablation.py", allow_abbrev=False, description=__doc__.split("\n\n")[0],
-               epilog="Ctrl-C stops with everything saved; the same command resumes it. Any other option of pags train follows --, at the end.")
+    p = Parser(
+        "ablation.py",
+        allow_abbrev=False,
+        description=__doc__.split("\n\n")[0],
+        epilog="Ctrl-C stops with everything saved; the same command resumes it. Any other option of pags train follows --, at the end.",
+    )
     p.add_argument("dataset", metavar="DATASET", help="as for pags train")
-    p.add_argument("-o", "--output", metavar="TABLE", required=True,
-                   help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row; trainings are kept in TABLE.runs")
-    p.add_argument("-n", "--iterations", type=whole(1), default=5000, metavar="N", help="steps of each training [default %(default)s]")
-    p.add_argument("--rows", default="plain,sp,sd,sp+sd,spr,pdr,spr+pdr,default", metavar="NAME,...",
-                   help="rows of the table; NAME*K: with K seeds; parts joined by +, later ones win (docs/priority.md); any option of "
-                   "pags train: --NAME=VALUE or set:NAME=VALUE [default %(default)s]")
-    p.add_argument("--seeds", type=whole(1, MOST_SEEDS), default=1, metavar="K", help="repeat each row with K seeds [default %(default)s]")
+    p.add_argument(
+        "-o",
+        "--output",
+        metavar="TABLE",
+        required=True,
+        help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row; trainings are kept in TABLE.runs",
+    )
+    p.add_argument(
+        "-n",
+        "--iterations",
+        type=whole(1),
+        default=5000,
+        metavar="N",
+        help="steps of each training [default %(default)s]",
+    )
+    p.add_argument(
+        "--rows",
+        default="plain,sp,sd,sp+sd,spr,pdr,spr+pdr,default",
+        metavar="NAME,...",
+        help="rows of the table; NAME*K: with K seeds; parts joined by +, later ones win (docs/priority.md); any option of "
+        "pags train: --NAME=VALUE or set:NAME=VALUE [default %(default)s]",
+    )
+    p.add_argument(
+        "--seeds",
+        type=whole(1, MOST_SEEDS),
+        default=1,
+        metavar="K",
+        help="repeat each row with K seeds [default %(default)s]",
+    )
     p.add_argument("--seed", type=whole(0), default=0, metavar="N", help="the first seed [default %(default)s]")
-    p.add_argument("--equal-count", action="store_true", help="compare rows that prune at equal count, too: the smallest of their counts")
-    p.add_argument("--beside", metavar="ROW", help="train ROW once more just before each row, and give the ratio of both times: for machines whose speed changes")
-    p.add_argument("--moments", type=whole(1, MOST_MOMENTS), default=8, metavar="N",
-                   help="measure held-out quality N times, evenly over the steps [default %(default)s]")
-    p.add_argument("--moment-views", type=whole(1, 10**6), default=12, metavar="N", help="on N held-out views [default %(default)s]")
+    p.add_argument(
+        "--equal-count",
+        action="store_true",
+        help="compare rows that prune at equal count, too: the smallest of their counts",
+    )
+    p.add_argument(
+        "--beside",
+        metavar="ROW",
+        help="train ROW once more just before each row, and give the ratio of both times: for machines whose speed changes",
+    )
+    p.add_argument(
+        "--moments",
+        type=whole(1, MOST_MOMENTS),
+        default=8,
+        metavar="N",
+        help="measure held-out quality N times, evenly over the steps [default %(default)s]",
+    )
+    p.add_argument(
+        "--moment-views",
+        type=whole(1, 10**6),
+        default=12,
+        metavar="N",
+        help="on N held-out views [default %(default)s]",
+    )
     p.add_argument("--lpips-weights", metavar="FILE", help="as for pags eval [default: no LPIPS]")
     for name in PASSED:
         p.add_argument(f"--{name}", metavar="VALUE", help="for every row, as for pags train")
-    p.add_argument("-j", "--threads", type=whole(0, 256), default=0, metavar="N", help="threads [default: as affinity and cgroup allow]")
+    p.add_argument(
+        "-j",
+        "--threads",
+        type=whole(0, 256),
+        default=0,
+        metavar="N",
+        help="threads [default: as affinity and cgroup allow]",
+    )
     p.add_argument("--json", metavar="FILE|-", help="write the results as JSON to FILE, or to standard output")
     p.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
-    p.add_argument("--pags", default=os.path.normpath(built), metavar="PROGRAM", help="the program pags [default build/pags]")
+    p.add_argument(
+        "--pags", default=os.path.normpath(built), metavar="PROGRAM", help="the program pags [default build/pags]"
+    )
     p.add_argument("--check-options", action="store_true", help="check rows and options, do nothing")
     given = p.parse_args(own)
     if given.moments > given.iterations:
@@ -622,7 +800,10 @@ def main():
     except Interrupted:
         code, message = 3, "interrupted; the same command resumes from here"
     except (Failure, OSError) as error:
-        code, message = 1, f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
+        code, message = (
+            1,
+            f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error,
+        )
     if ablation:
         ablation.progress.clear()
     print(f"ablation.py: {message}", file=sys.stderr)

@@ -73,7 +73,9 @@ class Tables:
         write(f"{a.output}.csv", self.csv(list(FIGURES), lambda result: [result]))
         moment = ["step", "gaussians", "seconds", "cpu_seconds", *OF_MOMENT]
         text = self.csv(moment, lambda result: result["moments"])
-        write(f"{a.output}_curve.csv", text.replace(",seconds,cpu_seconds,", ",training_seconds,training_cpu_seconds,", 1))
+        write(
+            f"{a.output}_curve.csv", text.replace(",seconds,cpu_seconds,", ",training_seconds,training_cpu_seconds,", 1)
+        )
 
     def csv(self, columns, lines):
         text = io.StringIO()
@@ -95,14 +97,18 @@ class Tables:
     def markdown(self):
         a = self.ablation
         page = f"# Ablation on {os.path.basename(a.dataset)}, {a.iterations} steps\n\n"
-        page += ("Held-out views. PSNR in dB; C: critical, NC: not critical pixels; means of the seeds (largest less smallest in brackets). MB: the "
-                 "scene's files. Training: wall clock and processor time. Render, pairs: mean of a frame of the held-out views.\n\n")
+        page += (
+            "Held-out views. PSNR in dB; C: critical, NC: not critical pixels; means of the seeds (largest less smallest in brackets). MB: the "
+            "scene's files. Training: wall clock and processor time. Render, pairs: mean of a frame of the held-out views.\n\n"
+        )
         networks = sorted({r["lpips_network"] for results in self.own.values() for r in results if r["lpips_network"]})
         if networks:
             page += f"LPIPS is over {' and '.join(networks)}{', which can not be compared' if len(networks) > 1 else ''}.\n\n"
         if a.beside:
-            page += (f"s / s beside: wall clock of the training by that of `{a.beside.name}`, which was trained just before each row for it.\n\n")
-        spreads = [(FIGURES[q][0], cell(self.spread(q), FIGURES[q][2])) for q in QUALITIES if math.isfinite(self.spread(q))]
+            page += f"s / s beside: wall clock of the training by that of `{a.beside.name}`, which was trained just before each row for it.\n\n"
+        spreads = [
+            (FIGURES[q][0], cell(self.spread(q), FIGURES[q][2])) for q in QUALITIES if math.isfinite(self.spread(q))
+        ]
         if spreads:
             page += "Spread over seeds (largest less smallest, the largest of all rows that were repeated): "
             page += ", ".join(" ".join(s) for s in spreads) + ". A difference within it is called none.\n\n"
@@ -110,8 +116,10 @@ class Tables:
             page += "Each row was trained once: how much of a difference is chance is not known.\n\n"
         page += self.figures(self.own)
         if a.equal_count:
-            page += (f"\n## At equal count\n\nEach row that prunes by a score was pruned by it to {a.equal_count} Gaussians, the smallest of their "
-                     "counts, at the last prune, and trained on.\n\n") + self.figures(self.equal)
+            page += (
+                f"\n## At equal count\n\nEach row that prunes by a score was pruned by it to {a.equal_count} Gaussians, the smallest of their "
+                "counts, at the last prune, and trained on.\n\n"
+            ) + self.figures(self.equal)
         return page + self.equal_time() + self.options()
 
     def figures(self, sets):
@@ -142,7 +150,9 @@ class Tables:
             for figure in RATIOS:
                 mean, of = mean_and_range(results, figure)[0], mean_and_range(done[reference], figure)[0]
                 rows[-1].append(f"{mean / of:.2f}x" if of else "-")
-        return f"{page}\nAgainst `{reference}`:\n\n" + markdown_table(["row", *(FIGURES[f][0] for f in [*qualities, *RATIOS])], rows)
+        return f"{page}\nAgainst `{reference}`:\n\n" + markdown_table(
+            ["row", *(FIGURES[f][0] for f in [*qualities, *RATIOS])], rows
+        )
 
     def equal_time(self):
         """Table of the quality that each row had reached when the fastest row finished, and at half of that time."""
@@ -155,8 +165,10 @@ class Tables:
         for name, result in firsts.items():
             values = [quality_at(result["moments"], when, key) for key in OF_MOMENT for when in (end / 2, end)]
             rows.append([f"`{name}`", *(cell(value, 2) for value in values)])
-        return (f"\nAt equal time: what each row had reached after {end / 2:.0f} s and after {end:.0f} s of training, when the quickest was done (first "
-                f"seed, at most {self.ablation.moment_views} held-out views, between moments interpolated):\n\n") + markdown_table(heads, rows)
+        return (
+            f"\nAt equal time: what each row had reached after {end / 2:.0f} s and after {end:.0f} s of training, when the quickest was done (first "
+            f"seed, at most {self.ablation.moment_views} held-out views, between moments interpolated):\n\n"
+        ) + markdown_table(heads, rows)
 
     def options(self):
         common = f", each behind `{' '.join(self.ablation.train)}`" if self.ablation.train else ""
@@ -186,7 +198,9 @@ def write_plots(ablation):
     try:
         import matplotlib
     except ImportError:
-        ablation.progress.say(f"no {ablation.output}.svg: the plot needs matplotlib, which this Python lacks (python3 -m pip install matplotlib)")
+        ablation.progress.say(
+            f"no {ablation.output}.svg: the plot needs matplotlib, which this Python lacks (python3 -m pip install matplotlib)"
+        )
         return False
     matplotlib.use("Agg")
     matplotlib.rcParams["svg.fonttype"] = "none"
@@ -198,19 +212,39 @@ def write_plots(ablation):
     qualities = dict(list(qualities.items())[: 3 if critical else 1])
     panels = []
     for title, key in qualities.items():
-        lines = {name: [(m["seconds"], m[key]) for m in results[0]["moments"]] for name, results in own.items() if results}
+        lines = {
+            name: [(m["seconds"], m[key]) for m in results[0]["moments"]] for name, results in own.items() if results
+        }
         panels.append((f"{title} against training time", "seconds of training", "dB, held-out views", lines))
     for title, key in qualities.items():
-        lines = {name: [(1e-6 * result["pairs"], result[key]) for result in results] for name, results in own.items() if results}
+        lines = {
+            name: [(1e-6 * result["pairs"], result[key]) for result in results]
+            for name, results in own.items()
+            if results
+        }
         panels.append((f"{title} against pairs", "million pairs evaluated a frame", "dB, held-out views", lines))
     for title, rows in families(ablation.rows, "alpha=").items():
         for results, kind in [(own, ""), (ablation.results["equal"], ", at equal count")]:
             done = sorted([row for row in rows if results[row.name]], key=lambda row: row.alpha)
             if len(done) > 1:
-                lines = {q: [(row.alpha, mean_and_range(results[row.name], key)[0]) for row in done] for q, key in qualities.items()}
-                panels.append((f"Over alpha{kind}{title}", "alpha: the share of the semantic score", "PSNR, dB, held-out views", lines))
-    figures = [("PSNR, dB", "psnr", 1, 2), ("PSNR of critical pixels, dB", "psnr_critical", 1, 2),
-               ("thousands of Gaussians", "gaussians", 1e-3, 1), ("seconds of training", "training_seconds", 1, 0)]
+                lines = {
+                    q: [(row.alpha, mean_and_range(results[row.name], key)[0]) for row in done]
+                    for q, key in qualities.items()
+                }
+                panels.append(
+                    (
+                        f"Over alpha{kind}{title}",
+                        "alpha: the share of the semantic score",
+                        "PSNR, dB, held-out views",
+                        lines,
+                    )
+                )
+    figures = [
+        ("PSNR, dB", "psnr", 1, 2),
+        ("PSNR of critical pixels, dB", "psnr_critical", 1, 2),
+        ("thousands of Gaussians", "gaussians", 1e-3, 1),
+        ("seconds of training", "training_seconds", 1, 0),
+    ]
     for title, rows in families(ablation.rows, "rate=").items():
         for name, key, unit, decimals in figures if len(rows) > 1 else []:
             cells = {tuple(row.rates): unit * mean_and_range(own[row.name], key)[0] for row in rows}
@@ -224,7 +258,9 @@ def write_plots(ablation):
         axes.set(title=title, xlabel=x_name, ylabel=y_name)
         if isinstance(content, dict):
             for name, points in content.items():
-                axes.plot([x for x, _ in points], [math.nan if y is None else y for _, y in points], marker=".", label=name)
+                axes.plot(
+                    [x for x, _ in points], [math.nan if y is None else y for _, y in points], marker=".", label=name
+                )
             axes.legend(fontsize="small")
             continue
         cells, decimals = content
@@ -233,7 +269,9 @@ def write_plots(ablation):
         axes.set_xticks(range(len(hard)), hard)
         axes.set_yticks(range(len(soft)), soft)
         for (s, h), value in cells.items():
-            axes.text(hard.index(h), soft.index(s), cell(value, decimals), ha="center", va="center", backgroundcolor="white")
+            axes.text(
+                hard.index(h), soft.index(s), cell(value, decimals), ha="center", va="center", backgroundcolor="white"
+            )
     text = io.StringIO()
     figure.savefig(text, format="svg")
     pyplot.close(figure)

@@ -29,11 +29,18 @@ def payload(folder):
     for name in sorted(files):
         hashed.update(name.encode() + b"\0" + hashlib.sha256(files[name]).digest())
     log = [json.loads(line) for line in files["log.jsonl"].decode().splitlines()]
-    return hashed.hexdigest()[:16], len(files), sum("split" in line for line in log), sum("pruned_by_score" in line for line in log)
+    return (
+        hashed.hexdigest()[:16],
+        len(files),
+        sum("split" in line for line in log),
+        sum("pruned_by_score" in line for line in log),
+    )
 
 
 def run(command, ranks):
-    done = mpirun.run(ranks, command, timeout=None) if ranks else subprocess.run(command, capture_output=True, text=True)
+    done = (
+        mpirun.run(ranks, command, timeout=None) if ranks else subprocess.run(command, capture_output=True, text=True)
+    )
     if done.returncode:
         sys.exit(f"{' '.join(command)}: {done.stderr}")
 
@@ -42,7 +49,9 @@ def kill(command, folder):
     """Kills one of 4 ranks a little after the first checkpoint."""
     process = mpirun.start(4, command)
     path = os.path.join(folder, "checkpoint.pags")
-    wait_for(lambda: process.poll() is not None or (os.path.exists(path) and open(path, "rb").read(1) == b"{"), seconds=36000)
+    wait_for(
+        lambda: process.poll() is not None or (os.path.exists(path) and open(path, "rb").read(1) == b"{"), seconds=36000
+    )
     time.sleep(random.uniform(0, 2))
     rank = random.randrange(4)
     ranks = children_of(process.pid)
@@ -66,10 +75,30 @@ def main():
     os.makedirs(arguments.folder, exist_ok=True)
 
     def command(name, threads, *more):
-        return [arguments.pags, "train", arguments.dataset, "-o", os.path.join(arguments.folder, name), "--iterations", str(arguments.iterations),
-                "--batch", "4", "--log-every", "10", "--preview-every", "0", "--threads", str(threads), "-q", *options, *more]
+        return [
+            arguments.pags,
+            "train",
+            arguments.dataset,
+            "-o",
+            os.path.join(arguments.folder, name),
+            "--iterations",
+            str(arguments.iterations),
+            "--batch",
+            "4",
+            "--log-every",
+            "10",
+            "--preview-every",
+            "0",
+            "--threads",
+            str(threads),
+            "-q",
+            *options,
+            *more,
+        ]
 
-    print(f"{arguments.dataset}, {arguments.iterations} photographs, 4 a step {' '.join(options)}\nranks threads seconds payload           files splits prunes")
+    print(
+        f"{arguments.dataset}, {arguments.iterations} photographs, 4 a step {' '.join(options)}\nranks threads seconds payload           files splits prunes"
+    )
     first, different = None, 0
     for name in ["one", *arguments.runs.split(",")]:
         since, folder = time.monotonic(), os.path.join(arguments.folder, name.replace(">", "-"))
@@ -88,7 +117,10 @@ def main():
         found = payload(folder)
         first = first or found
         different += found != first
-        print(f"{label:<13s} {time.monotonic() - since:7.0f} {found[0]}  {found[1]:5d} {found[2]:6d} {found[3]:6d}{'' if found == first else '   DIFFERENT'}", flush=True)
+        print(
+            f"{label:<13s} {time.monotonic() - since:7.0f} {found[0]}  {found[1]:5d} {found[2]:6d} {found[3]:6d}{'' if found == first else '   DIFFERENT'}",
+            flush=True,
+        )
     if not (first[2] and first[3]):
         sys.exit("nothing was split, or nothing pruned by score: this shows little")
     print("all the same" if not different else f"{different} runs differ")

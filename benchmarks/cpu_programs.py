@@ -41,7 +41,14 @@ class Missing(Exception):
 
 def run(*command, environment=None, stdin=None, timeout=3600):
     """Standard output of a program that must succeed."""
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=timeout, input=stdin, env={**os.environ, **(environment or {})})
+    done = subprocess.run(
+        [str(c) for c in command],
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        input=stdin,
+        env={**os.environ, **(environment or {})},
+    )
     if done.returncode:
         told = (done.stderr.strip() or done.stdout.strip()).splitlines()[-3:]
         raise Missing(f"{os.path.basename(str(command[0]))} ended with {done.returncode}: {' / '.join(told)[:300]}")
@@ -65,7 +72,9 @@ def prepare(args, folder):
             scene = json.load(file)
         views = [v for v in scene["cameras"] if args.view in (None, v["name"])]
         if not views:
-            sys.exit(f"cpu_programs: {args.scene}: no view is named {args.view}; there are {scene['cameras'][0]['name']} and others")
+            sys.exit(
+                f"cpu_programs: {args.scene}: no view is named {args.view}; there are {scene['cameras'][0]['name']} and others"
+            )
         view, begin = views[len(views) // 2], scene.get("time", [0])[0]
         run(pags, "export", args.scene, ply, "--time", view.get("time", begin) - begin, "-q")
         origin = scene.get("origin", [0, 0, 0])
@@ -76,12 +85,23 @@ def prepare(args, folder):
             view, origin = json.load(file), [0, 0, 0]
         shutil.copyfile(args.scene, ply)
     width, height = (int(view[key] / args.downscale) for key in ("width", "height"))
-    lens = {"width": width, "height": height, "fx": view["fx"] / args.downscale, "fy": view["fx"] / args.downscale, "cx": width / 2, "cy": height / 2}
+    lens = {
+        "width": width,
+        "height": height,
+        "fx": view["fx"] / args.downscale,
+        "fy": view["fx"] / args.downscale,
+        "cx": width / 2,
+        "cy": height / 2,
+    }
     camera = {**lens, **{key: view[key] for key in POSE}}
     rows, t = camera_from_world(camera)
-    camera[POSE[1]] = [t[i] + sum(rows[i][k] * origin[k] for k in range(3)) for i in range(3)]  # in the file's coordinates
+    camera[POSE[1]] = [
+        t[i] + sum(rows[i][k] * origin[k] for k in range(3)) for i in range(3)
+    ]  # in the file's coordinates
     moved = {**camera, POSE[1]: [v + (MOVED if i == 2 else 0) for i, v in enumerate(camera[POSE[1]])]}
-    paths = [write(os.path.join(folder, name), value) for name, value in (("camera.json", camera), ("moved.json", moved))]
+    paths = [
+        write(os.path.join(folder, name), value) for name, value in (("camera.json", camera), ("moved.json", moved))
+    ]
     return ply, paths[0], camera, moved
 
 
@@ -104,7 +124,11 @@ def read_picture(path):
     width, height, channels, bits, data = fixtures.read_png(path)
     values = data if bits == 8 else [256 * data[i] + data[i + 1] for i in range(0, len(data), 2)]
     colours = min(channels, 3)
-    return width, height, [values[channels * i + c] / (2**bits - 1) for i in range(width * height) for c in range(colours)]
+    return (
+        width,
+        height,
+        [values[channels * i + c] / (2**bits - 1) for i in range(width * height) for c in range(colours)],
+    )
 
 
 def errors(path, exact):
@@ -115,7 +139,11 @@ def errors(path, exact):
     cut = lambda v: min(1.0, max(0.0, v))  # noqa: E731
     apart = [abs(cut(a) - cut(b)) for a, b in zip(values, exact[2])]
     square = sum(d * d for d in apart) / len(apart)
-    return {"psnr": 10 * math.log10(1 / max(square, 1e-20)), "mean": 255 * sum(apart) / len(apart), "largest": 255 * max(apart)}
+    return {
+        "psnr": 10 * math.log10(1 / max(square, 1e-20)),
+        "mean": 255 * sum(apart) / len(apart),
+        "largest": 255 * max(apart),
+    }
 
 
 # ---- Rows: each measures once and returns ms, of every frame, and what else it knows ----
@@ -124,13 +152,45 @@ def errors(path, exact):
 def pags_row(mode, threads):
     def measure(job):
         bench = os.path.join(job["build"], "pags-bench")
-        told = run(bench, "render", job["ply"], "--path", job["camera_file"], "-n", 1, "-r", job["frames"], "--modes", mode, "-j", threads, "--json", "-", "-q")
+        told = run(
+            bench,
+            "render",
+            job["ply"],
+            "--path",
+            job["camera_file"],
+            "-n",
+            1,
+            "-r",
+            job["frames"],
+            "--modes",
+            mode,
+            "-j",
+            threads,
+            "--json",
+            "-",
+            "-q",
+        )
         found = json.loads(told)
         picked = next(m for m in found["sizes"][0]["modes"] if m["mode"].split("=")[0] == mode)
-        run(os.path.join(job["build"], "pags"), "render", job["ply"], "--camera", job["camera_file"], "-o", os.path.join(job["folder"], mode), "--bits", 16,
-            "--early-z", mode, "-q")
-        return {"ms": [picked["ms"]["frame"]["median"]], "picture": os.path.join(job["folder"], mode, "00000.png"),
-                "version": run(os.path.join(job["build"], "pags"), "--version").split()[1]}
+        run(
+            os.path.join(job["build"], "pags"),
+            "render",
+            job["ply"],
+            "--camera",
+            job["camera_file"],
+            "-o",
+            os.path.join(job["folder"], mode),
+            "--bits",
+            16,
+            "--early-z",
+            mode,
+            "-q",
+        )
+        return {
+            "ms": [picked["ms"]["frame"]["median"]],
+            "picture": os.path.join(job["folder"], mode, "00000.png"),
+            "version": run(os.path.join(job["build"], "pags"), "--version").split()[1],
+        }
 
     return measure
 
@@ -179,14 +239,31 @@ def opensplat_data(job, folder):
     for name, aside in (("held.png", 0), ("left.png", -1), ("right.png", 1)):
         shutil.copyfile(os.path.join(job["folder"], "lossless-8", "00000.png"), os.path.join(folder, "images", name))
         place = [eye[0] + aside, eye[1], eye[2]]
-        pose = [[rows[0][k], -rows[1][k], -rows[2][k], place[k]] for k in range(3)] + [[0, 0, 0, 1]]  # OpenGL's axes: right, up, back
+        pose = [[rows[0][k], -rows[1][k], -rows[2][k], place[k]] for k in range(3)] + [
+            [0, 0, 0, 1]
+        ]  # OpenGL's axes: right, up, back
         frames.append({"file_path": f"images/{name}", "transform_matrix": pose})
-    lens = {"w": camera["width"], "h": camera["height"], "fl_x": camera["fx"], "fl_y": camera["fy"], "cx": camera["cx"], "cy": camera["cy"]}
-    write(os.path.join(folder, "transforms.json"), {**lens, "camera_model": "OPENCV", "ply_file_path": "points.ply", "frames": frames})
+    lens = {
+        "w": camera["width"],
+        "h": camera["height"],
+        "fl_x": camera["fx"],
+        "fl_y": camera["fy"],
+        "cx": camera["cx"],
+        "cy": camera["cy"],
+    }
+    write(
+        os.path.join(folder, "transforms.json"),
+        {**lens, "camera_model": "OPENCV", "ply_file_path": "points.ply", "frames": frames},
+    )
     points = "".join(f"{eye[0] + i % 3} {eye[1] + i // 3} {eye[2] + i % 2} 128 128 128\n" for i in range(9))
     with open(os.path.join(folder, "points.ply"), "w", encoding="ascii") as file:
-        file.write("ply\nformat ascii 1.0\nelement vertex 9\n" + "".join(f"property float {c}\n" for c in "xyz")
-                   + "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")) + "end_header\n" + points)
+        file.write(
+            "ply\nformat ascii 1.0\nelement vertex 9\n"
+            + "".join(f"property float {c}\n" for c in "xyz")
+            + "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
+            + "end_header\n"
+            + points
+        )
 
 
 def opensplat_row(job):
@@ -197,11 +274,30 @@ def opensplat_row(job):
     folder, drawn = os.path.join(job["folder"], "opensplat"), min(2, job["frames"])
     opensplat_data(job, folder)
     degree = with_step(job["ply"], os.path.join(folder, "begin.ply"))
-    command = [program, folder, "--cpu", "--keep-crs", "--resume", os.path.join(folder, "begin.ply"), "-o", os.path.join(folder, "end.ply"),
-               "-n", STEP + 10 * drawn - 8, "--num-downscales", 0, "--sh-degree", max(1, degree), "--val-image", "held.png",
-               "--val-render", os.path.join(folder, "drawn")]
+    command = [
+        program,
+        folder,
+        "--cpu",
+        "--keep-crs",
+        "--resume",
+        os.path.join(folder, "begin.ply"),
+        "-o",
+        os.path.join(folder, "end.ply"),
+        "-n",
+        STEP + 10 * drawn - 8,
+        "--num-downscales",
+        0,
+        "--sh-degree",
+        max(1, degree),
+        "--val-image",
+        "held.png",
+        "--val-render",
+        os.path.join(folder, "drawn"),
+    ]
     began, told = {}, []
-    with subprocess.Popen([str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+    with subprocess.Popen(
+        [str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
         for line in process.stdout:
             now = time.perf_counter()
             told.append(line.strip())
@@ -229,26 +325,57 @@ def browser_row(viewer, driver):
         if not os.path.isfile(os.path.join(modules, package, "package.json")):
             raise Missing(f"no {package} ({'--modules' if viewer == 'splats3d' else 'make setup'})")
         picture = os.path.join(job["folder"], f"{viewer}-{driver}.png")
-        path = write(os.path.join(job["folder"], f"{viewer}-{driver}.json"), {
-            "viewer": viewer, "driver": driver, "file": job["ply"], "modules": job["modules"] or "", "frames": job["frames"],
-            "camera": seen(job["camera"]), "moved": seen(job["moved"]), "picture": picture})
+        path = write(
+            os.path.join(job["folder"], f"{viewer}-{driver}.json"),
+            {
+                "viewer": viewer,
+                "driver": driver,
+                "file": job["ply"],
+                "modules": job["modules"] or "",
+                "frames": job["frames"],
+                "camera": seen(job["camera"]),
+                "moved": seen(job["moved"]),
+                "picture": picture,
+            },
+        )
         software = {"LIBGL_ALWAYS_SOFTWARE": "1", "GALLIUM_DRIVER": "llvmpipe"} if driver == "llvmpipe" else {}
-        found = json.loads(run(node, os.path.join(HERE, "cpu_programs.mjs"), chromium, path, environment=software).splitlines()[-1])
+        found = json.loads(
+            run(node, os.path.join(HERE, "cpu_programs.mjs"), chromium, path, environment=software).splitlines()[-1]
+        )
         with open(os.path.join(modules, package, "package.json"), encoding="utf-8") as file:
             version = json.load(file)["version"]
-        return {"ms": found["ms"], "moved": found["moved"], "picture": picture, "version": version, "on": found["driver"], "browser": found["browser"]}
+        return {
+            "ms": found["ms"],
+            "moved": found["moved"],
+            "picture": picture,
+            "version": version,
+            "on": found["driver"],
+            "browser": found["browser"],
+        }
 
     return measure
 
 
-PACKAGES = {"babylon": "@babylonjs/core", "spark": "@sparkjsdev/spark", "playcanvas": "playcanvas", "splats3d": "@mkkellogg/gaussian-splats-3d"}
+PACKAGES = {
+    "babylon": "@babylonjs/core",
+    "spark": "@sparkjsdev/spark",
+    "playcanvas": "playcanvas",
+    "splats3d": "@mkkellogg/gaussian-splats-3d",
+}
 
 
 def seen(camera):
     """A camera as tests/outside/viewers.mjs takes it."""
     rows, t = camera_from_world(camera)
     eye = [-sum(rows[i][k] * t[i] for i in range(3)) for k in range(3)]
-    return {**{key: camera[key] for key in LENS}, "eye": eye, "right": rows[0], "down": rows[1], "forward": rows[2], "near": NEAR}
+    return {
+        **{key: camera[key] for key in LENS},
+        "eye": eye,
+        "right": rows[0],
+        "down": rows[1],
+        "forward": rows[2],
+        "near": NEAR,
+    }
 
 
 # ---- The table ----
@@ -259,9 +386,18 @@ def rows_of(args):
     both = sorted({1, args.threads})
     listed = [("PAGS", mode, n, pags_row(mode, n)) for mode in ("lossless", "bounded") for n in both]
     listed.append(("OpenSplat", "a held-out view", args.threads, opensplat_row))
-    for viewer, name in (("babylon", "Babylon.js"), ("spark", "Spark"), ("playcanvas", "PlayCanvas"), ("splats3d", "GaussianSplats3D")):
+    for viewer, name in (
+        ("babylon", "Babylon.js"),
+        ("spark", "Spark"),
+        ("playcanvas", "PlayCanvas"),
+        ("splats3d", "GaussianSplats3D"),
+    ):
         listed += [(name, driver, args.threads, browser_row(viewer, driver)) for driver in ("swiftshader", "llvmpipe")]
-    return [row for row in listed if not args.only or any(word.lower() in f"{row[0]} {row[1]}".lower() for word in args.only.split(","))]
+    return [
+        row
+        for row in listed
+        if not args.only or any(word.lower() in f"{row[0]} {row[1]}".lower() for word in args.only.split(","))
+    ]
 
 
 def measure_all(args, job):
@@ -271,7 +407,11 @@ def measure_all(args, job):
         for at, (program, how, threads, measure) in enumerate(listed):
             if at in missing:
                 continue
-            print(f"round {number + 1}: {program}, {how}, {threads} thread{'s' if threads > 1 else ''}", file=sys.stderr, flush=True)
+            print(
+                f"round {number + 1}: {program}, {how}, {threads} thread{'s' if threads > 1 else ''}",
+                file=sys.stderr,
+                flush=True,
+            )
             try:
                 rounds.setdefault(at, []).append(measure(job))
             except (Missing, OSError, ValueError, KeyError, IndexError, subprocess.TimeoutExpired) as error:
@@ -289,16 +429,36 @@ def measure_all(args, job):
             missing[at] = str(problem)
             continue
         middle = lambda key: statistics.median(statistics.median(m[key]) for m in measured)  # noqa: E731
-        found.append({"program": program, "how": how, "threads": threads, **{key: last.get(key, "") for key in ("version", "on", "browser")},
-                      "ms": middle("ms"), "moved_ms": middle("moved") if "moved" in last else None, **error, "step_ms": last.get("step_ms"),
-                      "rounds_ms": [statistics.median(m["ms"]) for m in measured]})
+        found.append(
+            {
+                "program": program,
+                "how": how,
+                "threads": threads,
+                **{key: last.get(key, "") for key in ("version", "on", "browser")},
+                "ms": middle("ms"),
+                "moved_ms": middle("moved") if "moved" in last else None,
+                **error,
+                "step_ms": last.get("step_ms"),
+                "rounds_ms": [statistics.median(m["ms"]) for m in measured],
+            }
+        )
     return found, [{"program": listed[at][0], "how": listed[at][1], "why": why} for at, why in sorted(missing.items())]
 
 
 def reference(job, name, background):
     path = os.path.join(job["folder"], name)
-    run(os.path.join(job["build"], "pags-bench"), "reference", job["ply"], "--camera", job["camera_file"], "-o", path, "-q", "--background",
-        ",".join(map(str, background)))
+    run(
+        os.path.join(job["build"], "pags-bench"),
+        "reference",
+        job["ply"],
+        "--camera",
+        job["camera_file"],
+        "-o",
+        path,
+        "-q",
+        "--background",
+        ",".join(map(str, background)),
+    )
     return read_pfm(path)
 
 
@@ -310,16 +470,21 @@ def processor():
 def markdown(found, missing, job, args):
     camera = job["camera"]
     name = os.path.basename(os.path.normpath(args.scene))
-    lines = [f"{name}: {job['count']:,} Gaussians, {camera['width']}x{camera['height']}; {processor()}, {args.threads} threads, "
-             f"load {job['load']:.1f} before, {os.getloadavg()[0]:.1f} after; medians of {job['frames']} frames, {args.rounds} rounds by turns. Command: "
-             f"`{' '.join(os.path.basename(word.rstrip('/')) for word in sys.argv)}`", "",
-             "| program | version | by | threads | ms a frame | after the camera moved, ms | PSNR, dB | mean error, 1/255 | largest |",
-             "|---|---|---|---|---|---|---|---|---|"]
+    lines = [
+        f"{name}: {job['count']:,} Gaussians, {camera['width']}x{camera['height']}; {processor()}, {args.threads} threads, "
+        f"load {job['load']:.1f} before, {os.getloadavg()[0]:.1f} after; medians of {job['frames']} frames, {args.rounds} rounds by turns. Command: "
+        f"`{' '.join(os.path.basename(word.rstrip('/')) for word in sys.argv)}`",
+        "",
+        "| program | version | by | threads | ms a frame | after the camera moved, ms | PSNR, dB | mean error, 1/255 | largest |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
     for row in found:
         moved = "the same" if row["moved_ms"] is None else f"{row['moved_ms']:.0f}"
         ms = f"{row['ms']:.1f}" if row["ms"] < 100 else f"{row['ms']:,.0f}"
-        lines.append(f"| {row['program']} | {row['version']} | {row['how']} | {row['threads']} | {ms} | {moved} "
-                     f"| {row['psnr']:.1f} | {row['mean']:.3f} | {row['largest']:.1f} |")
+        lines.append(
+            f"| {row['program']} | {row['version']} | {row['how']} | {row['threads']} | {ms} | {moved} "
+            f"| {row['psnr']:.1f} | {row['mean']:.3f} | {row['largest']:.1f} |"
+        )
     drivers = sorted({f"{row['how']} is {row['on']} in {row['browser']}" for row in found if row["on"]})
     left_out = "; ".join(f"{row['program']}, {row['how']}: {row['why']}" for row in missing) or "none"
     lines += ["", *([f"By: {'; '.join(drivers)}.", ""] if drivers else []), f"Left out: {left_out}."]
@@ -333,28 +498,59 @@ def main():
     parser.add_argument("-o", "--output", metavar="TABLE", required=True)
     parser.add_argument("--view", metavar="NAME", help="of a scene folder [default: the middle one]")
     parser.add_argument("--camera", metavar="FILE", help="of a splat file")
-    parser.add_argument("--downscale", type=float, default=1.0, metavar="F", help="shrink the picture [times; default 1]")
-    parser.add_argument("--frames", type=int, default=20, metavar="N", help="timed in a round, fewer where they take more than 20 s [default 20]")
+    parser.add_argument(
+        "--downscale", type=float, default=1.0, metavar="F", help="shrink the picture [times; default 1]"
+    )
+    parser.add_argument(
+        "--frames",
+        type=int,
+        default=20,
+        metavar="N",
+        help="timed in a round, fewer where they take more than 20 s [default 20]",
+    )
     parser.add_argument("--rounds", type=int, default=2, metavar="N", help="of all rows by turns [default 2]")
-    parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="of the machine, as the table says [default: all]")
+    parser.add_argument(
+        "--threads",
+        type=int,
+        default=len(os.sched_getaffinity(0)),
+        metavar="N",
+        help="of the machine, as the table says [default: all]",
+    )
     parser.add_argument("--only", metavar="WORD,...", help="rows whose name has one of these words")
     parser.add_argument("--opensplat", metavar="PROGRAM")
     parser.add_argument("--modules", metavar="FOLDER", help="node modules beside those of tests/outside")
     args = parser.parse_args()
     folder = os.path.abspath(args.output + ".work")
     os.makedirs(folder, exist_ok=True)
-    job = {"build": os.path.abspath(args.build), "folder": folder, "frames": args.frames, "opensplat": args.opensplat,
-           "modules": args.modules and os.path.abspath(args.modules), "load": os.getloadavg()[0]}
+    job = {
+        "build": os.path.abspath(args.build),
+        "folder": folder,
+        "frames": args.frames,
+        "opensplat": args.opensplat,
+        "modules": args.modules and os.path.abspath(args.modules),
+        "load": os.getloadavg()[0],
+    }
     try:
         job["ply"], job["camera_file"], job["camera"], job["moved"] = prepare(args, folder)
         job["exact"] = reference(job, "reference.pfm", (0, 0, 0))
-        run(os.path.join(job["build"], "pags"), "render", job["ply"], "--camera", job["camera_file"], "-o", os.path.join(folder, "lossless-8"), "-q")
+        run(
+            os.path.join(job["build"], "pags"),
+            "render",
+            job["ply"],
+            "--camera",
+            job["camera_file"],
+            "-o",
+            os.path.join(folder, "lossless-8"),
+            "-q",
+        )
     except Missing as error:
         sys.exit(f"cpu_programs: {error}")
     with open(job["ply"], "rb") as file:
         job["count"] = next(int(line.split()[-1]) for line in file if line.startswith(b"element vertex"))
     found, missing = measure_all(args, job)
-    write(args.output + ".json", {"rows": found, "left_out": missing, "camera": job["camera"], "gaussians": job["count"]})
+    write(
+        args.output + ".json", {"rows": found, "left_out": missing, "camera": job["camera"], "gaussians": job["count"]}
+    )
     text = markdown(found, missing, job, args)
     with open(args.output + ".md", "w", encoding="utf-8") as file:
         file.write(text)

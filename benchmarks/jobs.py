@@ -47,11 +47,18 @@ def perf_refusal():
     if not shutil.which("perf"):
         return "there is no program perf"
     with tempfile.NamedTemporaryFile("r") as file:
-        done = subprocess.run(["perf", "stat", "-x", ",", "-e", "cache-misses", "-o", file.name, "--", sys.executable, "-c", ""],
-                              capture_output=True, text=True)
+        done = subprocess.run(
+            ["perf", "stat", "-x", ",", "-e", "cache-misses", "-o", file.name, "--", sys.executable, "-c", ""],
+            capture_output=True,
+            text=True,
+        )
         if done.returncode:
             return f"perf says: {(done.stderr.strip().splitlines() or ['no message'])[0]}"
-        return None if misses_of(file.read()) is not None else "perf doesn't support the event cache-misses on this machine"
+        return (
+            None
+            if misses_of(file.read()) is not None
+            else "perf doesn't support the event cache-misses on this machine"
+        )
 
 
 def misses_of(text):
@@ -93,11 +100,23 @@ class Jobs:
         before, begun = cpu_seconds(), time.monotonic()
         for i, command in enumerate(commands):
             with open(os.path.join(folder, f"{i}.err"), "w") as errors:
-                self.children.append(subprocess.Popen(command, stdout=subprocess.DEVNULL if i else subprocess.PIPE, stderr=errors, text=True,
-                                                      start_new_session=True, preexec_fn=die_with_parent))
+                self.children.append(
+                    subprocess.Popen(
+                        command,
+                        stdout=subprocess.DEVNULL if i else subprocess.PIPE,
+                        stderr=errors,
+                        text=True,
+                        start_new_session=True,
+                        preexec_fn=die_with_parent,
+                    )
+                )
         if self.interrupted:
             self.stop()
-        threading.Thread(target=lambda lines: [on_line(line.rstrip("\n")) for line in lines], args=[self.children[0].stdout], daemon=True).start()
+        threading.Thread(
+            target=lambda lines: [on_line(line.rstrip("\n")) for line in lines],
+            args=[self.children[0].stdout],
+            daemon=True,
+        ).start()
         failed, numbers = None, {child.pid: i for i, child in enumerate(self.children)}
         while numbers:
             ended = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOWAIT).si_pid  # whichever ends first
@@ -142,7 +161,9 @@ class Measurements:
         if not os.path.exists(path):
             write(path, json.dumps(settings, indent=1) + "\n")
         elif read_json(path) != settings:
-            raise Failure(f"{path}: says that the measurements there are of another data set or other options; expected the same, or another -o TABLE")
+            raise Failure(
+                f"{path}: says that the measurements there are of another data set or other options; expected the same, or another -o TABLE"
+            )
 
     def path(self, row, number):
         return os.path.join(self.folder, f"{row[0]}x{row[1]}_round-{number + 1}.json")
@@ -159,7 +180,16 @@ class Measurements:
         with tempfile.TemporaryDirectory(dir=self.folder, prefix="jobs-") as folder:
             commands = []
             for i in range(jobs):
-                train = [self.program, "train", self.dataset, "-o", f"{folder}/scene-{i}", *self.train, "--threads", str(threads)]
+                train = [
+                    self.program,
+                    "train",
+                    self.dataset,
+                    "-o",
+                    f"{folder}/scene-{i}",
+                    *self.train,
+                    "--threads",
+                    str(threads),
+                ]
                 train += ["--checkpoint-every", "0", "--preview-every", "0", "--json", f"{folder}/{i}.json"]
                 count = ["perf", "stat", "-x", ",", "-e", "cache-misses", "-o", f"{folder}/{i}.perf", "--"]
                 commands.append(train if self.refusal else count + train)
@@ -173,9 +203,17 @@ class Measurements:
                         counts.append(misses_of(file.read()))
                 misses = None if None in counts else sum(counts)
         peaks = [report["peak_rss_bytes"] for report in reports]
-        figures = {"seconds": seconds, "processor_seconds": processor, "peak_bytes": max(peaks), "peak_bytes_sum": sum(peaks),
-                   "cache_misses": misses, "gaussians": sorted({report["gaussians"] for report in reports}), "processors": processors(),
-                   "machine": processor_name(), "load_before": load}
+        figures = {
+            "seconds": seconds,
+            "processor_seconds": processor,
+            "peak_bytes": max(peaks),
+            "peak_bytes_sum": sum(peaks),
+            "cache_misses": misses,
+            "gaussians": sorted({report["gaussians"] for report in reports}),
+            "processors": processors(),
+            "machine": processor_name(),
+            "load_before": load,
+        }
         write(self.path(row, number), json.dumps(figures, indent=1) + "\n")
         self.progress.say(f"{place}: {seconds:.1f} s, {3600 * jobs / seconds:.1f} jobs an hour")
 
@@ -187,8 +225,10 @@ class Measurements:
                 self.found[row].append(read_json(self.path(row, number)))
         counts = {tuple(figures["gaussians"]) for of_row in self.found.values() for figures in of_row}
         if len(counts) != 1 or len(next(iter(counts))) != 1:
-            raise Failure(f"{self.folder}: expected every job to end with the same Gaussians, found {sorted(counts)}: the measurements are of "
-                          "different programs, or this one is broken")
+            raise Failure(
+                f"{self.folder}: expected every job to end with the same Gaussians, found {sorted(counts)}: the measurements are of "
+                "different programs, or this one is broken"
+            )
         text = self.table()
         write(f"{self.output}.md", text)
         sys.stdout.write(text)
@@ -201,11 +241,28 @@ class Measurements:
             jobs, threads = row
             misses = [f["cache_misses"] for f in found]
             traffic = "not counted" if None in misses else f"{LINE * 1e-9 * mean(misses) / jobs:.1f}"
-            rows.append([f"{jobs} x {threads}", span([f["seconds"] for f in found], 1), span([3600 * jobs / f["seconds"] for f in found], 1),
-                         f"{rates[row] / rates[self.rows[-1]]:.2f}", f"{mean([f['processor_seconds'] for f in found]) / jobs:.1f}",
-                         f"{1e-6 * max(f['peak_bytes'] for f in found):.0f}", f"{1e-6 * max(f['peak_bytes_sum'] for f in found):.0f}", traffic])
-        heads = ["jobs x threads", "wall s", "jobs an hour", f"against {self.rows[-1][0]} x {self.rows[-1][1]}", "processor s a job", "peak MB a job",
-                 "peak MB in all", "GB of cache misses a job"]
+            rows.append(
+                [
+                    f"{jobs} x {threads}",
+                    span([f["seconds"] for f in found], 1),
+                    span([3600 * jobs / f["seconds"] for f in found], 1),
+                    f"{rates[row] / rates[self.rows[-1]]:.2f}",
+                    f"{mean([f['processor_seconds'] for f in found]) / jobs:.1f}",
+                    f"{1e-6 * max(f['peak_bytes'] for f in found):.0f}",
+                    f"{1e-6 * max(f['peak_bytes_sum'] for f in found):.0f}",
+                    traffic,
+                ]
+            )
+        heads = [
+            "jobs x threads",
+            "wall s",
+            "jobs an hour",
+            f"against {self.rows[-1][0]} x {self.rows[-1][1]}",
+            "processor s a job",
+            "peak MB a job",
+            "peak MB in all",
+            "GB of cache misses a job",
+        ]
         page = f"# Jobs an hour: {os.path.basename(self.dataset)}\n\n"
         page += f"`pags train {' '.join(self.train)}`, {first['gaussians'][0]} Gaussians at the end; {first['machine']}, {first['processors']} "
         page += f"processors for this process; {self.rounds} round{'s' if self.rounds > 1 else ''}, load before each measurement "
@@ -215,8 +272,10 @@ class Measurements:
         if self.refusal:
             page += f"\nMemory traffic wasn't counted: {self.refusal}.\n"
         else:
-            page += (f"\nMemory traffic: cache misses as perf counts them, {LINE} bytes each; of which cache, and whether with what was fetched ahead, is "
-                     "the processor's (Intel: the last level; AMD: the second).\n")
+            page += (
+                f"\nMemory traffic: cache misses as perf counts them, {LINE} bytes each; of which cache, and whether with what was fetched ahead, is "
+                "the processor's (Intel: the last level; AMD: the second).\n"
+            )
         return page
 
 
@@ -242,16 +301,39 @@ def parse_arguments(words):
     if "--" in words:
         own, rest = words[: words.index("--")], words[words.index("--") + 1 :]
     built = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../build/pags")
-    p = Parser("jobs.py", allow_abbrev=False, description=__doc__.split("\n\n")[0],
-               epilog="Ctrl-C stops; the same command resumes it. Options of pags train follow --, at the end.")
+    p = Parser(
+        "jobs.py",
+        allow_abbrev=False,
+        description=__doc__.split("\n\n")[0],
+        epilog="Ctrl-C stops; the same command resumes it. Options of pags train follow --, at the end.",
+    )
     p.add_argument("dataset", metavar="DATASET", help="as for pags train")
-    p.add_argument("-o", "--output", metavar="TABLE", required=True, help="write TABLE.md; measurements are kept in TABLE.runs")
-    p.add_argument("-n", "--iterations", type=whole(1), default=1000, metavar="N", help="steps of each training [default %(default)s]")
+    p.add_argument(
+        "-o", "--output", metavar="TABLE", required=True, help="write TABLE.md; measurements are kept in TABLE.runs"
+    )
+    p.add_argument(
+        "-n",
+        "--iterations",
+        type=whole(1),
+        default=1000,
+        metavar="N",
+        help="steps of each training [default %(default)s]",
+    )
     p.add_argument("--rows", metavar="JxT,...", help="J jobs of T threads each [default: of all T processors, Tx1,1xT]")
-    p.add_argument("--rounds", type=whole(1, 100), default=2, metavar="R", help="measure each row R times, by turns [default %(default)s]")
-    p.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of every job: all do the same work [default %(default)s]")
+    p.add_argument(
+        "--rounds",
+        type=whole(1, 100),
+        default=2,
+        metavar="R",
+        help="measure each row R times, by turns [default %(default)s]",
+    )
+    p.add_argument(
+        "--seed", type=whole(0), default=0, metavar="N", help="of every job: all do the same work [default %(default)s]"
+    )
     p.add_argument("-q", "--quiet", action="store_true", help="print the table and errors only")
-    p.add_argument("--pags", default=os.path.normpath(built), metavar="PROGRAM", help="the program pags [default build/pags]")
+    p.add_argument(
+        "--pags", default=os.path.normpath(built), metavar="PROGRAM", help="the program pags [default build/pags]"
+    )
     return p.parse_args(own), rest
 
 
@@ -266,7 +348,10 @@ def main():
     except Interrupted:
         code, message = 3, "interrupted; the same command resumes from here"
     except (Failure, OSError) as error:
-        code, message = 1, f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
+        code, message = (
+            1,
+            f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error,
+        )
     if measurements:
         measurements.progress.clear()
     print(f"jobs.py: {message}", file=sys.stderr)

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """fit_picture.py PICTURE.ppm OUT.ply [STEPS]: fits 2,000 Gaussians to a picture by gradients, with Adam in numpy."""
-import re, sys
+
+import re
+import sys
+
 import numpy as np
 import pags
 

@@ -14,35 +14,6 @@ ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), ".."))
 SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__|musl)$")
 MOST_COLUMNS = 120
 
-# Python folders and files in this format (the rest is to follow), and pages whose width is not checked yet.
-PYTHON = [
-    "scripts",
-    "tests/compat",
-    "tests/faults",
-    "tests/fuzz",
-    "tests/cluster",
-    *[
-        f"tests/{name}.py"
-        for name in (
-            "figures",
-            "format",
-            "docs",
-            "wheel",
-            "windows",
-            "third_party",
-            "foreign_wheels",
-            "tool_python",
-            "maths_symbols",
-            "same_bits",
-        )
-    ],
-]
-MARKDOWN_LATER = [
-    "CONTRIBUTING.md",
-    "README.md",
-    *(f"docs/{name}.md" for name in ("blender-guide", "compare", "driving", "export", "view")),
-]
-
 
 def find(pattern):
     """Files of the repository whose path matches, relative to its root."""
@@ -52,12 +23,6 @@ def find(pattern):
             path = os.path.relpath(os.path.join(base, name), ROOT)
             if re.search(pattern, path):
                 yield path
-
-
-def chosen(path, places):
-    """Whether a path is one of `places`: files, folders, or FOLDER/*.KIND for the files of a folder but not below."""
-    folder, kind = os.path.dirname(path), os.path.splitext(path)[1]
-    return any(path == place or path.startswith(place + "/") or f"{folder}/*{kind}" == place for place in places)
 
 
 def tool(name):
@@ -77,7 +42,7 @@ def run(*command):
 
 
 def check_python(fix):
-    files = [path for path in find(r"\.py$") if chosen(path, PYTHON)]
+    files = list(find(r"\.py$"))
     ruff = tool("ruff")
     if not ruff:
         return []
@@ -96,17 +61,17 @@ def check_shell():
 
 
 def check_markdown():
-    """Lines of more than MOST_COLUMNS characters, except in code, tables, and where a word or link is longer."""
+    """Lines of more than MOST_COLUMNS characters, except in code, tables, pictures, generated parts, and where a word
+    or link is longer."""
     faults = []
     for path in find(r"\.md$"):
-        if chosen(path, MARKDOWN_LATER):
-            continue
-        code = False
+        code = generated = False
         with open(os.path.join(ROOT, path), encoding="utf-8") as file:
             for number, line in enumerate(file, 1):
                 line = line.rstrip("\n")
                 code ^= line.lstrip().startswith("```")
-                if code or len(line) <= MOST_COLUMNS or re.match(r"\s*(\||<|\[[^\]]+\]:)", line):
+                generated = line.startswith("<!-- generated") or (generated and line != "<!-- end -->")
+                if code or generated or len(line) <= MOST_COLUMNS or re.match(r"\s*(\||<|!?\[[^\]]+\][:(])", line):
                     continue
                 if " " in line[:MOST_COLUMNS].strip():
                     faults.append(f"{path}:{number}: {len(line)} characters, more than {MOST_COLUMNS}")

@@ -23,9 +23,21 @@ TEXT = re.compile(r"\.([ch]|inl|cc|py|sh|cmake|json|md)$|(^|/)(CMakeLists\.txt|M
 CODE = re.compile(r"\.([ch]|inl|cc)$")
 
 # ---- Which folder may include from which ----
-CORE = ["engine/port", "threads", "simd", "engine/maths", "engine/base", "engine/scene", "engine/frame"]  # the folders linked into libpags.so and the Python module
+CORE = [
+    "engine/port",
+    "threads",
+    "simd",
+    "engine/maths",
+    "engine/base",
+    "engine/scene",
+    "engine/frame",
+]  # the folders linked into libpags.so and the Python module
 DATA = ["engine/image", "engine/dataset"]
-ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth", "engine/blocks", "engine/cluster"]
+ENGINE = (
+    CORE
+    + DATA
+    + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth", "engine/blocks", "engine/cluster"]
+)
 CLI = ["cli/" + name for name in ("common", "draw", "measure", "view", "html_report", "scene_html", "verbs")]
 
 # A folder -> the folders, with those inside of them, that it includes from. Itself is always allowed.
@@ -65,12 +77,16 @@ KNOWS = {
 
 # Functions that differ between systems are called in one folder. POSIX threads are everywhere. Tests use tests/system.h; examples are code of users.
 PORT = "engine/port"
-SYSTEM_HEADERS = re.compile(r"^(unistd|fcntl|dirent|dlfcn|sched|signal|poll|termios|pwd|glob|libgen|langinfo|malloc|xlocale|windows|io|direct|process"
-                            r"|sys/\w+|mach/\w+|arpa/\w+|netinet/\w+|linux/\w+|asm/\w+)\.h$")
-SYSTEM_CALLS = re.compile(r"\b(fopen|freopen|fdopen|fileno|isatty|rename|remove|unlink|rmdir|mkdir|stat|lstat|fstat|access|opendir|readdir|realpath|readlink"
-                          r"|mkstemp|mmap|munmap|fsync|fseeko|ftello|aligned_alloc|posix_memalign|clock_gettime|nanosleep|usleep|sysconf|getrusage|getrlimit"
-                          r"|setenv|unsetenv|putenv|strdup|strndup|strtok_r|getline|open_memstream|fmemopen|newlocale|uselocale|strtod_l|sigaction|signal"
-                          r"|pthread_sigmask|pthread_condattr_setclock|pthread_cond_timedwait|fork|waitpid|popen|dlopen|dlsym)\(")
+SYSTEM_HEADERS = re.compile(
+    r"^(unistd|fcntl|dirent|dlfcn|sched|signal|poll|termios|pwd|glob|libgen|langinfo|malloc|xlocale|windows|io|direct|process"
+    r"|sys/\w+|mach/\w+|arpa/\w+|netinet/\w+|linux/\w+|asm/\w+)\.h$"
+)
+SYSTEM_CALLS = re.compile(
+    r"\b(fopen|freopen|fdopen|fileno|isatty|rename|remove|unlink|rmdir|mkdir|stat|lstat|fstat|access|opendir|readdir|realpath|readlink"
+    r"|mkstemp|mmap|munmap|fsync|fseeko|ftello|aligned_alloc|posix_memalign|clock_gettime|nanosleep|usleep|sysconf|getrusage|getrlimit"
+    r"|setenv|unsetenv|putenv|strdup|strndup|strtok_r|getline|open_memstream|fmemopen|newlocale|uselocale|strtod_l|sigaction|signal"
+    r"|pthread_sigmask|pthread_condattr_setclock|pthread_cond_timedwait|fork|waitpid|popen|dlopen|dlsym)\("
+)
 
 LIMITS = "reads limits of control groups from files below /proc and /sys, which are named in ASCII"
 SYSTEM_EXCEPTIONS = {
@@ -81,7 +97,19 @@ SYSTEM_EXCEPTIONS = {
 # The folder that implements a public header.
 HEADERS = {
     "engine/base": ["base"],
-    "engine/scene": ["camera", "clusters", "gaussians", "lens", "light", "photometric", "object", "packed", "place", "scene", "sky"],
+    "engine/scene": [
+        "camera",
+        "clusters",
+        "gaussians",
+        "lens",
+        "light",
+        "photometric",
+        "object",
+        "packed",
+        "place",
+        "scene",
+        "sky",
+    ],
     "engine/frame": ["compose", "deadline", "frame", "passes", "pick"],
     "engine/image": ["image"],
     "engine/dataset": ["dataset"],
@@ -130,7 +158,10 @@ def check_characters(path, text):
     if not path.endswith("Makefile"):
         rules.append(("tab", r"\t"))
     if CODE.search(path):
-        rules += [("note of unfinished work", r"\b(TODO|FIXME|XXX|HACK)\b"), ("character outside of ASCII", r"[^\n -~]")]
+        rules += [
+            ("note of unfinished work", r"\b(TODO|FIXME|XXX|HACK)\b"),
+            ("character outside of ASCII", r"[^\n -~]"),
+        ]
     for what, pattern in rules:
         for match in re.finditer(pattern, text, re.M):
             fault(path, text.count("\n", 0, match.start()) + 1, what)
@@ -143,7 +174,11 @@ def check_comments(path, text, names):
     for comment in re.finditer(r"/\*.*?\*/|//[^\n]*", text, re.S):
         for match in re.finditer(r"(?<!<)\b[a-z]\w*\.(?:c|h|cc|inl)\b(?!\w)", comment.group(0)):
             if match.group(0) not in names:
-                fault(path, text.count("\n", 0, comment.start() + match.start()) + 1, f"names {match.group(0)}, which is nowhere")
+                fault(
+                    path,
+                    text.count("\n", 0, comment.start() + match.start()) + 1,
+                    f"names {match.group(0)}, which is nowhere",
+                )
 
 
 # ---- System headers and calls ----
@@ -152,8 +187,12 @@ def check_system(path, text):
         return
     for match in re.finditer(r"^[ \t]*#[ \t]*include[ \t]*<([^>\n]+)>", text, re.M):
         if SYSTEM_HEADERS.match(match.group(1)):
-            fault(path, text.count("\n", 0, match.start()) + 1, f"includes <{match.group(1)}>, which belongs into {PORT}")
-    code = re.sub(r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"", lambda m: re.sub(r"[^\n]", " ", m.group(0)), text, flags=re.S)
+            fault(
+                path, text.count("\n", 0, match.start()) + 1, f"includes <{match.group(1)}>, which belongs into {PORT}"
+            )
+    code = re.sub(
+        r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"", lambda m: re.sub(r"[^\n]", " ", m.group(0)), text, flags=re.S
+    )
     for match in SYSTEM_CALLS.finditer(code):
         fault(path, code.count("\n", 0, match.start()) + 1, f"calls {match.group(1)}, which belongs into {PORT}")
 
@@ -169,7 +208,15 @@ def room_of(path):
 
 def resolve(path, name, files):
     """The file to which an include of `name` in `path` leads, or None."""
-    for folder in [os.path.dirname(path), "engine/include", "threads/include", "exporters/include", ".", "engine", "tests"]:
+    for folder in [
+        os.path.dirname(path),
+        "engine/include",
+        "threads/include",
+        "exporters/include",
+        ".",
+        "engine",
+        "tests",
+    ]:
         target = os.path.normpath(os.path.join(folder, name))
         if target in files:
             return target
@@ -200,9 +247,24 @@ def compile_alone(header, compiler, standard, suffix):
         source = os.path.join(work, f"alone.{suffix}")
         with open(source, "w", encoding="ascii") as file:
             file.write(f'#include "{os.path.join(ROOT, header)}"\n')
-        folders = [f"-I{os.path.join(ROOT, folder)}" for folder in ("engine/include", "threads/include", "exporters/include")]
-        done = subprocess.run([compiler, f"-std={standard}", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only", *folders, source],
-                              capture_output=True, text=True)
+        folders = [
+            f"-I{os.path.join(ROOT, folder)}" for folder in ("engine/include", "threads/include", "exporters/include")
+        ]
+        done = subprocess.run(
+            [
+                compiler,
+                f"-std={standard}",
+                "-Wall",
+                "-Wextra",
+                "-Wpedantic",
+                "-Werror",
+                "-fsyntax-only",
+                *folders,
+                source,
+            ],
+            capture_output=True,
+            text=True,
+        )
     if done.returncode != 0:
         error = next((line for line in done.stderr.split("\n") if "error" in line), done.stderr)
         return header, f"does not compile alone as {standard}: {error}"
@@ -234,7 +296,7 @@ def main():
             check_system(path, text)
     for path, target in EXCEPTIONS.keys() - needed:
         fault("tests/style.py", 1, f"the exception that {path} may include {target} is no longer needed")
-    check_headers(files, *(sys.argv[1:3] + ["cc", "c++"][len(sys.argv) - 1:]))
+    check_headers(files, *(sys.argv[1:3] + ["cc", "c++"][len(sys.argv) - 1 :]))
     for path, line, text in sorted(faults):
         print(f"{path}:{line}: {text}")
     print(f"style: {len(faults)} faults" if faults else f"style: {len(files)} files, no fault")

@@ -47,7 +47,21 @@ from . import (
     watch,
 )
 
-PARTS = (properties, cleanup, jobs, importer, cameras, engine, overlay, inspector, select_tool, comparison, measure, recording, composite)
+PARTS = (
+    properties,
+    cleanup,
+    jobs,
+    importer,
+    cameras,
+    engine,
+    overlay,
+    inspector,
+    select_tool,
+    comparison,
+    measure,
+    recording,
+    composite,
+)
 PARTS += (exporter, native_splats, proxies, legend, picked, ui, inspect_panel, handlers, watch)
 
 
@@ -62,7 +76,11 @@ def leave_former_copy():
     if package not in {"", __package__, FORMER}:
         raise RuntimeError(f"another copy of this add-on is enabled as {package}; disable that copy first")
     former = bpy.context.preferences.addons.get(FORMER) if __package__ == "pags_blender" else None
-    kept = {name: getattr(former.preferences, name) for name in ("program", "budget") if hasattr(former.preferences, name)} if former else {}
+    kept = (
+        {name: getattr(former.preferences, name) for name in ("program", "budget") if hasattr(former.preferences, name)}
+        if former
+        else {}
+    )
     if package == FORMER != __package__:
         addon_utils.disable(FORMER, default_set=True)
         sys.modules.pop(FORMER)  # now the name of the Python module

@@ -110,7 +110,9 @@ def through(point, focus, values, pose):
     """The camera (intrinsics and pose from lens.of_camera) moved to a point of its aperture, metres right and up. Points at the focus distance keep their
     place in the picture."""
     values, pose = dict(values), pose.copy()
-    behind = values.get("ortho", 0.0)  # an orthographic camera is rendered from this far behind; up to there the rays are parallel
+    behind = values.get(
+        "ortho", 0.0
+    )  # an orthographic camera is rendered from this far behind; up to there the rays are parallel
     for axis, offset, size, centre in ((0, point[0], "fx", "cx"), (1, -point[1], "fy", "cy")):
         values[centre] += values[size] * offset / focus
         pose[:3, 3] += offset * (behind + focus) / focus * pose[:3, axis]
@@ -135,7 +137,9 @@ class Samples:
         self.offsets = [opens + length * float(share) for share in shares] if self.moves else [0.0] * count
         self.points = [(0.0, 0.0)] * count
         if self.focuses:
-            found = [aperture_point(camera.data.dof, radical_inverse(k, 2), radical_inverse(k, 3)) for k in range(count)]
+            found = [
+                aperture_point(camera.data.dof, radical_inverse(k, 2), radical_inverse(k, 3)) for k in range(count)
+            ]
             self.points = [(radius * x, radius * y) for x, y in found]
 
     def __len__(self):

@@ -85,7 +85,9 @@ class Frame:
         moved = root @ pose
         pose, scale = lens.rigid(moved)
         if not np.allclose(scale * pose[:3, :3], moved[:3, :3], rtol=0, atol=1e-4 * scale):
-            raise lens.LensError(f"{self.root.name} is stretched or mirrored: no camera can represent this; set its scale to one positive value for all axes")
+            raise lens.LensError(
+                f"{self.root.name} is stretched or mirrored: no camera can represent this; set its scale to one positive value for all axes"
+            )
         pose[:3, 3] += self.origin
         return {
             **{k: values[k] for k in ("width", "height", "fx", "fy", "cx", "cy")},
@@ -152,9 +154,13 @@ class PAGS_OT_jump(OnScene, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     step: IntProperty(
-        name="Step", description="Move this many photographs of the camera forward or back from the current time", default=0
+        name="Step",
+        description="Move this many photographs of the camera forward or back from the current time",
+        default=0,
     )
-    name: StringProperty(name="Photograph", description="File name of the photograph; empty: the nearest in time", default="")
+    name: StringProperty(
+        name="Photograph", description="File name of the photograph; empty: the nearest in time", default=""
+    )
 
     def work(self, context, root):
         frame = Frame(context, root)
@@ -336,7 +342,9 @@ class PAGS_OT_write_path(jobs.Long, OnScene, bpy.types.Operator, ExportHelper):
             raise native.SceneError("there is no camera in the scene")
         if os.path.exists(path) and not os.stat(path).st_mode & 0o222:  # refused even for root, which could write it
             raise native.SceneError(f"{path}: can't write: it is read-only")
-        numbers = [scene.frame_current_final] if single else range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        numbers = (
+            [scene.frame_current_final] if single else range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        )
         (width, height), scene_path = lens.picture_size(scene.render), whereabouts.absolute_path(root)
 
         def work(job):
@@ -388,7 +396,9 @@ class PAGS_OT_read_path(OnScene, bpy.types.Operator, ImportHelper):
         try:
             self.read(context, Frame(context, root))
         except (ValueError, KeyError, TypeError, IndexError) as error:
-            raise native.SceneError(f"{self.filepath}: not a camera or path file ({type(error).__name__}: {error})") from error
+            raise native.SceneError(
+                f"{self.filepath}: not a camera or path file ({type(error).__name__}: {error})"
+            ) from error
 
     def read(self, context, frame):
         with open(self.filepath, encoding="utf-8") as file:

@@ -35,35 +35,97 @@ def changed(settings, context):
 
 class PagsCrop(bpy.types.PropertyGroup):
     volume: PointerProperty(
-        name="Volume", description="Empty displayed as a cube or a sphere; move, rotate and scale it", type=bpy.types.Object, update=changed
+        name="Volume",
+        description="Empty displayed as a cube or a sphere; move, rotate and scale it",
+        type=bpy.types.Object,
+        update=changed,
     )
     mode: EnumProperty(
         name="Crop",
         description="Effect on the Gaussians inside",
-        items=[("KEEP", "Keep inside", "Show only Gaussians inside"), ("REMOVE", "Remove inside", "Hide Gaussians inside")],
+        items=[
+            ("KEEP", "Keep inside", "Show only Gaussians inside"),
+            ("REMOVE", "Remove inside", "Hide Gaussians inside"),
+        ],
         update=changed,
     )
 
 
 class PagsLook(bpy.types.PropertyGroup):
-    exposure: FloatProperty(name="Exposure", description="Exposure in stops", soft_min=-5, soft_max=5, min=-20, max=20, update=changed)
-    tint: FloatVectorProperty(
-        name="Tint", description="Factor per colour channel", subtype="COLOR", default=(1, 1, 1), min=0, max=10, soft_max=1, update=changed
+    exposure: FloatProperty(
+        name="Exposure", description="Exposure in stops", soft_min=-5, soft_max=5, min=-20, max=20, update=changed
     )
-    saturation: FloatProperty(name="Saturation", description="Saturation: 0 is grey, 1 is unchanged", default=1, min=0, soft_max=2, max=10, update=changed)
-    contrast: FloatProperty(name="Contrast", description="Contrast about middle grey: 1 is unchanged", default=1, min=0, soft_max=2, max=10, update=changed)
+    tint: FloatVectorProperty(
+        name="Tint",
+        description="Factor per colour channel",
+        subtype="COLOR",
+        default=(1, 1, 1),
+        min=0,
+        max=10,
+        soft_max=1,
+        update=changed,
+    )
+    saturation: FloatProperty(
+        name="Saturation",
+        description="Saturation: 0 is grey, 1 is unchanged",
+        default=1,
+        min=0,
+        soft_max=2,
+        max=10,
+        update=changed,
+    )
+    contrast: FloatProperty(
+        name="Contrast",
+        description="Contrast about middle grey: 1 is unchanged",
+        default=1,
+        min=0,
+        soft_max=2,
+        max=10,
+        update=changed,
+    )
     opacity: FloatProperty(
-        name="Opacity", description="Factor of each Gaussian's opacity; 0 hides all", default=1, min=0, soft_max=2, max=1000, update=changed
+        name="Opacity",
+        description="Factor of each Gaussian's opacity; 0 hides all",
+        default=1,
+        min=0,
+        soft_max=2,
+        max=1000,
+        update=changed,
     )
     sh: FloatProperty(
-        name="View dependence", description="Factor of the view-dependent colour; 0 removes it", default=1, min=0, max=10, soft_max=1, update=changed
+        name="View dependence",
+        description="Factor of the view-dependent colour; 0 removes it",
+        default=1,
+        min=0,
+        max=10,
+        soft_max=1,
+        update=changed,
     )
-    least_opacity: FloatProperty(name="Least opacity", description="Hide Gaussians with a lower opacity, 0 to 1", min=0, max=1, precision=3, update=changed)
+    least_opacity: FloatProperty(
+        name="Least opacity",
+        description="Hide Gaussians with a lower opacity, 0 to 1",
+        min=0,
+        max=1,
+        precision=3,
+        update=changed,
+    )
     least_size: FloatProperty(
-        name="Least size", description="Hide Gaussians whose largest sigma is below this", min=0, max=1e5, unit="LENGTH", precision=3, update=changed
+        name="Least size",
+        description="Hide Gaussians whose largest sigma is below this",
+        min=0,
+        max=1e5,
+        unit="LENGTH",
+        precision=3,
+        update=changed,
     )
     greatest_size: FloatProperty(
-        name="Greatest size", description="Hide Gaussians whose largest sigma is above this; 0: none", min=0, max=1e5, unit="LENGTH", precision=3, update=changed
+        name="Greatest size",
+        description="Hide Gaussians whose largest sigma is above this; 0: none",
+        min=0,
+        max=1e5,
+        unit="LENGTH",
+        precision=3,
+        update=changed,
     )
     least_views: IntProperty(
         name="Least views",
@@ -93,7 +155,11 @@ def crop_of(crop, owner, depsgraph):
     if volume is None or volume.type != "EMPTY" or volume.empty_display_type not in {"CUBE", "SPHERE"}:
         return None
     size = np.diag([volume.empty_display_size] * 3 + [1.0])
-    frame_from_unit = np.linalg.inv(lens.matrix(owner.matrix_world)) @ lens.matrix(volume.evaluated_get(depsgraph).matrix_world) @ size
+    frame_from_unit = (
+        np.linalg.inv(lens.matrix(owner.matrix_world))
+        @ lens.matrix(volume.evaluated_get(depsgraph).matrix_world)
+        @ size
+    )
     if abs(np.linalg.det(frame_from_unit)) < 1e-12:
         return None
     return {
@@ -117,7 +183,11 @@ def rules_of(owner, index, depsgraph, everything=False):
     matrix = matrix_of(look)
     if matrix is not None:
         rule["matrix"] = matrix
-    crops = [found for found in (crop_of(crop, owner, depsgraph) for crop in owner.original.pags_look.crops) if found is not None]
+    crops = [
+        found
+        for found in (crop_of(crop, owner, depsgraph) for crop in owner.original.pags_look.crops)
+        if found is not None
+    ]
     if crops:
         rule["crops"] = crops
     if not rule:
@@ -136,7 +206,10 @@ def index_of(part):
 
 def parts_of(root):
     """The Blender objects that represent parts of a scene, by name."""
-    return sorted((o for o in bpy.data.objects if o.pags.kind in {"BACKGROUND", "OBJECT"} and o.pags.root == root), key=lambda o: o.name)
+    return sorted(
+        (o for o in bpy.data.objects if o.pags.kind in {"BACKGROUND", "OBJECT"} and o.pags.root == root),
+        key=lambda o: o.name,
+    )
 
 
 def edits_of(root, depsgraph):

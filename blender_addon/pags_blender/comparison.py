@@ -48,7 +48,9 @@ def ssim_map(a, b):
     mean_a, mean_b = blur(a), blur(b)
     var_a, var_b, both = blur(a * a) - mean_a**2, blur(b * b) - mean_b**2, blur(a * b) - mean_a * mean_b
     c1, c2 = 0.01**2, 0.03**2
-    return ((2 * mean_a * mean_b + c1) * (2 * both + c2) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))).mean(axis=2)
+    return ((2 * mean_a * mean_b + c1) * (2 * both + c2) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))).mean(
+        axis=2
+    )
 
 
 class Pair:
@@ -102,7 +104,11 @@ def current(context):
     if entry.scene is None:
         return "loading ..."
     sensor = camera.data.pags.sensor
-    group = [v for v in entry.views if (v["sensor"] == sensor and "time" in v if sensor >= 0 else v["name"] == camera.get("pags_view"))]
+    group = [
+        v
+        for v in entry.views
+        if (v["sensor"] == sensor and "time" in v if sensor >= 0 else v["name"] == camera.get("pags_view"))
+    ]
     if not group:
         return f"comparison: the scene has no photographs of {camera.name}"
     if sensor < 0:
@@ -128,7 +134,11 @@ def pair_of(context):
     if _job is not None and _job_key == key:
         return f"comparing {view['name']} ..."
     if _wanted is None or _wanted[0] != (key, pair is not None):
-        steps = (lambda job: add_ssim(job, pair)) if pair is not None else (lambda job: make(job, root, entry, view, context.scene.pags.threads))
+        steps = (
+            (lambda job: add_ssim(job, pair))
+            if pair is not None
+            else (lambda job: make(job, root, entry, view, context.scene.pags.threads))
+        )
         _wanted, _since = ((key, pair is not None), steps), time.monotonic()
     if not bpy.app.timers.is_registered(tick):
         bpy.app.timers.register(tick, first_interval=TICK)
@@ -232,13 +242,22 @@ def place_of(context, view):
     values, _ = lens.of_view(rv3d.window_matrix, rv3d.view_matrix, region.width, region.height)
     x = [values["fx"] * (u - view["cx"]) / view["fx"] + values["cx"] for u in (0, view["width"])]
     y = [values["fy"] * (v - view["cy"]) / view["fy"] + values["cy"] for v in (view["height"], 0)]
-    return [2 * x[0] / region.width - 1, 1 - 2 * y[0] / region.height, 2 * x[1] / region.width - 1, 1 - 2 * y[1] / region.height]
+    return [
+        2 * x[0] / region.width - 1,
+        1 - 2 * y[0] / region.height,
+        2 * x[1] / region.width - 1,
+        1 - 2 * y[1] / region.height,
+    ]
 
 
 def on_draw():
     context = bpy.context
     settings, region = context.scene.pags, context.region
-    if settings.comparison == "NONE" or context.region_data is None or not any(o.pags.kind == "ROOT" for o in context.scene.objects):
+    if (
+        settings.comparison == "NONE"
+        or context.region_data is None
+        or not any(o.pags.kind == "ROOT" for o in context.scene.objects)
+    ):
         return
     try:
         pair = pair_of(context)
@@ -268,7 +287,12 @@ def on_draw():
         "DIFFERENCE": f"difference, {GAIN} times amplified",
         "SSIM": "SSIM from dark (1, equal) to light (0)",
     }
-    draw.text(context, 0.5 + 0.25 * (place[0] + place[2]), 0.5 + 0.5 * place[1], f"{pair.line()}; {legend[settings.comparison]}")
+    draw.text(
+        context,
+        0.5 + 0.25 * (place[0] + place[2]),
+        0.5 + 0.5 * place[1],
+        f"{pair.line()}; {legend[settings.comparison]}",
+    )
 
 
 # ---- The list ----
@@ -322,7 +346,9 @@ class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
             entry = yield jobs.in_thread(native.load, path)
             if not entry.scene.views:
                 raise native.SceneError("the scene has no photographs")
-            photographs.find(root, entry, entry.scene.views[0]["name"])  # the error names the searched folders and the setting to change
+            photographs.find(
+                root, entry, entry.scene.views[0]["name"]
+            )  # the error names the searched folders and the setting to change
             photographs.tell(job, root, entry)
             given = photographs.moved(root, entry)
             with tempfile.TemporaryDirectory(prefix="pags-list-") as folder:
@@ -332,7 +358,11 @@ class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
                 with open(target, encoding="utf-8") as file:
                     figures = json.load(file)
             found = [(v["psnr"], v, split == "test") for split in ("train", "test") for v in figures[split]["per_view"]]
-            return fill(bpy.context.window_manager, root, sorted(found, key=lambda one: (one[0] if one[0] is not None else 99.0, one[1]["name"])))
+            return fill(
+                bpy.context.window_manager,
+                root,
+                sorted(found, key=lambda one: (one[0] if one[0] is not None else 99.0, one[1]["name"])),
+            )
 
         return work
 
@@ -363,8 +393,15 @@ def register():
         bpy.utils.register_class(cls)
     manager = bpy.types.WindowManager
     manager.pags_photographs = CollectionProperty(type=PagsPhotograph, name="Photographs", description="Worst first")
-    manager.pags_photograph = IntProperty(name="Photograph", description="Number of the selected photograph; a click on a row goes to its camera and time", default=-1, update=go)
-    manager.pags_photographs_said = StringProperty(name="Message", description="Why the selected photograph could not be shown")
+    manager.pags_photograph = IntProperty(
+        name="Photograph",
+        description="Number of the selected photograph; a click on a row goes to its camera and time",
+        default=-1,
+        update=go,
+    )
+    manager.pags_photographs_said = StringProperty(
+        name="Message", description="Why the selected photograph could not be shown"
+    )
     if not bpy.app.background:
         _handle = bpy.types.SpaceView3D.draw_handler_add(on_draw, (), "WINDOW", "POST_PIXEL")
 

@@ -11,7 +11,10 @@ from . import cameras, curves, gather, jobs, lens, native, undistort, whereabout
 SECOND = "PAGS behind"
 LIGHT = "PAGS surroundings"  # name of the world and of its picture
 MINE = "pags_composite"  # marks our nodes in the compositor
-SAMPLES = {True: 64, False: 128}  # Cycles samples with and without a denoiser; Blender's default of 4096 takes hours on a CPU
+SAMPLES = {
+    True: 64,
+    False: 128,
+}  # Cycles samples with and without a denoiser; Blender's default of 4096 takes hours on a CPU
 SLACK = 0.15  # fraction of the distance by which a mesh may lie behind the splats; seen from 1.6 m above the road it is 0.25 m in height
 
 
@@ -146,10 +149,14 @@ def panorama(entry, eye, turn, threads, width=512, side=192):
         pose = np.hstack([axes, (eye + np.array(entry.info["origin"]))[:, None]])
         camera = {"width": side, "height": side, "fx": side / 2, "fy": side / 2, "cx": side / 2, "cy": side / 2}
         camera.update(world_from_camera=[float(v) for v in pose.ravel()], time=entry.info["time_begin"])
-        job = native.renderer("final", threads).submit(entry.scene, camera, placements=[(-1, gather.IDENTITY)], linear=True)
+        job = native.renderer("final", threads).submit(
+            entry.scene, camera, placements=[(-1, gather.IDENTITY)], linear=True
+        )
         picture, here = np.asarray(job.take().rgba)[..., :3], face == number
         seen = directions[here] @ axes
-        out[here] = undistort.sample(picture, side / 2 * (1 + seen[:, 0] / seen[:, 2]), side / 2 * (1 + seen[:, 1] / seen[:, 2]))
+        out[here] = undistort.sample(
+            picture, side / 2 * (1 + seen[:, 0] / seen[:, 2]), side / 2 * (1 + seen[:, 1] / seen[:, 2])
+        )
     return out
 
 
@@ -165,7 +172,9 @@ def light_up(scene, picture):
     world = bpy.data.worlds.get(LIGHT) or bpy.data.worlds.new(LIGHT)
     world.use_nodes = True
     nodes = world.node_tree.nodes
-    texture = next((n for n in nodes if n.bl_idname == "ShaderNodeTexEnvironment"), None) or nodes.new("ShaderNodeTexEnvironment")
+    texture = next((n for n in nodes if n.bl_idname == "ShaderNodeTexEnvironment"), None) or nodes.new(
+        "ShaderNodeTexEnvironment"
+    )
     texture.image, texture.location = image, (-300, 300)
     background = next(n for n in nodes if n.bl_idname == "ShaderNodeBackground")
     world.node_tree.links.new(texture.outputs["Color"], background.inputs["Color"])
@@ -208,15 +217,29 @@ def output_of(tree, scene):
     """The tree's output node; created if missing."""
     kind = "NodeGroupOutput" if hasattr(scene, "compositing_node_group") else "CompositorNodeComposite"
     known = [node for node in tree.nodes if node.bl_idname == kind]
-    return next((node for node in known if getattr(node, "is_active_output", True)), None) or next(iter(known), None) or tree.nodes.new(kind)
+    return (
+        next((node for node in known if getattr(node, "is_active_output", True)), None)
+        or next(iter(known), None)
+        or tree.nodes.new(kind)
+    )
 
 
 def take_over(tree, scene):
     """Removes the nodes of an earlier call. Returns the inputs to connect to the composite: those of the removed nodes, and those of the scene's own Render
     Layers node. The user's nodes and links stay."""
     mine = [node for node in tree.nodes if MINE in node]
-    sources = mine + [node for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers" and MINE not in node and node.scene == scene]
-    links = [link for node in sources for output in node.outputs if node in mine or output.name == "Image" for link in output.links]
+    sources = mine + [
+        node
+        for node in tree.nodes
+        if node.bl_idname == "CompositorNodeRLayers" and MINE not in node and node.scene == scene
+    ]
+    links = [
+        link
+        for node in sources
+        for output in node.outputs
+        if node in mine or output.name == "Image"
+        for link in output.links
+    ]
     fed = [(link.to_node, link.to_socket) for link in links if MINE not in link.to_node]
     out = output_of(tree, scene)
     if not out.inputs[0].is_linked and out.inputs[0] not in [socket for _, socket in fed]:
@@ -342,7 +365,12 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
             raise native.SceneError("there is no camera in the scene")
         if self.engine == "CYCLES" and not hasattr(scene, "cycles"):
             raise native.SceneError("this Blender has no Cycles, or its add-on is not enabled (Preferences > Add-ons)")
-        path, engine, tolerance, use_light = whereabouts.absolute_path(root), self.engine, self.tolerance, self.use_light
+        path, engine, tolerance, use_light = (
+            whereabouts.absolute_path(root),
+            self.engine,
+            self.tolerance,
+            self.use_light,
+        )
         root_from_world = np.linalg.inv(lens.matrix(root.matrix_world))
         eye = (root_from_world @ lens.matrix(scene.camera.matrix_world))[:3, 3]
         turn = lens.rigid(root_from_world)[0][:3, :3]

@@ -54,7 +54,10 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         passes.register(self, scene, renderlayer)
 
     def render(self, depsgraph):
-        width, height = self.resolution_x, self.resolution_y  # the scene being rendered; in a compositor that differs from the active one
+        width, height = (
+            self.resolution_x,
+            self.resolution_y,
+        )  # the scene being rendered; in a compositor that differs from the active one
         window = border_window(depsgraph.scene.render, width, height)
         size = window[2:] if window else (width, height)
         result = self.begin_result(
@@ -85,7 +88,9 @@ class PagsRenderEngine(bpy.types.RenderEngine):
             return True
         if scene.camera is None:
             raise SceneError("there is no camera in the scene")
-        said = ([f"omitted, since a scale of 0 flattens them: {', '.join(state.flat)}"] if state.flat else []) + ignored.of_render(depsgraph, state)
+        said = (
+            [f"omitted, since a scale of 0 flattens them: {', '.join(state.flat)}"] if state.flat else []
+        ) + ignored.of_render(depsgraph, state)
         for text in said:
             self.warn(text)
         frame, camera, now = state.load(True), scene.camera.original, scene.frame_current_final
@@ -128,13 +133,17 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         self.update_stats("PAGS", text)
         for render_pass in layer_of(result).passes:
             if render_pass.name == "Depth":
-                fill_pass(render_pass, np.full(result.resolution_x * result.resolution_y, EMPTY_DEPTH, dtype=np.float32))
+                fill_pass(
+                    render_pass, np.full(result.resolution_x * result.resolution_y, EMPTY_DEPTH, dtype=np.float32)
+                )
 
     def arguments(self, depsgraph, frame, drawn, camera, now, size, window, point=None):
         """The view of a picture and the keyword arguments of its job, colours only. point: on the aperture; None: its centre."""
         scene, render = depsgraph.scene, depsgraph.scene.render
         camera = camera.evaluated_get(depsgraph)
-        values, pose = lens.of_camera(camera.data, camera.matrix_world, *size, render.pixel_aspect_x, render.pixel_aspect_y)
+        values, pose = lens.of_camera(
+            camera.data, camera.matrix_world, *size, render.pixel_aspect_x, render.pixel_aspect_y
+        )
         planes = lens.depth_planes(values, pose, camera.data.clip_start, camera.data.clip_end)
         if point is not None:
             values, pose = blur.through(point, blur.focus_distance(camera, depsgraph), values, pose)
@@ -162,8 +171,12 @@ class PagsRenderEngine(bpy.types.RenderEngine):
                 state = gather.gather(depsgraph)
                 nothing = state is None
                 then = frame if nothing else state.load(True)
-            drawn = [([], []) if nothing else then.parts(k, time, settings.hide_noncritical) for k in range(len(then.scenes))]
-            view, arguments = self.arguments(depsgraph, then, drawn, camera, time, size, window, point if samples.focuses else None)
+            drawn = [
+                ([], []) if nothing else then.parts(k, time, settings.hide_noncritical) for k in range(len(then.scenes))
+            ]
+            view, arguments = self.arguments(
+                depsgraph, then, drawn, camera, time, size, window, point if samples.focuses else None
+            )
             return then.entry.scene, view, arguments
 
         def submit(scene, view, arguments):

@@ -79,7 +79,9 @@ class Edited:
         def visit(frame, depsgraph):
             for index, part in parts.items():
                 if index < len(records):
-                    self.take(records[index], index, part.evaluated_get(depsgraph), time_at[frame], time_at[frame] == times[0])
+                    self.take(
+                        records[index], index, part.evaluated_get(depsgraph), time_at[frame], time_at[frame] == times[0]
+                    )
 
         yield from cameras.along(job, scene, list(time_at), visit)
 
@@ -267,7 +269,9 @@ class PAGS_OT_export(jobs.Long, cameras.OnScene, bpy.types.Operator, ExportHelpe
         items=[*LEVELS, ("splats", "Gaussians", "The Gaussians themselves (KHR_gaussian_splatting)")],
     )
     edits: BoolProperty(
-        name="Apply edits", description="Include objects moved, deleted or hidden and tracks changed in Blender", default=True
+        name="Apply edits",
+        description="Include objects moved, deleted or hidden and tracks changed in Blender",
+        default=True,
     )
 
     def invoke(self, context, event):
@@ -323,7 +327,9 @@ def source_of(job, root, folder, edits):
     the report suffix of missing edits."""
     path = whereabouts.absolute_path(root)
     yield jobs.in_thread(native.load, path)
-    cleaned = (yield from cleaned_of(job, root, path, os.path.join(os.path.dirname(folder), "cleaned"))) if edits else ""
+    cleaned = (
+        (yield from cleaned_of(job, root, path, os.path.join(os.path.dirname(folder), "cleaned"))) if edits else ""
+    )
     if not cleaned and (not os.path.isdir(path) or not (edits or root.pags.dataset)):
         return path, ""
     edited = Edited(bpy.context, root, cleaned)
@@ -369,7 +375,9 @@ class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
         def work(job):
             yield jobs.in_thread(native.load, path)
             with tempfile.TemporaryDirectory(prefix="pags-cleaned-") as beside:
-                edited = Edited(bpy.context, root, (yield from cleaned_of(job, root, path, os.path.join(beside, "cleaned"))))
+                edited = Edited(
+                    bpy.context, root, (yield from cleaned_of(job, root, path, os.path.join(beside, "cleaned")))
+                )
                 yield from edited.collect(job)
                 yield jobs.in_thread(edited.write, folder, job)
             return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} removed{edited.left_out()}"

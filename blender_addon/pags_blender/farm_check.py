@@ -51,7 +51,9 @@ def identity(path):
         lines += [f"{name} {digest(file)}" for name, file in files]
     else:
         folders = [path, *filter(os.path.isdir, [os.path.join(path, "images")])]
-        files = sorted((os.path.relpath(f.path, path), f.path) for folder in folders for f in os.scandir(folder) if f.is_file())
+        files = sorted(
+            (os.path.relpath(f.path, path), f.path) for folder in folders for f in os.scandir(folder) if f.is_file()
+        )
         lines = [f"{name.replace(os.sep, '/')} {os.path.getsize(file)}" for name, file in files]
     text = "\n".join(lines).encode("utf-8", "surrogatepass")
     return [sum(os.path.getsize(file) for _, file in files), hashlib.sha256(text).hexdigest()]
@@ -75,9 +77,17 @@ def choose(value, here, blend, record, identity_of=identity):
     if recorded and os.path.exists(here):
         return here, "", ""
     beside = os.path.join(os.path.dirname(blend), os.path.basename(here)) if blend else here
-    owned = os.path.normpath(os.path.join(os.path.dirname(record["blend"]), value[2:])) if record.get("blend") and value.startswith("//") else here
+    owned = (
+        os.path.normpath(os.path.join(os.path.dirname(record["blend"]), value[2:]))
+        if record.get("blend") and value.startswith("//")
+        else here
+    )
     there = [path for path in dict.fromkeys((here, owned, place or here, beside)) if os.path.exists(path)]
-    lost = f"{here} is not the file that the .blend was saved with" if os.path.exists(here) else f"{here}, which the .blend was saved with, is missing"
+    lost = (
+        f"{here} is not the file that the .blend was saved with"
+        if os.path.exists(here)
+        else f"{here}, which the .blend was saved with, is missing"
+    )
     for path in there:
         if is_same(path, record, identity_of):
             return path, "" if path == here else f"{lost}; using the same file at {path}", ""
@@ -102,23 +112,33 @@ def faults(bpy):
             continue  # without the add-on Blender doesn't report the scene's engine
         needs = json.loads(scene[NEEDS])
         if engine is None:
-            return [f"the PAGS add-on, version {needs['version']}, is not enabled in this Blender (blender --addons pags_blender, or in its preferences)"]
+            return [
+                f"the PAGS add-on, version {needs['version']}, is not enabled in this Blender (blender --addons pags_blender, or in its preferences)"
+            ]
         version = sys.modules[engine.__module__.rpartition(".")[0] + ".native"].VERSION
         if list(map(int, version.split("."))) < [int(number) for number in needs["version"].split(".")[:2]]:
             found.append(f"the PAGS add-on has version {version}; the file was saved with {needs['version']}")
         for record in needs["scenes"]:
-            own = bpy.path.abspath(scene.library.filepath, library=scene.library.parent) if scene.library is not None else bpy.data.filepath
+            own = (
+                bpy.path.abspath(scene.library.filepath, library=scene.library.parent)
+                if scene.library is not None
+                else bpy.data.filepath
+            )
             blend = bpy.path.abspath(record["library"], start=os.path.dirname(own)) if record["library"] else own
             if (blend, record["root"]) in checked:
                 continue
             checked.add((blend, record["root"]))
             value = record["path"]
-            here = os.path.normpath(os.path.join(os.path.dirname(blend), value[2:])) if value.startswith("//") else value
+            here = (
+                os.path.normpath(os.path.join(os.path.dirname(blend), value[2:])) if value.startswith("//") else value
+            )
             path, _, problem = choose(value, here, blend, record if record.get("sha256") else {})
             if problem:
                 found.append(f"{record['root']}: {problem}")
             elif record.get("sha256") and not is_same(path, record, identity):
-                found.append(f"{record['root']}: {path} is not the scene that the .blend was saved with; save it again to render this one")
+                found.append(
+                    f"{record['root']}: {path} is not the scene that the .blend was saved with; save it again to render this one"
+                )
     return found
 
 
@@ -142,7 +162,9 @@ def main():
 if __name__ == "__main__":
     import bpy
 
-    if any(text.use_module and text.name.startswith("pags_check") for text in bpy.data.texts):  # run when the file was opened, perhaps not for a render
+    if any(
+        text.use_module and text.name.startswith("pags_check") for text in bpy.data.texts
+    ):  # run when the file was opened, perhaps not for a render
         bpy.app.handlers.render_init.append(lambda *_: main())
     else:
         main()

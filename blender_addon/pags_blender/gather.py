@@ -6,7 +6,7 @@ camera, else the first by name. Sky, background and near plane are those of the 
 
 import numpy as np
 
-from . import cleanup, lens, native, whereabouts, whereabouts
+from . import cleanup, lens, native, whereabouts
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0]
 NOWHERE = [np.nan] * 12
@@ -31,7 +31,11 @@ class Gathered:
         self.rules = cleanup.rules_of(root, -1, depsgraph, everything=True)
         self.world_from_root = lens.matrix(root.matrix_world)
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
-        self.keys, self.indices, self.poses = [], [], []  # for each part: key, object index (-1: background) and root_from_object, 4x4
+        self.keys, self.indices, self.poses = (
+            [],
+            [],
+            [],
+        )  # for each part: key, object index (-1: background) and root_from_object, 4x4
         self.pass_index, self.looks = {}, {}
 
     def add(self, key, drawn, index, matrix_world):
@@ -50,7 +54,9 @@ class Gathered:
     def finish(self):
         """Stacks the poses of all parts into one array: thousands of small arrays would dominate the time of a redraw. Returns the names of parts omitted
         because their scale flattens them."""
-        self.edits = cleanup.text_of(self.rules + [rule for index in sorted(self.looks) for rule in self.looks[index][1]])
+        self.edits = cleanup.text_of(
+            self.rules + [rule for index in sorted(self.looks) for rule in self.looks[index][1]]
+        )
         if flattened(self.world_from_root[None])[0]:
             self.indices, self.keys = np.zeros(0, dtype=int), []
             return [self.root_name]
@@ -82,7 +88,10 @@ class Visible:
         self.scenes = [scene for scene in scenes if len(scene.indices)]
         self.camera_root = camera_root
         self.frame = None
-        self.strangers, self.ignored = [], []  # Blender objects that are not drawn, and settings of parts that are ignored
+        self.strangers, self.ignored = (
+            [],
+            [],
+        )  # Blender objects that are not drawn, and settings of parts that are ignored
 
     def key(self):
         return (self.camera_root, *(scene.identity for scene in self.scenes))
@@ -98,9 +107,13 @@ class Visible:
             return None
         if self.frame is None or self.stamp != entries:
             order = sorted(
-                range(len(entries)), key=lambda i: (not entries[i].info["sky"], self.scenes[i].root_name != self.camera_root, i)
+                range(len(entries)),
+                key=lambda i: (not entries[i].info["sky"], self.scenes[i].root_name != self.camera_root, i),
             )
-            self.stamp, self.frame = entries, Frame([self.scenes[i] for i in order], [entries[i] for i in order], self.flat)
+            self.stamp, self.frame = (
+                entries,
+                Frame([self.scenes[i] for i in order], [entries[i] for i in order], self.flat),
+            )
         return self.frame
 
 
@@ -168,7 +181,9 @@ class Frame:
         for k, (scene, entry) in enumerate(zip(self.scenes, self.entries)):
             own = {"placements": drawn[k]}
             if object_values:
-                own["object_values"] = [float(scene.pass_index.get(i, 0)) for i in range(len(entry.objects))]  # 0: deleted
+                own["object_values"] = [
+                    float(scene.pass_index.get(i, 0)) for i in range(len(entry.objects))
+                ]  # 0: deleted
             if k > 0:
                 own.update(scene=entry.scene, time=self.time(k, frame), world_from_scene=self.world_from_scene(k))
             found.append(own)
@@ -189,13 +204,21 @@ class Frame:
         if not settings.exposure or camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0:
             return {}
         root = camera.original.pags.root
-        k = next((k for k, scene in enumerate(self.scenes) if root is not None and scene.root_name == root.name_full), 0)
+        k = next(
+            (k for k, scene in enumerate(self.scenes) if root is not None and scene.root_name == root.name_full), 0
+        )
         return {"exposure": self.entries[k].scene.exposure(camera.data.pags.sensor, self.time(k, frame))}
 
     def counts(self, stats):
         """Text on the Gaussians of a picture from its statistics; the first number is the total that the sidebar shows."""
         told, absent = f"{self.gaussians:,} Gaussians", self.gaussians - stats["gaussians"]
-        told += f", {absent:,} absent at this time" if absent > 0 else f", {stats['gaussians']:,} with duplicates" if absent < 0 else ""
+        told += (
+            f", {absent:,} absent at this time"
+            if absent > 0
+            else f", {stats['gaussians']:,} with duplicates"
+            if absent < 0
+            else ""
+        )
         told += f", {stats['gaussians'] - stats['shaded']:,} culled, {stats['ms']:.0f} ms"
         early = stats["in_view"] - stats["loaded"] + stats["hidden"]
         return told + (f" ({early:,} by Early-Z)" if early > 0 else "")
@@ -203,10 +226,20 @@ class Frame:
     def remarks(self, settings):
         """A note on several scenes and omitted parts; empty if neither applies."""
         count = len({scene.root_name for scene in self.scenes})
-        behind = f", {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}" if own_background(settings) is None else ""
+        behind = (
+            f", {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}"
+            if own_background(settings) is None
+            else ""
+        )
         said = [f"{count} scenes{behind}"] if count > 1 else []
-        said += [f"clean-up and look hide all of {s.root_name}" for s, entry in zip(self.scenes[self.lent :], self.entries[self.lent :]) if entry.bare]
-        return "; ".join(said + ([f"omitted, since a scale of 0 flattens them: {', '.join(self.flat[:3])}"] if self.flat else []))
+        said += [
+            f"clean-up and look hide all of {s.root_name}"
+            for s, entry in zip(self.scenes[self.lent :], self.entries[self.lent :])
+            if entry.bare
+        ]
+        return "; ".join(
+            said + ([f"omitted, since a scale of 0 flattens them: {', '.join(self.flat[:3])}"] if self.flat else [])
+        )
 
 
 PARTS = {"BACKGROUND", "OBJECT"}  # kinds of objects that represent Gaussians
@@ -228,7 +261,11 @@ def hidden_in(space, depsgraph):
     if space.local_view is None and not space.use_local_collections and space.show_object_viewport_mesh:
         return frozenset()
     # Only evaluated objects know whether they are in a local view.
-    return frozenset(o.name_full for o in depsgraph.view_layer.objects if not o.evaluated_get(depsgraph).visible_in_viewport_get(space))
+    return frozenset(
+        o.name_full
+        for o in depsgraph.view_layer.objects
+        if not o.evaluated_get(depsgraph).visible_in_viewport_get(space)
+    )
 
 
 def gather(depsgraph, hidden=frozenset(), only="", without=""):
@@ -268,7 +305,9 @@ def known_parts(state, entry, critical_only=False):
     """Visibility of each part."""
     known = state.indices < len(entry.objects)  # higher indices come from another version of the scene file
     if critical_only:
-        critical = np.array([*(bool(o["critical"]) for o in entry.objects), False])  # the last entry is the background, index -1
+        critical = np.array(
+            [*(bool(o["critical"]) for o in entry.objects), False]
+        )  # the last entry is the background, index -1
         known &= critical[np.where(known, state.indices, -1)]
     return known
 

@@ -23,7 +23,12 @@ def after_load(*_):
     viewport.start_timer()
 
 
-_saving = {"from": "", "to": "", "targets": [], "before": []}  # during a save: old and new path of the .blend, stored paths (whereabouts.py), their old values
+_saving = {
+    "from": "",
+    "to": "",
+    "targets": [],
+    "before": [],
+}  # during a save: old and new path of the .blend, stored paths (whereabouts.py), their old values
 
 
 @persistent

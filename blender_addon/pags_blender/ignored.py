@@ -17,7 +17,11 @@ def of_render(depsgraph, state):
     render, said = depsgraph.scene.render, list(state.ignored)
     said += ["stereoscopy"] if render.use_multiview else []
     said += ["Freestyle"] if render.use_freestyle else []
-    lines = [f"not drawn by PAGS: {some(state.strangers)} (Composite with Cycles/EEVEE adds meshes)"] if state.strangers else []
+    lines = (
+        [f"not drawn by PAGS: {some(state.strangers)} (Composite with Cycles/EEVEE adds meshes)"]
+        if state.strangers
+        else []
+    )
     lines += [f"ignored by PAGS: {', '.join(said)}"] if said else []
     return lines + [scene.remark for scene in state.scenes if scene.remark]
 
@@ -28,5 +32,12 @@ def of_view(context, state):
     if context.region_data.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
         final += ["depth of field"] if blur.aperture_radius(camera.data) > 0 else []
     final += ["motion blur"] if blur.shutter(context.scene)[1] > 0 else []
-    lists = (("not drawn", some(state.strangers)), ("F12 alone", ", ".join(final)), ("ignored", ", ".join(state.ignored)))
-    return "; ".join([scene.remark for scene in state.scenes if scene.remark] + [f"{what}: {names}" for what, names in lists if names])
+    lists = (
+        ("not drawn", some(state.strangers)),
+        ("F12 alone", ", ".join(final)),
+        ("ignored", ", ".join(state.ignored)),
+    )
+    return "; ".join(
+        [scene.remark for scene in state.scenes if scene.remark]
+        + [f"{what}: {names}" for what, names in lists if names]
+    )

@@ -23,7 +23,13 @@ FROM_UP = {
     "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
     "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
 }
-UP_AXES = [("AUTO", "As stored in the file", "From the file; -Y, as most training programs write, for splat files that store none")]
+UP_AXES = [
+    (
+        "AUTO",
+        "As stored in the file",
+        "From the file; -Y, as most training programs write, for splat files that store none",
+    )
+]
 UP_AXES += [(axis.upper(), axis.upper(), f"The file's {axis.upper()} axis points up") for axis in FROM_UP]
 EMPTY_SIZE = 0.25  # metres, of the Empties of tracks
 MAP = 20e3  # metres; scenes in map coordinates within this distance keep their relative position
@@ -102,7 +108,9 @@ class Import:
             else:
                 self.add_framing_camera()
             if self.context.scene.camera is None or self.replaces_camera:
-                self.context.scene.camera = next((o for o in self.collection.objects if o.type == "CAMERA"), self.context.scene.camera)
+                self.context.scene.camera = next(
+                    (o for o in self.collection.objects if o.type == "CAMERA"), self.context.scene.camera
+                )
 
     def place(self):
         """Location of the root: zero, or for a scene in map coordinates its offset to the first such scene, unless that is too far for Blender's single
@@ -112,7 +120,11 @@ class Import:
             return turn
         note(self.root, "origin", self.origin.tolist())
         note(self.root, "up", self.up)
-        others = [o for o in self.context.scene.objects if o.pags.kind == "ROOT" and o != self.root and o.get("pags_up") == self.up]
+        others = [
+            o
+            for o in self.context.scene.objects
+            if o.pags.kind == "ROOT" and o != self.root and o.get("pags_up") == self.up
+        ]
         if not others:
             return turn
         apart = self.origin - np.array(others[0]["pags_origin"])
@@ -155,7 +167,9 @@ class Import:
         part = self.link(bpy.data.objects.new(name, mesh), kind, parent, collection)
         part.pags.index = index
         part.pass_index = index + 1
-        part.display_type = "BOUNDS"  # Blender would draw the vertices of a mesh without faces as black dots over the splats
+        part.display_type = (
+            "BOUNDS"  # Blender would draw the vertices of a mesh without faces as black dots over the splats
+        )
         return part
 
     def add_object(self, index, record, budget):
@@ -215,7 +229,10 @@ class Import:
         data.clip_start, data.clip_end = distance / 1000, distance * 1000
         data.display_size = radius / 10
         towards = Vector((-0.5, 1.0, -0.35)).normalized()
-        pose = Matrix.Translation(Vector(middle.tolist()) - float(distance) * towards) @ towards.to_track_quat("-Z", "Y").to_matrix().to_4x4()
+        pose = (
+            Matrix.Translation(Vector(middle.tolist()) - float(distance) * towards)
+            @ towards.to_track_quat("-Z", "Y").to_matrix().to_4x4()
+        )
         camera = self.link(bpy.data.objects.new(data.name, data), "CAMERA", self.root)
         camera.matrix_basis = self.root.matrix_world.inverted() @ pose
 
@@ -264,7 +281,9 @@ class Import:
         data = bpy.data.cameras.new(name)
         lens.set_blender_lens(data, view)
         data.display_size, data.clip_start, data.clip_end = 0.5, 0.05, 10000
-        data.show_passepartout = False  # the darkened area outside of the camera would hide the street and costs 5 % of a redraw
+        data.show_passepartout = (
+            False  # the darkened area outside of the camera would hide the street and costs 5 % of a redraw
+        )
         camera = self.link(bpy.data.objects.new(name, data), "CAMERA", parent)
         note(camera, "view", view["name"])
         note(camera, "test", view["test"])
@@ -406,7 +425,13 @@ def more(job, work, options):
             job.notes.append(f"imported without proxies: {error}")
 
 
-EXTENSIONS = (".json", ".ply", ".spz", ".splat", ".pagsz")  # Blender matches a filter with the whole path: "scene.json" as a filter would match nothing
+EXTENSIONS = (
+    ".json",
+    ".ply",
+    ".spz",
+    ".splat",
+    ".pagsz",
+)  # Blender matches a filter with the whole path: "scene.json" as a filter would match nothing
 OPTIONS = ("whole", "up", "cameras", "photographs", "proxies", "use_rate", "use_standard", "use_engine", "relative")
 
 
@@ -465,7 +490,9 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
     )
     use_engine: BoolProperty(name="Render with PAGS", description="Set the render engine to PAGS", default=True)
     relative: BoolProperty(
-        name="Relative path", description="Store the scene's path relative to the .blend once it is saved; off: always absolute", default=True
+        name="Relative path",
+        description="Store the scene's path relative to the .blend once it is saved; off: always absolute",
+        default=True,
     )
 
     by_hand = False
@@ -479,13 +506,19 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
             return {"CANCELLED"}
         path, options = os.path.abspath(path), types.SimpleNamespace(**{name: getattr(self, name) for name in OPTIONS})
         whole = scene_of(path) if self.whole else None
-        said = [f"{os.path.basename(path)} belongs to {whole}; imported the whole scene (disable: Whole scene)"] if whole else []
+        said = (
+            [f"{os.path.basename(path)} belongs to {whole}; imported the whole scene (disable: Whole scene)"]
+            if whole
+            else []
+        )
         try:
             jobs.begin(self, lambda job: bring_in(job, whole or path, options, said))
         except jobs.ERRORS as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        return {"CANCELLED"} if self.by_hand else {"FINISHED"}  # started from the interface: no undo step is pending yet
+        return (
+            {"CANCELLED"} if self.by_hand else {"FINISHED"}
+        )  # started from the interface: no undo step is pending yet
 
     def draw(self, context):
         lacking = program.lacking(context)

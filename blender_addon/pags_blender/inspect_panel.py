@@ -10,12 +10,19 @@ class PAGS_PT_inspect(ui.OfScene, bpy.types.Panel):
     bl_label = "Inspect"
 
     def draw(self, context):
-        settings, manager, layout, root = context.scene.pags, context.window_manager, self.layout, cameras.root_of(context)
+        settings, manager, layout, root = (
+            context.scene.pags,
+            context.window_manager,
+            self.layout,
+            cameras.root_of(context),
+        )
         none, lacking = reasons.photographs(context, root), program.absent(context)
         ui.where(layout, none and settings.comparison == "NONE").prop(settings, "comparison")
         ui.where(layout, none or lacking).operator("pags.rank", icon="SORT_ASC")
         if manager.pags_photographs:
-            layout.template_list("PAGS_UL_photographs", "", manager, "pags_photographs", manager, "pags_photograph", rows=4)
+            layout.template_list(
+                "PAGS_UL_photographs", "", manager, "pags_photographs", manager, "pags_photograph", rows=4
+            )
         if manager.pags_photographs_said or none or lacking:
             reasons.explain(layout, manager.pags_photographs_said or none or lacking)
         ui.where(layout, none).operator("pags.compare", icon="IMAGE_DATA", text="To the image editor")

@@ -158,10 +158,14 @@ class PAGS_OT_compare(jobs.Long, cameras.OnScene, bpy.types.Operator):
     bl_label = "Compare with photograph"
 
     name: StringProperty(
-        name="Photograph", description="File name of the photograph; empty: the nearest in time of the active camera", default=""
+        name="Photograph",
+        description="File name of the photograph; empty: the nearest in time of the active camera",
+        default="",
     )
     use_exposure: BoolProperty(
-        name="Exposure", description="Apply the photograph's exposure from training to the rendered picture", default=True
+        name="Exposure",
+        description="Apply the photograph's exposure from training to the rendered picture",
+        default=True,
     )
 
     def steps(self, context, root):
@@ -178,7 +182,9 @@ class PAGS_OT_compare(jobs.Long, cameras.OnScene, bpy.types.Operator):
             photograph = yield from photographs.load(job, root, frame.entry, view)
             picture, value = yield jobs.in_thread(measure, frame.entry, view, threads, use_exposure, photograph)
             photographs.compare(bpy.context, photograph, picture)
-            bpy.context.scene.pags_compared = f"{view['name']}: PSNR {value:.2f} dB" + (" (held out)" if view["test"] else "")
+            bpy.context.scene.pags_compared = f"{view['name']}: PSNR {value:.2f} dB" + (
+                " (held out)" if view["test"] else ""
+            )
             return bpy.context.scene.pags_compared
 
         return work

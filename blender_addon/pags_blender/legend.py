@@ -18,12 +18,21 @@ SCALES = {
     "depth": ("Depth, metres", (1, 200), True, ((1, "1 m"), (3, "3"), (10, "10"), (30, "30"), (200, "200 m"))),
     "size": ("Largest sigma", (0.003, 3), False, ((0.003, "3 mm"), (0.03, "3 cm"), (0.3, "0.3 m"), (3, "3 m"))),
     "count": ("Gaussians blended per pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
-    "overdraw": ("Gaussians computed per pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
+    "overdraw": (
+        "Gaussians computed per pixel",
+        (1, 1000),
+        False,
+        ((1, "1"), (10, "10"), (100, "100"), (1000, "1000")),
+    ),
 }
 # The mode with two colours instead of a scale: title and meaning of the highlighted colour.
 KINDS = {"critical": (((1, 0.45, 0.1), "vehicles, pedestrians, cyclists"), ((0.35, 0.35, 0.4), "all else"))}
 STOPS = 5  # the colour map is linear between this number of equally spaced colours
-WIDTH, HEIGHT, BOTTOM = 280, 12, 62  # of the bar, and its distance from the view's lower edge, in pixels at interface scale 1
+WIDTH, HEIGHT, BOTTOM = (
+    280,
+    12,
+    62,
+)  # of the bar, and its distance from the view's lower edge, in pixels at interface scale 1
 
 _handle = None
 

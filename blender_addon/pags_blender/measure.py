@@ -82,7 +82,9 @@ class PAGS_OT_distance(bpy.types.Operator):
         unit = context.scene.unit_settings.scale_length
         apart = unit * (b - a)
         context.scene.pags_measured = [*a, *b]
-        context.scene.pags_distance = f"{np.linalg.norm(apart):.3f} m ({np.linalg.norm(apart[:2]):.3f} m level, {apart[2]:+.3f} m up)"
+        context.scene.pags_distance = (
+            f"{np.linalg.norm(apart):.3f} m ({np.linalg.norm(apart[:2]):.3f} m level, {apart[2]:+.3f} m up)"
+        )
         self.report({"INFO"}, context.scene.pags_distance)
 
 
@@ -181,7 +183,14 @@ class PAGS_OT_stand(bpy.types.Operator):
     bl_label = "Stand on ground"
     bl_options = {"REGISTER", "UNDO"}
 
-    height: FloatProperty(name="Eye height", description="Height above the ground in metres", default=1.6, min=0.01, max=1000, unit="LENGTH")
+    height: FloatProperty(
+        name="Eye height",
+        description="Height above the ground in metres",
+        default=1.6,
+        min=0.01,
+        max=1000,
+        unit="LENGTH",
+    )
 
     @classmethod
     def poll(cls, context):
@@ -200,7 +209,9 @@ class PAGS_OT_stand(bpy.types.Operator):
             self.report({"ERROR"}, "no surface and no LiDAR point below the view; move it over the ground")
             return {"CANCELLED"}
         towards = eye.to_3x3() @ Vector((0, 0, -1))
-        if towards.xy.length < 0.05 * towards.length:  # looking straight up or down: the top of the picture becomes the direction
+        if (
+            towards.xy.length < 0.05 * towards.length
+        ):  # looking straight up or down: the top of the picture becomes the direction
             towards = eye.to_3x3() @ Vector((0, 1, 0))
         turn = Vector((towards.x, towards.y, 0)).to_track_quat("-Z", "Y")
         stand = Vector((place[0], place[1], ground + self.height))
@@ -222,8 +233,12 @@ def register():
     global _handles
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    bpy.types.Scene.pags_measured = FloatVectorProperty(name="Measured", description="The two measured points", size=6, options={"SKIP_SAVE"})
-    bpy.types.Scene.pags_distance = StringProperty(name="Distance", description="Distance between the two points", options={"SKIP_SAVE"})
+    bpy.types.Scene.pags_measured = FloatVectorProperty(
+        name="Measured", description="The two measured points", size=6, options={"SKIP_SAVE"}
+    )
+    bpy.types.Scene.pags_distance = StringProperty(
+        name="Distance", description="Distance between the two points", options={"SKIP_SAVE"}
+    )
     if not bpy.app.background:
         add = bpy.types.SpaceView3D.draw_handler_add
         _handles = (add(on_draw, (), "WINDOW", "POST_VIEW"), add(on_draw_text, (), "WINDOW", "POST_PIXEL"))

@@ -2,7 +2,6 @@
 """The only file that imports the C module. Caches loaded scenes by path, and renderers."""
 
 import importlib.machinery
-import os
 import sys
 import threading
 import types
@@ -30,7 +29,9 @@ def publish():
         sys.modules.setdefault("pags", module)
         return
     api = types.ModuleType("pags", module.__doc__)
-    vars(api).update((name, value) for name, value in vars(module).items() if not name.startswith("__") or name == "__version__")
+    vars(api).update(
+        (name, value) for name, value in vars(module).items() if not name.startswith("__") or name == "__version__"
+    )
     api.__spec__ = importlib.machinery.ModuleSpec("pags", None)
     sys.modules.setdefault("pags", api)
 

@@ -17,7 +17,10 @@ MOST_PASSES = 3  # passes per matte, each with two names per pixel: the engine f
 def mattes(view_layer):
     """Names of the matte passes enabled in the view layer, by layer."""
     count = min(MOST_PASSES, (view_layer.pass_cryptomatte_depth + 1) // 2)
-    asked = {"CryptoObject": view_layer.use_pass_cryptomatte_object, "CryptoAsset": view_layer.use_pass_cryptomatte_asset}
+    asked = {
+        "CryptoObject": view_layer.use_pass_cryptomatte_object,
+        "CryptoAsset": view_layer.use_pass_cryptomatte_asset,
+    }
     return {layer: [f"{layer}{k:02d}" for k in range(count)] for layer in MATTES if asked[layer]}
 
 
@@ -110,5 +113,7 @@ def names(frame, drawn):
     found = {"CryptoObject": set(), "CryptoAsset": set()}
     for entry, (keys, placements) in zip(frame.entries, drawn):
         found["CryptoObject"] |= {key[0] for key in keys}
-        found["CryptoAsset"] |= {entry.objects[index]["class"] if index >= 0 else "background" for index, _ in placements}
+        found["CryptoAsset"] |= {
+            entry.objects[index]["class"] if index >= 0 else "background" for index, _ in placements
+        }
     return found

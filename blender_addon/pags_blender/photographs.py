@@ -12,7 +12,6 @@ import numpy as np
 
 from . import farm_check, files, jobs, native, program, undistort, whereabouts
 
-
 # ---- Where they are ----
 
 
@@ -27,7 +26,12 @@ def candidates(root, entry):
     recorded = entry.info.get("dataset")
     if recorded:
         base = os.path.dirname(entry.path)
-        yield from map(os.path.normpath, [recorded] if os.path.isabs(recorded) else [os.path.join(entry.path, recorded), os.path.join(base, recorded)])
+        yield from map(
+            os.path.normpath,
+            [recorded]
+            if os.path.isabs(recorded)
+            else [os.path.join(entry.path, recorded), os.path.join(base, recorded)],
+        )
         beside = os.path.normpath(os.path.join(base, os.path.basename(os.path.normpath(recorded.replace("\\", "/")))))
         if not os.path.exists(beside) or not why_not(root, entry, beside):
             yield beside
@@ -38,7 +42,14 @@ def why_not(root, entry, folder):
     record = whereabouts.record_of(root, "photographs", entry.info["dataset"])
     if record:
         return "" if farm_check.is_same(folder, record, whereabouts.identity_of) else "is another data set"
-    lacking = next((v["name"] for v in entry.views if not any(os.path.exists(os.path.join(folder, inner, v["name"])) for inner in ("images", ""))), None)
+    lacking = next(
+        (
+            v["name"]
+            for v in entry.views
+            if not any(os.path.exists(os.path.join(folder, inner, v["name"])) for inner in ("images", ""))
+        ),
+        None,
+    )
     return f"lacks {lacking}" if lacking is not None else ""
 
 
@@ -92,7 +103,9 @@ def find(root, entry, name, looked_in=None):
         path = os.path.join(looked_in[-1], inner, name)
         if os.path.exists(path):
             return looked_in[-1], path
-    raise native.SceneError(f"photograph {name} not found: looked in {', '.join(looked_in)} and in images there{refused(root, entry)}; {FIELD}")
+    raise native.SceneError(
+        f"photograph {name} not found: looked in {', '.join(looked_in)} and in images there{refused(root, entry)}; {FIELD}"
+    )
 
 
 def refused(root, entry):
@@ -116,7 +129,9 @@ def lens_of(folder, sensor):
 def refuse_lens(view):
     """Raises SceneError for a view with a lens that Blender's cameras do not support: its photograph would not match the picture."""
     if "lens" in view:
-        raise native.SceneError(f"the photograph {view['name']} was taken, and is modelled, through a lens ({view['lens']}), not a pinhole; pags view and pags eval compare it")
+        raise native.SceneError(
+            f"the photograph {view['name']} was taken, and is modelled, through a lens ({view['lens']}), not a pinhole; pags view and pags eval compare it"
+        )
 
 
 def load(job, root, entry, view):
@@ -215,7 +230,9 @@ def show(job, camera, root):
         yield from convert(job, items)
     yield jobs.in_thread(link_all, job, links)
     job.changes = True
-    put_behind(camera, bpy.data.images.load(os.path.join(folder, "00001" + extension), check_existing=True), count, root)
+    put_behind(
+        camera, bpy.data.images.load(os.path.join(folder, "00001" + extension), check_existing=True), count, root
+    )
 
 
 def put_behind(camera, image, count, root):

@@ -36,7 +36,11 @@ def concerns(update):
     block = update.id
     if isinstance(block, bpy.types.Collection):
         return True  # objects were added, removed or hidden
-    return isinstance(block, bpy.types.Object) and update.is_updated_transform and block.original.pags.kind not in {"NONE", "CAMERA", "EGO"}
+    return (
+        isinstance(block, bpy.types.Object)
+        and update.is_updated_transform
+        and block.original.pags.kind not in {"NONE", "CAMERA", "EGO"}
+    )
 
 
 HANDLERS = (

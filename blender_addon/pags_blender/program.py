@@ -28,13 +28,17 @@ def command(context):
     if chosen:
         path = os.path.abspath(bpy.path.abspath(chosen))
         if not os.path.isfile(path) or not os.access(path, os.X_OK):
-            raise native.SceneError(f"{path}: not an executable program; choose another in the add-on's preferences, or leave the field empty")
+            raise native.SceneError(
+                f"{path}: not an executable program; choose another in the add-on's preferences, or leave the field empty"
+            )
         return path
     if os.path.isfile(own()):
         return executable(own())
     found = shutil.which("pags")
     if found is None:
-        raise native.SceneError("this add-on was built without the pags program, and none is on the PATH: set one in the add-on's preferences")
+        raise native.SceneError(
+            "this add-on was built without the pags program, and none is on the PATH: set one in the add-on's preferences"
+        )
     return found
 
 
@@ -44,7 +48,9 @@ def executable(path):
         try:
             os.chmod(path, os.stat(path).st_mode | 0o555)
         except OSError as error:
-            raise native.SceneError(f"{path}: can't make it executable: {error.strerror}; set another pags program in the add-on's preferences") from error
+            raise native.SceneError(
+                f"{path}: can't make it executable: {error.strerror}; set another pags program in the add-on's preferences"
+            ) from error
     return path
 
 
@@ -75,7 +81,9 @@ def lacking(context):
 
 def ask(key):
     try:
-        said = subprocess.run(words(key[0], "--help"), capture_output=True, stdin=subprocess.DEVNULL, timeout=60, **manner()).stdout
+        said = subprocess.run(
+            words(key[0], "--help"), capture_output=True, stdin=subprocess.DEVNULL, timeout=60, **manner()
+        ).stdout
     except (OSError, subprocess.SubprocessError) as error:
         _lacking[key] = f"{key[0]}: can't run it: {error}"
         return

@@ -28,7 +28,11 @@ MODES = [
     ("priority", "Priority", "Semantic priority S_sem from dark violet (0) to pale yellow (1)"),
     ("critical", "Critical", "Vehicles, pedestrians and cyclists in orange on grey"),
     ("depth", "Depth", "Depth: light is near, dark is far; logarithmic from 1 m to 200 m"),
-    ("size", "Gaussian size", "Largest sigma of the Gaussian with the highest weight: dark 3 mm, light 3 m, logarithmic"),
+    (
+        "size",
+        "Gaussian size",
+        "Largest sigma of the Gaussian with the highest weight: dark 3 mm, light 3 m, logarithmic",
+    ),
     ("count", "Gaussian count", "Gaussians blended per pixel: dark 1, light 1000, logarithmic"),
     ("overdraw", "Overdraw", "Gaussians computed per pixel, a measure of cost: dark 1, light 1000, logarithmic"),
 ]
@@ -61,15 +65,24 @@ OWN = {"override": {"LIBRARY_OVERRIDABLE"}}  # for properties that an override o
 
 
 class PagsObject(bpy.types.PropertyGroup):
-    kind: EnumProperty(name="Part", description="Part of the scene that this object represents", items=KINDS, default="NONE")  # only the import sets it
+    kind: EnumProperty(
+        name="Part", description="Part of the scene that this object represents", items=KINDS, default="NONE"
+    )  # only the import sets it
     index: IntProperty(name="Number", description="Number of the object in the scene file", default=-1)
     root: PointerProperty(name="Scene", description="The scene's root Empty", type=bpy.types.Object, **OWN)
     # On roots only:
     path: StringProperty(
-        name="Path", description="Scene folder or splat file", subtype="FILE_PATH", update=lambda s, _: whereabouts.chosen(s, "path"), **OWN, **RELATIVE
+        name="Path",
+        description="Scene folder or splat file",
+        subtype="FILE_PATH",
+        update=lambda s, _: whereabouts.chosen(s, "path"),
+        **OWN,
+        **RELATIVE,
     )
     relative: BoolProperty(
-        name="Becomes relative", description="Make the path relative to the .blend when it is first saved", options={"HIDDEN"}
+        name="Becomes relative",
+        description="Make the path relative to the .blend when it is first saved",
+        options={"HIDDEN"},
     )
     dataset: StringProperty(
         name="Data set folder",
@@ -79,10 +92,22 @@ class PagsObject(bpy.types.PropertyGroup):
         **OWN,
         **RELATIVE,
     )
-    record: StringProperty(name="Notes", description="Locations and identity of scene and data set (whereabouts.py)", options={"HIDDEN"}, **OWN)
-    frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1, precision=1, **OWN)
+    record: StringProperty(
+        name="Notes",
+        description="Locations and identity of scene and data set (whereabouts.py)",
+        options={"HIDDEN"},
+        **OWN,
+    )
+    frame_start: FloatProperty(
+        name="First frame", description="Frame at which the scene begins", default=1, precision=1, **OWN
+    )
     fps: FloatProperty(
-        name="Frames per second", description="Frames of the timeline per second of the scene", default=24, min=0.01, precision=2, **OWN
+        name="Frames per second",
+        description="Frames of the timeline per second of the scene",
+        default=24,
+        min=0.01,
+        precision=2,
+        **OWN,
     )
 
 
@@ -95,7 +120,11 @@ class PagsCamera(bpy.types.PropertyGroup):
 
 class PagsScene(bpy.types.PropertyGroup):
     sh_degree: IntProperty(
-        name="SH degree", description="Highest degree of the spherical harmonics used for view-dependent colour", default=3, min=0, max=3,
+        name="SH degree",
+        description="Highest degree of the spherical harmonics used for view-dependent colour",
+        default=3,
+        min=0,
+        max=3,
         update=draw_again,
     )
     antialiased: EnumProperty(
@@ -130,7 +159,11 @@ class PagsScene(bpy.types.PropertyGroup):
         update=draw_again,
     )
     threads: IntProperty(
-        name="Threads", description="Threads of the engine; 0: all processors", default=0, min=0, max=256,
+        name="Threads",
+        description="Threads of the engine; 0: all processors",
+        default=0,
+        min=0,
+        max=256,
         update=draw_again,
     )
     deadline: FloatProperty(
@@ -149,7 +182,9 @@ class PagsScene(bpy.types.PropertyGroup):
         update=draw_again,
     )
     hide_noncritical: BoolProperty(
-        name="Critical only", description="Show only vehicles, pedestrians and cyclists, without background and sky", update=critical_only
+        name="Critical only",
+        description="Show only vehicles, pedestrians and cyclists, without background and sky",
+        update=critical_only,
     )
     overlay: BoolProperty(
         name="Splats in Solid and Material",
@@ -158,16 +193,25 @@ class PagsScene(bpy.types.PropertyGroup):
         update=draw_again,
     )
     points: BoolProperty(
-        name="Points", description="Show preview points where splats are not drawn", default=True,
+        name="Points",
+        description="Show preview points where splats are not drawn",
+        default=True,
         update=draw_again,
     )
     use_background: BoolProperty(
-        name="Own background", description="Replace the scene's sky or background with this colour",
+        name="Own background",
+        description="Replace the scene's sky or background with this colour",
         update=draw_again,
     )
     background: FloatVectorProperty(
-        name="Background", description="Background colour, as the screen shows it", subtype="COLOR_GAMMA",
-        size=3, default=(0.5, 0.5, 0.5), min=0, max=1, update=draw_again,
+        name="Background",
+        description="Background colour, as the screen shows it",
+        subtype="COLOR_GAMMA",
+        size=3,
+        default=(0.5, 0.5, 0.5),
+        min=0,
+        max=1,
+        update=draw_again,
     )
     blur_samples: IntProperty(
         name="Samples",

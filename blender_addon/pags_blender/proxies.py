@@ -71,7 +71,14 @@ def proxies_of(gltf, buffer):
                 raise ValueError("it has textures; export it without --texture")
             colors = values_of(gltf, buffer, attributes["COLOR_0"]) / np.float32(65535)
             triangles = values_of(gltf, buffer, primitive["indices"]).astype(np.int32).reshape(-1, 3)
-            yield Proxy(node["name"], index, values_of(gltf, buffer, attributes["POSITION"]), triangles, colors, "NORMAL" in attributes)
+            yield Proxy(
+                node["name"],
+                index,
+                values_of(gltf, buffer, attributes["POSITION"]),
+                triangles,
+                colors,
+                "NORMAL" in attributes,
+            )
         waiting += [(child, index) for child in reversed(node.get("children", []))]
 
 
@@ -79,7 +86,9 @@ def values_of(gltf, buffer, accessor):
     found = gltf["accessors"][accessor]
     view = gltf["bufferViews"][found["bufferView"]]
     width = WIDTHS[found["type"]]
-    values = np.frombuffer(buffer, COMPONENTS[found["componentType"]], found["count"] * width, view.get("byteOffset", 0))
+    values = np.frombuffer(
+        buffer, COMPONENTS[found["componentType"]], found["count"] * width, view.get("byteOffset", 0)
+    )
     return values.reshape(found["count"], width)
 
 
@@ -92,7 +101,9 @@ def bring_in(job, root, path):
     collection, material = collection_for(root), material_for()
     tracks = {o.pags.index: o for o in bpy.context.scene.objects if o.pags.kind == "TRACK" and o.pags.root == root}
     job.changes = True
-    found = [proxy for proxy in found if proxy.index < 0 or proxy.index in tracks]  # skips those of objects deleted here
+    found = [
+        proxy for proxy in found if proxy.index < 0 or proxy.index in tracks
+    ]  # skips those of objects deleted here
     for number, proxy in enumerate(found):
         add(proxy, tracks.get(proxy.index, root), collection, material)
         job.tell((number + 1) / len(found), "adding meshes")

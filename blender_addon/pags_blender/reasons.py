@@ -80,7 +80,11 @@ def drive(context, root):
 def folder(root):
     """For commands that write a new scene folder."""
     path = whereabouts.absolute_path(root)
-    return "" if os.path.isdir(path) or not os.path.exists(path) else "this is a splat file, not a scene folder; Export writes it"
+    return (
+        ""
+        if os.path.isdir(path) or not os.path.exists(path)
+        else "this is a splat file, not a scene folder; Export writes it"
+    )
 
 
 def explain(layout, text, icon="INFO", width=32):

@@ -31,7 +31,9 @@ POSES = {"ego": "ego_pose", "laser": "lidar_pose", "world": None}
 MARKER = "held out"
 HEIGHTS = ((0.13, 0.18, 0.55), (0.1, 0.55, 0.6), (0.45, 0.8, 0.3), (0.98, 0.9, 0.15))  # linear colours from low to high
 CORNERS = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
-BOX_EDGES = [(a, b) for a in range(8) for b in range(a) if bin(a ^ b).count("1") == 1] + [(8, 9)]  # the last edge: from the centre to the front
+BOX_EDGES = [(a, b) for a in range(8) for b in range(a) if bin(a ^ b).count("1") == 1] + [
+    (8, 9)
+]  # the last edge: from the centre to the front
 
 _sets, _batches = {}, {}
 _handle = None
@@ -58,9 +60,13 @@ class Sweeps:
                 steps.setdefault(f"{view['frame']:0{digits}d}", view["time"])
         found = [(time, step) for step, time in steps.items() if os.path.isfile(self.path(step))]
         if not found:
-            raise native.SceneError(f"{os.path.join(self.folder, 'lidar')}: no sweep for the scene's {len(steps)} time steps, such as {self.path(min(steps, default='000'))}")
+            raise native.SceneError(
+                f"{os.path.join(self.folder, 'lidar')}: no sweep for the scene's {len(steps)} time steps, such as {self.path(min(steps, default='000'))}"
+            )
         self.times, self.steps = (list(column) for column in zip(*sorted(found)))
-        self.half = 0.75 * float(np.median(np.diff(self.times))) if len(found) > 1 else 0.05  # seconds for which a sweep is shown before and after its time
+        self.half = (
+            0.75 * float(np.median(np.diff(self.times))) if len(found) > 1 else 0.05
+        )  # seconds for which a sweep is shown before and after its time
 
     def rules(self):
         path = os.path.join(self.folder, "dataset.json")
@@ -79,7 +85,9 @@ class Sweeps:
         if names:
             columns, position = len(names), tuple(names.index(axis) for axis in "xyz" if axis in names)
         if not columns or len(position) != 3:
-            raise native.SceneError(f'{path}: expected "lidar_columns", the names of a sweep\'s columns with x, y and z among them')
+            raise native.SceneError(
+                f'{path}: expected "lidar_columns", the names of a sweep\'s columns with x, y and z among them'
+            )
         frame = stated.get("lidar_frame") or frame
         if frame not in POSES:
             raise native.SceneError(f'{path}: expected "lidar_frame" to be ego, laser or world, found {frame!r}')
@@ -101,7 +109,9 @@ class Sweeps:
         path = self.path(self.steps[number])
         data = np.fromfile(path, dtype="<f4")
         if len(data) % self.columns:
-            raise native.SceneError(f"{path}: {4 * len(data)} bytes, expected a multiple of {4 * self.columns} ({self.columns} floats per row)")
+            raise native.SceneError(
+                f"{path}: {4 * len(data)} bytes, expected a multiple of {4 * self.columns} ({self.columns} floats per row)"
+            )
         points = data.reshape(-1, self.columns)[:, list(self.position)].astype(np.float64)
         if POSES[self.frame]:
             where = os.path.join(self.folder, POSES[self.frame], self.steps[number] + ".txt")
@@ -160,7 +170,9 @@ def show_sweep(block, scene):
     if entry.scene is None:
         return
     sweeps = sweeps_of(root, entry)
-    number = sweeps.nearest(entry.info["time_begin"] + (scene.frame_current_final - root.pags.frame_start) / root.pags.fps)
+    number = sweeps.nearest(
+        entry.info["time_begin"] + (scene.frame_current_final - root.pags.frame_start) / root.pags.fps
+    )
     if number != block.get("pags_sweep"):
         points = sweeps.read(number) if number >= 0 else np.zeros((0, 3), dtype=np.float32)
         put(block, points, np.array(root.matrix_world)[2, :3])
@@ -226,10 +238,15 @@ def on_draw():
     for block in blocks:
         mesh = block.data
         if mesh.name_full not in _batches:
-            points, colors = np.empty(3 * len(mesh.vertices), dtype=np.float32), np.ones(4 * len(mesh.vertices), dtype=np.float32)
+            points, colors = (
+                np.empty(3 * len(mesh.vertices), dtype=np.float32),
+                np.ones(4 * len(mesh.vertices), dtype=np.float32),
+            )
             mesh.vertices.foreach_get("co", points)
             mesh.attributes["Col"].data.foreach_get("color", colors)
-            _batches[mesh.name_full] = batch_for_shader(shader, "POINTS", {"pos": points.reshape(-1, 3), "color": colors.reshape(-1, 4)})
+            _batches[mesh.name_full] = batch_for_shader(
+                shader, "POINTS", {"pos": points.reshape(-1, 3), "color": colors.reshape(-1, 4)}
+            )
         with gpu.matrix.push_pop():
             gpu.matrix.multiply_matrix(block.matrix_world)
             _batches[mesh.name_full].draw(shader)
@@ -255,7 +272,9 @@ class PAGS_OT_boxes(jobs.Long, cameras.OnScene, bpy.types.Operator):
                 raise native.SceneError(f"{root.name}: the scene has no labelled objects")
             job.changes = True
             name = f"{root.name} boxes"
-            collection = next((c for c in scene.collection.children_recursive if c.get("pags_boxes") == root.name), None)
+            collection = next(
+                (c for c in scene.collection.children_recursive if c.get("pags_boxes") == root.name), None
+            )
             if collection is None:
                 collection = bpy.data.collections.new(name)
                 collection["pags_boxes"] = root.name
@@ -285,15 +304,28 @@ def add_box(collection, frame, index, record):
     block["pags_box"], block["pags_class"] = record["id"], record["class"]
     rows = np.array(frame.scene.track(index)).reshape(-1, 13)
     if not record["tracked"] or len(rows) == 0:  # a parked box has one pose for all times
-        poses, times = np.array(frame.scene.pose(index, frame.info["time_begin"])).reshape(1, 3, 4), [frame.info["time_begin"]]
+        poses, times = (
+            np.array(frame.scene.pose(index, frame.info["time_begin"])).reshape(1, 3, 4),
+            [frame.info["time_begin"]],
+        )
     else:
         poses, times = rows[:, 1:].reshape(-1, 3, 4).copy(), rows[:, 0]
     poses[:, :, 3] -= frame.origin
     frames = [frame.frame_of(time) for time in times]
     curves.set_track(block, frames, poses)
     if record["tracked"] and len(frames) > 0:
-        half = float(np.median(np.diff(frames)) if len(frames) > 1 else frame.root.pags.fps / (frame.info["fps"] or 10)) / 2
-        curves.set_curve(block, "hide_viewport", 0, [frames[0] - half - 1, frames[0] - half, frames[-1] + half + 1e-3], [1, 0, 1], "CONSTANT")
+        half = (
+            float(np.median(np.diff(frames)) if len(frames) > 1 else frame.root.pags.fps / (frame.info["fps"] or 10))
+            / 2
+        )
+        curves.set_curve(
+            block,
+            "hide_viewport",
+            0,
+            [frames[0] - half - 1, frames[0] - half, frames[-1] + half + 1e-3],
+            [1, 0, 1],
+            "CONSTANT",
+        )
 
 
 # ---- Held-out steps ----

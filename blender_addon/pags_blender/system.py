@@ -8,7 +8,9 @@ import sys
 import sysconfig
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-ADDON = __package__.removesuffix(".pags_blender")  # the module that Blender enables; if a whole zip was unpacked, the folder around
+ADDON = __package__.removesuffix(
+    ".pags_blender"
+)  # the module that Blender enables; if a whole zip was unpacked, the folder around
 SYSTEMS = {"linux": "linux", "darwin": "macos", "win32": "windows"}
 PROCESSORS = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64", "arm64": "arm64"}
 MODULES = ("pags.abi3.so", "pags.pyd")
@@ -35,5 +37,7 @@ def module():
     """The module's name for imports from this package. Raises ImportError if the zip is for other systems."""
     systems = held()
     if systems and name() not in systems:
-        raise ImportError(f"this zip of the add-on is for {', '.join(systems)}, but this Blender needs {name()}; get that zip, or build it (docs/porting.md)")
+        raise ImportError(
+            f"this zip of the add-on is for {', '.join(systems)}, but this Blender needs {name()}; get that zip, or build it (docs/porting.md)"
+        )
     return f".{name()}.pags" if systems else ".pags"

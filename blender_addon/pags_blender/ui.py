@@ -6,7 +6,22 @@ import textwrap
 import bpy
 from bl_operators.presets import AddPresetBase
 
-from . import blur, cameras, comparison, exporter, jobs, native, native_splats, overlay, photographs, picked, program, reasons, recording, viewport, whereabouts
+from . import (
+    blur,
+    cameras,
+    comparison,
+    jobs,
+    native,
+    native_splats,
+    overlay,
+    photographs,
+    picked,
+    program,
+    reasons,
+    recording,
+    viewport,
+    whereabouts,
+)
 
 
 class Sidebar:
@@ -219,7 +234,10 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
         own.active = settings.use_background
         own.prop(settings, "background", text="")
         layout.prop(context.scene.render, "film_transparent", text="Transparent sky")
-        for said in filter(None, (plain, f"Critical only: {none}" if none else "", f"Recorded exposure: {unexposed}" if unexposed else "")):
+        for said in filter(
+            None,
+            (plain, f"Critical only: {none}" if none else "", f"Recorded exposure: {unexposed}" if unexposed else ""),
+        ):
             reasons.explain(layout, said, width=48)
 
 

@@ -22,7 +22,9 @@ def read(path):
         flat = np.empty(width * height * image.channels, dtype=np.float32)
         image.pixels.foreach_get(flat)
         if image.file_format in ("OPEN_EXR", "HDR"):  # linear light
-            flat = np.where(flat <= 0.0031308, np.maximum(flat, 0) * 12.92, 1.055 * np.clip(flat, 0.0031308, 1) ** (1 / 2.4) - 0.055).astype(np.float32)
+            flat = np.where(
+                flat <= 0.0031308, np.maximum(flat, 0) * 12.92, 1.055 * np.clip(flat, 0.0031308, 1) ** (1 / 2.4) - 0.055
+            ).astype(np.float32)
         return flat.reshape(height, width, -1)[::-1, :, :3].copy()
     finally:
         bpy.data.images.remove(image)

@@ -17,7 +17,9 @@ from .native import SceneError
 STILL = 0.12  # seconds without change before the picture of full quality is rendered
 TICK = 0.008
 PERIOD = 95  # milliseconds per picture as the target: a little more than ten pictures per second
-UNANSWERED = 50  # unanswered redraw requests before a view counts as closed: Blender 5 keeps a view's engine after its region
+UNANSWERED = (
+    50  # unanswered redraw requests before a view counts as closed: Blender 5 keeps a view's engine after its region
+)
 
 views = weakref.WeakSet()
 
@@ -113,7 +115,13 @@ class View:
         if region.view_perspective == "CAMERA":
             job_arguments.update(frame.exposure(settings, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)
-        key += (native.generation, tuple(map(id, frame.entries)), self.state.key(), settings.hide_noncritical, tuple(sorted(job_arguments.items())))
+        key += (
+            native.generation,
+            tuple(map(id, frame.entries)),
+            self.state.key(),
+            settings.hide_noncritical,
+            tuple(sorted(job_arguments.items())),
+        )
         self.error = ""
         return key, frame, camera, values, job_arguments, settings, now
 
@@ -174,7 +182,9 @@ class View:
         if self.loading or self.job is not None:
             return True
         return (
-            self.shown is not None and self.requested is not None and (self.shown.key != self.requested or self.shown.unsharp)
+            self.shown is not None
+            and self.requested is not None
+            and (self.shown.key != self.requested or self.shown.unsharp)
         )
 
     # ---- Statistics ----

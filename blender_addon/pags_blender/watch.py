@@ -105,7 +105,9 @@ def renew_track(root, track, old, old_index, fresh, index):
             return
         keyed = np.empty(2 * len(frames), dtype=np.float32)
         curve.keyframe_points.foreach_get("co", keyed)
-        if not (np.allclose(keyed[0::2], frames, rtol=0, atol=1e-3) and np.allclose(keyed[1::2], values, rtol=0, atol=1e-3)):
+        if not (
+            np.allclose(keyed[0::2], frames, rtol=0, atol=1e-3) and np.allclose(keyed[1::2], values, rtol=0, atol=1e-3)
+        ):
             return
     curves.set_track(track, *poses_of(root, fresh, index))
 

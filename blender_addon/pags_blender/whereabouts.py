@@ -64,7 +64,11 @@ def resolve(root, name):
 
 def blend_of(root, name):
     library = library_of(root, name)
-    return os.path.abspath(bpy.path.abspath(library.filepath, library=library.parent)) if library is not None else bpy.data.filepath
+    return (
+        os.path.abspath(bpy.path.abspath(library.filepath, library=library.parent))
+        if library is not None
+        else bpy.data.filepath
+    )
 
 
 @functools.lru_cache(maxsize=64)
@@ -144,7 +148,12 @@ def note(root, name, value, path, blend):
             size, sha256 = identity_of(path)
         except (OSError, ValueError):
             return chosen(root.pags, name)
-    text = json.dumps({**parsed(root.pags.record), name: {"path": value, "place": path, "blend": blend, "stamp": stamp, "size": size, "sha256": sha256}})
+    text = json.dumps(
+        {
+            **parsed(root.pags.record),
+            name: {"path": value, "place": path, "blend": blend, "stamp": stamp, "size": size, "sha256": sha256},
+        }
+    )
     if root.pags.record != text:
         root.pags.record = text
 
@@ -164,7 +173,12 @@ def place(root, name, path, blend, relative):
 
 def owned():
     """Pairs (root, name) of the paths stored in this file."""
-    return [(root, name) for root in roots() for name in NAMES if root.library is None and getattr(root.pags, name) and origin_of(root, name) is None]
+    return [
+        (root, name)
+        for root in roots()
+        for name in NAMES
+        if root.library is None and getattr(root.pags, name) and origin_of(root, name) is None
+    ]
 
 
 def targets():
@@ -193,7 +207,9 @@ def leave_check():
     if not drawn:
         return
     for scene in (scene for scene in drawn if scene.library is None):
-        scene[farm_check.NEEDS] = json.dumps({"engine": "PAGS", "version": ".".join(map(str, bl_info["version"])), "scenes": scenes})
+        scene[farm_check.NEEDS] = json.dumps(
+            {"engine": "PAGS", "version": ".".join(map(str, bl_info["version"])), "scenes": scenes}
+        )
     with open(farm_check.__file__, encoding="utf-8") as file:
         script = file.read()
     text = bpy.data.texts.get(CHECK) or bpy.data.texts.new(CHECK)

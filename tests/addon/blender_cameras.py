@@ -9,9 +9,8 @@ import threading
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from blender_case import BlenderCase, json, main  # noqa: E402
-
 import fixtures  # noqa: E402
+from blender_case import BlenderCase, json, main  # noqa: E402
 from fixtures import read_png  # noqa: E402
 
 
@@ -58,7 +57,9 @@ class Cameras(BlenderCase):
         reader.join(60)
         self.assertEqual((kind("fifo.json"), got), (stat.S_IFIFO, [made]))
         os.chmod(self.path("made.json"), 0o444)
-        self.raises(["link.json"], bpy.ops.export_scene.pags_path, filepath=self.path("link.json"), check_existing=False)
+        self.raises(
+            ["link.json"], bpy.ops.export_scene.pags_path, filepath=self.path("link.json"), check_existing=False
+        )
         self.assertEqual((kind("link.json"), fixtures.read(self.path("made.json"))), (stat.S_IFLNK, made))
         try:
             os.mknod(self.path("device.json"), stat.S_IFCHR | 0o666, os.makedev(1, 3))

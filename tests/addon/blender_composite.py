@@ -8,7 +8,6 @@ import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, main, pixel  # noqa: E402
-
 from fixtures import splat  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
@@ -71,7 +70,10 @@ class Composite(BlenderCase):
         bpy.ops.pags.composite(engine="CYCLES", use_light=False)
         self.scene.cycles.samples = 4
         picture = self.f12()
-        below, beside = (72, 73), (30, 73)  # the road is 1.6 m below the cameras, the block 7 m ahead and 1.5 m to the right
+        below, beside = (
+            (72, 73),
+            (30, 73),
+        )  # the road is 1.6 m below the cameras, the block 7 m ahead and 1.5 m to the right
         self.assertGreater(pixel(street, *below)[2], 120)
         self.assertLess(pixel(picture, *below)[2], 80)
         self.assertLess(abs(pixel(picture, *beside)[2] - pixel(street, *beside)[2]), 10)
@@ -107,7 +109,10 @@ class Composite(BlenderCase):
     def test_the_light_comes_from_where_it_is(self):
         """A wall of red Gaussians to the north, the scene turned: the panorama has it where Blender's world has it."""
         composite = sys.modules[addon.__name__ + ".composite"]
-        make_drive(self.path("scene"), [splat(x, 6, z, (1, 0, 0), sigma=0.5, opacity=12.0) for x in range(-4, 5) for z in range(-2, 3)])
+        make_drive(
+            self.path("scene"),
+            [splat(x, 6, z, (1, 0, 0), sigma=0.5, opacity=12.0) for x in range(-4, 5) for z in range(-2, 3)],
+        )
         root = self.bring_in()
         root.rotation_euler.z = -1.5707963  # what was to the left, y, is ahead now, x
         bpy.context.view_layer.update()
@@ -130,7 +135,9 @@ class Composite(BlenderCase):
         scene = self.scene
         tree = composite.node_tree(scene)
         out = composite.output_of(tree, scene)
-        layers = next((n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers"), None) or tree.nodes.new("CompositorNodeRLayers")
+        layers = next((n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers"), None) or tree.nodes.new(
+            "CompositorNodeRLayers"
+        )
         layers.scene = scene
         invert = tree.nodes.new("CompositorNodeInvert")
         invert.name = "mine"
@@ -151,7 +158,9 @@ class Composite(BlenderCase):
         tree.links.new(image.outputs[0], out.inputs[0])
         tree.links.new(image.outputs[0], color(tree.nodes["mine"]))
         tree.links.new(image.outputs[0], other.inputs[0])
-        self.assertFalse(composite.build_nodes(scene, bpy.data.scenes[composite.SECOND], bpy.context.view_layer.name, 0.3))
+        self.assertFalse(
+            composite.build_nodes(scene, bpy.data.scenes[composite.SECOND], bpy.context.view_layer.name, 0.3)
+        )
 
 
 if __name__ == "__main__":

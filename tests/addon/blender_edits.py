@@ -10,9 +10,8 @@ from unittest import mock
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from blender_case import BlenderCase, addon, main  # noqa: E402
-
 import fixtures  # noqa: E402
+from blender_case import BlenderCase, addon, main  # noqa: E402
 
 
 class Edits(BlenderCase):
@@ -62,14 +61,23 @@ class Edits(BlenderCase):
         def text_in_place_of_a_link(source, target):
             fixtures.write(target, "XSym\n" + source)
 
-        ways = [OSError(errno.EPERM, "x"), PermissionError(1314, "privilege"), NotImplementedError("no links"), text_in_place_of_a_link]
+        ways = [
+            OSError(errno.EPERM, "x"),
+            PermissionError(1314, "privilege"),
+            NotImplementedError("no links"),
+            text_in_place_of_a_link,
+        ]
         for i, way in enumerate(ways):
             with self.no_links(way):
                 bpy.ops.pags.save_edited(directory=self.path(f"copied{i}"))
             made = self.contents(f"copied{i}")
             self.assertNotIn(None, made.values())
-            self.assertEqual(sorted(os.path.basename(p) for p in made), ["background.ply", "car.ply", "scene.json", "sky.npy"])
-            self.assertEqual(made[self.path(f"copied{i}", "objects", "car.ply")], before[self.path("scene", "objects", "car.ply")])
+            self.assertEqual(
+                sorted(os.path.basename(p) for p in made), ["background.ply", "car.ply", "scene.json", "sky.npy"]
+            )
+            self.assertEqual(
+                made[self.path(f"copied{i}", "objects", "car.ply")], before[self.path("scene", "objects", "car.ply")]
+            )
         self.assertEqual(self.contents("scene"), before)
         with self.no_links():
             bpy.ops.export_scene.pags(filepath=self.path("edited.ply"))  # goes through such a folder
@@ -86,7 +94,11 @@ class Edits(BlenderCase):
         self.track(0).location.x -= 0.5  # the background is written anew
         full = mock.patch("shutil.copyfile", side_effect=OSError(errno.ENOSPC, "No space left on device"))
         with self.no_links(), full:
-            self.raises([self.path("full", "objects", "car.ply"), "No space"], bpy.ops.pags.save_edited, directory=self.path("full"))
+            self.raises(
+                [self.path("full", "objects", "car.ply"), "No space"],
+                bpy.ops.pags.save_edited,
+                directory=self.path("full"),
+            )
         self.assertFalse(os.path.lexists(self.path("full")))
         self.write(os.path.join("mine", "background.ply"), b"mine")
         self.write(os.path.join("other", "sky.npy"), b"mine")
@@ -102,7 +114,11 @@ class Edits(BlenderCase):
             kept, folders = self.contents(folder), [at for at, _, _ in os.walk(self.path(folder))]
             for links in (contextlib.nullcontext(), self.no_links()):
                 with links:
-                    self.raises([os.path.normpath(self.path(folder, name))], bpy.ops.pags.save_edited, directory=self.path(folder))
+                    self.raises(
+                        [os.path.normpath(self.path(folder, name))],
+                        bpy.ops.pags.save_edited,
+                        directory=self.path(folder),
+                    )
                 self.assertEqual(self.contents(folder), kept)
                 self.assertEqual([at for at, _, _ in os.walk(self.path(folder))], folders)
         self.assertEqual(fixtures.read(self.path("file")), b"mine")

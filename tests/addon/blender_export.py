@@ -8,10 +8,9 @@ from unittest import mock
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from blender_case import BlenderCase, addon, json, main  # noqa: E402
-
 import fixtures  # noqa: E402
-from fixtures import ply_bytes, read, some_splats, splat  # noqa: E402
+from blender_case import BlenderCase, addon, json, main  # noqa: E402
+from fixtures import ply_bytes, some_splats, splat  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
 
@@ -22,7 +21,9 @@ class Export(BlenderCase):
         self.part(1).location.x += 0.7
         bpy.ops.export_scene.pags(filepath=self.path("edited.ply"))
         bpy.ops.export_scene.pags(filepath=self.path("plain.ply"), edits=False)
-        info = [json.loads(self.succeeds("info", self.path(n), "--json", "-").stdout) for n in ("edited.ply", "plain.ply")]
+        info = [
+            json.loads(self.succeeds("info", self.path(n), "--json", "-").stdout) for n in ("edited.ply", "plain.ply")
+        ]
         self.assertEqual([i["gaussians"] for i in info], [3, 3])
         self.assertNotEqual(fixtures.read(self.path("edited.ply")), fixtures.read(self.path("plain.ply")))
         self.starts_with("edited.pagsz", b"PAGSPK01")
@@ -47,7 +48,9 @@ class Export(BlenderCase):
         self.bring_in("some.ply")
         self.starts_with("some.pagsz", b"PAGSPK01")
         bpy.ops.export_scene.pags(filepath=self.path("again.ply"))
-        self.assertEqual(json.loads(self.succeeds("info", self.path("again.ply"), "--json", "-").stdout)["gaussians"], 40)
+        self.assertEqual(
+            json.loads(self.succeeds("info", self.path("again.ply"), "--json", "-").stdout)["gaussians"], 40
+        )
 
     def test_the_background_in_blocks(self):
         """A background of more rows than are read at a time, of which some are left out and others moved."""
@@ -62,7 +65,9 @@ class Export(BlenderCase):
         bpy.ops.pags.save_edited(directory=self.path("whole"))
         read = lambda name: fixtures.read(self.path(name, "background.ply"))
         self.assertEqual(read("fewer"), read("whole"))
-        counts = [json.loads(fixtures.read(self.path(n, "scene.json")))["models"][0]["gaussians"] for n in ("moved", "fewer")]
+        counts = [
+            json.loads(fixtures.read(self.path(n, "scene.json")))["models"][0]["gaussians"] for n in ("moved", "fewer")
+        ]
         self.assertEqual(counts, [52, 51])
         self.succeeds("info", self.path("moved"))
         self.succeeds("info", self.path("fewer"))

@@ -9,9 +9,8 @@ import sys
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from blender_case import BlenderCase, main, pixel  # noqa: E402
-
 import fixtures  # noqa: E402
+from blender_case import BlenderCase, main, pixel  # noqa: E402
 from fixtures import ply_bytes, splat  # noqa: E402
 
 
@@ -185,7 +184,13 @@ class Final(BlenderCase):
         towards = sum(a * short[f"Normal.{c}"] for a, c in zip(ahead, "XYZ"))
         self.assertLess(towards, 1e-6)  # faces the camera
         self.assertAlmostEqual(sum(short[f"Normal.{c}"] ** 2 for c in "XYZ"), 1, delta=1e-3)
-        for text in (car.name, f"{layer.name}.CryptoObject", f"{layer.name}.CryptoAsset", "MurmurHash3_32", "uint32_to_float32"):
+        for text in (
+            car.name,
+            f"{layer.name}.CryptoObject",
+            f"{layer.name}.CryptoAsset",
+            "MurmurHash3_32",
+            "uint32_to_float32",
+        ):
             self.assertTrue(text.encode() in data, text)
         layer.pass_cryptomatte_depth = 2
         self.assertNotIn("CryptoObject01.R", self.short_names(self.render_exr("two.exr"), 50, 50))
@@ -232,7 +237,12 @@ class Final(BlenderCase):
         self.scene.frame_set(2)
         data = self.render_exr("vector.exr")
         car, rest = self.short_names(data, 50, 50), self.short_names(data, 35, 40)
-        for channel, wanted in (("X", -40 * 0.99), ("Y", 0), ("Z", -40 * 0.99), ("W", 0)):  # 4 m a frame in 10 m, focal length 101 px
+        for channel, wanted in (
+            ("X", -40 * 0.99),
+            ("Y", 0),
+            ("Z", -40 * 0.99),
+            ("W", 0),
+        ):  # 4 m a frame in 10 m, focal length 101 px
             self.assertAlmostEqual(car[f"Vector.{channel}"], 1.01 * wanted, delta=0.5)
         moved = self.short_names(data, 34, 50)  # the parked one: 0.1 m to the left before, 0.2 m after
         self.assertAlmostEqual(moved["Vector.Z"] / moved["Vector.X"], 2, delta=0.1)
@@ -258,7 +268,9 @@ class Final(BlenderCase):
                 street.scale.z = 1.2  # the street then lends its sky alone
             picture = self.pass_values()
             ball, car = picture(67, 50), picture(50, 50)  # the camera stands at 1 m: 1.5 m to the right of 9 m
-            self.assertEqual((ball["CryptoObject00.R"], ball["CryptoAsset00.R"]), (value("background.001"), value("background")))
+            self.assertEqual(
+                (ball["CryptoObject00.R"], ball["CryptoAsset00.R"]), (value("background.001"), value("background"))
+            )
             self.assertEqual((car["CryptoObject00.R"], car["CryptoAsset00.R"]), (value("c=2"), value("Car")))
             # The ball goes 0.1 m a frame to the right, the camera 1 m ahead.
             for channel, wanted in (("X", 1.4 / 10 - 1.5 / 9), ("Z", 1.5 / 9 - 1.6 / 8)):

@@ -14,7 +14,11 @@ from blender_case import BlenderCase, addon, main  # noqa: E402
 class Foreign(BlenderCase):
     def test_it_says_so(self):
         self.assertIn(addon.__name__, bpy.context.preferences.addons)
-        self.raises(["zip of the add-on is for windows-x64, but this Blender needs linux-x64"], bpy.ops.import_scene.pags, filepath=self.path("scene"))
+        self.raises(
+            ["zip of the add-on is for windows-x64, but this Blender needs linux-x64"],
+            bpy.ops.import_scene.pags,
+            filepath=self.path("scene"),
+        )
         reason = sys.modules[addon.__name__ + ".program"].absent(bpy.context)
         self.assertTrue(reason == "" or "windows-x64" in reason or "PATH" in reason, reason)
 

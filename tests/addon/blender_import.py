@@ -10,9 +10,8 @@ import bpy
 from mathutils import Vector
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
-
 import fixtures  # noqa: E402
+from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
 from fixtures import ply_bytes, some_splats, splat  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
@@ -101,7 +100,10 @@ class Import(BlenderCase):
         """All of it is in the picture and fills it, at any size and place, wide or high, whatever a few strays do; moved, it stays in view."""
         for scale, place, size in ((1, (0, 0, 0), (96, 64)), (300, (5000, -80, 20), (64, 96))):
             bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-            rows = [[scale * r[k] + place[k] for k in range(3)] + r[3:10] + [v + math.log(scale) for v in r[10:13]] + r[13:] for r in some_splats()]
+            rows = [
+                [scale * r[k] + place[k] for k in range(3)] + r[3:10] + [v + math.log(scale) for v in r[10:13]] + r[13:]
+                for r in some_splats()
+            ]
             stray = [splat(9000 * scale, 0, 9000 * scale, (1, 1, 1), sigma=scale)]
             self.write("some.ply", ply_bytes(rows + stray))
             self.scene.render.resolution_x, self.scene.render.resolution_y = size
@@ -116,7 +118,9 @@ class Import(BlenderCase):
                     low, high = min(p[k] for p in lit), max(p[k] for p in lit)
                     self.assertGreater(low, 1)
                     self.assertLess(high, size[k] - 2)
-                self.assertGreater(max(max(p[k] for p in lit) - min(p[k] for p in lit) for k in range(2)), 0.55 * min(size))
+                self.assertGreater(
+                    max(max(p[k] for p in lit) - min(p[k] for p in lit) for k in range(2)), 0.55 * min(size)
+                )
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         self.bring_in("some.ply", cameras="NONE")
         self.assertIsNone(self.scene.camera)
@@ -159,7 +163,9 @@ class Import(BlenderCase):
             size = self.scene.render.resolution_x, self.scene.render.resolution_y
             self.bring_in(name, **({"cameras": "NONE"} if name == "scene" else {}))
             self.assertEqual(self.scene.camera is camera, name == "scene", name)
-            self.assertEqual([camera.matrix_world, camera.data.lens, camera.data.clip_start, camera.data.clip_end], before)
+            self.assertEqual(
+                [camera.matrix_world, camera.data.lens, camera.data.clip_start, camera.data.clip_end], before
+            )
             if name != "scene":
                 self.assertEqual((self.scene.render.resolution_x, self.scene.render.resolution_y), size)
             self.scene.render.resolution_x, self.scene.render.resolution_y = 64, 48
@@ -222,9 +228,15 @@ class Import(BlenderCase):
             self.assertEqual(len(mesh.attributes["Col"].data), len(mesh.vertices))
         self.raises(["none.glb"], bpy.ops.pags.import_proxies, filepath=self.path("none.glb"))
         good = fixtures.read(self.path("proxies.glb"))
-        for number, data in enumerate((b"", b"glTF", b"x" * 100, good[:3000], good[:12] + b"\0" + good[13:], good[: len(good) // 2])):
+        for number, data in enumerate(
+            (b"", b"glTF", b"x" * 100, good[:3000], good[:12] + b"\0" + good[13:], good[: len(good) // 2])
+        ):
             self.write(f"bad{number}.glb", data)
-            self.raises([f"bad{number}.glb", "expected a .glb of proxies"], bpy.ops.pags.import_proxies, filepath=self.path(f"bad{number}.glb"))
+            self.raises(
+                [f"bad{number}.glb", "expected a .glb of proxies"],
+                bpy.ops.pags.import_proxies,
+                filepath=self.path(f"bad{number}.glb"),
+            )
         before = len(self.scene.objects)
         bpy.data.objects.remove(self.part(1))
         bpy.data.objects.remove(self.track(1))

@@ -9,9 +9,8 @@ from unittest import mock
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from blender_case import BlenderCase, addon, json, main  # noqa: E402
-
 import fixtures  # noqa: E402
+from blender_case import BlenderCase, addon, json, main  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
 
@@ -91,9 +90,14 @@ class Inspecting(BlenderCase):
                 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
                 make_drive(self.path("scene"))
                 self.photographed(distorted)
-                photographs = {n: fixtures.read(self.path("set", "images", n)) for n in os.listdir(self.path("set", "images"))}
+                photographs = {
+                    n: fixtures.read(self.path("set", "images", n)) for n in os.listdir(self.path("set", "images"))
+                }
                 refused = PermissionError(errno.EPERM, "Operation not permitted")
-                with mock.patch.object(os, "symlink", side_effect=refused), mock.patch.object(os, "link", side_effect=refused):
+                with (
+                    mock.patch.object(os, "symlink", side_effect=refused),
+                    mock.patch.object(os, "link", side_effect=refused),
+                ):
                     full = mock.patch("shutil.copyfile", side_effect=OSError(errno.ENOSPC, "No space left on device"))
                     with full:
                         self.raises([".png", "No space left"], bpy.ops.pags.photographs)
@@ -110,7 +114,9 @@ class Inspecting(BlenderCase):
                     os.utime(self.path("set", "images", "002_0.png"), (4e9, 4e9))
                     bpy.ops.pags.photographs()
                     self.assertEqual(fixtures.read(path(5)), photographs["001_0.png"])
-                os.rename(self.path("set"), self.path(f"before {distorted}"))  # another set with this one's names, older than what was made of it
+                os.rename(
+                    self.path("set"), self.path(f"before {distorted}")
+                )  # another set with this one's names, older than what was made of it
                 for name in photographs:
                     self.write(f"set/images/{name}", photographs["002_0.png"])
                     os.utime(self.path("set", "images", name), (1e9, 1e9))
@@ -126,7 +132,12 @@ class Inspecting(BlenderCase):
         os.rename(self.path("set"), self.path("here"))
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         root = self.bring_in()
-        looked = ["000_0.png", os.path.normpath("/home/else/recordings/street 7"), self.path("street 7"), "Data set folder"]
+        looked = [
+            "000_0.png",
+            os.path.normpath("/home/else/recordings/street 7"),
+            self.path("street 7"),
+            "Data set folder",
+        ]
         self.raises(looked, bpy.ops.pags.photographs)
         self.raises(["001_0.png", *looked[1:]], bpy.ops.pags.compare, name="001_0.png")
         self.f12()

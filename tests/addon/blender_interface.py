@@ -38,8 +38,12 @@ class Interface(BlenderCase):
         for operator, paths in shown.items():
             patterns = operator.get_rna_type().properties["filter_glob"].default.split(";")
             for path in paths:
-                self.assertTrue(any(fnmatch.fnmatchcase(path.lower(), p) for p in patterns), f"{operator.idname()}: {path}")
-            self.assertFalse(any(fnmatch.fnmatchcase("/home/me/street/sky.npy", p) for p in patterns), operator.idname())
+                self.assertTrue(
+                    any(fnmatch.fnmatchcase(path.lower(), p) for p in patterns), f"{operator.idname()}: {path}"
+                )
+            self.assertFalse(
+                any(fnmatch.fnmatchcase("/home/me/street/sky.npy", p) for p in patterns), operator.idname()
+            )
         if hasattr(bpy.types, "FileHandler"):
             handled = bpy.types.PAGS_FH_import.bl_file_extensions.split(";")
             self.assertEqual({os.path.splitext(p.lower())[1] for p in shown[importer]}, set(handled))

@@ -23,7 +23,9 @@ class Jobs(BlenderCase):
 
         def work(job):
             threads.append(threading.current_thread())
-            self.assertEqual((yield self.jobs.in_thread(lambda a, b: threads.append(threading.current_thread()) or a + b, 1, 2)), 3)
+            self.assertEqual(
+                (yield self.jobs.in_thread(lambda a, b: threads.append(threading.current_thread()) or a + b, 1, 2)), 3
+            )
             yield
             threads.append(threading.current_thread())
             with self.assertRaises(ZeroDivisionError):

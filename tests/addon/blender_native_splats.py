@@ -13,7 +13,6 @@ from mathutils import Vector
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, main  # noqa: E402
-
 from fixtures import read  # noqa: E402
 
 
@@ -23,8 +22,20 @@ def ply_with_harmonics(count, degree, seed=5):
     rest = 3 * ((degree + 1) ** 2 - 1)
     names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{k}" for k in range(rest)), "opacity"]
     names += ["scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
-    rows = [[dice.uniform(-1, 1) for _ in names[:-7]] + [dice.uniform(-4, -2) for _ in range(3)] + [dice.uniform(0.1, 1) for _ in range(4)] for _ in range(count)]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}", *(f"property float {n}" for n in names), "end_header", ""]
+    rows = [
+        [dice.uniform(-1, 1) for _ in names[:-7]]
+        + [dice.uniform(-4, -2) for _ in range(3)]
+        + [dice.uniform(0.1, 1) for _ in range(4)]
+        for _ in range(count)
+    ]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {count}",
+        *(f"property float {n}" for n in names),
+        "end_header",
+        "",
+    ]
     return "\n".join(header).encode() + b"".join(struct.pack(f"<{len(names)}f", *row) for row in rows)
 
 
@@ -66,9 +77,16 @@ class NativeSplats(BlenderCase):
         """Names, types and values in any Blender."""
         from_module = sys.modules[addon.__name__ + ".native"].module
         path = self.write("harmonics.ply", ply_with_harmonics(50, 2))
-        found = self.module.attributes({name: np.asarray(values) for name, values in from_module.load(path).arrays().items()})
-        self.assertEqual([f[0] for f in found], ["position", "scale", "rotation", "radiance:base", *(f"radiance:sh_{k}" for k in range(8))])
-        self.assertEqual([f[1] for f in found], ["FLOAT_VECTOR", "FLOAT_VECTOR", "QUATERNION", "FLOAT4", *["FLOAT_VECTOR"] * 8])
+        found = self.module.attributes(
+            {name: np.asarray(values) for name, values in from_module.load(path).arrays().items()}
+        )
+        self.assertEqual(
+            [f[0] for f in found],
+            ["position", "scale", "rotation", "radiance:base", *(f"radiance:sh_{k}" for k in range(8))],
+        )
+        self.assertEqual(
+            [f[1] for f in found], ["FLOAT_VECTOR", "FLOAT_VECTOR", "QUATERNION", "FLOAT4", *["FLOAT_VECTOR"] * 8]
+        )
         values = {f[0]: f[3] for f in found}
         self.assertLess(np.abs(np.linalg.norm(values["rotation"], axis=1) - 1).max(), 1e-6)
         self.assertTrue((values["radiance:base"][:, 3] > 0).all() and (values["radiance:base"][:, 3] < 1).all())
@@ -126,7 +144,9 @@ class NativeSplats(BlenderCase):
         car, parked = self.part(1), self.part(0)
         self.assertEqual(converted[car.name].parent, self.track(1))
         self.assertEqual(converted["background"].parent, root)
-        self.assert_same(self.layers(converted[car.name].data), self.blender_reads(self.path("scene", "objects", "car.ply")))
+        self.assert_same(
+            self.layers(converted[car.name].data), self.blender_reads(self.path("scene", "objects", "car.ply"))
+        )
         loaded = sys.modules[addon.__name__ + ".native"].load(self.path("scene")).scene
         root.rotation_euler = (0, 0, 0.3)
         for frame in (1, 2, 3):
@@ -138,7 +158,9 @@ class NativeSplats(BlenderCase):
                 got = [cloud.matrix_world @ point.co for point in cloud.data.points]
                 for a, b in zip(got, wanted):
                     self.assertLess((a - b).length, 1e-4)
-            self.assertEqual(converted[car.name].evaluated_get(bpy.context.evaluated_depsgraph_get()).hide_render, car.hide_render)
+            self.assertEqual(
+                converted[car.name].evaluated_get(bpy.context.evaluated_depsgraph_get()).hide_render, car.hide_render
+            )
         car.animation_data_clear()
         car.hide_render = True
         self.scene.frame_set(2)

@@ -56,7 +56,10 @@ class Program(BlenderCase):
         self.prefer(PROGRAM)
         self.assertEqual(self.module.command(bpy.context), os.path.abspath(PROGRAM))
         self.prefer("")
-        with mock.patch.object(self.module, "own", return_value=self.path("none")), mock.patch.dict(os.environ, {"PATH": ""}):
+        with (
+            mock.patch.object(self.module, "own", return_value=self.path("none")),
+            mock.patch.dict(os.environ, {"PATH": ""}),
+        ):
             self.raises(["without the pags program"], bpy.ops.export_scene.pags, filepath=self.path("x.ply"))
 
     def test_what_it_lacks_is_said(self):
@@ -66,7 +69,10 @@ class Program(BlenderCase):
         self.assertRegex(known, r"(?m)^  export ")
         self.bring_in()
         said = subprocess.CompletedProcess([], 0, shown, "")
-        with mock.patch.object(self.module.subprocess, "run", return_value=said), mock.patch.dict(self.module._lacking, clear=True):
+        with (
+            mock.patch.object(self.module.subprocess, "run", return_value=said),
+            mock.patch.dict(self.module._lacking, clear=True),
+        ):
             self.assertIn("lacks proxies, glTF and USD (CMake option X)", self.module.lacking(bpy.context))
             for name in ("x.glb", "x.gltf", "x.usda"):
                 self.raises(["lacks proxies"], bpy.ops.export_scene.pags, filepath=self.path(name))
@@ -86,7 +92,9 @@ class Program(BlenderCase):
         jobs = sys.modules[addon.__name__ + ".jobs"]
         hidden = mock.patch.object(subprocess, "CREATE_NO_WINDOW", 0x08000000, create=True)
         with hidden, mock.patch.object(self.module.subprocess, "Popen", popen), self.assertRaises(OSError):
-            jobs.at_once("x", lambda job: (jobs.in_thread(*call) for call in [(self.module.run, job, "pags", "日本語")]))
+            jobs.at_once(
+                "x", lambda job: (jobs.in_thread(*call) for call in [(self.module.run, job, "pags", "日本語")])
+            )
         ((words, keywords),) = started
         self.assertEqual(keywords["creationflags"], 0x08000000)
         self.assertEqual(words[1], "日本語" if os.name == "nt" else "日本語".encode())
@@ -97,7 +105,9 @@ class Program(BlenderCase):
         self.bring_in()
         jobs, exporter = (sys.modules[f"{addon.__name__}.{n}"] for n in ("jobs", "exporter"))
         root, path = next(o for o in self.scene.objects if o.pags.kind == "ROOT"), self.path("x.glb")
-        work = exporter.export(root, self.module.command(bpy.context), path, ["--proxy", "mesh", "--voxel", "0.01"], False)
+        work = exporter.export(
+            root, self.module.command(bpy.context), path, ["--proxy", "mesh", "--voxel", "0.01"], False
+        )
         job = jobs.Job("Export", work)
         self.assertFalse(job.step(True))
         self.assertFalse(job.step(True))  # the program runs

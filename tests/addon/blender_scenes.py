@@ -12,7 +12,6 @@ from mathutils import Matrix
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, main, pixel  # noqa: E402
-
 from fixtures import ply_bytes, some_splats, splat  # noqa: E402
 
 
@@ -48,7 +47,11 @@ class SeveralScenes(BlenderCase):
         together = self.f12()
         relative = first.matrix_world.inverted() @ second.matrix_world
         turn, place = pose_rows(relative)
-        self.merged(some_splats(), (1, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [0, 0, 0]), (0.5, [[2 * v for v in row] for row in turn], place))
+        self.merged(
+            some_splats(),
+            (1, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [0, 0, 0]),
+            (0.5, [[2 * v for v in row] for row in turn], place),
+        )
         bpy.context.view_layer.objects.active = first
         self.assert_close(together, self.program(scene="merged.ply"))
         second.hide_viewport = second.hide_render = True
@@ -58,18 +61,35 @@ class SeveralScenes(BlenderCase):
 
     def test_scenes_of_one_map(self):
         """Splat files in a map's coordinates, whose origins differ, lie beside each other as the map has them; others at zero."""
-        names = ["f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+        names = [
+            "f_dc_0",
+            "f_dc_1",
+            "f_dc_2",
+            "opacity",
+            "scale_0",
+            "scale_1",
+            "scale_2",
+            "rot_0",
+            "rot_1",
+            "rot_2",
+            "rot_3",
+        ]
         head = "".join(f"property double {k}\n" for k in "xyz") + "".join(f"property float {k}\n" for k in names)
 
         def far(name, x, y):
             row = struct.pack("<3d11f", x, y, 0.5, 1, 0, 0, 3, -2, -2, -2, 1, 0, 0, 0)
-            self.write(name, f"ply\nformat binary_little_endian 1.0\nelement vertex 1\n{head}end_header\n".encode() + row)
+            self.write(
+                name, f"ply\nformat binary_little_endian 1.0\nelement vertex 1\n{head}end_header\n".encode() + row
+            )
             return self.bring_in(name)
 
         roots = [far("a.ply", 500000.25, 4600000.5), far("b.ply", 500040.5, 4599990.25), far("c.ply", 900000, 4600000)]
         self.write("some.ply", ply_bytes(some_splats()))
         roots.append(self.bring_in("some.ply"))
-        places = [root.matrix_world @ next(p for p in root.children if p.type == "MESH").data.vertices[0].co for root in roots[:3]]
+        places = [
+            root.matrix_world @ next(p for p in root.children if p.type == "MESH").data.vertices[0].co
+            for root in roots[:3]
+        ]
         apart = places[1] - places[0]  # y is down in the files
         for found, wanted in zip(apart, (40.25, 0, 10.25)):
             self.assertAlmostEqual(found, wanted, places=4)
@@ -115,7 +135,9 @@ class SeveralScenes(BlenderCase):
                     self.assertLessEqual(abs(a - b), 1)
         root.scale.x *= 2
         self.assertGreater(self.difference(mirrored, self.f12()), 50)
-        self.scene.camera = next(o for o in self.scene.objects if o.pags.kind == "CAMERA")  # below the mirrored root: mirrored itself
+        self.scene.camera = next(
+            o for o in self.scene.objects if o.pags.kind == "CAMERA"
+        )  # below the mirrored root: mirrored itself
         self.assertGreater(max(self.f12()[4]), 100)
 
     def test_scaled_objects(self):
@@ -167,7 +189,11 @@ class SeveralScenes(BlenderCase):
         self.assertGreater(pixel(late, 50, 50 - 12)[0], 200)  # the twin's, a metre higher, 8 m before the camera
 
     def part_of(self, root, index):
-        return next(o for o in self.scene.objects if o.pags.kind in {"OBJECT", "BACKGROUND"} and o.pags.index == index and o.pags.root == root)
+        return next(
+            o
+            for o in self.scene.objects
+            if o.pags.kind in {"OBJECT", "BACKGROUND"} and o.pags.index == index and o.pags.root == root
+        )
 
     def test_picks_name_the_scene(self):
         first, second = self.splats_before_a_camera(2)
@@ -194,7 +220,13 @@ class SeveralScenes(BlenderCase):
         dice = random.Random(5)
         size = 0.35 * count ** (-1 / 3)
         rows = [
-            splat(*(dice.uniform(-1, 1) for _ in range(3)), [dice.random() for _ in range(3)], sigma=size, opacity=dice.uniform(-2, 3)) for _ in range(count)
+            splat(
+                *(dice.uniform(-1, 1) for _ in range(3)),
+                [dice.random() for _ in range(3)],
+                sigma=size,
+                opacity=dice.uniform(-2, 3),
+            )
+            for _ in range(count)
         ]
         self.write("many.ply", ply_bytes(rows))
         bpy.ops.object.camera_add(location=(0.3, -3.5, 0.4), rotation=(1.5, 0, 0))
@@ -205,11 +237,17 @@ class SeveralScenes(BlenderCase):
         self.scene.render.resolution_x, self.scene.render.resolution_y = (640, 360) if count > 100000 else (160, 90)
         together = self.f12()
         turn, place = pose_rows(first.matrix_world.inverted() @ second.matrix_world)
-        self.merged(rows, (1, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [0, 0, 0]), (0.5, [[2 * v for v in row] for row in turn], place))
+        self.merged(
+            rows,
+            (1, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [0, 0, 0]),
+            (0.5, [[2 * v for v in row] for row in turn], place),
+        )
         bpy.context.view_layer.objects.active = first
         merged = self.program(scene="merged.ply")
         apart = [abs(a - b) for a, b in zip(together[4], merged[4])]
-        print(f"two scenes of {count} Gaussians: at most {max(apart)} grey levels apart, {sum(map(bool, apart))} of {len(apart)} samples differ")
+        print(
+            f"two scenes of {count} Gaussians: at most {max(apart)} grey levels apart, {sum(map(bool, apart))} of {len(apart)} samples differ"
+        )
         self.assert_close(together, merged)
 
 

@@ -25,13 +25,18 @@ class Together(BlenderCase):
         scene = pags.load(self.path("scene"))
         self.assertEqual(len(memoryview(pags.render(scene, scene.views[0]).rgba).shape), 3)
         self.assertFalse(hasattr(pags, "register"))
-        self.assertFalse(hasattr(pags, "__file__") and addon.__name__.startswith("bl_ext."))  # Blender would call it a violation of its policy
+        self.assertFalse(
+            hasattr(pags, "__file__") and addon.__name__.startswith("bl_ext.")
+        )  # Blender would call it a violation of its policy
 
     def test_a_second_copy(self):
         """It is refused, and the copy that is on is named."""
         known = type("PAGS_OT_job", (), {"__module__": "bl_ext.other.pags.jobs"})
         types = SimpleNamespace(Operator=SimpleNamespace(bl_rna_get_subclass_py=lambda name: known))
-        with mock.patch.object(addon, "bpy", SimpleNamespace(types=types, context=bpy.context)), self.assertRaisesRegex(RuntimeError, r"bl_ext\.other\.pags"):
+        with (
+            mock.patch.object(addon, "bpy", SimpleNamespace(types=types, context=bpy.context)),
+            self.assertRaisesRegex(RuntimeError, r"bl_ext\.other\.pags"),
+        ):
             addon.register()
         self.bring_in()
 
@@ -42,7 +47,9 @@ class Together(BlenderCase):
         import pags
 
         bpy.ops.preferences.addon_disable(module=addon.__name__)
-        known = {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[0] in {"pags", addon.__name__}}
+        known = {
+            name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[0] in {"pags", addon.__name__}
+        }
         folder = self.path("pags")
         with zipfile.ZipFile(PACKAGE) as package:
             package.extractall(folder)
@@ -70,7 +77,11 @@ class Together(BlenderCase):
             self.skipTest("an extension has kept its name")
         former = bpy.context.preferences.addons.new()
         former.module = "pags"
-        settings = type("PagsFormer", (bpy.types.AddonPreferences,), {"bl_idname": "pags", "__annotations__": {"budget": bpy.props.IntProperty()}})
+        settings = type(
+            "PagsFormer",
+            (bpy.types.AddonPreferences,),
+            {"bl_idname": "pags", "__annotations__": {"budget": bpy.props.IntProperty()}},
+        )
         bpy.utils.register_class(settings)
         former.preferences.budget = 123
         bpy.ops.preferences.addon_disable(module=addon.__name__)

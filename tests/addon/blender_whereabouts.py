@@ -11,9 +11,8 @@ import tempfile
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
-
 import fixtures  # noqa: E402
+from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
 from fixtures import ply_bytes, splat  # noqa: E402
 
 RED, GREEN, BLUE = (0.9, 0.1, 0.1), (0.1, 0.9, 0.1), (0.1, 0.1, 0.9)
@@ -82,7 +81,9 @@ class Whereabouts(BlenderCase):
                 self.assertEqual(self.drawn(blend), "red")
                 os.remove(self.path(home, "model.ply"))
             self.ball(new, "model.ply", colour=BLUE)
-            self.refuses(self.path(new, "model.ply"), self.path(home, "model.ply"), "choose the path again", blend=blend)
+            self.refuses(
+                self.path(new, "model.ply"), self.path(home, "model.ply"), "choose the path again", blend=blend
+            )
             self.root.pags.path = "//model.ply"  # chosen
             self.assertEqual(self.drawn(), "blue")
             bpy.ops.wm.save_mainfile()
@@ -186,7 +187,12 @@ class Whereabouts(BlenderCase):
         bpy.app.handlers.save_pre[:] = kept
         self.assertEqual(self.drawn(blend), "red")
         shutil.move(self.path("home"), self.path("new"))
-        self.refuses(self.path("home", "model.ply"), self.path("new", "model.ply"), "no record shows", blend=self.path("new", "one.blend"))
+        self.refuses(
+            self.path("home", "model.ply"),
+            self.path("new", "model.ply"),
+            "no record shows",
+            blend=self.path("new", "one.blend"),
+        )
 
     def test_a_scene_folder(self):
         """Is known by scene.json and what that names; its data set may be elsewhere, and a training's other files don't count."""
@@ -206,7 +212,11 @@ class Whereabouts(BlenderCase):
         data = bytearray(fixtures.read(model))
         data[-1] ^= 1
         fixtures.write(model, bytes(data))
-        self.refuses(self.path("farm", "scene"), "is not the file that the .blend was saved with", blend=self.path("farm", "work.blend"))
+        self.refuses(
+            self.path("farm", "scene"),
+            "is not the file that the .blend was saved with",
+            blend=self.path("farm", "work.blend"),
+        )
 
     def test_a_data_set_of_that_name(self):
         """Beside the scene, where training's isn't there: the same is taken, another isn't, and no photograph comes from two sets."""
@@ -233,8 +243,22 @@ class Whereabouts(BlenderCase):
         with tempfile.TemporaryDirectory() as config:
             environment = {**os.environ, "BLENDER_USER_SCRIPTS": scripts, "BLENDER_USER_CONFIG": config}
             switched = ("--addons", ",".join(addons)) if addons else ()
-            command = [bpy.app.binary_path, "-b", "--factory-startup", "-noaudio", *switched, blend, *words, "-o", self.path("out", "####"), "-f", "1"]
-            done = subprocess.run(command, env=environment, capture_output=True, text=True, errors="replace", stdin=subprocess.DEVNULL)
+            command = [
+                bpy.app.binary_path,
+                "-b",
+                "--factory-startup",
+                "-noaudio",
+                *switched,
+                blend,
+                *words,
+                "-o",
+                self.path("out", "####"),
+                "-f",
+                "1",
+            ]
+            done = subprocess.run(
+                command, env=environment, capture_output=True, text=True, errors="replace", stdin=subprocess.DEVNULL
+            )
         files = os.listdir(self.path("out")) if os.path.isdir(self.path("out")) else []
         shutil.rmtree(self.path("out"), ignore_errors=True)
         return done.returncode, files, done.stdout + done.stderr
@@ -246,7 +270,10 @@ class Whereabouts(BlenderCase):
         blend = self.project("home", "one.blend")
         needs = json.loads(self.scene["pags_needs"])
         self.assertEqual([s["path"] for s in needs["scenes"]], ["//model.ply"])
-        self.assertEqual(bpy.data.texts["pags_check.py"].as_string(), fixtures.read(sys.modules[addon.__name__ + ".farm_check"].__file__).decode())
+        self.assertEqual(
+            bpy.data.texts["pags_check.py"].as_string(),
+            fixtures.read(sys.modules[addon.__name__ + ".farm_check"].__file__).decode(),
+        )
         mine, check = bpy.utils.user_resource("SCRIPTS"), ("--python-exit-code", "1", "--python-text", "pags_check.py")
         code, files, said = self.node(blend, *check, scripts=mine, addons=[addon.__name__])
         self.assertEqual((code, files), (0, ["0001.png"]), said)

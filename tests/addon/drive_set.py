@@ -31,7 +31,12 @@ def make_set(scene, folder):
             pose = [[0, 0, 1, x + (50 if sensor else t)], [-1, 0, 0, y], [0, -1, 0, z], [0, 0, 0, 1]]
             write(os.path.join(folder, "extrinsics", f"{t:03d}_{sensor}.txt"), rows(pose))
     write(os.path.join(folder, "timestamps.json"), json.dumps({"frames": [100.0, 101.0, 102.0]}))
-    stated = {"kind": "pags", "camera_axes": "opencv", "extrinsics": "per-frame camera-to-world (TTT_C.txt)", "object_forward": "+x"}
+    stated = {
+        "kind": "pags",
+        "camera_axes": "opencv",
+        "extrinsics": "per-frame camera-to-world (TTT_C.txt)",
+        "object_forward": "+x",
+    }
     write(os.path.join(folder, "dataset.json"), json.dumps({**stated, "fps": 1}))
 
 
@@ -41,4 +46,7 @@ def make_sweeps(folder, points, places):
         data = b"".join(struct.pack("<4f", *row) for row in points(t))
         write(os.path.join(folder, "lidar", f"{t:03d}.bin"), data)
         place = [o + d for o, d in zip(ORIGIN, places(t))]
-        write(os.path.join(folder, "ego_pose", f"{t:03d}.txt"), rows([[1, 0, 0, place[0]], [0, 1, 0, place[1]], [0, 0, 1, place[2]], [0, 0, 0, 1]]))
+        write(
+            os.path.join(folder, "ego_pose", f"{t:03d}.txt"),
+            rows([[1, 0, 0, place[0]], [0, 1, 0, place[1]], [0, 0, 1, place[2]], [0, 0, 0, 1]]),
+        )

@@ -2,7 +2,6 @@
 """What Blender's menus and the add-on's panels show at this moment, and how to press it by its label: their drawing functions run with a layout
 that notes what they put into it. What isn't shown, or is greyed out, can't be pressed."""
 
-
 import bpy
 from gui_case import addon, in_view, view3d
 
@@ -97,7 +96,11 @@ class Drawn:
 
     def __getattr__(self, name):
         member = getattr(self.kind, name)
-        return (lambda *arguments: member(self, *arguments)) if callable(member) and not hasattr(member, "__self__") else member
+        return (
+            (lambda *arguments: member(self, *arguments))
+            if callable(member) and not hasattr(member, "__self__")
+            else member
+        )
 
 
 def rna(name):

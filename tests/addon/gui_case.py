@@ -15,9 +15,8 @@ import traceback
 import bpy
 import numpy as np
 from blender_case import addon
-from mathutils import Euler
-
 from fixtures import read_png
+from mathutils import Euler
 
 viewport = sys.modules[addon.__name__ + ".viewport"]
 stopwatch = sys.modules[addon.__name__ + ".stopwatch"]

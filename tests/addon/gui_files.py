@@ -8,10 +8,9 @@ import sys
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from fixtures import write  # noqa: E402
 from gui_browser import double_click, opened, until  # noqa: E402
 from gui_case import FOLDER, in_view, sharp_shot, tell, view3d  # noqa: E402
-
-from fixtures import write  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
 READ = ["background.ply", "b.compressed.ply", "c.spz", "d.splat", "e.pagsz", "f.PLY", "scene.json"]

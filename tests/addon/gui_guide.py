@@ -16,6 +16,7 @@ from mathutils import Matrix, Vector
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import guide_page  # noqa: E402
+from fixtures import read_png  # noqa: E402
 from gui_browser import accept, browsers, double_click, opened, until  # noqa: E402
 from gui_buttons import buttons_of, call, panels, press, put  # noqa: E402
 from gui_case import (  # noqa: E402
@@ -38,8 +39,6 @@ from gui_case import (  # noqa: E402
     wait,
     window,
 )
-
-from fixtures import read_png  # noqa: E402
 
 WINDOW = "960x600"
 SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
@@ -191,7 +190,6 @@ def above():
     rv3d.view_rotation = (goal - eye).to_track_quat("-Z", "Y")
     rv3d.view_distance, rv3d.view_location = (goal - eye).length, goal
 
-
     yield from wait()
 
 
@@ -225,7 +223,10 @@ def click_car():
     r = region()
     yield from click(r.x + x, r.y + r.height - 1 - y)
     if pressed[-1] == "Show > Pick":
-        assert car["pags_id"] in bpy.context.scene.pags_picked and bpy.context.object == car, (car["pags_id"], bpy.context.scene.pags_picked)
+        assert car["pags_id"] in bpy.context.scene.pags_picked and bpy.context.object == car, (
+            car["pags_id"],
+            bpy.context.scene.pags_picked,
+        )
 
 
 def click_road():
@@ -320,7 +321,9 @@ def build(parts):
         parts.append((bpy.context.object, (0.01, 0.4, 0.25, 1) if at[2] < 1 else (0.03, 0.04, 0.05, 1)))
     for x in (-1.35, 1.35):
         for y in (-0.85, 0.85):
-            bpy.ops.mesh.primitive_cylinder_add(radius=0.33, depth=0.25, location=(x, y, 0.33), rotation=(np.pi / 2, 0, 0))
+            bpy.ops.mesh.primitive_cylinder_add(
+                radius=0.33, depth=0.25, location=(x, y, 0.33), rotation=(np.pi / 2, 0, 0)
+            )
             parts.append((bpy.context.object, (0.02, 0.02, 0.02, 1)))
     for block, paint in parts:
         material = bpy.data.materials.new("paint")
@@ -339,7 +342,9 @@ WORDS = {
     r"(delete .*)": remove,
     r"click the X next to the distance": forget_distance,
     r"double-click `(scene\.json)` in the scene's folder": lambda name: choose(name, STREET),
-    r"double-click `(scene\.json)` in the folder `(\w+)`": lambda name, folder: choose(name, os.path.join(FOLDER, folder)),
+    r"double-click `(scene\.json)` in the folder `(\w+)`": lambda name, folder: choose(
+        name, os.path.join(FOLDER, folder)
+    ),
     r"double-click `([\w.]+)` in the scene's folder `(\w+)`": choose_part,
     r"turn the view .*you see the street from above": above,
     r"click a car": click_car,
@@ -375,19 +380,10 @@ def inside(picture):
     return whole[top : top + r.height, r.x : r.x + r.width, :3].astype(int)
 
 
-
 def small(width, colours=128):
     """Options of convert: the 3D view alone, for a part of the page's width."""
     place = f"{area().width}x{area().height}+{area().x}+{window().height - area().y - area().height}"
     return ("-crop", place, "+repage", "-resize", f"{width}x", "+dither", "-colors", str(colours))
-
-
-def inside(picture):
-    """Samples of the 3D view's region, (height, width, 3), row 0 at the top."""
-    r = region()
-    whole = np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], picture[2])
-    top = picture[1] - r.y - r.height
-    return whole[top : top + r.height, r.x : r.x + r.width, :3].astype(int)
 
 
 def done_looking(name, _):
@@ -442,7 +438,9 @@ def result(name):
     settings.file_format, settings.color_mode = "PNG", "RGB"
     bpy.data.images["Render Result"].save_render(path)
     picture = read_png(path)
-    return np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], -1)[..., :3].astype(int), path
+    return np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], -1)[..., :3].astype(
+        int
+    ), path
 
 
 def top_of_view():
@@ -453,7 +451,9 @@ def underway():
     """For the pages of the manual that tell of long work: proxies that are being made, as the header tells."""
     with in_view():
         bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
-    yield from until(lambda: jobs.current is not None and jobs.current.end_other is not None and jobs.current.fraction > 0)
+    yield from until(
+        lambda: jobs.current is not None and jobs.current.end_other is not None and jobs.current.fraction > 0
+    )
     yield 0.2
     shoot("underway")
     keep("underway", crop=top_of_view())
@@ -501,8 +501,12 @@ def check_look(picture):
 def check_beside(picture):
     """Without the lowest rows, where Blender says what was done last."""
     plain, middle = seen["rendered"][:-60], int(bpy.context.scene.pags.wipe * picture.shape[1])
-    left, right = (apart(picture[:-60, half], plain[:, half]) for half in (slice(0, middle - 5), slice(middle + 5, None)))
-    assert left < 0.02 and right > left + 0.02, f"left of the edge isn't the first scene, or right isn't the edited one: {left:.3f}, {right:.3f}"
+    left, right = (
+        apart(picture[:-60, half], plain[:, half]) for half in (slice(0, middle - 5), slice(middle + 5, None))
+    )
+    assert left < 0.02 and right > left + 0.02, (
+        f"left of the edge isn't the first scene, or right isn't the edited one: {left:.3f}, {right:.3f}"
+    )
 
 
 def check_mesh(picture):
@@ -526,7 +530,11 @@ def differs(name, share):
     return check
 
 
-PANELS = {"sidebar": None, "inspected": "PAGS_PT_inspect", "look": "PAGS_PT_cleanup"}  # the panel that is open where the sidebar is seen
+PANELS = {
+    "sidebar": None,
+    "inspected": "PAGS_PT_inspect",
+    "look": "PAGS_PT_cleanup",
+}  # the panel that is open where the sidebar is seen
 SIZES = {name: (540, 48) for name in ("imported", "rendered", "sidebar", "inspected", "look", "meshes")}
 CHECKS = {
     "imported": check_imported,

@@ -12,12 +12,27 @@ import numpy as np
 from mathutils import Vector
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from gui_case import FOLDER, PATIENCE, addon, area, color, deselect, empty_scene, in_view, look_ahead, near, on_screen, redraw, region  # noqa: E402
-from gui_case import sharp_shot, shoot, tell, view3d, viewport, window  # noqa: E402
-
 import fixtures  # noqa: E402
 from drive_set import make_set, make_sweeps  # noqa: E402
 from fixtures import ply_bytes, png_bytes, splat, write  # noqa: E402
+from gui_case import (  # noqa: E402
+    FOLDER,
+    PATIENCE,
+    addon,
+    color,
+    deselect,
+    empty_scene,
+    in_view,
+    look_ahead,
+    near,
+    on_screen,
+    redraw,
+    region,
+    sharp_shot,
+    tell,
+    view3d,
+    window,
+)  # noqa: E402
 from test_drive import make_drive, sky_npy  # noqa: E402
 
 part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
@@ -49,7 +64,11 @@ def make_scenes():
     make_drive(SCENE, pave())
     make_set(SCENE, SET)
     write(os.path.join(SET, "images", "001_0.png"), png_bytes(101, 101, bytes(PHOTO) * 101 * 101))
-    make_sweeps(SET, lambda t: [[8, 0.05 * k - 1, 0.3 + 0.02 * j, 1.0] for k in range(40) for j in range(20)], lambda t: (0, 0, 0))
+    make_sweeps(
+        SET,
+        lambda t: [[8, 0.05 * k - 1, 0.3 + 0.02 * j, 1.0] for k in range(40) for j in range(20)],
+        lambda t: (0, 0, 0),
+    )
     path = os.path.join(SET, "dataset.json")
     write(path, json.dumps({**json.loads(fixtures.read(path)), "lidar_columns": ["x", "y", "z", "intensity"]}))
     make_drive(OTHER)
@@ -79,7 +98,9 @@ def story():
     deselect()
     space = bpy.types.SpaceView3D
     space.draw_handler_remove(comparison._handle, "WINDOW")
-    comparison._handle = space.draw_handler_add(watched(comparison.on_draw, "comparison drawn"), (), "WINDOW", "POST_PIXEL")
+    comparison._handle = space.draw_handler_add(
+        watched(comparison.on_draw, "comparison drawn"), (), "WINDOW", "POST_PIXEL"
+    )
     comparison.tick = watched(comparison.tick, "comparison made")
     yield from compared()
     yield from listed()
@@ -109,7 +130,9 @@ def over(picture, view, u, v):
 
 def pair(name, ssim=False):
     """Yields until a pair is there and on the screen; returns it."""
-    found = lambda: next((p for (_, _, n), p in comparison._pairs.items() if n == name and not isinstance(p, str)), None)
+    found = lambda: next(
+        (p for (_, _, n), p in comparison._pairs.items() if n == name and not isinstance(p, str)), None
+    )
     yield from until(lambda: found() is not None and (not ssim or found().ssim is not None))
     yield 0.5
     return found()
@@ -205,7 +228,9 @@ def recorded():
     deselect()
     after = yield from sharp_shot("recording")
     x, y = on_screen((8, 0, 0.5))
-    patch = lambda p: np.array([tuple(p[4][((y + j) * p[0] + x + i) * p[2] :][:3]) for j in range(-4, 5) for i in range(-4, 5)]).astype(int)
+    patch = lambda p: np.array(
+        [tuple(p[4][((y + j) * p[0] + x + i) * p[2] :][:3]) for j in range(-4, 5) for i in range(-4, 5)]
+    ).astype(int)
     assert np.abs(patch(after) - patch(before)).max() > 60, "the LiDAR points aren't seen"
     for block in [o for o in bpy.data.objects if "pags_lidar" in o or "pags_box" in o]:
         block.hide_set(True)
@@ -227,7 +252,9 @@ def measured():
     assert "-3.0" in said or "-2.9" in said, said
     picture = yield from sharp_shot("distance")
     x, y = on_screen(0.75 * np.array(WHITE) + 0.25 * np.array(GREEN))  # on the line, above its text
-    around = [tuple(picture[4][((y + j) * picture[0] + x + i) * picture[2] :][:3]) for j in range(-3, 4) for i in range(-3, 4)]
+    around = [
+        tuple(picture[4][((y + j) * picture[0] + x + i) * picture[2] :][:3]) for j in range(-3, 4) for i in range(-3, 4)
+    ]
     assert any(c[0] > 200 and c[2] < 120 for c in around), around
     bpy.ops.pags.forget_distance()
 
@@ -275,7 +302,9 @@ def wiped():
     view3d().shading.type = "RENDERED"
     picture = yield from sharp_shot("together")
     near(color(picture, (10, -3, 1)), color(picture, (10, 3, 1)))
-    for block in list(bpy.data.objects[os.path.basename(OTHER)].children_recursive) + [bpy.data.objects[os.path.basename(OTHER)]]:
+    for block in list(bpy.data.objects[os.path.basename(OTHER)].children_recursive) + [
+        bpy.data.objects[os.path.basename(OTHER)]
+    ]:
         bpy.data.objects.remove(block)
 
 

@@ -12,9 +12,8 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from gui_case import FOLDER, PATIENCE, addon, in_view, look_ahead, shoot, tell, view3d, window  # noqa: E402
-
 from fixtures import png_bytes, splat, write  # noqa: E402
+from gui_case import FOLDER, PATIENCE, addon, in_view, look_ahead, shoot, tell, view3d, window  # noqa: E402
 from test_drive import make_drive, with_object_id  # noqa: E402
 
 SCENE, SET = os.path.join(FOLDER, "street"), os.path.join(FOLDER, "set")
@@ -52,7 +51,11 @@ def method(function, name):
 
 def watch():
     for module in [m for n, m in list(sys.modules.items()) if n.startswith(addon.__name__ + ".")]:
-        for cls in [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, bpy.types.bpy_struct) and c.__module__ == module.__name__]:
+        for cls in [
+            c
+            for c in vars(module).values()
+            if isinstance(c, type) and issubclass(c, bpy.types.bpy_struct) and c.__module__ == module.__name__
+        ]:
             for name in CALLED:
                 if name in vars(cls):
                     setattr(cls, name, method(vars(cls)[name], f"{cls.__name__}.{name}"))
@@ -62,7 +65,10 @@ def watch():
             if handler.__module__.startswith(addon.__name__):
                 handlers[at] = timed(handler, handler.__name__)
     overlay.unregister()
-    overlay.on_draw, overlay.on_draw_text = timed(overlay.on_draw, "on_draw"), timed(overlay.on_draw_text, "on_draw_text")
+    overlay.on_draw, overlay.on_draw_text = (
+        timed(overlay.on_draw, "on_draw"),
+        timed(overlay.on_draw_text, "on_draw_text"),
+    )
     overlay.register()
     bpy.app.timers.unregister(viewport.tick)
     viewport.tick = timed(viewport.tick, "tick")
@@ -84,8 +90,12 @@ def report(what):
     said = ", ".join(f"{1e3 * seconds:.0f} ({1e3 * own:.0f}) ms {name}" for seconds, own, name in longest)
     most = max(own for _, own, _ in taken)
     said += f"; most of the processor {1e3 * most:.0f} ms"
-    print(f"figures: {what}: longest calls {said}; longest time between ticks {1e3 * gaps.max():.0f} ms, of {len(ticks)}")
-    assert longest and len(ticks) > 4 and longest[0][0] < 0.5 * (ticks[-1] - ticks[0]), f"{what}: {longest} of {ticks[-1] - ticks[0]:.2f} s"
+    print(
+        f"figures: {what}: longest calls {said}; longest time between ticks {1e3 * gaps.max():.0f} ms, of {len(ticks)}"
+    )
+    assert longest and len(ticks) > 4 and longest[0][0] < 0.5 * (ticks[-1] - ticks[0]), (
+        f"{what}: {longest} of {ticks[-1] - ticks[0]:.2f} s"
+    )
     del taken[:], ticks[:]
 
 
@@ -103,7 +113,9 @@ def browse(operator, path, **properties):
     """An operator with a file browser: it opens, the path is typed, and the button is pressed."""
     with in_view():
         assert operator("INVOKE_DEFAULT", **properties) == {"RUNNING_MODAL"}
-    found = lambda: [(w, a) for w in bpy.context.window_manager.windows for a in w.screen.areas if a.type == "FILE_BROWSER"]
+    found = lambda: [
+        (w, a) for w in bpy.context.window_manager.windows for a in w.screen.areas if a.type == "FILE_BROWSER"
+    ]
     yield from until(lambda: found() and found()[0][1].spaces.active.params is not None)
     yield 1  # operators of the browser crash Blender before it has drawn itself
     browser, area = found()[0]
@@ -112,7 +124,9 @@ def browse(operator, path, **properties):
     if os.path.basename(path):
         params.filename = os.path.basename(path)
     yield 1
-    with bpy.context.temp_override(window=browser, area=area, region=next(r for r in area.regions if r.type == "WINDOW")):
+    with bpy.context.temp_override(
+        window=browser, area=area, region=next(r for r in area.regions if r.type == "WINDOW")
+    ):
         bpy.ops.file.execute()
     yield 0.3
 
@@ -164,7 +178,9 @@ def make_street():
     generator = np.random.default_rng(1)
     with open(os.path.join(SCENE, "background.ply"), "rb") as file:
         header, _ = file.read().split(b"end_header\n")
-    row = np.frombuffer(with_object_id([splat(0, 0, 0, (0.4, 0.4, 0.4), sigma=0.1, opacity=4.0)], [-1]).split(b"end_header\n")[1], "<f4")
+    row = np.frombuffer(
+        with_object_id([splat(0, 0, 0, (0.4, 0.4, 0.4), sigma=0.1, opacity=4.0)], [-1]).split(b"end_header\n")[1], "<f4"
+    )
     rows = np.tile(row, (150000, 1))
     rows[:, :3] = generator.uniform((3, -15, -2), (60, 15, 3), (len(rows), 3))
     rows[-1, -1] = np.array(0, "<i4").view("<f4")  # the parked car

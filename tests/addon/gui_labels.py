@@ -33,7 +33,6 @@ from gui_case import (  # noqa: E402
     viewport,
     window,
 )
-
 from test_drive import make_drive  # noqa: E402
 
 WINDOW = "960x900"
@@ -48,7 +47,19 @@ def keep(shot, name, *options):
     """Of a screenshot the part that `convert`'s options cut out, in few colours, for the manual."""
     if IMAGES:
         target = os.path.join(IMAGES, f"blender-{name}.png")
-        subprocess.run(["convert", os.path.join(SHOTS, shot + ".png"), *options, "+dither", "-colors", "96", "-strip", "PNG8:" + target], check=True)
+        subprocess.run(
+            [
+                "convert",
+                os.path.join(SHOTS, shot + ".png"),
+                *options,
+                "+dither",
+                "-colors",
+                "96",
+                "-strip",
+                "PNG8:" + target,
+            ],
+            check=True,
+        )
         print(f"{target}: {os.path.getsize(target) // 1024} KB")
 
 
@@ -58,7 +69,9 @@ def story():
     assert bpy.ops.import_scene.pags(filepath=os.path.join(FOLDER, "scene")) == {"FINISHED"}
     bpy.context.scene.frame_set(2)
     overlay = view3d().overlay
-    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_object_origins = overlay.show_extras = False
+    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_object_origins = (
+        overlay.show_extras
+    ) = False
     overlay.show_outline_selected = False
     deselect()
     look_ahead()
@@ -103,7 +116,13 @@ def sidebar():
         view3d().shading.type = shading
         yield from sharp_shot("sidebar-" + shading.lower())
     width = r.width + 8
-    keep("sidebar-rendered", "sidebar-panels", "-crop", f"{width}x{r.height}+{r.x - 8}+{window().height - r.y - r.height}", "+repage")
+    keep(
+        "sidebar-rendered",
+        "sidebar-panels",
+        "-crop",
+        f"{width}x{r.height}+{r.x - 8}+{window().height - r.y - r.height}",
+        "+repage",
+    )
 
 
 def bar():
@@ -135,14 +154,19 @@ def legends(shading):
         else:
             for share in (0.1, 0.35, 0.6, 0.9):
                 near(at(picture, left + share * width, y), [255 * v for v in legend.color(mode, share)[:3]], LIFTED)
-        letters = np.frombuffer(bytes(picture[4]), np.uint8).reshape(picture[1], picture[0], -1)[int(y) + 8 : int(y) + 20, int(left) : int(left + width), :3]
+        letters = np.frombuffer(bytes(picture[4]), np.uint8).reshape(picture[1], picture[0], -1)[
+            int(y) + 8 : int(y) + 20, int(left) : int(left + width), :3
+        ]
         assert letters.min(axis=2).max() > 200, f"{name}: no numbers"
-        assert any(abs(a - b) > 20 for share in (0.1, 0.6) for a, b in zip(at(plain, left + share * width, y), at(picture, left + share * width, y)))
+        assert any(
+            abs(a - b) > 20
+            for share in (0.1, 0.6)
+            for a, b in zip(at(plain, left + share * width, y), at(picture, left + share * width, y))
+        )
         if shading == "RENDERED" and mode == "priority":
             near(color(picture, RED), [255 * v for v in legend.color(mode, 1)[:3]], 6)
         if shading == "RENDERED" and mode == "size":
             near(color(picture, RED), [255 * v for v in legend.color(mode, legend.share(mode, 0.1))[:3]], 6)
-            r = region()
             keep(name, "legend", "-crop", f"{int(width) + 40}x70+{int(left) - 20}+{int(y) - 30}", "+repage")
         assert all(v.error == "" for v in viewport.views)
     settings.mode = "rgb"

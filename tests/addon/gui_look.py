@@ -11,10 +11,9 @@ import bpy
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from gui_case import FOLDER, deselect, empty_scene, in_view, look_ahead, region, sharp_shot, tell, view3d, window  # noqa: E402
-
 import fixtures  # noqa: E402
 from fixtures import read_png, splat  # noqa: E402
+from gui_case import FOLDER, deselect, empty_scene, in_view, look_ahead, region, sharp_shot, tell, view3d, window  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
 SCENE = os.path.join(FOLDER, "street")
@@ -24,7 +23,10 @@ LEAST = 45  # dB, which the issue on the add-on asks for
 
 def psnr(a, b):
     """Of two pictures as large as the region, without its edges, where Blender draws round corners and the arrows of what is hidden."""
-    a, b = (np.frombuffer(p, np.uint8).reshape(region().height, region().width, 3)[EDGE:-EDGE, EDGE:-EDGE].astype(float) for p in (a, b))
+    a, b = (
+        np.frombuffer(p, np.uint8).reshape(region().height, region().width, 3)[EDGE:-EDGE, EDGE:-EDGE].astype(float)
+        for p in (a, b)
+    )
     error = ((a - b) ** 2).mean()
     return 99.0 if error == 0 else 10 * math.log10(255**2 / error)
 
@@ -63,7 +65,19 @@ def program(name):
 def story():
     empty_scene()
     dice = random.Random(3)
-    make_drive(SCENE, [splat(dice.uniform(6, 20), dice.uniform(-4, 4), dice.uniform(-2, 3), [dice.random() for _ in range(3)], sigma=0.1) for _ in range(1500)])
+    make_drive(
+        SCENE,
+        [
+            splat(
+                dice.uniform(6, 20),
+                dice.uniform(-4, 4),
+                dice.uniform(-2, 3),
+                [dice.random() for _ in range(3)],
+                sigma=0.1,
+            )
+            for _ in range(1500)
+        ],
+    )
     assert bpy.ops.import_scene.pags(filepath=SCENE) == {"FINISHED"}
     scene = bpy.context.scene
     scene.frame_set(2)
@@ -81,7 +95,14 @@ def story():
     root = next(o for o in scene.objects if o.pags.kind == "ROOT")
     before = on_screen((yield from sharp_shot("before")))
     look = root.pags_look
-    look.exposure, look.tint, look.saturation, look.contrast, look.sh, look.opacity = 0.4, (1, 0.85, 0.7), 0.7, 1.2, 0.5, 0.8
+    look.exposure, look.tint, look.saturation, look.contrast, look.sh, look.opacity = (
+        0.4,
+        (1, 0.85, 0.7),
+        0.7,
+        1.2,
+        0.5,
+        0.8,
+    )
     look.least_opacity, look.greatest_size = 0.02, 0.3
     part = next(o for o in scene.objects if o.pags.kind == "OBJECT" and o.pags.index == 1)
     part.pags_look.exposure = -1

@@ -8,6 +8,7 @@ import time
 import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from fixtures import splat, write  # noqa: E402
 from gui_case import (  # noqa: E402
     FOLDER,
     PATIENCE,
@@ -28,8 +29,6 @@ from gui_case import (  # noqa: E402
     viewport,
     window,
 )
-
-from fixtures import splat, write  # noqa: E402
 from test_drive import make_drive, with_object_id  # noqa: E402
 
 GREY, GREEN, RED, SKY = (10, 0, 3), (10, 1.5, 0), (10, 0, 0), (10, -2, -1)  # metres; what is there at the second frame
@@ -40,7 +39,10 @@ select_tool = sys.modules[addon.__name__ + ".select_tool"]
 def story():
     empty_scene()
     make_drive(os.path.join(FOLDER, "scene"))
-    rows = [splat(10, 0, 3, (0.5, 0.5, 0.5), sigma=0.15, opacity=12.0), splat(10, 1.5, 0, (0, 1, 0), sigma=0.15, opacity=12.0)]
+    rows = [
+        splat(10, 0, 3, (0.5, 0.5, 0.5), sigma=0.15, opacity=12.0),
+        splat(10, 1.5, 0, (0, 1, 0), sigma=0.15, opacity=12.0),
+    ]
     write(os.path.join(FOLDER, "scene", "background.ply"), with_object_id(rows, [-1, 0]))
     assert bpy.ops.import_scene.pags(filepath=os.path.join(FOLDER, "scene")) == {"FINISHED"}
     bpy.context.scene.frame_set(2)
@@ -95,7 +97,12 @@ def border():
     whole = yield from sharp_shot("border-before")
     view = view3d()
     view.use_render_border = True
-    view.render_border_min_x, view.render_border_max_x, view.render_border_min_y, view.render_border_max_y = 0.0, 0.47, 0.0, 1.0
+    view.render_border_min_x, view.render_border_max_x, view.render_border_min_y, view.render_border_max_y = (
+        0.0,
+        0.47,
+        0.0,
+        1.0,
+    )
     picture = yield from sharp_shot("border")
     near(color(picture, GREEN), color(whole, GREEN), 2)
     apart(color(picture, RED), color(whole, RED))
@@ -140,7 +147,9 @@ def clipping():
     x, y = x - region().x, window().height - 1 - y - region().y
     view.shading.type = "SOLID"  # Blender 5 lets planes be set in Wireframe and Solid alone
     with in_view():
-        assert bpy.ops.view3d.clip_border(xmin=x - 30, xmax=x + 30, ymin=y - 30, ymax=y + 30, wait_for_input=False) == {"FINISHED"}
+        assert bpy.ops.view3d.clip_border(xmin=x - 30, xmax=x + 30, ymin=y - 30, ymax=y + 30, wait_for_input=False) == {
+            "FINISHED"
+        }
     view.shading.type = "RENDERED"
     assert view.region_3d.use_clip_planes
     picture = yield from sharp_shot("clip-border")

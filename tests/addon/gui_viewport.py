@@ -12,6 +12,7 @@ import numpy as np
 from mathutils import Euler
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from fixtures import ply_bytes, splat, write  # noqa: E402
 from gui_case import (  # noqa: E402
     FOLDER,
     color,
@@ -23,19 +24,17 @@ from gui_case import (  # noqa: E402
     native,
     near,
     on_screen,
+    redraw,
     region,
     sharp_shot,
     shoot,
+    stopwatch,
     tell,
     view3d,
-    redraw,
-    stopwatch,
     viewport,
     wait,
     window,
 )
-
-from fixtures import ply_bytes, splat, write  # noqa: E402
 from test_drive import make_drive, with_object_id  # noqa: E402
 
 GREY, GREEN, RED = (10, 0, 3), (10, 1.5, 0), (10, 0, 0)  # metres; what is there at the second frame
@@ -168,7 +167,9 @@ def hurried():
             view3d().region_3d.view_distance = 10 + 0.001 * (step % 2)
             redraw()
             yield 0.1
-            shown = [v for v in viewport.views if v.shown is not None and v.shown.unsharp and v.shown.stats["divisor"] == 4]
+            shown = [
+                v for v in viewport.views if v.shown is not None and v.shown.unsharp and v.shown.stats["divisor"] == 4
+            ]
             if step > 8 and shown:
                 view = max(shown, key=lambda v: v.changed_at)
                 break

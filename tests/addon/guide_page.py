@@ -31,7 +31,9 @@ def actions():
     found = []
     for section in re.split(r"^## ", re.sub(r"^```\n.*?^```", "", read(), flags=re.M | re.S), flags=re.M)[1:]:
         title, _, body = section.partition("\n")
-        for step in re.finditer(r"^(\d+)\. (.*?)(?=^\d+\. |^$|\Z)|^!\[[^]]*\]\(images/blender-([\w-]+)\.png\)", body, re.M | re.S):
+        for step in re.finditer(
+            r"^(\d+)\. (.*?)(?=^\d+\. |^$|\Z)|^!\[[^]]*\]\(images/blender-([\w-]+)\.png\)", body, re.M | re.S
+        ):
             number, text, image = step.groups()
             if image:
                 found.append((title, "", "image", image, None))

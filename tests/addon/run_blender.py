@@ -52,7 +52,13 @@ def drive(path):
 def run(command, environment):
     """Exit code and output. Doesn't wait for other programs that the command has started and that keep its output open, as wine's own do."""
     running = subprocess.Popen(
-        command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8", errors="replace"
+        command,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        errors="replace",
     )
     lines = []
     reader = threading.Thread(target=lambda: lines.extend(running.stdout), daemon=True)

@@ -77,9 +77,13 @@ class Arrays(Case):
         self.assertEqual(set(pags.Scene(**random_gaussians(3)).arrays()), set(NAMES))
 
     def test_settings(self):
-        scene = pags.Scene(**random_gaussians(5), antialiased=True, alpha_min=0.02, background=(0.5, 0.25, 1), origin=(7, 8, 9), up="z")
+        scene = pags.Scene(
+            **random_gaussians(5), antialiased=True, alpha_min=0.02, background=(0.5, 0.25, 1), origin=(7, 8, 9), up="z"
+        )
         info = scene.info
-        self.assertEqual((info["antialiased"], info["origin"], info["up"], info["gaussians"]), (True, (7, 8, 9), "z", 5))
+        self.assertEqual(
+            (info["antialiased"], info["origin"], info["up"], info["gaussians"]), (True, (7, 8, 9), "z", 5)
+        )
         self.assertAlmostEqual(info["alpha_min"], 0.02)
         nothing = pags.render(pags.Scene([], [], [], [], [], background=(0.5, 0.25, 1)), front())
         self.assertEqual(floats(nothing.rgba)[:4].tolist(), [0.5, 0.25, 1, 1])
@@ -87,7 +91,10 @@ class Arrays(Case):
     def test_other_ways_to_give_numbers(self):
         given = random_gaussians(6)
         wanted = {name: bits(value) for name, value in given.items()}
-        doubles = {name: buffer(memoryview(value).cast("B").cast("f").tolist(), *value.shape, kind="d") for name, value in given.items()}
+        doubles = {
+            name: buffer(memoryview(value).cast("B").cast("f").tolist(), *value.shape, kind="d")
+            for name, value in given.items()
+        }
         lists = {name: value.tolist() for name, value in given.items()}
         spread = [v for pair in zip(given["opacities"], given["opacities"]) for v in pair]
         strided = {**given, "opacities": memoryview(array.array("f", spread))[::2]}
@@ -131,17 +138,40 @@ class Arrays(Case):
         origin = scene.info["origin"]
         self.assertEqual(origin[2], 0)
         self.assertLess(max(abs(a - b) for a, b in zip(origin, place)), 101)
-        there = pags.camera(32, 24, [[32, 0, 16], [0, 32, 12], [0, 0, 1]], [[int(i == k) if k < 3 else place[i] for k in range(4)] for i in range(3)])
+        there = pags.camera(
+            32,
+            24,
+            [[32, 0, 16], [0, 32, 12], [0, 0, 1]],
+            [[int(i == k) if k < 3 else place[i] for k in range(4)] for i in range(3)],
+        )
         wanted = floats(pags.render(pags.Scene(**near), front()).rgba)
         close = lambda picture: self.assertLess(max(abs(a - b) for a, b in zip(floats(picture.rgba), wanted)), 1e-3)  # noqa: E731
         close(pags.render(scene, there))
         scene.save(self.path("far.ply"))
         close(pags.render(pags.load(self.path("far.ply")), there))
-        head = "".join(f"property {'double' if n in 'xyz' else 'float'} {n}\n" for n in ["x", "y", "z", *(f"f_dc_{k}" for k in range(3))])
-        head += "".join(f"property float {n}\n" for n in ["opacity", *(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))])
-        rows = [struct.pack("<3d11f", *far["means"].tolist()[i], *far["sh"].tolist()[i][0], far["opacities"][i], *far["scales"].tolist()[i],
-                            *far["quats"].tolist()[i]) for i in range(150)]  # fmt: skip
-        self.write("double.ply", f"ply\nformat binary_little_endian 1.0\nelement vertex 150\n{head}end_header\n".encode() + b"".join(rows))
+        head = "".join(
+            f"property {'double' if n in 'xyz' else 'float'} {n}\n"
+            for n in ["x", "y", "z", *(f"f_dc_{k}" for k in range(3))]
+        )
+        head += "".join(
+            f"property float {n}\n"
+            for n in ["opacity", *(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))]
+        )
+        rows = [
+            struct.pack(
+                "<3d11f",
+                *far["means"].tolist()[i],
+                *far["sh"].tolist()[i][0],
+                far["opacities"][i],
+                *far["scales"].tolist()[i],
+                *far["quats"].tolist()[i],
+            )
+            for i in range(150)
+        ]
+        self.write(
+            "double.ply",
+            f"ply\nformat binary_little_endian 1.0\nelement vertex 150\n{head}end_header\n".encode() + b"".join(rows),
+        )
         double = pags.load(self.path("double.ply"))
         self.assertEqual(double.info["origin"], origin)
         flat = {**near, "sh": buffer([v for row in near["sh"].tolist() for v in row[0]], 150, 1, 3)}
@@ -150,7 +180,9 @@ class Arrays(Case):
         elsewhere = [[0.0, 0.0, -1000.0]], [[1, 0, 0, 0]], [[-3, -3, -3]], [1], [[[0, 0, 0]]]  # behind the camera
         pose = [1, 0, 0, -place[0], 0, 1, 0, -place[1], 0, 0, 1, -place[2]]
         close(pags.render(pags.Scene(*elsewhere), front(), others=[{"scene": double, "world_from_scene": pose}]))
-        self.assertEqual(pags.Scene([[5e6, 0, 0]], *elsewhere[1:]).info["origin"], (0, 0, 0))  # a float has all of its digits
+        self.assertEqual(
+            pags.Scene([[5e6, 0, 0]], *elsewhere[1:]).info["origin"], (0, 0, 0)
+        )  # a float has all of its digits
         self.assertEqual(pags.Scene([[5e6 + 0.1, 0, 0]], *elsewhere[1:], origin=(1, 2, 3)).info["origin"], (1, 2, 3))
 
     def test_quaternions_of_any_length(self):
@@ -173,14 +205,23 @@ class Arrays(Case):
 
     def test_drawn_as_the_file_is(self):
         self.write("some.ply", ply_bytes(some_splats()))
-        scene, view = pags.load(self.path("some.ply")), {**front(), "world_from_camera": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, -4]}
-        self.assertEqual(bits(pags.render(scene, view).rgba), bits(pags.render(pags.Scene(**scene.arrays()), view).rgba))
+        scene, view = (
+            pags.load(self.path("some.ply")),
+            {**front(), "world_from_camera": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, -4]},
+        )
+        self.assertEqual(
+            bits(pags.render(scene, view).rgba), bits(pags.render(pags.Scene(**scene.arrays()), view).rgba)
+        )
         self.assertGreater(max(floats(pags.render(scene, view).rgba)[0::4]), 0.5)
 
     def test_normals(self):
         half = math.sqrt(0.5)
         scene = pags.Scene(
-            [[0, 0, 5]] * 3, [[1, 0, 0, 0], [2 * half, 0, 2 * half, 0], [half, half, 0, 0]], [[0, 0, -1], [-3, 0, 0], [0, -1, 0]], [0] * 3, [[[0] * 3]] * 3
+            [[0, 0, 5]] * 3,
+            [[1, 0, 0, 0], [2 * half, 0, 2 * half, 0], [half, half, 0, 0]],
+            [[0, 0, -1], [-3, 0, 0], [0, -1, 0]],
+            [0] * 3,
+            [[[0] * 3]] * 3,
         )
         for found, wanted in zip(memoryview(scene.normals()).tolist(), ([0, 0, 1], [0, 0, -1], [0, 0, 1])):
             for a, b in zip(found, wanted):
@@ -259,7 +300,9 @@ class Cameras(Case):
         """One call draws what a hundred do, whatever the sizes."""
         scene = pags.Scene(**random_gaussians(60))
         poses = [[*IDENTITY4[:2], [0, 0, 1, -0.02 * i]] for i in range(100)]
-        cameras = [pags.camera(20 + i % 7, 16, [[20, 0, 10], [0, 20, 8], [0, 0, 1]], pose) for i, pose in enumerate(poses)]
+        cameras = [
+            pags.camera(20 + i % 7, 16, [[20, 0, 10], [0, 20, 8], [0, 0, 1]], pose) for i, pose in enumerate(poses)
+        ]
         pictures = pags.render(scene, cameras, outputs=("rgba", "depth"), threads=2)
         self.assertEqual(len({bits(p.rgba) for p in pictures}), 100)
         for camera, picture in zip(cameras, pictures):
@@ -306,7 +349,9 @@ class Pictures(Case):
         self.assertEqual(flipped, b"".join(wanted[303 * y : 303 * y + 303] for y in range(100, -1, -1)))
         shown = pags.render(scene, view, outputs=("rgb8", "rgba"), mode="priority")
         values = floats(shown.rgba)
-        self.assertEqual(list(bits(shown.rgb8)), [int(values[4 * i + c] * 255 + 0.5) for i in range(101 * 101) for c in range(3)])
+        self.assertEqual(
+            list(bits(shown.rgb8)), [int(values[4 * i + c] * 255 + 0.5) for i in range(101 * 101) for c in range(3)]
+        )
 
 
 def fixtures_camera():
@@ -319,7 +364,9 @@ class Gradients(Case):
     def loss_gradient(self, camera, channels, seed):
         """Waves over the picture, of another length in each channel."""
         width, height = camera["width"], camera["height"]
-        waves = [math.sin(seed + 0.3 * c * x + 0.2 * y) for y in range(height) for x in range(width) for c in range(channels)]
+        waves = [
+            math.sin(seed + 0.3 * c * x + 0.2 * y) for y in range(height) for x in range(width) for c in range(channels)
+        ]
         return buffer(waves, height, width, channels)
 
     def check_differences(self, weights, loss, names=NAMES, **options):
@@ -478,7 +525,17 @@ class Trainer(Case):
         fields = "ssim_weight=0 beta1=0 schedule_iterations=30000 sh_interval=0 scale_rate=0.05 rotation_rate=0.05 sh_rest_rate=0.01"
         settings = [word for field in f"{fields} quarter_until=0 half_until=0".split() for word in ("--set", field)]
         self.succeeds(
-            "train", self.path("data"), "-o", out, "-n", steps, "--reconstruction", "--no-exposure", "--random-points", 300, *settings
+            "train",
+            self.path("data"),
+            "-o",
+            out,
+            "-n",
+            steps,
+            "--reconstruction",
+            "--no-exposure",
+            "--random-points",
+            300,
+            *settings,
         )
         return out
 
@@ -489,7 +546,9 @@ class Trainer(Case):
         view = {"file_path": "view.png", "transform_matrix": IDENTITY4}
         lens = {"w": self.WIDTH, "h": self.HEIGHT, "fl_x": 50, "fl_y": 50, "cx": self.WIDTH / 2, "cy": self.HEIGHT / 2}
         self.write("data/transforms.json", json.dumps({**lens, "frames": [view]}))
-        moment = memoryview(sections(fixtures.read(os.path.join(self.train(self.STEPS), "checkpoint.pags")))[b"MOM1"]).cast("f")
+        moment = memoryview(
+            sections(fixtures.read(os.path.join(self.train(self.STEPS), "checkpoint.pags")))[b"MOM1"]
+        ).cast("f")
         scene = pags.load(self.train(self.STEPS - 1))
         K = [[50, 0, lens["cx"]], [0, 50, lens["cy"]], [0, 0, 1]]
         camera = pags.camera(self.WIDTH, self.HEIGHT, K, IDENTITY4, axes="opengl")
@@ -497,7 +556,10 @@ class Trainer(Case):
         for other in (scene, copy):
             rgba, single = floats(pags.render(other, camera).rgba), lambda v: struct.unpack("f", struct.pack("f", v))[0]
             scale = single(1 / (3 * self.WIDTH * self.HEIGHT))  # L1 is a mean over pixels and channels
-            signs = [(rgba[4 * (i // 3) + i % 3] > single(p / 255)) - (rgba[4 * (i // 3) + i % 3] < single(p / 255)) for i, p in enumerate(pixels)]
+            signs = [
+                (rgba[4 * (i // 3) + i % 3] > single(p / 255)) - (rgba[4 * (i // 3) + i % 3] < single(p / 255))
+                for i, p in enumerate(pixels)
+            ]
             gradients = pags.gradients(other, camera, buffer([scale * s for s in signs], self.HEIGHT, self.WIDTH, 3))
             count, mine = scene.info["gaussians"], planes(gradients)
             self.assertEqual(len(mine), 59)
@@ -517,7 +579,11 @@ class Surface(Case):
         def compare(function, real):
             """Names, kinds and defaults of the parameters, but for self and cls."""
             a = function.args
-            kinds = [(inspect.Parameter.POSITIONAL_ONLY, a.posonlyargs), (inspect.Parameter.POSITIONAL_OR_KEYWORD, a.args), (inspect.Parameter.KEYWORD_ONLY, a.kwonlyargs)]
+            kinds = [
+                (inspect.Parameter.POSITIONAL_ONLY, a.posonlyargs),
+                (inspect.Parameter.POSITIONAL_OR_KEYWORD, a.args),
+                (inspect.Parameter.KEYWORD_ONLY, a.kwonlyargs),
+            ]
             plain = [*a.posonlyargs, *a.args]
             defaults = dict(zip([p.arg for p in plain[len(plain) - len(a.defaults) :]], a.defaults))
             defaults.update({p.arg: d for p, d in zip(a.kwonlyargs, a.kw_defaults) if d is not None})
@@ -541,9 +607,13 @@ class Surface(Case):
                         compare(method, getattr(pags, node.name))
                     elif not method.name.startswith("__"):
                         compare(method, getattr(getattr(pags, node.name), method.name))
-        self.assertLessEqual({"load", "render", "gradients", "camera", "pick", "submit", "arrays", "save", "__new__"}, checked)
+        self.assertLessEqual(
+            {"load", "render", "gradients", "camera", "pick", "submit", "arrays", "save", "__new__"}, checked
+        )
         public = {n for n in dir(pags) if not n.startswith("_")}
-        declared = {n.name for n in tree.body if isinstance(n, (ast.FunctionDef, ast.ClassDef)) and not n.name.startswith("_")}
+        declared = {
+            n.name for n in tree.body if isinstance(n, (ast.FunctionDef, ast.ClassDef)) and not n.name.startswith("_")
+        }
         self.assertEqual(public - declared, set())
         self.assertTrue(os.path.exists(os.path.join(MODULE, "pags.pyi")))
 
@@ -555,7 +625,11 @@ class Surface(Case):
         texts = [repr(job)]
         picture = job.take()
         texts += [repr(job), repr(scene), repr(renderer), repr(picture), repr(picture.rgba), repr(scene.object_of)]
-        wanted = ["<pags.Job 32 x 24, done>", "<pags.Job 32 x 24, taken>", "<pags.Scene of 7 Gaussians, 0 objects, 0 views>"]
+        wanted = [
+            "<pags.Job 32 x 24, done>",
+            "<pags.Job 32 x 24, taken>",
+            "<pags.Scene of 7 Gaussians, 0 objects, 0 views>",
+        ]
         wanted += ["<pags.Renderer of 2 threads>", "<pags.Picture 32 x 24 of rgba, depth>"]
         wanted += ["<pags.Buffer [24][32][4] of float32>", "<pags.Buffer [7] of int32>"]
         self.assertEqual(texts, wanted)
@@ -594,7 +668,11 @@ class Memory(Case):
             for bad in (spoiled, {**given, "means": nested}, {**given, "quats": given["means"]}):
                 with self.assertRaises(ValueError):
                     pags.Scene(**bad)
-            for bad in (lambda: scene.save("a.xyz"), lambda: pags.render(scene, [camera, {}]), lambda: pags.gradients(scene, camera, [1])):
+            for bad in (
+                lambda: scene.save("a.xyz"),
+                lambda: pags.render(scene, [camera, {}]),
+                lambda: pags.gradients(scene, camera, [1]),
+            ):
                 with self.assertRaises(ValueError):
                     bad()
 
@@ -602,7 +680,9 @@ class Memory(Case):
         gc.collect()
         counts = [sys.getrefcount(o) for o in watched[1:]]
         grown = []
-        for _ in range(3):  # a leak grows each time; a system that takes pages of a waiting process away and gives them back grows it once
+        for _ in range(
+            3
+        ):  # a leak grows each time; a system that takes pages of a waiting process away and gives them back grows it once
             before = resident()
             for _ in range(20):
                 work()
@@ -644,7 +724,10 @@ print("good")
 class Numpy(Case):
     def test_its_arrays(self):
         done = subprocess.run(
-            [fixtures.numpy_python(), "-B", "-c", WITH_NUMPY], env={**os.environ, "PYTHONPATH": MODULE}, capture_output=True, text=True
+            [fixtures.numpy_python(), "-B", "-c", WITH_NUMPY],
+            env={**os.environ, "PYTHONPATH": MODULE},
+            capture_output=True,
+            text=True,
         )
         self.assertEqual(done.stdout, "good\n", done.stderr)
 

@@ -6,6 +6,7 @@ import sys
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_cameras import Cameras  # noqa: E402
+from blender_case import main  # noqa: E402
 from blender_composite import Composite  # noqa: E402
 from blender_edits import Edits  # noqa: E402
 from blender_export import Export  # noqa: E402
@@ -19,9 +20,23 @@ from blender_native_splats import NativeSplats  # noqa: E402
 from blender_program import Program  # noqa: E402
 from blender_scenes import SeveralScenes  # noqa: E402
 from blender_whereabouts import Whereabouts  # noqa: E402
-from blender_case import main  # noqa: E402
 
-__all__ = ["Cameras", "Composite", "Edits", "Export", "Files", "Final", "Import", "Inspecting", "Interface", "Jobs", "NativeSplats", "Program", "SeveralScenes", "Whereabouts"]
+__all__ = [
+    "Cameras",
+    "Composite",
+    "Edits",
+    "Export",
+    "Files",
+    "Final",
+    "Import",
+    "Inspecting",
+    "Interface",
+    "Jobs",
+    "NativeSplats",
+    "Program",
+    "SeveralScenes",
+    "Whereabouts",
+]
 
 if __name__ == "__main__":
     main()

@@ -10,7 +10,6 @@ from mathutils import Vector
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, json, main  # noqa: E402
-
 from fixtures import read  # noqa: E402
 
 part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
@@ -125,7 +124,9 @@ class CleanUp(BlenderCase):
             bpy.ops.export_scene.pags(filepath=self.path("empty.ply"))
         self.assertIn("none of the", str(caught.exception))
         root.pags_look.least_opacity = 0
-        self.assertEqual(self.seen(self.f12()), (True, False, False) if root.pags_look.least_views else (True, True, True))
+        self.assertEqual(
+            self.seen(self.f12()), (True, False, False) if root.pags_look.least_views else (True, True, True)
+        )
 
     def test_two_objects_of_one_part(self):
         """The settings of the first by name that has any count, in F12 and in exports, and the other's panel says so."""

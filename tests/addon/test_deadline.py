@@ -15,13 +15,18 @@ class Deadlines(ModuleCase):
 
     def drawn(self, deadline, times, **arguments):
         renderer = pags.Renderer(threads=1)
-        return [renderer.submit(self.scene, make_camera(time=101.0), deadline=deadline, **arguments).take() for _ in range(times)]
+        return [
+            renderer.submit(self.scene, make_camera(time=101.0), deadline=deadline, **arguments).take()
+            for _ in range(times)
+        ]
 
     def test_a_long_time_gives_up_bounded_early_z_alone(self):
         deadline = pags.Deadline(1e6)
         first, *_, last = self.drawn(deadline, 12)
         self.assertEqual((first.stats["divisor"], first.width), (2, 51))  # nothing is known yet
-        self.assertEqual((last.stats["step"], last.stats["divisor"], last.width, last.place), (1, 1, 101, (0, 0, 101, 101)))
+        self.assertEqual(
+            (last.stats["step"], last.stats["divisor"], last.width, last.place), (1, 1, 101, (0, 0, 101, 101))
+        )
         sharp = pags.render(self.scene, make_camera(time=101.0))
         self.assertEqual((sharp.stats["step"], sharp.place), (0, (0, 0, 101, 101)))
         for x, y in ((50, 50), (35, 50), (90, 90)):
@@ -57,7 +62,9 @@ class Deadlines(ModuleCase):
             small[name] *= 25 / 101
         sharp = pags.render(self.scene, small, outputs=("rgba", "count"))
         for name in ("rgba", "count"):
-            self.assertEqual(bytes(memoryview(getattr(last, name)).cast("B")), bytes(memoryview(getattr(sharp, name)).cast("B")))
+            self.assertEqual(
+                bytes(memoryview(getattr(last, name)).cast("B")), bytes(memoryview(getattr(sharp, name)).cast("B"))
+            )
 
     def test_several_scenes(self):
         """At every step, the sampled ones included, which look up the priorities of all scenes."""
@@ -66,7 +73,9 @@ class Deadlines(ModuleCase):
         deadline = pags.Deadline(1e-6)
         self.drawn(deadline, 3)
         deadline.ms = 1e6
-        seen = [p.stats["sampled"] for p in self.drawn(deadline, 12, others=[{"scene": other, "world_from_scene": pose}])]
+        seen = [
+            p.stats["sampled"] for p in self.drawn(deadline, 12, others=[{"scene": other, "world_from_scene": pose}])
+        ]
         self.assertEqual(sum(seen), 3)
 
     def test_a_picture_that_comes_too_seldom_gets_less_time(self):
@@ -82,14 +91,23 @@ class Deadlines(ModuleCase):
         self.assertEqual(deadline.haste, 1)
 
     def test_errors(self):
-        for value, kind in ((0, ValueError), (-1, ValueError), (math.nan, ValueError), (math.inf, ValueError), ("soon", TypeError)):
+        for value, kind in (
+            (0, ValueError),
+            (-1, ValueError),
+            (math.nan, ValueError),
+            (math.inf, ValueError),
+            ("soon", TypeError),
+        ):
             with self.assertRaises(kind):
                 pags.Deadline(value)
             with self.assertRaises(kind):
                 pags.Deadline(1).ms = value
         with self.assertRaises(AttributeError):
             del pags.Deadline(1).ms
-        for keywords, kind, words in ((dict(deadline=50), TypeError, "Deadline"), (dict(deadline=pags.Deadline(50), early_z="paper"), ValueError, "paper")):
+        for keywords, kind, words in (
+            (dict(deadline=50), TypeError, "Deadline"),
+            (dict(deadline=pags.Deadline(50), early_z="paper"), ValueError, "paper"),
+        ):
             with self.assertRaisesRegex(kind, words):
                 pags.render(self.scene, make_camera(), **keywords)
 

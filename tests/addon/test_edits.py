@@ -18,7 +18,9 @@ from test_drive import make_drive  # noqa: E402
 
 MATRIX = [0.5, 0.1, 0, 0.05, 0, 0.8, 0.1, 0.02, 0.2, 0, 0.6, -0.01]
 C0 = 0.28209479177387814
-unit_from = lambda middle, radius: [v for k in range(3) for v in ([1 / radius if j == k else 0 for j in range(3)] + [-middle[k] / radius])]
+unit_from = lambda middle, radius: [
+    v for k in range(3) for v in ([1 / radius if j == k else 0 for j in range(3)] + [-middle[k] / radius])
+]
 
 
 class Rules(Case):
@@ -51,7 +53,10 @@ class Rules(Case):
             for k in range(4):
                 wanted = [sum(MATRIX[4 * r + c] * was[k][c] for c in range(3)) * (0.5 if k else 1) for r in range(3)]
                 if k == 0:
-                    wanted = [v + (0.5 * sum(MATRIX[4 * r : 4 * r + 3]) + MATRIX[4 * r + 3] - 0.5) / C0 for r, v in enumerate(wanted)]
+                    wanted = [
+                        v + (0.5 * sum(MATRIX[4 * r : 4 * r + 3]) + MATRIX[4 * r + 3] - 0.5) / C0
+                        for r, v in enumerate(wanted)
+                    ]
                 self.near(now[k], wanted)
         self.near(after["opacities"], self.before["opacities"])
 
@@ -92,7 +97,9 @@ class Rules(Case):
         """The program exports what the module loads; without rules, nothing changes."""
         rules = [{"matrix": MATRIX, "opacity": 0.7, "greatest_size": 0.35}]
         self.write("rules.json", json.dumps(rules))
-        said = self.succeeds("export", self.path("some.ply"), self.path("out.ply"), "--edits", self.path("rules.json")).stdout
+        said = self.succeeds(
+            "export", self.path("some.ply"), self.path("out.ply"), "--edits", self.path("rules.json")
+        ).stdout
         self.assertIn("3 of 4", said)
         again = {name: memoryview(v).tolist() for name, v in pags.load(self.path("out.ply")).arrays().items()}
         order = lambda arrays: sorted(zip(arrays["means"], arrays["opacities"], arrays["sh"]))
@@ -151,7 +158,9 @@ class Drive(Case):
         pictures = [bytes(pags.render(s, s.views[0], outputs=("rgb8",)).rgb8) for s in pictures]
         self.assertLessEqual(max(abs(x - y) for x, y in zip(*pictures)), 1)  # the sky is stored in half floats
         self.write("rules.json", rules)
-        self.succeeds("render", self.path("scene"), "-o", self.path("out"), "--split", "test", "--edits", self.path("rules.json"))
+        self.succeeds(
+            "render", self.path("scene"), "-o", self.path("out"), "--split", "test", "--edits", self.path("rules.json")
+        )
         self.succeeds("render", self.path("edited"), "-o", self.path("out2"), "--split", "test")
         names = [n for n in os.listdir(self.path("out")) if n.endswith(".png")]
         a, b = (read_png(self.path(folder, names[0]))[4] for folder in ("out", "out2"))

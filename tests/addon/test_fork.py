@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forked children: what a parent's threads draw with raises an error that mentions the fork, and never hangs; the rest works."""
 
+import functools
 import gc
 import os
 import signal
@@ -18,7 +19,9 @@ LIMIT = 20  # seconds after which a child counts as hanging
 class Fork(unittest.TestCase):
     def setUp(self):
         rows = 2000
-        self.scene = pags.Scene([[0, 0, 3]] * rows, [[1, 0, 0, 0]] * rows, [[-2] * 3] * rows, [2] * rows, [[[1, 1, 1]]] * rows)
+        self.scene = pags.Scene(
+            [[0, 0, 3]] * rows, [[1, 0, 0, 0]] * rows, [[-2] * 3] * rows, [2] * rows, [[[1, 1, 1]]] * rows
+        )
         self.view = dict(width=320, height=240, fx=250, fy=250, cx=160, cy=120, world_from_camera=IDENTITY)
         self.deadline = pags.Deadline(50)
         self.renderer = pags.Renderer(2)
@@ -53,20 +56,38 @@ class Fork(unittest.TestCase):
         self.assertIn("fork", self.child(lambda: self.renderer.submit(self.scene, self.view)))
         self.assertIn("Picture", self.child(lambda: self.done.take()))
         self.assertIn("Picture", self.child(lambda: pags.render(self.scene, self.view)))
-        self.assertIn("Picture", self.child(lambda: pags.Renderer(1).submit(self.scene, self.view, deadline=self.deadline).take()))
+        self.assertIn(
+            "Picture", self.child(lambda: pags.Renderer(1).submit(self.scene, self.view, deadline=self.deadline).take())
+        )
         self.assertEqual(self.child(lambda: pags.pick(self.scene, self.view, 160, 120)["object"]), "None")
-        self.assertIn("fork", self.child(lambda: self.child(lambda: self.renderer.submit(self.scene, self.view))), "a grandchild")
+        self.assertIn(
+            "fork", self.child(lambda: self.child(lambda: self.renderer.submit(self.scene, self.view))), "a grandchild"
+        )
         self.assertIn("Picture", str(self.done.take()), "and the parent goes on")
 
     def test_at_work(self):
         """The fork comes while the renderer draws the scene, which has its lock."""
         busy = [self.renderer.submit(self.scene, self.view, deadline=self.deadline) for _ in range(300)]
         last = busy[-1]
-        calls = [last.take, last.done, lambda: last.wait(1), last.cancel, lambda: self.renderer.submit(self.scene, self.view)]
+        calls = [
+            last.take,
+            last.done,
+            functools.partial(last.wait, 1),
+            last.cancel,
+            lambda: self.renderer.submit(self.scene, self.view),
+        ]
         for call in calls:
             self.assertIn("fork", self.child(call))
-        for call in (lambda: repr(last), self.scene.arrays, lambda: self.scene.points(-1, 5), lambda: pags.render(self.scene, self.view),
-                     lambda: pags.pick(self.scene, self.view, 1, 1), lambda: self.deadline.step, lambda: self.scene.info["gaussians"]):  # fmt: skip
+        calls = [
+            last.__repr__,
+            self.scene.arrays,
+            lambda: self.scene.points(-1, 5),
+            lambda: pags.render(self.scene, self.view),
+            lambda: pags.pick(self.scene, self.view, 1, 1),
+            lambda: self.deadline.step,
+            lambda: self.scene.info["gaussians"],
+        ]
+        for call in calls:
             said = self.child(call)  # the lock may be free at that moment
             self.assertTrue("Error" not in said or "fork" in said, said)
         del calls, last

@@ -31,7 +31,9 @@ class Commands(unittest.TestCase):
         os.mkdir(self.path("user", "scripts", "addons"))
         self.environment = environment(self.path("user"))
         for name, program in (("blender", shutil.which(BLENDER)), ("pags", PAGS)):
-            with open(self.path("bin", name), "w") as file:  # which itself must not find this folder: the program may look for its name
+            with open(
+                self.path("bin", name), "w"
+            ) as file:  # which itself must not find this folder: the program may look for its name
                 file.write(f'#!/bin/sh\nPATH="{self.environment["PATH"]}" exec "{os.path.abspath(program)}" "$@"\n')
             os.chmod(self.path("bin", name), 0o755)
         shutil.copy(PACKAGE, self.path("build"))
@@ -43,7 +45,15 @@ class Commands(unittest.TestCase):
 
     def type(self, command):
         print("$", command, flush=True)
-        done = subprocess.run(command, shell=True, cwd=self.folder, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8")
+        done = subprocess.run(
+            command,
+            shell=True,
+            cwd=self.folder,
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            encoding="utf-8",
+        )
         self.assertEqual(done.returncode, 0, done.stdout)
         self.assertNotIn("Traceback", done.stdout)
         return done.stdout
@@ -52,7 +62,9 @@ class Commands(unittest.TestCase):
         version = re.search(r"Blender (\d+)\.(\d+)", self.type("blender --version"))
         other = OF_ADDONS if tuple(map(int, version.groups())) >= (4, 2) else OF_EXTENSIONS
         commands = guide_page.commands()
-        self.assertTrue(all(sum(kind in command for command in commands) == 1 for kind in (OF_EXTENSIONS, OF_ADDONS)), commands)
+        self.assertTrue(
+            all(sum(kind in command for command in commands) == 1 for kind in (OF_EXTENSIONS, OF_ADDONS)), commands
+        )
         for command in commands:
             if other not in command:
                 self.type(command)

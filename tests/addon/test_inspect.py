@@ -13,16 +13,27 @@ import numpy as np
 from mathutils import Matrix
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import fixtures  # noqa: E402
 from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
 from drive_set import make_set, make_sweeps  # noqa: E402
-
-import fixtures  # noqa: E402
 from fixtures import splat  # noqa: E402
 from test_drive import ORIGIN, make_drive  # noqa: E402
 
 part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
-comparison, recording, measure, watch, gather = part("comparison"), part("recording"), part("measure"), part("watch"), part("gather")
-inspector, jobs, lens, native, viewport = part("inspector"), part("jobs"), part("lens"), part("native"), part("viewport")
+comparison, recording, measure, watch, gather = (
+    part("comparison"),
+    part("recording"),
+    part("measure"),
+    part("watch"),
+    part("gather"),
+)
+inspector, jobs, lens, native, viewport = (
+    part("inspector"),
+    part("jobs"),
+    part("lens"),
+    part("native"),
+    part("viewport"),
+)
 
 
 class InspectCase(BlenderCase):
@@ -166,7 +177,9 @@ class Recording(InspectCase):
         bpy.ops.pags.lidar()
         found = next(o for o in self.scene.objects if "pags_lidar" in o).data.vertices
         wanted = np.array([[0, 5, 0.25], [0.5, 5, 0.25]]) - ORIGIN
-        self.assertLess(np.abs(np.array([v.co[:] for v in found]) - wanted).max(), 0.05)  # floats at half a million metres
+        self.assertLess(
+            np.abs(np.array([v.co[:] for v in found]) - wanted).max(), 0.05
+        )  # floats at half a million metres
 
     def test_what_cannot_be_read(self):
         self.bring_in()
@@ -188,7 +201,9 @@ class Recording(InspectCase):
             self.scene.frame_set(frame)
             matrix = boxes["c=2"].matrix_world
             self.assertLess((matrix.translation - Matrix.Translation((10, y, 0)).translation).length, 1e-3)
-            self.assertLess(abs((matrix.to_3x3() @ boxes["c=2"].data.vertices[9].co).y + 2), 1e-3)  # its front, 2 m to the right
+            self.assertLess(
+                abs((matrix.to_3x3() @ boxes["c=2"].data.vertices[9].co).y + 2), 1e-3
+            )  # its front, 2 m to the right
         self.assertEqual([round(d, 3) for d in boxes["p,1"].dimensions], [4, 2, 1.5])
         self.scene.frame_set(9)
         self.assertTrue(boxes["c=2"].hide_viewport)
@@ -201,7 +216,9 @@ class Recording(InspectCase):
         self.bring_in()
         self.scene.timeline_markers.new("mine", frame=7)
         bpy.ops.pags.mark_held_out()
-        self.assertEqual(sorted((m.frame, m.name) for m in self.scene.timeline_markers), [(2, "held out: camera 0"), (7, "mine")])
+        self.assertEqual(
+            sorted((m.frame, m.name) for m in self.scene.timeline_markers), [(2, "held out: camera 0"), (7, "mine")]
+        )
         bpy.ops.pags.mark_held_out()
         self.assertEqual([m.name for m in self.scene.timeline_markers], ["mine"])
         self.record(lambda record: [view.update(test=False) for view in record["cameras"]])
@@ -309,7 +326,10 @@ class Watch(InspectCase):
             if without_car:
                 record["objects"] = [o for o in record["objects"] if o["id"] != "c=2"]
 
-        fixtures.write(self.path("scene", "objects", "car.ply"), fixtures.ply_bytes([splat(0, 0, 0, (0, 0, 1), sigma=0.1, opacity=12.0)]))
+        fixtures.write(
+            self.path("scene", "objects", "car.ply"),
+            fixtures.ply_bytes([splat(0, 0, 0, (0, 0, 1), sigma=0.1, opacity=12.0)]),
+        )
         background = fixtures.read(self.path("scene", "background.ply"))
         if swap:  # the parked car is object 1 now
             head, body = background.split(b"end_header\n", 1)

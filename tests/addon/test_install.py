@@ -45,10 +45,14 @@ class Install(Case):
         self.assertEqual(built.returncode, 0, built.stderr)
         environment["LD_LIBRARY_PATH"] = os.path.join(prefix, "lib")
         camera, picture = self.write("front.json", json.dumps(fixtures.FRONT)), self.path("picture.ppm")
-        ran = subprocess.run([self.path("first"), splats, camera, picture], env=environment, capture_output=True, text=True)
+        ran = subprocess.run(
+            [self.path("first"), splats, camera, picture], env=environment, capture_output=True, text=True
+        )
         self.assertEqual(ran.returncode, 0, ran.stderr)
         self.assertTrue(fixtures.read(picture).startswith(b"P6 65 49 255\n"))
-        ran = subprocess.run([self.path("first"), self.path("none"), camera, picture], env=environment, capture_output=True, text=True)
+        ran = subprocess.run(
+            [self.path("first"), self.path("none"), camera, picture], env=environment, capture_output=True, text=True
+        )
         self.assertIn("none", ran.stderr)
 
     def library(self, prefix):
@@ -70,12 +74,20 @@ class Install(Case):
         version = ".".join(parts)
         self.assertIn(f"\nVersion: {version}\n", fixtures.read(os.path.join(prefix, "lib/pkgconfig/pags.pc")).decode())
         self.assertTrue(os.path.exists(os.path.join(prefix, f"lib/libpags.so.{version}")))
-        self.assertIn(f'\n__version__ = "{version}"', fixtures.read(os.path.join(prefix, "share/pags/recordings/pags_recordings/__init__.py")).decode())
+        self.assertIn(
+            f'\n__version__ = "{version}"',
+            fixtures.read(os.path.join(prefix, "share/pags/recordings/pags_recordings/__init__.py")).decode(),
+        )
         with zipfile.ZipFile(os.path.join(BUILD, f"pags-blender-{version}-linux-x64.zip")) as addon:
             self.assertIn(f'\nversion = "{version}"\n', addon.read("pags_blender/blender_manifest.toml").decode())
             self.assertIn(f'"version": ({", ".join(parts)}),', addon.read("pags_blender/__init__.py").decode())
-        for name in ["man/man1/pags.1", "man/man1/pags-train.1", "bash-completion/completions/pags", "zsh/site-functions/_pags",
-                     "fish/vendor_completions.d/pags.fish"]:
+        for name in [
+            "man/man1/pags.1",
+            "man/man1/pags-train.1",
+            "bash-completion/completions/pags",
+            "zsh/site-functions/_pags",
+            "fish/vendor_completions.d/pags.fish",
+        ]:
             self.assertIn("pags", fixtures.read(os.path.join(prefix, "share", name)).decode(), name)
 
     def python(self, prefix, splats):

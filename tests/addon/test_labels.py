@@ -11,11 +11,28 @@ import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, main, pixel  # noqa: E402
-
 from fixtures import ply_bytes, some_splats  # noqa: E402
 
 LONGEST = 34  # letters that a line of the sidebar shows at its default width
-UNITS = ("pixel", "metre", "frame", "second", "share", "0 to 1", "thread", "degree", "point", "number", "photograph", "fy/fx", "stops", "factor", "sensor", "grey", "picture")
+UNITS = (
+    "pixel",
+    "metre",
+    "frame",
+    "second",
+    "share",
+    "0 to 1",
+    "thread",
+    "degree",
+    "point",
+    "number",
+    "photograph",
+    "fy/fx",
+    "stops",
+    "factor",
+    "sensor",
+    "grey",
+    "picture",
+)
 
 
 def part(name):
@@ -71,7 +88,10 @@ class Layout:
 class Labels(BlenderCase):
     def view(self, shading="RENDERED"):
         """A context as a 3D view's sidebar has it."""
-        space = types.SimpleNamespace(shading=types.SimpleNamespace(type=shading), overlay=types.SimpleNamespace(show_overlays=True, show_text=True))
+        space = types.SimpleNamespace(
+            shading=types.SimpleNamespace(type=shading),
+            overlay=types.SimpleNamespace(show_overlays=True, show_text=True),
+        )
         own = ("scene", "active_object", "object", "view_layer", "preferences", "window_manager", "engine")
         return types.SimpleNamespace(space_data=space, **{name: getattr(bpy.context, name, None) for name in own})
 
@@ -104,7 +124,9 @@ class Labels(BlenderCase):
             for shading in ("RENDERED", "SOLID", "WIREFRAME"):
                 for panel in self.in_sidebar():
                     for kind, text, _ in self.drawn(panel, shading):
-                        self.assertLessEqual(len(text), LONGEST if kind == "label" else LONGEST - 6, f"{panel.__name__}: {text}")
+                        self.assertLessEqual(
+                            len(text), LONGEST if kind == "label" else LONGEST - 6, f"{panel.__name__}: {text}"
+                        )
 
     def test_an_error_is_read_whole(self):
         root = self.bring_in()
@@ -125,10 +147,16 @@ class Labels(BlenderCase):
             for cls in getattr(module, "CLASSES", ()):
                 for name, kind in cls.__dict__.get("__annotations__", {}).items():
                     words = getattr(kind, "keywords", {})
-                    if kind.function.__name__ not in {"IntProperty", "FloatProperty"} or "HIDDEN" in words.get("options", ()):
+                    if kind.function.__name__ not in {"IntProperty", "FloatProperty"} or "HIDDEN" in words.get(
+                        "options", ()
+                    ):
                         continue
                     told = (words.get("name", "") + " " + words.get("description", "")).lower()
-                    if words.get("unit", "NONE") == "NONE" and words.get("subtype", "NONE") == "NONE" and not any(u in told for u in UNITS):
+                    if (
+                        words.get("unit", "NONE") == "NONE"
+                        and words.get("subtype", "NONE") == "NONE"
+                        and not any(u in told for u in UNITS)
+                    ):
                         without.append(f"{cls.__name__}.{name}: {told}")
         self.assertEqual(without, [])
 
@@ -151,7 +179,12 @@ class Labels(BlenderCase):
         self.assertEqual(self.part(1).pags.root, root)
 
     def test_without_a_scene_there_is_one_button(self):
-        found = [line for panel in self.in_sidebar() for line in self.drawn(panel) if panel.__module__ == addon.__name__ + ".ui"]
+        found = [
+            line
+            for panel in self.in_sidebar()
+            for line in self.drawn(panel)
+            if panel.__module__ == addon.__name__ + ".ui"
+        ]
         self.assertEqual(found, [("operator", "Import PAGS scene", True)])
 
     def test_recorded_exposure(self):
@@ -200,11 +233,22 @@ class Labels(BlenderCase):
     def test_what_concerns_a_view(self):
         """A view's panel has what does something in that view."""
         self.bring_in()
-        names = {s: {text for kind, text, _ in self.drawn(bpy.types.PAGS_PT_show, s)} for s in ("RENDERED", "SOLID", "WIREFRAME")}
+        names = {
+            s: {text for kind, text, _ in self.drawn(bpy.types.PAGS_PT_show, s)}
+            for s in ("RENDERED", "SOLID", "WIREFRAME")
+        }
         deadline, among, points = "Deadline (ms)", "Splats among meshes", "Preview points"
-        self.assertEqual([deadline in names["RENDERED"], among in names["RENDERED"], points in names["RENDERED"]], [True, False, False])
-        self.assertEqual([deadline in names["SOLID"], among in names["SOLID"], points in names["SOLID"]], [True, True, False])
-        self.assertEqual([deadline in names["WIREFRAME"], among in names["WIREFRAME"], points in names["WIREFRAME"]], [False, False, True])
+        self.assertEqual(
+            [deadline in names["RENDERED"], among in names["RENDERED"], points in names["RENDERED"]],
+            [True, False, False],
+        )
+        self.assertEqual(
+            [deadline in names["SOLID"], among in names["SOLID"], points in names["SOLID"]], [True, True, False]
+        )
+        self.assertEqual(
+            [deadline in names["WIREFRAME"], among in names["WIREFRAME"], points in names["WIREFRAME"]],
+            [False, False, True],
+        )
         self.scene.pags.overlay = False
         found = {text for kind, text, _ in self.drawn(bpy.types.PAGS_PT_show, "SOLID")}
         self.assertEqual([deadline in found, among in found, points in found], [False, True, True])
@@ -256,9 +300,14 @@ class Labels(BlenderCase):
         stats = {"gaussians": 3, "shaded": 2, "in_view": 2, "loaded": 2, "hidden": 0, "ms": 4.2}
         self.assertEqual(frame.counts(stats), "3 Gaussians, 1 culled, 4 ms")
         self.assertEqual(frame.counts({**stats, "gaussians": 2}), "3 Gaussians, 1 absent at this time, 0 culled, 4 ms")
-        self.assertEqual(frame.counts({**stats, "gaussians": 4, "hidden": 1}), "3 Gaussians, 4 with duplicates, 2 culled, 4 ms (1 by Early-Z)")
+        self.assertEqual(
+            frame.counts({**stats, "gaussians": 4, "hidden": 1}),
+            "3 Gaussians, 4 with duplicates, 2 culled, 4 ms (1 by Early-Z)",
+        )
         jobs, importer = part("jobs"), part("importer")
-        options = types.SimpleNamespace(**{name: bpy.ops.import_scene.pags.get_rna_type().properties[name].default for name in importer.OPTIONS})
+        options = types.SimpleNamespace(
+            **{name: bpy.ops.import_scene.pags.get_rna_type().properties[name].default for name in importer.OPTIONS}
+        )
         job = jobs.at_once("test", lambda job: importer.bring_in(job, self.path("scene"), options, []))
         self.assertIn("scene: 3 Gaussians, 2 objects", job.notice)
 

@@ -131,7 +131,10 @@ class Drawing(ModuleCase):
                     self.assertAlmostEqual(light, wanted, delta=2e-6)
         more = pags.render(self.scene, make_camera(time=100.0), linear=True, flip=True, outputs=("rgba", "depth"))
         self.assertEqual(bytes(more.rgba), bytes(linear.rgba))
-        lit = [pags.render(self.scene, make_camera(time=100.0), linear=True, window=(30, 45, 27, 11), outputs=o) for o in (("rgba",), ("rgba", "depth"))]
+        lit = [
+            pags.render(self.scene, make_camera(time=100.0), linear=True, window=(30, 45, 27, 11), outputs=o)
+            for o in (("rgba",), ("rgba", "depth"))
+        ]
         for part in lit:
             wanted = [pixel(linear.rgba, 30 + x, 100 - 45 - y) for y in range(11) for x in range(27)]
             self.assertGreater(len(set(wanted)), 10)  # not one colour
@@ -202,7 +205,10 @@ class Drawing(ModuleCase):
         self.assertEqual(beside["object"], 0)
         self.assertAlmostEqual(beside["depth"], 10, delta=0.05)  # 10.11 along the ray
         pose = list(self.scene.pose(0, 101.0))
-        pose[3], pose[7] = ORIGIN[0] + 5, ORIGIN[1] - 0.5  # its Gaussian lies half a metre to the left of its box's middle
+        pose[3], pose[7] = (
+            ORIGIN[0] + 5,
+            ORIGIN[1] - 0.5,
+        )  # its Gaussian lies half a metre to the left of its box's middle
         found = pags.pick(self.scene, view, 50, 50, placements=[(1, self.scene.pose(1, 101.0)), (0, pose)])
         self.assertEqual(found["object"], 0)
         self.assertAlmostEqual(found["depth"], 5, delta=0.1)
@@ -227,7 +233,10 @@ class Contents(ModuleCase):
         facts["cameras"][1]["lens"] = {"kind": "fisheye", "field": 190}
         shutil.copytree(self.path("scene"), self.path("wide"))
         write(self.path("wide", "scene.json"), json.dumps(facts))
-        self.assertEqual([view.get("lens") for view in pags.load(self.path("wide")).views[:3]], [None, {"kind": "fisheye", "field": 190}, None])
+        self.assertEqual(
+            [view.get("lens") for view in pags.load(self.path("wide")).views[:3]],
+            [None, {"kind": "fisheye", "field": 190}, None],
+        )
         with self.assertRaises(IndexError):
             self.scene.pose(2, 100.0)
 
@@ -286,7 +295,9 @@ def first_degree(rows):
 def compressed_ply(rows):
     """As PlayCanvas packs them: 256 rows a chunk, within the chunk's bounds."""
     head = ["ply", "format binary_little_endian 1.0", f"element chunk {(len(rows) + 255) // 256}"]
-    head += [f"property float {end}_{stem}{axis}" for stem in ("", "scale_") for end in ("min", "max") for axis in "xyz"]
+    head += [
+        f"property float {end}_{stem}{axis}" for stem in ("", "scale_") for end in ("min", "max") for axis in "xyz"
+    ]
     head += [f"element vertex {len(rows)}"]
     head += [f"property uint packed_{name}" for name in ("position", "rotation", "scale", "color")] + ["end_header", ""]
     chunks, vertices = b"", b""
@@ -366,17 +377,24 @@ class SeveralScenes(Case):
 
     def test_a_far_origin_and_tracks_of_its_own(self):
         """A street that lies 500 km from zero, seen beside splats at zero: by the pose that takes one to the other, at a time of its own."""
-        drive = {"scene": self.drive, "world_from_scene": [1, 0, 0, -ORIGIN[0], 0, 1, 0, -ORIGIN[1], 0, 0, 1, -ORIGIN[2]]}
+        drive = {
+            "scene": self.drive,
+            "world_from_scene": [1, 0, 0, -ORIGIN[0], 0, 1, 0, -ORIGIN[1], 0, 0, 1, -ORIGIN[2]],
+        }
         wanted = pags.render(self.drive, make_camera(time=102.0), background=[0, 0, 0])
         self.write("empty.ply", ply_bytes([splat(-50, 0, 0, (1, 1, 1))]))
-        found = pags.render(pags.load(self.path("empty.ply")), self.view, others=[{**drive, "time": 102.0}], background=[0, 0, 0])
+        found = pags.render(
+            pags.load(self.path("empty.ply")), self.view, others=[{**drive, "time": 102.0}], background=[0, 0, 0]
+        )
         self.assertLess(self.apart(found.rgba, wanted.rgba), 1e-5)
         early = pags.render(self.drive, make_camera(time=100.0), background=[0, 0, 0])
         self.assertGreater(self.apart(early.rgba, wanted.rgba), 0.5)
 
     def test_the_sky_is_the_first_scene_s(self):
         moved = [1, 0, 0, ORIGIN[0], 0, 1, 0, ORIGIN[1] - 100, 0, 0, 1, ORIGIN[2]]
-        found = pags.render(self.drive, make_camera(time=100.0), others=[{"scene": self.splats, "world_from_scene": moved}])
+        found = pags.render(
+            self.drive, make_camera(time=100.0), others=[{"scene": self.splats, "world_from_scene": moved}]
+        )
         self.assertEqual(bytes(found.rgba), bytes(pags.render(self.drive, make_camera(time=100.0)).rgba))
 
     def test_colours_of_two_times(self):
@@ -389,7 +407,9 @@ class SeveralScenes(Case):
         scene = pags.load(self.path("drive"))
 
         def shown(time, *more):
-            return pags.render(scene, make_camera(time=time), placements=[(1, scene.pose(1, 101.0))], background=[0, 0, 0], others=more)
+            return pags.render(
+                scene, make_camera(time=time), placements=[(1, scene.pose(1, 101.0))], background=[0, 0, 0], others=more
+            )
 
         beside = list(scene.pose(1, 101.0))
         beside[7] += 2
@@ -401,8 +421,24 @@ class SeveralScenes(Case):
 
     def test_picks_and_values_name_the_scene(self):
         moved = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]
-        near = [0.3, 0, 0, ORIGIN[0] - 1, 0, 0.3, 0, ORIGIN[1] + 0.7, 0, 0, 0.3, ORIGIN[2]]  # a ball 2 m before the camera
-        others = [{"scene": self.drive, "world_from_scene": moved, "placements": []}, {"scene": self.splats, "world_from_scene": near}]
+        near = [
+            0.3,
+            0,
+            0,
+            ORIGIN[0] - 1,
+            0,
+            0.3,
+            0,
+            ORIGIN[1] + 0.7,
+            0,
+            0,
+            0.3,
+            ORIGIN[2],
+        ]  # a ball 2 m before the camera
+        others = [
+            {"scene": self.drive, "world_from_scene": moved, "placements": []},
+            {"scene": self.splats, "world_from_scene": near},
+        ]
         view = make_camera(time=101.0)
         car = pags.pick(self.drive, view, 50, 50, others=others[:1])
         self.assertEqual((car["scene"], car["id"], car["object"]), (0, 2, 1))
@@ -416,8 +452,18 @@ class SeveralScenes(Case):
 
     def test_modes_of_each_scene(self):
         for mode in ("priority", "critical", "size", "depth"):
-            picture = pags.render(self.drive, make_camera(time=101.0), mode=mode, outputs=("rgba", "heat", "priority"), others=[
-                {"scene": self.splats, "world_from_scene": [1, 0, 0, ORIGIN[0], 0, 1, 0, ORIGIN[1] + 3, 0, 0, 1, ORIGIN[2]]}])
+            picture = pags.render(
+                self.drive,
+                make_camera(time=101.0),
+                mode=mode,
+                outputs=("rgba", "heat", "priority"),
+                others=[
+                    {
+                        "scene": self.splats,
+                        "world_from_scene": [1, 0, 0, ORIGIN[0], 0, 1, 0, ORIGIN[1] + 3, 0, 0, 1, ORIGIN[2]],
+                    }
+                ],
+            )
             self.assertEqual(pixel(picture.priority, 50, 50, 1)[0], 1)
             self.assertEqual(min(floats(picture.priority)), 0)
             self.assertGreater(max(pixel(picture.rgba, 50, 50)[:3]), 0.1, mode)
@@ -432,8 +478,13 @@ class SeveralScenes(Case):
         far = [1, 0, 0, 300, 0, 1, 0, 0, 0, 0, 1, 0]
         lit = []
         for first, other in ((self.drive, self.drive), (self.drive, mip), (mip, mip)):
-            picture = pags.render(first, make_camera(time=101.0), placements=[], background=[0, 0, 0],
-                                  others=[{"scene": other, "world_from_scene": far, "time": 101.0}])
+            picture = pags.render(
+                first,
+                make_camera(time=101.0),
+                placements=[],
+                background=[0, 0, 0],
+                others=[{"scene": other, "world_from_scene": far, "time": 101.0}],
+            )
             lit.append(max(floats(picture.rgba)[0::4]))
         self.assertLess(lit[1], 0.7 * lit[0])
         self.assertAlmostEqual(lit[1], lit[2], places=6)
@@ -442,7 +493,9 @@ class SeveralScenes(Case):
         renderers = [pags.Renderer(threads=1), pags.Renderer(threads=1)]
         jobs = []
         for _ in range(40):
-            jobs.append(renderers[0].submit(self.splats, self.view, others=[{"scene": self.drive}, {"scene": self.splats}]))
+            jobs.append(
+                renderers[0].submit(self.splats, self.view, others=[{"scene": self.drive}, {"scene": self.splats}])
+            )
             jobs.append(renderers[1].submit(self.drive, make_camera(), others=[{"scene": self.splats}]))
         for job in jobs:
             self.assertTrue(job.wait(60))
@@ -484,7 +537,15 @@ class EveryKind(Case):
             done = fixtures.run("export", at(source), at(target))
             if done.returncode != 0 and not source.startswith("empty"):
                 raise AssertionError(done.stderr)
-        cls.bare = ["splats.ply", "flat.ply", "compressed.ply", "splats.spz", "splats.splat", "splats.pagsz", "flat.pagsz"]
+        cls.bare = [
+            "splats.ply",
+            "flat.ply",
+            "compressed.ply",
+            "splats.spz",
+            "splats.splat",
+            "splats.pagsz",
+            "flat.pagsz",
+        ]
         cls.exported = [f"drive.{kind}" for kind in ("ply", "spz", "splat", "pagsz")]
         cls.kinds = [*cls.bare, *cls.exported, "drive"]
         cls.kinds += [n for n in ("empty.ply", "empty.pagsz") if os.path.exists(at(n))]
@@ -506,14 +567,26 @@ class EveryKind(Case):
             folder = name == "drive"
             count = 3 if name.startswith("drive") else 0 if name.startswith("empty") else 150
             self.assertEqual(scene.info["gaussians"], count, name)
-            self.assertGreaterEqual(scene.info["bytes"], 56 * count if name.endswith((".ply", ".splat")) else 27 * count, name)
-            self.assertEqual((len(scene.objects), len(scene.views), scene.info["sky"]), (2, 6, True) if folder else (0, 0, False), name)
+            self.assertGreaterEqual(
+                scene.info["bytes"], 56 * count if name.endswith((".ply", ".splat")) else 27 * count, name
+            )
+            self.assertEqual(
+                (len(scene.objects), len(scene.views), scene.info["sky"]),
+                (2, 6, True) if folder else (0, 0, False),
+                name,
+            )
             self.assertEqual(sum(o["gaussians"] for o in scene.objects), 2 if folder else 0)
-            self.assertEqual(scene.info["origin"], tuple(ORIGIN) if name.startswith("drive") and name != "drive.splat" else (0, 0, 0), name)
+            self.assertEqual(
+                scene.info["origin"],
+                tuple(ORIGIN) if name.startswith("drive") and name != "drive.splat" else (0, 0, 0),
+                name,
+            )
 
     def test_up_axes(self):
         for comment, up in [("Vertical axis: z", "z"), ("Vertical axis: 0 1 0", "y"), ("nothing", "-y")]:
-            data = fixtures.ply_bytes(fixtures.some_splats()).replace(b"element", b"comment " + comment.encode() + b"\nelement", 1)
+            data = fixtures.ply_bytes(fixtures.some_splats()).replace(
+                b"element", b"comment " + comment.encode() + b"\nelement", 1
+            )
             path = os.path.join(self.place, "up.ply")
             fixtures.write(path, data)
             self.assertEqual(pags.load(path).info["up"], up)
@@ -568,8 +641,20 @@ class EveryKind(Case):
         cases = [{"mode": m} for m in ("rgb", "priority", "critical", "depth", "size")]
         cases += [{"outputs": (o,)} for o in outputs] + [{"outputs": outputs, "mode": "size"}]
         cases += [{"early_z": e} for e in ("off", "lossless", "bounded=0.01")]
-        cases += [{"transparent": True}, {"linear": True, "flip": True}, {"cut": 2}, {"sh_degree": 0}, {"exp_degree": 3}, {"antialiased": 1}]
-        cases += [{"placements": []}, {"placements": [(-1, IDENTITY)] * 2}, {"exposure": [2, 2, 2, 0, 0, 0]}, {"background": [1, 0, 0]}]
+        cases += [
+            {"transparent": True},
+            {"linear": True, "flip": True},
+            {"cut": 2},
+            {"sh_degree": 0},
+            {"exp_degree": 3},
+            {"antialiased": 1},
+        ]
+        cases += [
+            {"placements": []},
+            {"placements": [(-1, IDENTITY)] * 2},
+            {"exposure": [2, 2, 2, 0, 0, 0]},
+            {"background": [1, 0, 0]},
+        ]
         cases += [{"window": (3, 4, 50, 40), "outputs": outputs}, {"near_plane": 10.5}]
         for name in self.kinds:
             scene, view = self.loaded(name), self.camera_for(name)
@@ -581,11 +666,17 @@ class EveryKind(Case):
                 self.assertTrue(job.done())
                 picture = job.take()
                 planes = [getattr(picture, o) for o in outputs]
-                self.assertEqual([p is not None for p in planes], [o in arguments.get("outputs", ("rgba",)) for o in outputs], name)
+                self.assertEqual(
+                    [p is not None for p in planes], [o in arguments.get("outputs", ("rgba",)) for o in outputs], name
+                )
                 background = scene.info["gaussians"] - len(scene.objects)  # one Gaussian each
-                drawn = background * len(arguments["placements"]) if "placements" in arguments else scene.info["gaussians"]
+                drawn = (
+                    background * len(arguments["placements"]) if "placements" in arguments else scene.info["gaussians"]
+                )
                 self.assertEqual(picture.stats["gaussians"], drawn, f"{name} {arguments}")
-                if name not in ("splats.spz", "splats.splat", "splats.pagsz") or "rgba" not in arguments.get("outputs", ("rgba",)):
+                if name not in ("splats.spz", "splats.splat", "splats.pagsz") or "rgba" not in arguments.get(
+                    "outputs", ("rgba",)
+                ):
                     continue
                 if name == "splats.splat" and arguments.get("sh_degree") != 0:
                     continue  # has no first degree
@@ -607,7 +698,8 @@ class EveryKind(Case):
     def test_sizes(self):
         """Mode size shows the largest sigma: the same colours of a packed file as of its source."""
         plain, packed = (
-            pags.render(self.loaded(n), self.camera_for(n), mode="size", background=[0, 0, 0]) for n in ("splats.ply", "splats.pagsz")
+            pags.render(self.loaded(n), self.camera_for(n), mode="size", background=[0, 0, 0])
+            for n in ("splats.ply", "splats.pagsz")
         )
         off = [abs(a - b) for a, b in zip(floats(plain.rgba), floats(packed.rgba))]
         self.assertLess(sum(off) / len(off), 1e-3)
@@ -701,7 +793,9 @@ def resident():
     if os.name == "nt":
         import ctypes
 
-        counters = (ctypes.c_size_t * 9)()  # PROCESS_MEMORY_COUNTERS: two numbers of 32 bits, the peak and now, and others
+        counters = (
+            ctypes.c_size_t * 9
+        )()  # PROCESS_MEMORY_COUNTERS: two numbers of 32 bits, the peak and now, and others
         counters[0] = ctypes.sizeof(counters)
         kernel = ctypes.windll.kernel32
         kernel.GetCurrentProcess.restype = ctypes.c_void_p
@@ -811,7 +905,9 @@ class Passes(ModuleCase):
         """As planes and as colours, which no alpha darkens; the picture beside them is that without them."""
         view = make_camera(time=101.0)
         picture = pags.render(self.scene, view, outputs=("rgba", "count", "overdraw"))
-        self.assertEqual([pixel(picture.count, x, y, 1)[0] for x, y in ((50, 50), (35, 50), (50, 20), (90, 90))], [1, 1, 1, 0])
+        self.assertEqual(
+            [pixel(picture.count, x, y, 1)[0] for x, y in ((50, 50), (35, 50), (50, 20), (90, 90))], [1, 1, 1, 0]
+        )
         self.assertEqual([pixel(picture.overdraw, x, y, 1)[0] for x, y in ((50, 50), (90, 90))], [1, 0])
         self.assertGreater(sum(floats(picture.overdraw)), sum(floats(picture.count)))
         self.assertEqual(bytes(picture.rgba), bytes(pags.render(self.scene, view).rgba))
@@ -825,15 +921,22 @@ class Passes(ModuleCase):
         part = pags.render(self.scene, make_camera(time=101.0), window=(30, 40, 31, 21), flip=True, **common)
         for name, channels in zip(self.ALL, (4, 12, 12, 3, 4)):
             for x, y in ((0, 0), (20, 10), (30, 20)):
-                self.assertEqual(pixel(getattr(part, name), x, 20 - y, channels), pixel(getattr(whole, name), 30 + x, 40 + y, channels))
+                self.assertEqual(
+                    pixel(getattr(part, name), x, 20 - y, channels),
+                    pixel(getattr(whole, name), 30 + x, 40 + y, channels),
+                )
 
     def test_names_of_placements(self):
         """Two instances of an object have the names that were given, and each its own motion."""
         turned = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0]
-        at = lambda y: [v + o for v, o in zip(turned, [0, 0, 0, ORIGIN[0] + 10, 0, 0, 0, ORIGIN[1] + y, 0, 0, 0, ORIGIN[2]])]  # noqa: E731
+        at = lambda y: [
+            v + o for v, o in zip(turned, [0, 0, 0, ORIGIN[0] + 10, 0, 0, 0, ORIGIN[1] + y, 0, 0, 0, ORIGIN[2]])
+        ]  # noqa: E731
         view = make_camera(time=101.0)
         now, then = [(1, at(0)), (-1, IDENTITY), (1, at(2))], [(1, at(0)), (-1, IDENTITY), (1, at(2.1))]
-        picture = pags.render(self.scene, view, outputs=self.ALL, placements=now, before=(view, then), names=["a", "rest", "b"])
+        picture = pags.render(
+            self.scene, view, outputs=self.ALL, placements=now, before=(view, then), names=["a", "rest", "b"]
+        )
         for x, name, moved in ((50, "a", 0), (30, "b", -0.99)):
             self.assertEqual(pixel(picture.crypto_object, x, 50, 12)[0], self.value(name))
             self.assertEqual(pixel(picture.crypto_class, x, 50, 12)[0], self.value("Car"))
@@ -852,9 +955,17 @@ class Passes(ModuleCase):
         view = make_camera(time=101.0)
         own = [(-1, IDENTITY), *((i, self.scene.pose(i, 101.0)) for i in range(2))]
         shown, earlier = ({**other, "world_from_scene": at(y)} for y in (-1.5, -1.4))
-        plain = pags.render(self.scene, view, outputs=self.ALL, placements=own, before=(view, own), names=["rest", "p", "c"])
+        plain = pags.render(
+            self.scene, view, outputs=self.ALL, placements=own, before=(view, own), names=["rest", "p", "c"]
+        )
         picture = pags.render(
-            self.scene, view, outputs=self.ALL, placements=own, names=["rest", "p", "c"], others=[shown], before=(view, own, [earlier])
+            self.scene,
+            view,
+            outputs=self.ALL,
+            placements=own,
+            names=["rest", "p", "c"],
+            others=[shown],
+            before=(view, own, [earlier]),
         )
         for x, name, of_class in ((65, "disc", "background"), (50, "c", "Car"), (35, "p", "Car")):
             self.assertEqual(pixel(picture.crypto_object, x, 50, 12)[0], self.value(name))
@@ -863,10 +974,14 @@ class Passes(ModuleCase):
             self.assertAlmostEqual(got, wanted, delta=1e-5)
         self.assertAlmostEqual(pixel(picture.motion, 65, 50)[0], -0.99, delta=3e-3)
         for name, channels in zip(self.ALL, (4, 12, 12, 3, 4)):
-            self.assertEqual(pixel(getattr(picture, name), 50, 50, channels), pixel(getattr(plain, name), 50, 50, channels))
+            self.assertEqual(
+                pixel(getattr(picture, name), 50, 50, channels), pixel(getattr(plain, name), 50, 50, channels)
+            )
         still = pags.render(self.scene, view, outputs=("motion",), placements=own, others=[shown], before=(view, own))
         self.assertEqual(max(map(abs, floats(still.motion))), 0)
-        own_tracks = pags.render(self.scene, view, outputs=("crypto_object",), others=[{k: v for k, v in shown.items() if k[0] in "sw"}])
+        own_tracks = pags.render(
+            self.scene, view, outputs=("crypto_object",), others=[{k: v for k, v in shown.items() if k[0] in "sw"}]
+        )
         self.assertEqual(pixel(own_tracks.crypto_object, 50, 50, 12)[0], self.value("c=2"))
         self.assertEqual(pixel(own_tracks.crypto_object, 65, 50, 12)[0], self.value("background"))
         with self.assertRaisesRegex(ValueError, "isn't in the picture"):

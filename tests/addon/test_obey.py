@@ -14,7 +14,6 @@ import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, main, pixel  # noqa: E402
-
 from fixtures import ply_bytes, read_png, splat  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
@@ -52,7 +51,16 @@ def confetti(count=500):
     for _ in range(count):
         ahead = 3 * 10 ** dice.random()
         colour = [dice.random() for _ in range(3)]
-        rows.append(splat(ahead, dice.uniform(-0.6, 0.6) * ahead, dice.uniform(-0.6, 0.6) * ahead, colour, sigma=0.035 * ahead, opacity=dice.uniform(0, 4)))
+        rows.append(
+            splat(
+                ahead,
+                dice.uniform(-0.6, 0.6) * ahead,
+                dice.uniform(-0.6, 0.6) * ahead,
+                colour,
+                sigma=0.035 * ahead,
+                opacity=dice.uniform(0, 4),
+            )
+        )
     return rows
 
 
@@ -161,10 +169,14 @@ class Blur(ObeyCase):
         dof = bpy.data.cameras.new("any").dof
         for blades in (0, 3, 5, 6):
             dof.aperture_blades, dof.aperture_rotation = blades, 0.3
-            points = np.array([blur.aperture_point(dof, blur.radical_inverse(k, 2), blur.radical_inverse(k, 3)) for k in range(2048)])
+            points = np.array(
+                [blur.aperture_point(dof, blur.radical_inverse(k, 2), blur.radical_inverse(k, 3)) for k in range(2048)]
+            )
             self.assertLessEqual(np.hypot(*points.T).max(), 1 + 1e-9)
             np.testing.assert_allclose(points.mean(axis=0), 0, atol=0.01)
-            wanted = 0.25 if blades == 0 else (2 + math.cos(2 * math.pi / blades)) / 12  # of a polygon: (2 + cos(2 pi / n)) / 12
+            wanted = (
+                0.25 if blades == 0 else (2 + math.cos(2 * math.pi / blades)) / 12
+            )  # of a polygon: (2 + cos(2 pi / n)) / 12
             np.testing.assert_allclose((points**2).mean(axis=0), wanted, atol=0.01)
 
     def test_focus_object(self):
@@ -181,7 +193,11 @@ class Blur(ObeyCase):
         for frame, y in ((1, 0.0), (3, -4.0)):  # 2 m a frame to the right, 20 pixels
             root.location.y = y
             root.keyframe_insert("location", frame=frame)
-        for curve in root.animation_data.action.fcurves if hasattr(root.animation_data.action, "fcurves") else blender_5_curves(root):
+        for curve in (
+            root.animation_data.action.fcurves
+            if hasattr(root.animation_data.action, "fcurves")
+            else blender_5_curves(root)
+        ):
             for key in curve.keyframe_points:
                 key.interpolation = "LINEAR"
         self.scene.frame_set(2)
@@ -280,11 +296,19 @@ class Blur(ObeyCase):
             right, up, back, place = (eye[:3, i] for i in range(4))
             radius, angle = APERTURE * math.sqrt((slots[k] + dice.random()) / count), 2 * math.pi * dice.random()
             x, y = radius * math.cos(angle), radius * math.sin(angle)
-            view = {"width": SIZE, "height": SIZE, "fx": FOCAL, "fy": FOCAL, "time": entry.info["time_begin"] + time - 1}
+            view = {
+                "width": SIZE,
+                "height": SIZE,
+                "fx": FOCAL,
+                "fy": FOCAL,
+                "time": entry.info["time_begin"] + time - 1,
+            }
             view["cx"], view["cy"] = SIZE / 2 + FOCAL * x / 8.0, SIZE / 2 - FOCAL * y / 8.0
             place = place + x * right + y * up + origin
             view["world_from_camera"] = [v for i in range(3) for v in (right[i], -up[i], -back[i], place[i])]
-            total = total + np.asarray(renderer.submit(entry.scene, view, linear=True).take().rgba)[..., :3].astype(np.float64)
+            total = total + np.asarray(renderer.submit(entry.scene, view, linear=True).take().rgba)[..., :3].astype(
+                np.float64
+            )
         scene.frame_set(2)
         return encoded(np.clip(total / count, 0, 1))
 
@@ -307,7 +331,13 @@ class Blur(ObeyCase):
 
 
 def blender_5_curves(block):
-    return [c for layer in block.animation_data.action.layers for strip in layer.strips for bag in strip.channelbags for c in bag.fcurves]
+    return [
+        c
+        for layer in block.animation_data.action.layers
+        for strip in layer.strips
+        for bag in strip.channelbags
+        for c in bag.fcurves
+    ]
 
 
 class Layers(ObeyCase):
@@ -371,7 +401,12 @@ class Clipping(ObeyCase):
         self.scene.frame_set(2)
         camera = self.scene.camera.data
         whole = self.f12()
-        for start, end, drawn in ((0.1, 9.5, True), (0.1, 8.5, False), (8.5, 100, True), (9.5, 100, False)):  # the car is 9 m before the camera
+        for start, end, drawn in (
+            (0.1, 9.5, True),
+            (0.1, 8.5, False),
+            (8.5, 100, True),
+            (9.5, 100, False),
+        ):  # the car is 9 m before the camera
             camera.clip_start, camera.clip_end = start, end
             found = self.f12()
             self.assertEqual(pixel(found, 50, 50)[0] > 200, drawn, (start, end))
@@ -386,7 +421,6 @@ class Clipping(ObeyCase):
         for end, drawn in ((19, True), (17, False)):
             camera.clip_end = end
             self.assertEqual(pixel(self.f12(), 50, 50)[0] > 200, drawn, end)
-
 
     def test_picks(self):
         """A pick passes over what planes take away."""
@@ -427,7 +461,9 @@ class Linked(ObeyCase):
         self.bring_in(os.path.join("lib", "data", "street"))
         for _ in range(2):
             bpy.ops.wm.save_as_mainfile(filepath=self.path("lib", "lib.blend"))
-        self.assertEqual(next(o for o in self.scene.objects if o.pags.kind == "ROOT").pags.path.replace("\\", "/"), "//data/street")
+        self.assertEqual(
+            next(o for o in self.scene.objects if o.pags.kind == "ROOT").pags.path.replace("\\", "/"), "//data/street"
+        )
         self.scene.frame_set(2)
         picture = self.f12()
         place = self.scene.camera.matrix_world.copy()
@@ -482,7 +518,9 @@ class Linked(ObeyCase):
         if collection in list(self.scene.collection.children):
             self.scene.collection.children.unlink(collection)
         root = next(o for o in self.scene.objects if o.override_library and o.pags.kind == "ROOT")
-        car = next(o for o in self.scene.objects if o.override_library and o.pags.kind == "OBJECT" and o.pags.index == 1)
+        car = next(
+            o for o in self.scene.objects if o.override_library and o.pags.kind == "OBJECT" and o.pags.index == 1
+        )
         self.assertEqual(car.pags.root, root)
         self.assert_close(self.f12(), wanted)
         car.location.x += 1.0  # forward: to the right
@@ -493,7 +531,9 @@ class Linked(ObeyCase):
         bpy.ops.wm.open_mainfile(filepath=self.path("work", "work.blend"))
         root = next(o for o in self.scene.objects if o.override_library and o.pags.kind == "ROOT")
         self.assertEqual(root.pags.frame_start, 1.5)
-        self.assertEqual(next(o for o in self.scene.objects if o.pags.kind == "OBJECT" and o.pags.index == 1).pags.root, root)
+        self.assertEqual(
+            next(o for o in self.scene.objects if o.pags.kind == "OBJECT" and o.pags.index == 1).pags.root, root
+        )
         self.assertEqual(self.f12("again")[4], moved[4])
         os.rename(self.path("lib", "data", "street"), self.path("elsewhere"))
         root.pags.path = "//../elsewhere"  # of the override's own: relative to this file

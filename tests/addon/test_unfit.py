@@ -46,54 +46,137 @@ class Unfit(ModuleCase):
             "placements": [5, [5], [(0.5, IDENTITY)], [(0, [NAN] * 12)], [("a", IDENTITY)], [(0,)]],
             "names": [["a"], 5],
             "deadline": [50, "soon"],
-            "others": [5, [5], [{"scene": self.scene, "time": INF}], [{"scene": self.scene, "world_from_scene": [NAN] * 12}]],
+            "others": [
+                5,
+                [5],
+                [{"scene": self.scene, "time": INF}],
+                [{"scene": self.scene, "world_from_scene": [NAN] * 12}],
+            ],
             "threads": [-1, 1.5, NAN, "2", 999],
         }
         for name, values in bad.items():
             for value in values:
                 self.refused(pags.render, name, self.scene, make_camera(), **{name: value})
-        for good in (dict(linear=1, flip=0, window=(0.0, 0, 4, 4)), dict(cut=0.5, near_plane=0, sh_degree=2.0, antialiased=True)):
+        for good in (
+            dict(linear=1, flip=0, window=(0.0, 0, 4, 4)),
+            dict(cut=0.5, near_plane=0, sh_degree=2.0, antialiased=True),
+        ):
             pags.render(self.scene, make_camera(), **good)
 
     def test_cameras(self):
-        bad = dict(width=[1.5, NAN, 0, "8", None], height=[70000, INF], fx=[NAN, INF, -1, "a", None], cx=[NAN, "a"], time=[INF, NAN, "now"],
-                   world_from_camera=[[NAN] * 12, [2] * 12, [1] * 11, None], lens=["fisheye", {"kind": "what"}, {}, {**FISHEYE, "k": [NAN] * 6},
-                   {**FISHEYE, "k": [0]}, {**FISHEYE, "k1": 0}, {**FISHEYE, "field": INF}, [1]], rolling_shutter=["top_to_bottom", {},
-                   {**ROLLING, "direction": "up"}, {**ROLLING, "seconds": NAN}, {**ROLLING, "seconds": 5}, {**ROLLING, "velocity": [INF] * 6},
-                   {**ROLLING, "speed": 1}])  # fmt: skip
+        bad = dict(
+            width=[1.5, NAN, 0, "8", None],
+            height=[70000, INF],
+            fx=[NAN, INF, -1, "a", None],
+            cx=[NAN, "a"],
+            time=[INF, NAN, "now"],
+            world_from_camera=[[NAN] * 12, [2] * 12, [1] * 11, None],
+            lens=[
+                "fisheye",
+                {"kind": "what"},
+                {},
+                {**FISHEYE, "k": [NAN] * 6},
+                {**FISHEYE, "k": [0]},
+                {**FISHEYE, "k1": 0},
+                {**FISHEYE, "field": INF},
+                [1],
+            ],
+            rolling_shutter=[
+                "top_to_bottom",
+                {},
+                {**ROLLING, "direction": "up"},
+                {**ROLLING, "seconds": NAN},
+                {**ROLLING, "seconds": 5},
+                {**ROLLING, "velocity": [INF] * 6},
+                {**ROLLING, "speed": 1},
+            ],
+        )
         for name, values in bad.items():
             for value in values:
                 given = {**make_camera(), name: value}
-                for call in (lambda c: pags.render(self.scene, c), lambda c: pags.pick(self.scene, c, 1, 1),
-                             lambda c: pags.render(self.scene, make_camera(), outputs=("motion",), before=c)):  # fmt: skip
+                for call in (
+                    lambda c: pags.render(self.scene, c),
+                    lambda c: pags.pick(self.scene, c, 1, 1),
+                    lambda c: pags.render(self.scene, make_camera(), outputs=("motion",), before=c),
+                ):
                     self.refused(call, {"fx": "f[xy]"}.get(name, name), given)
-        self.refused(pags.render, "lens.*rolling|rolling.*lens", self.scene, {**make_camera(), "lens": FISHEYE, "rolling_shutter": ROLLING})
-        self.refused(pags.render, "before: has a lens", self.scene, make_camera(), outputs=("motion",), before={**make_camera(), "lens": FISHEYE})
+        self.refused(
+            pags.render,
+            "lens.*rolling|rolling.*lens",
+            self.scene,
+            {**make_camera(), "lens": FISHEYE, "rolling_shutter": ROLLING},
+        )
+        self.refused(
+            pags.render,
+            "before: has a lens",
+            self.scene,
+            make_camera(),
+            outputs=("motion",),
+            before={**make_camera(), "lens": FISHEYE},
+        )
         self.refused(pags.render, "camera: expected a dictionary", self.scene, "camera")
         K, pose = [[50, 0, 32], [0, 50, 24], [0, 0, 1]], [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]
-        for name, value in [("width", 1.5), ("height", "a"), ("K", [[NAN, 0, 1], [0, 1, 1], [0, 0, 1]]), ("time", NAN), ("axes", 5),
-                            ("world_from_camera", [[NAN, 0, 0, 0], *pose[1:]])]:  # fmt: skip
-            self.refused(pags.camera, "focal" if name == "K" else name, **{**dict(width=64, height=48, K=K, world_from_camera=pose), name: value})
+        for name, value in [
+            ("width", 1.5),
+            ("height", "a"),
+            ("K", [[NAN, 0, 1], [0, 1, 1], [0, 0, 1]]),
+            ("time", NAN),
+            ("axes", 5),
+            ("world_from_camera", [[NAN, 0, 0, 0], *pose[1:]]),
+        ]:
+            self.refused(
+                pags.camera,
+                "focal" if name == "K" else name,
+                **{**dict(width=64, height=48, K=K, world_from_camera=pose), name: value},
+            )
 
     def test_of_other_calls(self):
         scene, view = self.scene, make_camera()
         rgb = [[[0.0] * 3] * view["width"]] * view["height"]
         for named, call, *arguments in [
-            ("x", pags.pick, scene, view, 1.5, 0), ("y", pags.pick, scene, view, 0, NAN), ("x", pags.pick, scene, view, -1, 0),
-            ("time", scene.pose, 1, NAN), ("object", scene.pose, "a", 0), ("sensor", scene.exposure, 0.5, 0), ("time", scene.exposure, 0, INF),
-            ("object", scene.track, "a"), ("budget", scene.points, 0, NAN), ("value", pags.heat, NAN), ("name", pags.cryptomatte_hash, 5),
-            ("path", pags.load, 5), ("edits", pags.load, self.path("scene"), 5), ("folder", pags.write_edited, "a", "{}", 5),
-            ("ms", pags.Deadline, NAN), ("ms", pags.Deadline(5).pace, NAN, 5), ("wanted", pags.Deadline(5).pace, 5, INF),
-            ("threads", pags.Renderer, 1.5), ("seconds", pags.Renderer().submit(scene, view).wait, NAN),
+            ("x", pags.pick, scene, view, 1.5, 0),
+            ("y", pags.pick, scene, view, 0, NAN),
+            ("x", pags.pick, scene, view, -1, 0),
+            ("time", scene.pose, 1, NAN),
+            ("object", scene.pose, "a", 0),
+            ("sensor", scene.exposure, 0.5, 0),
+            ("time", scene.exposure, 0, INF),
+            ("object", scene.track, "a"),
+            ("budget", scene.points, 0, NAN),
+            ("value", pags.heat, NAN),
+            ("name", pags.cryptomatte_hash, 5),
+            ("path", pags.load, 5),
+            ("edits", pags.load, self.path("scene"), 5),
+            ("folder", pags.write_edited, "a", "{}", 5),
+            ("ms", pags.Deadline, NAN),
+            ("ms", pags.Deadline(5).pace, NAN, 5),
+            ("wanted", pags.Deadline(5).pace, 5, INF),
+            ("threads", pags.Renderer, 1.5),
+            ("seconds", pags.Renderer().submit(scene, view).wait, NAN),
             ("rgb", pags.gradients, scene, view, [[[NAN] * 3] * view["width"]] * view["height"]),
-        ]:  # fmt: skip
+        ]:
             self.refused(call, named, *arguments)
-        for named, value in [("background", (NAN, 0, 0)), ("near_plane", NAN), ("sh_degree", 1.5), ("threads", NAN), ("transparent", "no")]:
+        for named, value in [
+            ("background", (NAN, 0, 0)),
+            ("near_plane", NAN),
+            ("sh_degree", 1.5),
+            ("threads", NAN),
+            ("transparent", "no"),
+        ]:
             self.refused(pags.gradients, named, scene, view, rgb, **{named: value})
         one = dict(means=[[0, 0, 3]], quats=[[1, 0, 0, 0]], scales=[[-2] * 3], opacities=[2], sh=[[[1, 1, 1]]])
         self.refused(pags.Scene(**one).save, "path", 5)
-        for named, value in [("alpha_min", NAN), ("alpha_min", "a"), ("background", (0, NAN, 0)), ("origin", (0, 0, INF)), ("up", 5),
-                             ("antialiased", "no"), ("means", [["a", 0, 0]]), ("means", [[INF, 0, 0]]), ("priorities", [NAN])]:  # fmt: skip
+        for named, value in [
+            ("alpha_min", NAN),
+            ("alpha_min", "a"),
+            ("background", (0, NAN, 0)),
+            ("origin", (0, 0, INF)),
+            ("up", 5),
+            ("antialiased", "no"),
+            ("means", [["a", 0, 0]]),
+            ("means", [[INF, 0, 0]]),
+            ("priorities", [NAN]),
+        ]:
             self.refused(pags.Scene, named, **{**one, named: value})
 
 
@@ -110,9 +193,18 @@ class Seen(ModuleCase):
         plain = self.both()
         for more in (dict(lens=FISHEYE), dict(lens={"kind": "equirectangular"}), dict(rolling_shutter=ROLLING)):
             self.assertNotEqual(bytes(memoryview(self.both(**more).rgba)), bytes(memoryview(plain.rgba)), more)
-        for more in (dict(lens=None, rolling_shutter=None), dict(lens={"kind": "perspective"}), dict(rolling_shutter={**ROLLING, "seconds": 0})):
-            self.assertEqual(bytes(memoryview(self.both(**{k: v for k, v in more.items() if v}).rgba)), bytes(memoryview(plain.rgba)))
-            self.assertEqual(bytes(memoryview(pags.render(self.scene, make_camera(time=101.0, **more)).rgba)), bytes(memoryview(plain.rgba)))
+        for more in (
+            dict(lens=None, rolling_shutter=None),
+            dict(lens={"kind": "perspective"}),
+            dict(rolling_shutter={**ROLLING, "seconds": 0}),
+        ):
+            self.assertEqual(
+                bytes(memoryview(self.both(**{k: v for k, v in more.items() if v}).rgba)), bytes(memoryview(plain.rgba))
+            )
+            self.assertEqual(
+                bytes(memoryview(pags.render(self.scene, make_camera(time=101.0, **more)).rgba)),
+                bytes(memoryview(plain.rgba)),
+            )
 
     def test_views(self):
         facts = json.loads(read(self.path("scene", "scene.json")))
@@ -121,18 +213,29 @@ class Seen(ModuleCase):
         write(self.path("wide", "scene.json"), json.dumps(facts))
         scene = pags.load(self.path("wide"))
         wide, rolling, plain = scene.views[:3]
-        self.assertEqual((wide["lens"]["kind"], wide["lens"]["field"], list(wide["lens"]["k"])), ("fisheye", 200, FISHEYE["k"]))
-        self.assertEqual({**rolling["rolling_shutter"], "velocity": list(rolling["rolling_shutter"]["velocity"])}, ROLLING)
+        self.assertEqual(
+            (wide["lens"]["kind"], wide["lens"]["field"], list(wide["lens"]["k"])), ("fisheye", 200, FISHEYE["k"])
+        )
+        self.assertEqual(
+            {**rolling["rolling_shutter"], "velocity": list(rolling["rolling_shutter"]["velocity"])}, ROLLING
+        )
         self.assertFalse({"lens", "rolling_shutter"} & set(plain))
         self.succeeds("render", self.path("wide"), "--split", "all", "-o", self.path("all"))
         self.assertEqual(len(pags.render(scene, scene.views)), len(scene.views))
         names = sorted(name for name in os.listdir(self.path("all")) if name.endswith(".png"))
         for name, view in zip(names, (wide, rolling, plain)):
-            self.assert_same(fixtures.read_png(self.path("all", name)), pags.render(scene, view, exposure=[*view["gain"], *view["offset"]]))
+            self.assert_same(
+                fixtures.read_png(self.path("all", name)),
+                pags.render(scene, view, exposure=[*view["gain"], *view["offset"]]),
+            )
 
     def test_pick(self):
         """A pixel picks what it shows, at the depth of the picture."""
-        for more in (dict(lens=FISHEYE), dict(lens={"kind": "fisheye", "k": [0.2, 0, 0, 0, 0, 0]}), dict(rolling_shutter=ROLLING)):
+        for more in (
+            dict(lens=FISHEYE),
+            dict(lens={"kind": "fisheye", "k": [0.2, 0, 0, 0, 0, 0]}),
+            dict(rolling_shutter=ROLLING),
+        ):
             view = make_camera(time=101.0, **more)
             picture = pags.render(self.scene, view, outputs=("id", "depth"))
             ids = memoryview(picture.id).tolist()
@@ -142,7 +245,9 @@ class Seen(ModuleCase):
             self.assertEqual((picked["id"], picked["object"]), (2, 1), more)
             self.assertAlmostEqual(picked["depth"], pixel(picture.depth, x, y, 1)[0], delta=0.1)
             self.assertLess(math.dist(picked["point"], (ORIGIN[0] + 10, ORIGIN[1], ORIGIN[2])), 0.3, more)
-        self.assertIsNone(pags.pick(self.scene, make_camera(lens={"kind": "fisheye", "field": 20}), 0, 0), "beyond what the lens sees")
+        self.assertIsNone(
+            pags.pick(self.scene, make_camera(lens={"kind": "fisheye", "field": 20}), 0, 0), "beyond what the lens sees"
+        )
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ import os
 import re
 import subprocess
 import sys
-import unittest
 import zipfile
 from pathlib import Path
 from unittest import mock
@@ -19,8 +18,8 @@ sys.path[:0] = [str(HERE.parent / "cli"), str(ROOT / "scripts")]
 ADDON, BLENDER = Path(sys.argv.pop(2)), sys.argv.pop(2)
 
 import fixtures  # noqa: E402
-from fixtures import Case, main  # noqa: E402
 import package_addon  # noqa: E402
+from fixtures import Case, main  # noqa: E402
 
 OWN = "linux-x64"
 # System: what Python says of itself there.
@@ -51,7 +50,11 @@ class Zip(Case):
         return path
 
     def merge(self, expected=0):
-        made = subprocess.run([sys.executable, "-B", str(ROOT / "scripts/package_addon.py"), str(self.folder)], capture_output=True, text=True)
+        made = subprocess.run(
+            [sys.executable, "-B", str(ROOT / "scripts/package_addon.py"), str(self.folder)],
+            capture_output=True,
+            text=True,
+        )
         self.assertEqual(made.returncode, expected, made.stderr)
         name = re.match(r"\S+\.zip|", made.stdout)[0]
         return made.stderr if expected else (self.path(name) if name else None, made.stdout)
@@ -68,7 +71,10 @@ class Zip(Case):
             for entry in own.namelist():
                 part = package_addon.PARTS.fullmatch(entry)
                 if not entry.endswith("/") and entry != "pags_blender/blender_manifest.toml":
-                    self.assertEqual(merged.read(entry.replace("pags_blender/", f"pags_blender/{OWN}/", 1) if part else entry), own.read(entry))
+                    self.assertEqual(
+                        merged.read(entry.replace("pags_blender/", f"pags_blender/{OWN}/", 1) if part else entry),
+                        own.read(entry),
+                    )
             self.assertNotIn("pags_blender/blender_manifest.toml", names)
             self.assertEqual(merged.read("pags_blender/windows-x64/bin/pags.exe"), b"a program for windows-x64")
             self.assertEqual(merged.read("pags_blender/macos-arm64/pags.abi3.so"), b"a module for macos-arm64")
@@ -92,8 +98,12 @@ class Zip(Case):
         spec.loader.exec_module(system)
 
         def asked(kind, machine, build):
-            with mock.patch.object(sys, "platform", kind), mock.patch.object(system.platform, "machine", lambda: machine), \
-                    mock.patch.object(system.sysconfig, "get_platform", lambda: build), mock.patch.object(system, "HERE", str(self.folder)):
+            with (
+                mock.patch.object(sys, "platform", kind),
+                mock.patch.object(system.platform, "machine", lambda: machine),
+                mock.patch.object(system.sysconfig, "get_platform", lambda: build),
+                mock.patch.object(system, "HERE", str(self.folder)),
+            ):
                 try:
                     return system.module(), os.path.relpath(system.folder(), self.folder)
                 except ImportError as error:
@@ -112,13 +122,19 @@ class Zip(Case):
 
     def in_blender(self, package, script, chosen=""):
         try:
-            version = re.search(r"Blender (\d+)\.(\d+)", subprocess.run([BLENDER, "--version"], capture_output=True, text=True).stdout)
+            version = re.search(
+                r"Blender (\d+)\.(\d+)", subprocess.run([BLENDER, "--version"], capture_output=True, text=True).stdout
+            )
         except OSError:
             self.skipTest("there is no Blender")
         if (int(version[1]), int(version[2])) >= (4, 2):
             self.skipTest("Blender 4.2 and later take extensions, which are for one system each")
-        ran = subprocess.run([sys.executable, "-B", str(HERE / "run_blender.py"), script, fixtures.PAGS, package, BLENDER], capture_output=True, text=True,
-                             env={**os.environ, "PAGS_TESTS": chosen})
+        ran = subprocess.run(
+            [sys.executable, "-B", str(HERE / "run_blender.py"), script, fixtures.PAGS, package, BLENDER],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PAGS_TESTS": chosen},
+        )
         self.assertEqual(ran.returncode, 0, ran.stdout[-3000:])
         self.assertRegex(ran.stdout, r"Ran [1-9]\d* test")
 

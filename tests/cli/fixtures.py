@@ -13,10 +13,16 @@ import zlib
 
 PAGS = os.environ.get("PAGS", "build/pags")
 
-PLY_NAMES = (
-    ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
-    + ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
-)
+PLY_NAMES = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"] + [
+    "opacity",
+    "scale_0",
+    "scale_1",
+    "scale_2",
+    "rot_0",
+    "rot_1",
+    "rot_2",
+    "rot_3",
+]
 
 
 # A camera at the origin that looks along z.
@@ -38,7 +44,9 @@ SMALL = ["--random-points", "500", "--max-gaussians", "1500"]
 def program(arguments):
     """The command line: the program under test (or pags-bench beside it, if that is the first word) and its arguments."""
     words = [str(word) for word in arguments]
-    return [os.path.join(os.path.dirname(PAGS), *words[:1]), *words[1:]] if words[:1] == ["pags-bench"] else [PAGS, *words]
+    return (
+        [os.path.join(os.path.dirname(PAGS), *words[:1]), *words[1:]] if words[:1] == ["pags-bench"] else [PAGS, *words]
+    )
 
 
 def run(*arguments, timeout=300, **more):
@@ -49,7 +57,10 @@ def run(*arguments, timeout=300, **more):
 def numpy_python():
     """A Python with numpy: this one, or the system's; None if there is none."""
     for python in (sys.executable, "/usr/bin/python3"):
-        if os.path.exists(python) and subprocess.run([python, "-c", "import numpy"], capture_output=True).returncode == 0:
+        if (
+            os.path.exists(python)
+            and subprocess.run([python, "-c", "import numpy"], capture_output=True).returncode == 0
+        ):
             return python
     return None
 

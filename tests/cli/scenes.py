@@ -113,7 +113,11 @@ def make_scene(folder):
     owner += [-1] * len(rows)
     parked = on_box(900, size, (6.0, 3.5, 0.75), (0.7, 0.1, 0.1), 1)
     rows, owner = rows + parked, owner + [0] * len(parked)
-    flat = [gaussian(0, 0.04 * i, 0.04 * j, (0.2, 0.7, 0.2), (0.02, 0.02, 0.02)) for i in range(-9, 10) for j in range(-9, 10)]
+    flat = [
+        gaussian(0, 0.04 * i, 0.04 * j, (0.2, 0.7, 0.2), (0.02, 0.02, 0.02))
+        for i in range(-9, 10)
+        for j in range(-9, 10)
+    ]
     models = {
         "background": (rows, owner),
         "car_1": (on_box(900, size, (0, 0, 0), (0.1, 0.2, 0.8), 2), None),
@@ -159,8 +163,22 @@ def make_scene(folder):
         "objects": [
             item("parked_0", "Car", "vehicle", size, None, [knot(5, (6.0, 3.5, 0.75))]),
             item("car_1", "Car", "vehicle", size, "car_1", [knot(f, (5 + 0.6 * f, -3.0, 0.75)) for f in range(10)]),
-            item("three_2", "Pedestrian", "pedestrian", person, "three", [knot(f, (9 + 0.3 * f, 0, 0.5)) for f in range(10)]),
-            item("flat_3", "Rolling Container", "other", person, "flat", [knot(f, (8 + 0.3 * f, 1.5, 0.5)) for f in range(10)]),
+            item(
+                "three_2",
+                "Pedestrian",
+                "pedestrian",
+                person,
+                "three",
+                [knot(f, (9 + 0.3 * f, 0, 0.5)) for f in range(10)],
+            ),
+            item(
+                "flat_3",
+                "Rolling Container",
+                "other",
+                person,
+                "flat",
+                [knot(f, (8 + 0.3 * f, 1.5, 0.5)) for f in range(10)],
+            ),
             item("empty_4", "Pedestrian", "pedestrian", person, None, [knot(5, (12.0, -6.0, 0.9))]),
         ],
         "cameras": [camera(f, 0.8 * f, yaw) for f in range(10) for yaw in (0.0, 0.9, -0.9)],

@@ -156,7 +156,18 @@ class Ablation(DataCase):
         self.assertIn("## At equal count", read(self.path("t.md")).decode())
         # The same bits as a run that had this bound from the start.
         out = self.path("alone")
-        bounded = ["--preset", "paper", "--alpha", 0, "--set", "dropout=0", "--prune-rate", "0.3/0.1", "--max-gaussians", counts["sp"]]
+        bounded = [
+            "--preset",
+            "paper",
+            "--alpha",
+            0,
+            "--set",
+            "dropout=0",
+            "--prune-rate",
+            "0.3/0.1",
+            "--max-gaussians",
+            counts["sp"],
+        ]
         self.succeeds("train", self.data, "-o", out, "-n", 120, "-j", 1, "-q", "--random-points", 500, *bounded)
         run = f"preset-paper_alpha-0_set-dropout_0_prune-rate-0.3_0.1_max-gaussians-{counts['sp']}_seed-0"
         here = read(self.path("t.runs", run, "scene", "background.ply"))
@@ -177,7 +188,9 @@ class Ablation(DataCase):
         return running.returncode, said
 
     def finish(self):
-        return json.loads(self.run_script("sh=1", "--moments", 2, "--json", "-", *SMALL, iterations=800).stdout)["rows"][0]
+        return json.loads(self.run_script("sh=1", "--moments", 2, "--json", "-", *SMALL, iterations=800).stdout)[
+            "rows"
+        ][0]
 
     def test_interrupted_and_killed_runs_go_on(self):
         code, said = self.stopped(signal.SIGINT, 100)
@@ -225,7 +238,10 @@ class Ablation(DataCase):
             ("plain", "--preset plain"),
             ("alpha=0.2", "--preset paper --alpha 0.2 --set dropout=1 --set dropout_beta=0.5"),
             ("sp+sd", "--preset paper --alpha 0 --set dropout=1 --set dropout_beta=0"),
-            ("sd+beta=0.1+s-sem=init+no-fourier", "--preset plain --set dropout=1 --set dropout_beta=0.1 --set s_sem=init --set fourier=0"),
+            (
+                "sd+beta=0.1+s-sem=init+no-fourier",
+                "--preset plain --set dropout=1 --set dropout_beta=0.1 --set s_sem=init --set fourier=0",
+            ),
             ("fast+rate=40/20+no-sky", "--preset fast --prune-rate 0.4/0.2 --no-sky"),
             ("sh=2+--sh-degree=1+--mcmc", "--sh-degree 1 --mcmc"),
             ("no-lidar-loss+--a=b=c", "--set depth_weight=0 --a b=c"),

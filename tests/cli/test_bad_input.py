@@ -76,7 +76,11 @@ class BadScenes(Case):
         """A pose or a correction that is finite, but of which nothing finite can be made, is refused."""
         scenes.make_scene(self.path("scene"))
         good = json.loads(read(self.path("scene/scene.json")))
-        for key, value in [("rotation", [1e300, 0, 0]), ("translation", [0, 1e300, 0]), ("world_from_object", [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1e200])]:
+        for key, value in [
+            ("rotation", [1e300, 0, 0]),
+            ("translation", [0, 1e300, 0]),
+            ("world_from_object", [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1e200]),
+        ]:
             bad = json.loads(json.dumps(good))
             bad["objects"][1]["knots"][2][key] = value
             self.write("scene/scene.json", json.dumps(bad))
@@ -84,7 +88,10 @@ class BadScenes(Case):
         for key, value in [("origin", [0, 1e300, 0]), ("background", [1e300, 0, 0])]:
             self.write("scene/scene.json", json.dumps({**good, key: value}))
             self.refused("scene.json:1: expected numbers from -1e+12 to 1e+12", key)
-        for key, value, words in [("gain", [1e300, 1, 1], "'gain'"), ("camera_from_world_translation", [0, 0, 1e300], " away; expected at most 1e12")]:
+        for key, value, words in [
+            ("gain", [1e300, 1, 1], "'gain'"),
+            ("camera_from_world_translation", [0, 0, 1e300], " away; expected at most 1e12"),
+        ]:
             bad = json.loads(json.dumps(good))
             bad["cameras"][1][key] = value
             self.write("scene/scene.json", json.dumps(bad))

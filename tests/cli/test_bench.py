@@ -39,7 +39,9 @@ class Bench(Case):
             for mode in size["modes"]:
                 self.assertTrue(0 < mode["pairs_reached"] <= mode["pairs_binned"])
                 self.assertTrue(mode["pairs_blended"] <= mode["pairs_open"] <= mode["pairs_evaluated"])
-                self.assertTrue(0 < mode["perfect_stop_ms"] <= mode["ms"]["frame"]["median"] and mode["share_of_bare"] > 0)
+                self.assertTrue(
+                    0 < mode["perfect_stop_ms"] <= mode["ms"]["frame"]["median"] and mode["share_of_bare"] > 0
+                )
             self.assertTrue(bounded["pairs_open"] <= off["pairs_open"])
             self.assertTrue(size["gaussians_per_pixel"] > 0)
             self.assertTrue(off["ms"]["frame"]["low"] <= off["ms"]["frame"]["median"] <= off["ms"]["frame"]["high"])
@@ -86,7 +88,9 @@ class Bench(Case):
         """The rows that pags-bench error prints, by name."""
         scene = self.write("a.ply", ply_bytes(splats))
         camera = self.write("camera.json", json.dumps(CAMERA))
-        self.succeeds("error", scene, "--camera", camera, "--downscale", 1, "-r", 1, "--json", self.path("e.json"), *more)
+        self.succeeds(
+            "error", scene, "--camera", camera, "--downscale", 1, "-r", 1, "--json", self.path("e.json"), *more
+        )
         rows = json.loads(read(self.path("e.json")))["rows"]
         self.assertEqual(len({row["name"] for row in rows}), len(rows))
         return {row["name"]: row for row in rows}
@@ -116,7 +120,9 @@ class Bench(Case):
         table = [line.split(" | ") for line in read(self.path("e.md")).decode().splitlines() if line.startswith("| ")]
         self.assertEqual([cells[0][2:] for cells in table[1:]], list(rows))
         script = os.path.join(os.path.dirname(__file__), "../../scripts/error_page.py")
-        page = subprocess.run([sys.executable, script, *2 * [self.path("e.json")]], capture_output=True, text=True, check=True)
+        page = subprocess.run(
+            [sys.executable, script, *2 * [self.path("e.json")]], capture_output=True, text=True, check=True
+        )
         lines = [line.split(" | ") for line in page.stdout.splitlines() if line.startswith("| ")]
         self.assertEqual([cells[0][2:] for cells in lines[1 : len(rows) + 1]], list(rows))
         self.assertEqual(lines[1][3:4], [lines[1][4].removesuffix(" |")])
@@ -137,16 +143,25 @@ class Bench(Case):
         for background in ("0,0,0", "1,0.5,0"):
             self.succeeds("reference", scene, "--camera", camera, "-o", self.path("a.pfm"), "--background", background)
             head, size, order, data = read(self.path("a.pfm")).split(b"\n", 3)
-            self.assertEqual((head, size, float(order) < 0), (b"PF", f"{CAMERA['width']} {CAMERA['height']}".encode(), sys.byteorder == "little"))
+            self.assertEqual(
+                (head, size, float(order) < 0),
+                (b"PF", f"{CAMERA['width']} {CAMERA['height']}".encode(), sys.byteorder == "little"),
+            )
             self.assertEqual(len(data), 12 * CAMERA["width"] * CAMERA["height"])
             found.append(array.array("f", data))
         pags = os.path.join(os.path.dirname(fixtures.PAGS), "pags")
-        drawn = subprocess.run([pags, "render", scene, "--camera", camera, "-o", self.path("drawn"), "--bits", "16", "-q"], capture_output=True, text=True)
+        drawn = subprocess.run(
+            [pags, "render", scene, "--camera", camera, "-o", self.path("drawn"), "--bits", "16", "-q"],
+            capture_output=True,
+            text=True,
+        )
         self.assertEqual(drawn.returncode, 0, drawn.stderr)
         width, height, channels, bits, data = fixtures.read_png(self.path("drawn/00000.png"))
         self.assertEqual((width, height, channels, bits), (CAMERA["width"], CAMERA["height"], 3, 16))
         ours = [int.from_bytes(data[i : i + 2], "big") / 65535 for i in range(0, len(data), 2)]
-        theirs = [v for y in reversed(range(height)) for v in found[0][3 * width * y : 3 * width * (y + 1)]]  # rows from below
+        theirs = [
+            v for y in reversed(range(height)) for v in found[0][3 * width * y : 3 * width * (y + 1)]
+        ]  # rows from below
         self.assertTrue(max(ours) > 0.5)
         self.assertTrue(max(abs(a - min(b, 1)) for a, b in zip(ours, theirs)) < 1e-4)
         more = [b - a for a, b in zip(*found)]
@@ -161,7 +176,9 @@ class Bench(Case):
         scene = self.write("a.ply", ply_bytes(some_splats()))
         self.fails(["error", scene, "--markdown", self.path("none/e.md")], "none/e.md")
         self.fails(["error", scene, "--repetitions", 0], "repetitions", code=2)
-        self.assertIn("pags-bench render: ", self.fails(["render"], "SCENE is missing; usage: pags-bench render SCENE", code=2))
+        self.assertIn(
+            "pags-bench render: ", self.fails(["render"], "SCENE is missing; usage: pags-bench render SCENE", code=2)
+        )
         for arguments in [[], ["nothing"]]:
             self.fails(arguments, "expected stages, roofline", "render", code=2)
 

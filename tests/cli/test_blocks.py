@@ -40,23 +40,53 @@ def camera(x, origin=0.0):
 
 def knot(frame, x, trained, shift=0.0):
     pose = [1, 0, 0, x, 0, 1, 0, 0, 0, 0, 1, 0]
-    return {"frame": frame, "time": float(frame), "trained": trained, "world_from_object": pose, "rotation": [0, 0, 0],
-            "translation": [shift, 0, 0]}
+    return {
+        "frame": frame,
+        "time": float(frame),
+        "trained": trained,
+        "world_from_object": pose,
+        "rotation": [0, 0, 0],
+        "translation": [shift, 0, 0],
+    }
 
 
 def record(name, moving, knots, model=None):
-    return {"id": name, "class": "Car", "category": "vehicle", "size": [4.0, 2.0, 1.5], "moving": moving, "model": model, "knots": knots}
+    return {
+        "id": name,
+        "class": "Car",
+        "category": "vehicle",
+        "size": [4.0, 2.0, 1.5],
+        "moving": moving,
+        "model": model,
+        "knots": knots,
+    }
 
 
-RANGES = [((0, 5), (0, 3)), ((2, 9), (4, 7)), ((6, 11), (8, 11))]  # trained on, own; the rig is at x = 10 times the time step
+RANGES = [
+    ((0, 5), (0, 3)),
+    ((2, 9), (4, 7)),
+    ((6, 11), (8, 11)),
+]  # trained on, own; the rig is at x = 10 times the time step
 
 
 def make_blocks(folder):
     """Three blocks of a drive along x with seams at x = 35 and 75."""
     blocks = [{"frames": list(used), "own": list(own)} for used, own in RANGES]
-    write(os.path.join(folder, "split.json"), json.dumps({
-        "version": 1, "split": ID, "recording": "/no/such/drive", "length": 110.0, "block_length": 36.7, "overlap": 20.0, "blocks": blocks,
-        "path": [[frame, 10.0 * frame, 0, 0] for frame in range(12)]}))
+    write(
+        os.path.join(folder, "split.json"),
+        json.dumps(
+            {
+                "version": 1,
+                "split": ID,
+                "recording": "/no/such/drive",
+                "length": 110.0,
+                "block_length": 36.7,
+                "overlap": 20.0,
+                "blocks": blocks,
+                "path": [[frame, 10.0 * frame, 0, 0] for frame in range(12)],
+            }
+        ),
+    )
     for b in range(3):
         make_block(os.path.join(folder, f"{b:03d}"), b)
     return folder
@@ -64,9 +94,22 @@ def make_blocks(folder):
 
 def make_block(folder, b):
     (first, last), own = RANGES[b]
-    write(os.path.join(folder, "block.json"), json.dumps({
-        "version": 1, "split": ID, "block": b, "blocks": 3, "recording": "/no/such/drive", "whole": None, "frames": [first, last],
-        "own": list(own), "options": {}}))
+    write(
+        os.path.join(folder, "block.json"),
+        json.dumps(
+            {
+                "version": 1,
+                "split": ID,
+                "block": b,
+                "blocks": 3,
+                "recording": "/no/such/drive",
+                "whole": None,
+                "frames": [first, last],
+                "own": list(own),
+                "options": {},
+            }
+        ),
+    )
     origin = [0.0, 0.0, 0.0] if b < 2 else [100.0, 0.0, 0.0]
     # Every block has something everywhere; the red value tells which block a row is of, the green one which row it is.
     places = [0, 30, 34, 36, 60, 74, 76, 110, 500]
@@ -80,16 +123,40 @@ def make_block(folder, b):
     # A car that drives ahead of the rig, 30 m before it at first, and comes nearer: block 1 sees more of it than block 0.
     models = [{"name": "background", "file": "background.ply", "gaussians": len(rows), "sh_degree": 0}]
     if b < 2:
-        moving = record("car", True, [knot(f, 10 * f + 30 - 3 * f, first <= f <= last, 0.25 * b) for f in range(10)], "car")
+        moving = record(
+            "car", True, [knot(f, 10 * f + 30 - 3 * f, first <= f <= last, 0.25 * b) for f in range(10)], "car"
+        )
         objects.insert(0 if b else 1, moving)
         models.append({"name": "car", "file": "objects/car.ply", "gaussians": 1, "sh_degree": 0})
         write(os.path.join(folder, "scene", "objects", "car.ply"), ply_bytes([splat(0, 0, 0, (0.1 * (b + 1), 0.9, 0))]))
     scene = {
-        "version": 1, "units": "metres", "origin": origin, "up": "z", "time": [float(first), float(last)], "fps": 1, "models": models,
-        "background": [0, 0, 0], "dataset": folder, "iterations": 30, "config": {"iterations": 30, "sh_degree": 0, "half_until": 0.1 * b},
-        "block": {"split": ID, "number": b, "count": 3}, "objects": objects,
-        "cameras": [{"name": f"{f:03d}_0.png", "sensor": 0, "frame": f, "test": f == 4, **camera(10.0 * f), "time": float(f),
-                     "gain": [1 + 0.1 * b] * 3, "offset": [0, 0, 0]} for f in range(first, last + 1)]}
+        "version": 1,
+        "units": "metres",
+        "origin": origin,
+        "up": "z",
+        "time": [float(first), float(last)],
+        "fps": 1,
+        "models": models,
+        "background": [0, 0, 0],
+        "dataset": folder,
+        "iterations": 30,
+        "config": {"iterations": 30, "sh_degree": 0, "half_until": 0.1 * b},
+        "block": {"split": ID, "number": b, "count": 3},
+        "objects": objects,
+        "cameras": [
+            {
+                "name": f"{f:03d}_0.png",
+                "sensor": 0,
+                "frame": f,
+                "test": f == 4,
+                **camera(10.0 * f),
+                "time": float(f),
+                "gain": [1 + 0.1 * b] * 3,
+                "offset": [0, 0, 0],
+            }
+            for f in range(first, last + 1)
+        ],
+    }
     write(os.path.join(folder, "scene", "background.ply"), with_object_id(rows, ids))
     write(os.path.join(folder, "scene", "scene.json"), json.dumps(scene))
 
@@ -119,10 +186,29 @@ class Merge(Case):
 
         # Each place once, from the block in whose cell it is; what is parked, whole from block 0.
         rows = ply_rows(os.path.join(out, "background.ply"))
-        got = sorted((round(row["x"] + 33, 3), round((row["f_dc_0"] * 0.28209479177387814 + 0.5) * 10) - 1, row["object_id"]) for row in rows)
+        got = sorted(
+            (round(row["x"] + 33, 3), round((row["f_dc_0"] * 0.28209479177387814 + 0.5) * 10) - 1, row["object_id"])
+            for row in rows
+        )
         parked = [o["id"] for o in scene["objects"]].index("parked")
-        self.assertEqual(got, sorted([(0, 0, -1), (30, 0, -1), (34, 0, -1), (36, 1, -1), (60, 1, -1), (74, 1, -1), (76, 2, -1), (110, 2, -1),
-                                      (500, 2, -1), (33, 0, parked), (36, 0, parked)]))
+        self.assertEqual(
+            got,
+            sorted(
+                [
+                    (0, 0, -1),
+                    (30, 0, -1),
+                    (34, 0, -1),
+                    (36, 1, -1),
+                    (60, 1, -1),
+                    (74, 1, -1),
+                    (76, 2, -1),
+                    (110, 2, -1),
+                    (500, 2, -1),
+                    (33, 0, parked),
+                    (36, 0, parked),
+                ]
+            ),
+        )
         self.assertEqual(facts["gaussians"], 12)
         self.assertEqual(facts["ghosts"], 9 * 3 + 4 - 11)
 
@@ -148,7 +234,11 @@ class Merge(Case):
         write(path, json.dumps(split))
         self.succeeds("merge", self.blocks, "-o", self.path("out"))
         rows = ply_rows(self.path("out", "background.ply"))
-        owners = {round(row["x"] + 33): round((row["f_dc_0"] * 0.28209479177387814 + 0.5) * 10) - 1 for row in rows if row["y"] == 0}
+        owners = {
+            round(row["x"] + 33): round((row["f_dc_0"] * 0.28209479177387814 + 0.5) * 10) - 1
+            for row in rows
+            if row["y"] == 0
+        }
         self.assertEqual(owners, {0: 0, 30: 0, 34: 0, 36: 1, 60: 1, 74: 1, 76: 1, 110: 1, 500: 1})
 
     def test_threads(self):
@@ -168,15 +258,20 @@ class Merge(Case):
         head = head.replace(b"property float opacity", rest + b"property float opacity")
         count, size = int(head.split(b"element vertex ")[1].split()[0]), 0
         size = len(body) // count
-        packed = b"".join(body[i * size : i * size + 36] + struct.pack("<9f", *range(1, 10)) + body[i * size + 36 : (i + 1) * size] for i in range(count))
+        packed = b"".join(
+            body[i * size : i * size + 36] + struct.pack("<9f", *range(1, 10)) + body[i * size + 36 : (i + 1) * size]
+            for i in range(count)
+        )
         write(path, head + b"end_header\n" + packed)
         models = load(self.blocks, "001", "scene", "scene.json")["models"]
         models[0]["sh_degree"] = 1
         self.change(1, models=models)
         out = self.path("out")
         self.succeeds("merge", self.blocks, "-o", out)
-        self.assertEqual([(m["name"], m["sh_degree"], m["gaussians"]) for m in load(out, "scene.json")["models"]],
-                         [("background", 1, 3), ("background-sh0", 0, 8), ("car", 0, 1)])
+        self.assertEqual(
+            [(m["name"], m["sh_degree"], m["gaussians"]) for m in load(out, "scene.json")["models"]],
+            [("background", 1, 3), ("background-sh0", 0, 8), ("car", 0, 1)],
+        )
         row = ply_rows(os.path.join(out, "background.ply"))[0]
         self.assertEqual([row[f"f_rest_{i}"] for i in range(9)], list(range(1, 10)))
 
@@ -186,7 +281,11 @@ class Merge(Case):
         self.refused(scene1, "stopped after step 12 of 30", "--resume")
         self.change(1, iterations=30, config={"iterations": 30, "sh_degree": 1, "half_until": 0.5})
         self.refused(scene1, "sh_degree 1", "000/scene with 0", "same options")
-        self.change(1, config={"iterations": 30, "sh_degree": 0, "half_until": 0.5}, block={"split": "77", "number": 1, "count": 3})
+        self.change(
+            1,
+            config={"iterations": 30, "sh_degree": 0, "half_until": 0.5},
+            block={"split": "77", "number": 1, "count": 3},
+        )
         self.refused(scene1, "another split (77", ID)
         self.change(1, block={"split": ID, "number": 2, "count": 3})
         self.refused(scene1, "the scene of block 2", "block 1")
@@ -200,7 +299,9 @@ class Merge(Case):
     def test_what_is_not_there(self):
         shutil.rmtree(os.path.join(self.blocks, "001", "scene"))
         shutil.rmtree(os.path.join(self.blocks, "002", "scene"))
-        self.refused("2 of 3 blocks aren't trained", "the first is 001", "pags train", os.path.join(self.blocks, "001", "scene"))
+        self.refused(
+            "2 of 3 blocks aren't trained", "the first is 001", "pags train", os.path.join(self.blocks, "001", "scene")
+        )
         shutil.rmtree(os.path.join(self.blocks, "002"))
         self.refused("002: block 2 of 3 is missing", "pags split")
         self.fails(["merge", self.folder, "-o", self.path("out")], self.folder, "split.json", "pags split")
@@ -226,13 +327,40 @@ class Street(Case):
     def setUpClass(cls):
         shared = cls.shared_folder()
         cls.street, cls.blocks, cls.scene = (os.path.join(shared, name) for name in ("street", "blocks", "scene"))
-        cls.call("synth", "street", "-o", cls.street, "--size", "96x56", "--frames", "24", "--cameras", "1", "--lidar-points", "3000", "--no-shifts")
+        cls.call(
+            "synth",
+            "street",
+            "-o",
+            cls.street,
+            "--size",
+            "96x56",
+            "--frames",
+            "24",
+            "--cameras",
+            "1",
+            "--lidar-points",
+            "3000",
+            "--no-shifts",
+        )
         # Photographs get darker along the drive, as by a camera that sets its exposure itself.
         for frame in range(24):
             darken(os.path.join(cls.street, "images", f"{frame:03d}_0.png"), 1 - 0.01 * frame)
         cls.small = ["-n", "60", "--max-gaussians", "4000", "--set", "lidar_points=2000"]
-        cls.call("train", cls.street, "-o", os.path.join(cls.blocks, "whole"), "-n", "200", "--max-gaussians", "4000", "--set", "exposure_rate=0.02")
-        cls.split = json.loads(cls.call("split", cls.street, "-o", cls.blocks, "--length", "9", "--overlap", "4", "--json", "-").stdout)
+        cls.call(
+            "train",
+            cls.street,
+            "-o",
+            os.path.join(cls.blocks, "whole"),
+            "-n",
+            "200",
+            "--max-gaussians",
+            "4000",
+            "--set",
+            "exposure_rate=0.02",
+        )
+        cls.split = json.loads(
+            cls.call("split", cls.street, "-o", cls.blocks, "--length", "9", "--overlap", "4", "--json", "-").stdout
+        )
         for b in range(3):
             cls.call("train", f"{cls.blocks}/{b:03d}", "-o", f"{cls.blocks}/{b:03d}/scene", *cls.small)
         cls.call("merge", cls.blocks, "-o", cls.scene)
@@ -248,7 +376,9 @@ class Street(Case):
 
     def test_the_cut(self):
         self.assertEqual(len(self.split["blocks"]), 3)
-        own = [frame for block in self.split["blocks"] for frame in range(int(block["own"][0]), int(block["own"][1]) + 1)]
+        own = [
+            frame for block in self.split["blocks"] for frame in range(int(block["own"][0]), int(block["own"][1]) + 1)
+        ]
         self.assertEqual(own, list(range(24)))
         for before, after in zip(self.split["blocks"], self.split["blocks"][1:]):
             self.assertAlmostEqual(before["frames"][1] - before["own"][1], 4, delta=1)
@@ -293,13 +423,17 @@ class Street(Case):
             mean = [sum(v["gain"][c] for v in views) / len(views) for c in range(3)]
             for c in range(3):
                 self.assertAlmostEqual(mean[c], sum(whole[v["name"]]["gain"][c] for v in views) / len(views), 9)
-            self.assertTrue(any(abs(v["gain"][0] - whole[v["name"]]["gain"][0]) > 1e-4 for v in views))  # each is trained on
+            self.assertTrue(
+                any(abs(v["gain"][0] - whole[v["name"]]["gain"][0]) > 1e-4 for v in views)
+            )  # each is trained on
             means.append(mean[0])
         self.assertGreater(means[0] - means[2], 0.02)  # darker, as the photographs get
 
     def test_the_merged_scene(self):
         facts = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)
-        self.assertEqual(sorted(v["name"] for v in facts["test"]["per_view"]), [f"{f:03d}_0.png" for f in range(4, 24, 4)])
+        self.assertEqual(
+            sorted(v["name"] for v in facts["test"]["per_view"]), [f"{f:03d}_0.png" for f in range(4, 24, 4)]
+        )
         self.assertGreater(facts["test"]["psnr"], 15)
         self.assertEqual(load(self.scene, "scene.json")["dataset"], os.path.realpath(self.street))
         ids = {o["id"] for o in load(self.scene, "scene.json")["objects"]}
@@ -307,8 +441,11 @@ class Street(Case):
 
     def test_resumed_to_the_same_bits(self):
         again = self.path("again")
-        progress = subprocess.Popen(fixtures.program(["train", self.block(1), "-o", again, *self.small, "--checkpoint-every", "1"]),
-                                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        progress = subprocess.Popen(
+            fixtures.program(["train", self.block(1), "-o", again, *self.small, "--checkpoint-every", "1"]),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         while progress.poll() is None and not os.path.exists(os.path.join(again, "checkpoint.pags")):
             pass
         progress.send_signal(signal.SIGKILL)
@@ -320,7 +457,9 @@ class Street(Case):
     def test_a_batch(self):
         """Blocks are trained with several photographs a step as well, and any threads give the same bits."""
         for threads in (1, 3):
-            self.succeeds("train", self.block(1), "-o", self.path(f"s{threads}"), *self.small, "--batch", "4", "-j", threads)
+            self.succeeds(
+                "train", self.block(1), "-o", self.path(f"s{threads}"), *self.small, "--batch", "4", "-j", threads
+            )
         for name in ["scene.json", "background.ply", "sky.npy"]:
             self.assertEqual(read(self.path("s1", name)), read(self.path("s3", name)), name)
         self.assertNotEqual(read(self.path("s1", "background.ply")), read(self.block(1, "scene", "background.ply")))
@@ -354,7 +493,11 @@ class Street(Case):
         static = fixtures.make_dataset(self.path("static"), views=3)
         self.fails(["split", static, "-o", self.path("b"), "--length", "5"], static, "static set")
         self.fails(["split", self.block(1), "-o", self.path("b"), "--length", "5"], "a block itself", self.street)
-        self.fails(["split", self.street, "-o", self.path("b"), "--length", "1", "--split-every", "2"], "no photograph of its own", "longer blocks")
+        self.fails(
+            ["split", self.street, "-o", self.path("b"), "--length", "1", "--split-every", "2"],
+            "no photograph of its own",
+            "longer blocks",
+        )
         self.assertFalse(os.path.exists(self.path("b")))
         self.write("full/notes.txt", "mine")
         self.fails(["split", self.street, "-o", self.path("full"), "--length", "9"], "not empty")

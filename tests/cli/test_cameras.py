@@ -23,7 +23,18 @@ class Cameras(Case):
     def setUpClass(cls):
         cls.shared = cls.shared_folder()
         cls.noisy, cls.scene = os.path.join(cls.shared, "noisy"), os.path.join(cls.shared, "scene")
-        noise = ["--fault", "position=0.15", "--fault", "angle=1", "--fault", "delay=0.02", "--fault", "vignette=0.6", "--fault", "response=0.2"]
+        noise = [
+            "--fault",
+            "position=0.15",
+            "--fault",
+            "angle=1",
+            "--fault",
+            "delay=0.02",
+            "--fault",
+            "vignette=0.6",
+            "--fault",
+            "response=0.2",
+        ]
         done = run("synth", "street", "-o", cls.noisy, *STREET, *noise)
         assert done.returncode == 0, done.stderr
         cls.succeeds(cls(), "train", cls.noisy, "-o", cls.scene, *TRAIN, "--iterations", 800)
@@ -66,8 +77,14 @@ class Cameras(Case):
         self.succeeds("train", self.noisy, "-o", once, "-j", 1, *TRAIN)
         self.succeeds("train", self.noisy, "-o", threads, "-j", 2, *TRAIN)
         for iterations in (60, 200, 300):
-            steps = ["--iterations", iterations, "--set", "schedule_iterations=300"] if iterations < 300 else ["--iterations", 300]
-            self.succeeds("train", self.noisy, "-o", resumed, *TRAIN[2:], *steps, *(["--resume"] if iterations > 60 else []))
+            steps = (
+                ["--iterations", iterations, "--set", "schedule_iterations=300"]
+                if iterations < 300
+                else ["--iterations", 300]
+            )
+            self.succeeds(
+                "train", self.noisy, "-o", resumed, *TRAIN[2:], *steps, *(["--resume"] if iterations > 60 else [])
+            )
         for name in ("background.ply", "scene.json"):
             self.assertEqual(read(os.path.join(once, name)), read(os.path.join(threads, name)), name)
         self.assertEqual(read(os.path.join(once, "background.ply")), read(os.path.join(resumed, "background.ply")))
@@ -107,7 +124,9 @@ class Cameras(Case):
         self.succeeds("synth", "street", "-o", data, *STREET, "--fault", "rolling-down=0.08")
         for rolls, scene in scenes.items():
             self.succeeds("train", data, "-o", scene, "--iterations", 300, "--set", f"rolling_shutter={rolls}")
-            self.assertEqual(["rolling_shutter" in view for view in load(scene, "scene.json")["cameras"]], [bool(rolls)] * 60)
+            self.assertEqual(
+                ["rolling_shutter" in view for view in load(scene, "scene.json")["cameras"]], [bool(rolls)] * 60
+            )
         root = load(scenes[1], "scene.json")
         scores = {}
         for shutter in ("kept", "taken"):

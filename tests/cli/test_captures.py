@@ -7,7 +7,7 @@ import os
 import shutil
 
 import fixtures
-from fixtures import SMALL, Case, DataCase, files_below, make_dataset, png_bytes, read, run, write
+from fixtures import SMALL, Case, DataCase, files_below, png_bytes, read, run, write
 
 GREY = png_bytes(16, 12, bytes([90]) * (16 * 12 * 3))
 CAMERA = "1 PINHOLE 16 12 20 20 8 6\n"
@@ -65,7 +65,12 @@ class Colmap(Case):
         self.assertIn("sparse/1", printed)
 
     def test_models_below(self):
-        for model, images in [("sparse/1", "images"), ("dense/sparse", "dense/images"), ("reconstruction", "images"), ("a/b/c/0", "images")]:
+        for model, images in [
+            ("sparse/1", "images"),
+            ("dense/sparse", "dense/images"),
+            ("reconstruction", "images"),
+            ("a/b/c/0", "images"),
+        ]:
             with self.subTest(model):
                 self.folder = self.path(model.replace("/", "_"))
                 self.model(model, self.pictures(folder=images))
@@ -80,7 +85,9 @@ class Colmap(Case):
         self.model("c/sparse", self.pictures(5, "c/images"))
         facts, _ = self.info()
         self.assertEqual(self.views(facts), 5)
-        self.warning(facts, f"{self.folder}: holds 3 data sets: a/reconstruction is used, and 2 left out, the first is b/sparse")
+        self.warning(
+            facts, f"{self.folder}: holds 3 data sets: a/reconstruction is used, and 2 left out, the first is b/sparse"
+        )
         for verb in [["info", self.folder], ["train", self.folder, "-o", self.path("out")]]:
             self.fails([*verb, "--strict"], "b/sparse", "because of --strict")
         shutil.rmtree(self.path("b"))
@@ -97,7 +104,9 @@ class Colmap(Case):
         self.pictures(folder="images/Left")
         self.model("sparse/0", [f"Left\\{i}.png" for i in range(6)])
         facts, _ = self.info()
-        self.warning(facts, "6 of 6 pictures are found by reading backslashes as slashes", "images/Left/0.png for 'Left\\0.png'")
+        self.warning(
+            facts, "6 of 6 pictures are found by reading backslashes as slashes", "images/Left/0.png for 'Left\\0.png'"
+        )
         self.assertEqual(facts["views_missing"], 0)
 
     def test_letter_case_and_extension(self):
@@ -144,10 +153,15 @@ class Colmap(Case):
                     self.write(f"images/{name}", GREY)
                 self.model("sparse/0", names)
                 text = colmap_text(names).replace("1 0 0 0", "0.9 0.1 0.3 0.3").replace("\n", end)
-                self.write("sparse/0/images.txt", text.replace(end + end, end + "# observations" + end + "  1.5 2.5 -1  3 4 7 " + end))
+                self.write(
+                    "sparse/0/images.txt",
+                    text.replace(end + end, end + "# observations" + end + "  1.5 2.5 -1  3 4 7 " + end),
+                )
                 self.assertEqual(self.views(self.info()[0]), 6, pattern)
                 self.write("sparse/0/images.txt", text.replace(end + end, end))
-                self.fails(["info", self.folder], "images.txt:2: expected a line of observations", "empty lines missing")
+                self.fails(
+                    ["info", self.folder], "images.txt:2: expected a line of observations", "empty lines missing"
+                )
                 shutil.rmtree(self.path("images"))
 
     def test_unused_cameras_and_unknown_ones(self):
@@ -222,14 +236,22 @@ class Transforms(DataCase):
 
     def test_lists_of_a_split(self):
         names = [frame["file_path"] for frame in self.content["frames"]]
-        self.save(train_filenames=names[:6], val_filenames=["./" + names[6]], test_filenames=[names[7].replace("/", "\\"), names[8]])
+        self.save(
+            train_filenames=names[:6],
+            val_filenames=["./" + names[6]],
+            test_filenames=[names[7].replace("/", "\\"), names[8]],
+        )
         facts, printed = self.info("--strict")
         self.assertEqual((facts["views_train"], facts["views_test"]), (6, 3))
         self.assertIn("3 of 9 views are held out by its lists of file names", printed)
         self.save(train_filenames=names[:5] + [names[7]], test_filenames=names[6:8] + ["images/none.png"])
         facts, _ = self.info()
         self.assertEqual((facts["views_train"], facts["views_test"]), (5, 2))
-        words = ["1 pictures are in train_filenames and held out, too", "1 of 8 names", "2 frames are in none of its lists"]
+        words = [
+            "1 pictures are in train_filenames and held out, too",
+            "1 of 8 names",
+            "2 frames are in none of its lists",
+        ]
         self.assertEqual(len(facts["warnings"]), 3, facts["warnings"])
         for word, line in zip(words, facts["warnings"]):
             self.assertIn(word, line)
@@ -241,7 +263,9 @@ class Transforms(DataCase):
         self.assertEqual(self.info()[0]["views_train"], 8)
 
     def test_what_is_beside(self):
-        write(os.path.join(self.data, "images/000.jpg"), GREY)  # a copy in another format, and a mask, aren't counted as left out
+        write(
+            os.path.join(self.data, "images/000.jpg"), GREY
+        )  # a copy in another format, and a mask, aren't counted as left out
         write(os.path.join(self.data, "images/001.png.png"), GREY)
         self.assertEqual(self.info()[0]["warnings"], [])
         self.save(frames=self.content["frames"][:6])
@@ -270,7 +294,9 @@ class Transforms(DataCase):
         self.assertEqual((facts["views_train"], facts["views_test"]), (5, 4))
         scene = self.path("scene")
         self.succeeds("train", self.data, "-o", scene, "-n", "1", "-q", *SMALL)
-        held_out = {view["name"] for view in json.loads(read(os.path.join(scene, "scene.json")))["cameras"] if view["test"]}
+        held_out = {
+            view["name"] for view in json.loads(read(os.path.join(scene, "scene.json")))["cameras"] if view["test"]
+        }
         self.assertEqual({os.path.basename(name) for name in held_out}, {"005.png", "006.png", "007.png", "008.png"})
         os.remove(os.path.join(self.data, "transforms_val.json"))
         os.remove(os.path.join(self.data, "transforms_test.json"))
@@ -278,7 +304,11 @@ class Transforms(DataCase):
 
     def test_eval_on_a_given_test_file(self):
         self.split_files()
-        scene, train, test = self.path("scene"), os.path.join(self.data, "transforms_train.json"), os.path.join(self.data, "transforms_test.json")
+        scene, train, test = (
+            self.path("scene"),
+            os.path.join(self.data, "transforms_train.json"),
+            os.path.join(self.data, "transforms_test.json"),
+        )
         self.succeeds("train", train, "--split-every", "0", "-o", scene, "-n", "1", "-q", *SMALL)
         done = self.succeeds("eval", scene, "--dataset", test, "--json", self.path("out.json"))
         scores = json.loads(read(self.path("out.json")))
@@ -296,8 +326,15 @@ class Transforms(DataCase):
             self.save(frames=frames)
             facts, _ = self.info()
             self.assertEqual(len(facts["warnings"]), 1, facts["warnings"])
-            self.assertIn("9 of 9 files are found below this folder, not below the one that they name", facts["warnings"][0])
-        self.save(frames=[{**f, "file_path": f["file_path"].replace("/", "\\"), "mask_path": "Mattes\\0.png"} for f in self.content["frames"]])
+            self.assertIn(
+                "9 of 9 files are found below this folder, not below the one that they name", facts["warnings"][0]
+            )
+        self.save(
+            frames=[
+                {**f, "file_path": f["file_path"].replace("/", "\\"), "mask_path": "Mattes\\0.png"}
+                for f in self.content["frames"]
+            ]
+        )
         facts, _ = self.info()
         self.assertEqual(len(facts["warnings"]), 2, facts["warnings"])
 
@@ -316,14 +353,21 @@ class Transforms(DataCase):
         self.save(frames=self.scaled([0.33] * 3, [100] * 3))
         facts, _ = self.info()
         self.assertEqual(len(facts["warnings"]), 1, facts["warnings"])
-        self.assertIn("'transform_matrix' of 2 of 9 frames has a scale (0.33 to 100), which is left out", facts["warnings"][0])
+        self.assertIn(
+            "'transform_matrix' of 2 of 9 frames has a scale (0.33 to 100), which is left out", facts["warnings"][0]
+        )
         self.succeeds("train", self.data, "-o", self.path("scaled"), "-n", 1, *SMALL)
         cameras = [json.loads(read(self.path(name, "scene.json")))["cameras"] for name in ("plain", "scaled")]
         for a, b in zip(*cameras, strict=True):
             for key in ("camera_from_world_translation", "camera_from_world_quaternion_wxyz"):
                 for x, y in zip(a[key], b[key], strict=True):
                     self.assertAlmostEqual(x, y, 9)
-        for scale, words in [([1, 1, 2], "differ in length"), ([-1, -1, -1], "it mirrors"), ([-3, -3, -3], "it mirrors"), ([0, 0, 0], "differ in length")]:
+        for scale, words in [
+            ([1, 1, 2], "differ in length"),
+            ([-1, -1, -1], "it mirrors"),
+            ([-3, -3, -3], "it mirrors"),
+            ([0, 0, 0], "differ in length"),
+        ]:
             self.save(frames=self.scaled(scale))
             self.fails(["info", self.data], "transforms.json", "(000.png)", words)
         frames = self.scaled()
@@ -334,7 +378,11 @@ class Transforms(DataCase):
     def test_names_without_extension(self):
         """Where two pictures may be meant, the one that is taken is named."""
         names = [f["file_path"] for f in self.content["frames"]]
-        self.save(frames=[{**f, "file_path": name[: -len(".png")]} for f, name in zip(self.content["frames"], names, strict=True)])
+        self.save(
+            frames=[
+                {**f, "file_path": name[: -len(".png")]} for f, name in zip(self.content["frames"], names, strict=True)
+            ]
+        )
         self.assertEqual(self.info()[0]["warnings"], [])
         write(os.path.join(self.data, names[2][: -len("png")] + "jpg"), read(os.path.join(self.data, names[3])))
         facts, _ = self.info()
@@ -396,7 +444,12 @@ class Foreign(Case):
             path = self.write(name, text)
             self.fails(["info", path], f"{name}:1: not a data set", word)
             self.fails(["train", path, "-o", self.path("out")], f"{name}:1: not a data set", word)
-        for name, word in [("cameras.xml", "Metashape"), ("a.log", "trajectory"), ("b.mp4", "pags import photos VIDEO"), ("images.txt", "COLMAP model")]:
+        for name, word in [
+            ("cameras.xml", "Metashape"),
+            ("a.log", "trajectory"),
+            ("b.mp4", "pags import photos VIDEO"),
+            ("images.txt", "COLMAP model"),
+        ]:
             path = self.write(name, "text")
             self.fails(["info", path], path, word)
             self.fails(["train", path, "-o", self.path("out")], path, word)

@@ -44,7 +44,9 @@ def zsh(*words):
 
 def fish(line):
     file = share("fish/vendor_completions.d/pags.fish")
-    done = subprocess.run(["fish", "--no-config", "-c", f"source {file}; complete -C '{line}'"], capture_output=True, text=True)
+    done = subprocess.run(
+        ["fish", "--no-config", "-c", f"source {file}; complete -C '{line}'"], capture_output=True, text=True
+    )
     return [row.split("\t")[0] for row in done.stdout.splitlines()]
 
 
@@ -78,15 +80,27 @@ class Completion(Case):
     def test_zsh_offers_what_help_lists(self):
         self.assertEqual([row.split(":")[0] for row in zsh("") if row], self.verbs)
         for verb in self.verbs:
-            found = {re.sub(r"[=+]$", "", match[1]) for row in zsh(verb, "-") for match in [re.match(r"(?:\(.*?\))?\*?(-\S+?)\[", row)] if match}
+            found = {
+                re.sub(r"[=+]$", "", match[1])
+                for row in zsh(verb, "-")
+                for match in [re.match(r"(?:\(.*?\))?\*?(-\S+?)\[", row)]
+                if match
+            }
             self.assertEqual(found, listed(verb), verb)
-        self.assertTrue(any(row.startswith("--strategy=[") and row.endswith(":default|mcmc:(default mcmc)") for row in zsh("train", "-")))
+        self.assertTrue(
+            any(
+                row.startswith("--strategy=[") and row.endswith(":default|mcmc:(default mcmc)")
+                for row in zsh("train", "-")
+            )
+        )
 
     @unittest.skipUnless(shutil.which("fish"), "no fish")
     def test_fish_offers_what_help_lists(self):
         self.assertTrue(set(self.verbs) <= set(fish("pags ")))
         for verb in self.verbs:
-            self.assertEqual(set(fish(f"pags {verb} --")), {name for name in listed(verb) if name.startswith("--")}, verb)
+            self.assertEqual(
+                set(fish(f"pags {verb} --")), {name for name in listed(verb) if name.startswith("--")}, verb
+            )
         self.assertEqual(set(fish("pags train --strategy ")), {"default", "mcmc"})
 
     def test_man_pages(self):
@@ -95,7 +109,9 @@ class Completion(Case):
         for verb in self.verbs:
             with open(share(f"man/man1/pags-{verb}.1"), encoding="utf-8") as file:
                 text = file.read()
-            self.assertEqual({name.replace("\\-", "-") for name in re.findall(r"\\fB(\S+?)\\fR", text)}, listed(verb), verb)
+            self.assertEqual(
+                {name.replace("\\-", "-") for name in re.findall(r"\\fB(\S+?)\\fR", text)}, listed(verb), verb
+            )
             for section in ["NAME", "SYNOPSIS", "DESCRIPTION", "OPTIONS", '"EXIT STATUS"', '"SEE ALSO"']:
                 self.assertIn(f"\n.SH {section}\n", text)
         if shutil.which("groff"):

@@ -87,7 +87,13 @@ def make_drive(folder, more=()):
         },
         "objects": [
             {**record, "id": "p,1", "moving": False, "model": None, "knots": [knot(0, 1, False)]},
-            {**record, "id": "c=2", "moving": True, "model": "car", "knots": [knot(i, 4 - 4 * i, True) for i in range(3)]},
+            {
+                **record,
+                "id": "c=2",
+                "moving": True,
+                "model": "car",
+                "knots": [knot(i, 4 - 4 * i, True) for i in range(3)],
+            },
         ],
         "cameras": views,
     }
@@ -144,7 +150,9 @@ class Drive(Case):
         self.assertEqual(self.columns("--time", 1, "--without", "c=2"), (None, 35))
         self.assertEqual(self.columns("--time", 1, "--without", "class:Vehicle"), (None, None))
         self.assertEqual(self.columns("--time", 1, "--without", "class:car,c=2"), (None, None))
-        message = self.fails(["render", self.scene, "-o", self.path("x"), "--without", "cc"], "--without", "2 objects", "'cc'")
+        message = self.fails(
+            ["render", self.scene, "-o", self.path("x"), "--without", "cc"], "--without", "2 objects", "'cc'"
+        )
         self.assertNotIn("\n", message)
         self.fails(["render", self.scene, "-o", self.path("x"), "--without", "class:cyclist"], "class:cyclist")
 
@@ -156,7 +164,9 @@ class Drive(Case):
         both = ["--move", "p,1", "0,-1,0,0", "--move=c=2=-3,0,0,0"]
         self.assertEqual(self.columns("--time", 1, *both), (20, 45))
         self.assertEqual(self.columns("--time", 1, "--add", "p,1", "0,-1,0,0", "--without", "p,1"), (50, 45))
-        self.fails(["render", self.scene, "-o", self.path("x"), "--move", "p,1", "0,1,0"], "X,Y,Z,YAW", "'0,1,0'", code=2)
+        self.fails(
+            ["render", self.scene, "-o", self.path("x"), "--move", "p,1", "0,1,0"], "X,Y,Z,YAW", "'0,1,0'", code=2
+        )
         self.fails(["render", self.scene, "-o", self.path("x"), "--move", "q", "0,1,0,0"], "--move", "'q'")
 
     def test_ego(self):
@@ -184,19 +194,31 @@ class Drive(Case):
         self.assertEqual(column(os.path.join(out, "001_0.png"), 0), 50)
 
     def test_same_bits_on_any_number_of_threads(self):
-        outs = [self.render("--path", "ego", "--fps", 3, "-j", n, "--bits", 16, "--add", "c=2", "1,1,0,5") for n in (1, 2, 3)]
+        outs = [
+            self.render("--path", "ego", "--fps", 3, "-j", n, "--bits", 16, "--add", "c=2", "1,1,0,5")
+            for n in (1, 2, 3)
+        ]
         for name in files_below(outs[0]):
             for other in outs[1:]:
                 self.assertEqual(read(os.path.join(outs[0], name)), read(os.path.join(other, name)))
 
     def test_channels(self):
         out = self.render("--camera", self.front, "--time", 1, "--channel", "color,object,priority,normal,heat")
-        names = ["00000.png", "00000_heat.png", "00000_normal.exr", "00000_object.exr", "00000_priority.exr", "objects.json"]
+        names = [
+            "00000.png",
+            "00000_heat.png",
+            "00000_normal.exr",
+            "00000_object.exr",
+            "00000_priority.exr",
+            "objects.json",
+        ]
         self.assertEqual(files_below(out), names)
         table = json.loads(read(os.path.join(out, "objects.json")))
         self.assertEqual((table["version"], table["channel"], table["background"]), (1, "object", -1))
         listed = [(o["number"], o["name"], o["id"], o["class"], o["category"], o["moving"]) for o in table["objects"]]
-        self.assertEqual(listed, [(0, "car_0000", "p,1", "Car", "vehicle", False), (1, "car_0001", "c=2", "Car", "vehicle", True)])
+        self.assertEqual(
+            listed, [(0, "car_0000", "p,1", "Car", "vehicle", False), (1, "car_0001", "c=2", "Car", "vehicle", True)]
+        )
         width, _, _, _, rows = read_png(os.path.join(out, "00000_heat.png"))
         at = (50 * width + 50) * 3
         self.assertGreater(rows[at], 240)  # critical objects are light
@@ -215,7 +237,9 @@ class Drive(Case):
         self.assertEqual((facts["tracks"]["knots"], facts["exposure"]["views"]), (3, 2))
         self.assertNotIn("every_object", facts)
         listed = json.loads(self.succeeds("info", self.scene, "--objects", "--json", "-").stdout)["every_object"]
-        self.assertEqual([(o["name"], o["model"], o["gaussians"]) for o in listed], [("p,1", "background", 1), ("c=2", "car", 1)])
+        self.assertEqual(
+            [(o["name"], o["model"], o["gaussians"]) for o in listed], [("p,1", "background", 1), ("c=2", "car", 1)]
+        )
         text = self.succeeds("info", self.scene).stdout
         self.assertRegex(text, r"(?m)^  sky +seen in 40 % of the pixels$")
         self.assertRegex(text, r"(?m)^    c=2 +modelled yes, why moves$")

@@ -59,19 +59,28 @@ class Eval(fixtures.Case):
         street = self.path("street")
         shutil.copytree(self.street, street)
         shifted = os.path.join(street, "truth", "shift", "right2")
-        size, road = (128, 72), json.loads(self.succeeds("eval", self.scene, "--dataset", street, "--shift", "--json", "-").stdout)["shift"][1]
+        size, road = (
+            (128, 72),
+            json.loads(self.succeeds("eval", self.scene, "--dataset", street, "--shift", "--json", "-").stdout)[
+                "shift"
+            ][1],
+        )
         names = sorted(name for name in os.listdir(shifted) if name.endswith("_semantic.png"))
         self.assertEqual(len(names), road["views"])
         for name in names:
             fixtures.write(os.path.join(shifted, name), fixtures.png_bytes(*size, bytes(3 * size[0] * size[1])))
-        everything = json.loads(self.succeeds("eval", self.scene, "--dataset", street, "--shift", "--json", "-").stdout)["shift"][1]
+        everything = json.loads(
+            self.succeeds("eval", self.scene, "--dataset", street, "--shift", "--json", "-").stdout
+        )["shift"][1]
         self.assertAlmostEqual(everything["road_psnr"], everything["psnr"], 5)
         self.assertNotAlmostEqual(road["road_psnr"], road["psnr"], 2)
         fixtures.write(os.path.join(shifted, names[0]), fixtures.png_bytes(4, 2, bytes(24)))
         self.fails(["eval", self.scene, "--dataset", street, "--shift"], names[0], "4x2", "128x72")
         for name in names:
             os.remove(os.path.join(shifted, name))
-        without = json.loads(self.succeeds("eval", self.scene, "--dataset", street, "--shift", "--json", "-").stdout)["shift"][1]
+        without = json.loads(self.succeeds("eval", self.scene, "--dataset", street, "--shift", "--json", "-").stdout)[
+            "shift"
+        ][1]
         self.assertEqual((without["road_views"], without["road_psnr"]), (0, None))
 
     def test_errors_of_noisy_poses(self):
@@ -104,7 +113,19 @@ class Eval(fixtures.Case):
 
     def test_pruning_by_score(self):
         out = self.path("pruned")
-        options = ["--iterations", "60", "--preset", "paper", "--set", "prunes=4", "--prune-rate", "0.5/0.25", "--set", "prune_floor=10", "-q"]
+        options = [
+            "--iterations",
+            "60",
+            "--preset",
+            "paper",
+            "--set",
+            "prunes=4",
+            "--prune-rate",
+            "0.5/0.25",
+            "--set",
+            "prune_floor=10",
+            "-q",
+        ]
         self.succeeds("train", self.street, "-o", out, *options)
         with open(os.path.join(out, "log.jsonl")) as log:
             prunes = [line for line in map(json.loads, log) if "pruned_by_score" in line]
@@ -160,9 +181,19 @@ class Eval(fixtures.Case):
         width, sheet = pixels_of(self.path("sheet.png"))
         _, photograph = pixels_of(os.path.join(self.street, "images", "000_0.png"))
         self.assertEqual(width, 1600)
-        self.assertEqual([row[36:164] for row in sheet[20:72]], photograph[20:])  # below its number; small enough not to be shrunk
+        self.assertEqual(
+            [row[36:164] for row in sheet[20:72]], photograph[20:]
+        )  # below its number; small enough not to be shrunk
         drawn = [pixel for row in sheet[76:] for pixel in row]
-        counts = {name: drawn.count(colour) for name, colour in {"path": (40, 90, 220), "held out": (220, 40, 40), "LiDAR": (165, 165, 165), "vehicles": (0, 150, 150)}.items()}
+        counts = {
+            name: drawn.count(colour)
+            for name, colour in {
+                "path": (40, 90, 220),
+                "held out": (220, 40, 40),
+                "LiDAR": (165, 165, 165),
+                "vehicles": (0, 150, 150),
+            }.items()
+        }
         self.assertGreater(counts["LiDAR"], 300)
         self.assertGreater(counts["vehicles"], 200)
         self.assertLess(counts["held out"], counts["path"])

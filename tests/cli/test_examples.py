@@ -23,8 +23,23 @@ class Examples(fixtures.Case):
         """The example train.c makes the scene that the other examples read."""
         folder = cls.shared_folder()
         cls.scene, cls.street = os.path.join(folder, "scene"), os.path.join(folder, "street")
-        fixtures.run("synth", "street", "--size", "96x64", "--frames", 4, "--cameras", 1, "--objects", 2, "--lidar-points", 2000,
-                     "--no-shifts", "-o", cls.street)
+        fixtures.run(
+            "synth",
+            "street",
+            "--size",
+            "96x64",
+            "--frames",
+            4,
+            "--cameras",
+            1,
+            "--objects",
+            2,
+            "--lidar-points",
+            2000,
+            "--no-shifts",
+            "-o",
+            cls.street,
+        )
         cls.trained = cls.example("train", cls.street, cls.scene, 200)
         cls.camera = os.path.join(folder, "camera.json")
         with open(os.path.join(cls.scene, "scene.json"), encoding="utf-8") as file:
@@ -32,9 +47,18 @@ class Examples(fixtures.Case):
 
     @staticmethod
     def example(name, *arguments):
-        program = [NUMPY or sys.executable, "-B", os.path.join(SOURCES, name)] if name.endswith(".py") else [os.path.join(EXAMPLES, name)]
-        done = subprocess.run([*program, *map(str, arguments)], capture_output=True, text=True, timeout=300,
-                              env={**os.environ, "PYTHONPATH": MODULE or ""})
+        program = (
+            [NUMPY or sys.executable, "-B", os.path.join(SOURCES, name)]
+            if name.endswith(".py")
+            else [os.path.join(EXAMPLES, name)]
+        )
+        done = subprocess.run(
+            [*program, *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            timeout=300,
+            env={**os.environ, "PYTHONPATH": MODULE or ""},
+        )
         assert done.returncode == 0, f"{name} {arguments}: {done.stderr}"
         return done.stdout
 
@@ -55,13 +79,17 @@ class Examples(fixtures.Case):
         self.check_picture(self.path("picture.ppm"), 96, 64)
 
     def test_first_draws_a_splat_file(self):
-        cloud = self.write("cloud.ply", fixtures.ply_bytes([fixtures.splat(0.1 * i, 0.0, 4.0, (0.9, 0.1, 0.1 * i)) for i in range(9)]))
+        cloud = self.write(
+            "cloud.ply", fixtures.ply_bytes([fixtures.splat(0.1 * i, 0.0, 4.0, (0.9, 0.1, 0.1 * i)) for i in range(9)])
+        )
         camera = self.write("front.json", json.dumps(fixtures.FRONT))
         self.example("first", cloud, camera, self.path("picture.ppm"))
         self.check_picture(self.path("picture.ppm"), 65, 49)
 
     def test_pick_finds_the_gaussian_in_the_middle(self):
-        cloud = self.write("cloud.ply", fixtures.ply_bytes([fixtures.splat(x, 0.0, 4.0, (1, 0, 0)) for x in (-1.0, 0.0, 1.0)]))
+        cloud = self.write(
+            "cloud.ply", fixtures.ply_bytes([fixtures.splat(x, 0.0, 4.0, (1, 0, 0)) for x in (-1.0, 0.0, 1.0)])
+        )
         camera = self.write("front.json", json.dumps(fixtures.FRONT))
         self.assertRegex(self.example("pick", cloud, camera, 32, 24), r"^Gaussian 1, 4\.00 m away")
         self.assertEqual(self.example("pick", cloud, camera, 0, 0), "nothing\n")
@@ -75,7 +103,11 @@ class Examples(fixtures.Case):
         """2,000 Gaussians on 96 x 64 pixels of the street: 34 dB were seen after 150 steps; what learns less is broken."""
         width, height, _, _, pixels = fixtures.read_png(os.path.join(self.street, "images", "001_0.png"))
         picture = self.write("street.ppm", b"P6 %d %d 255\n" % (width, height) + pixels)
-        said = re.findall(r"^step (\d+): PSNR (\d+\.\d+) dB$", self.example("fit_picture.py", picture, self.path("fit.ply"), 150), re.M)
+        said = re.findall(
+            r"^step (\d+): PSNR (\d+\.\d+) dB$",
+            self.example("fit_picture.py", picture, self.path("fit.ply"), 150),
+            re.M,
+        )
         self.assertEqual([step for step, _ in said], ["1", "50", "100", "150"])
         self.assertLess(float(said[0][1]), 20)
         self.assertGreater(float(said[-1][1]), 32)
@@ -83,7 +115,10 @@ class Examples(fixtures.Case):
 
     @unittest.skipUnless(MODULE, "the Python module is not built")
     def test_first_py(self):
-        self.assertRegex(self.example("first.py", self.scene), r"^000_0\.png \(96, 64\) farthest: \d+\.\d m\n(None|\{'id': \d+, .*\})\n$")
+        self.assertRegex(
+            self.example("first.py", self.scene),
+            r"^000_0\.png \(96, 64\) farthest: \d+\.\d m\n(None|\{'id': \d+, .*\})\n$",
+        )
 
 
 if __name__ == "__main__":

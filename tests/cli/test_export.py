@@ -6,12 +6,10 @@ import json
 import math
 import os
 import struct
-import unittest
 
 import fixtures
 import scenes
 from fixtures import Case, main
-
 
 QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # options of the background mesh
 
@@ -89,7 +87,9 @@ class Proxies(Case):
             self.assertGreater(volume(positions, triangles), 0.01, name)
             self.assertTrue(said["watertight"], name)
             self.assertEqual(node["extras"]["watertight"], said["watertight"])
-            self.assertEqual(node["extras"]["class"], ["Car", "Car", "Pedestrian", "Rolling Container", "Pedestrian"][number])
+            self.assertEqual(
+                node["extras"]["class"], ["Car", "Car", "Pedestrian", "Rolling Container", "Pedestrian"][number]
+            )
             self.assertTrue(all(math.isfinite(v) for p in positions for v in p))
         for name in self.names[:2]:
             self.assertEqual(facts[name]["level"], level)
@@ -207,7 +207,9 @@ class Proxies(Case):
         image = glb.json["images"][glb.json["textures"][texture]["source"]]
         view = glb.json["bufferViews"][image["bufferView"]]
         begin = view.get("byteOffset", 0)
-        width, height, channels, _, pixels = fixtures.read_png(self.write("texture.png", glb.bytes[begin : begin + view["byteLength"]]))
+        width, height, channels, _, pixels = fixtures.read_png(
+            self.write("texture.png", glb.bytes[begin : begin + view["byteLength"]])
+        )
         self.assertEqual((width, height, channels), (120, 120, 3))  # ten cells of twelve pixels a side
         places = glb.accessor(primitive["attributes"]["TEXCOORD_0"])
         self.assertEqual(len(set(zip(places[::2], places[1::2]))), len(places) // 2)
@@ -224,7 +226,11 @@ class Proxies(Case):
             at = 3 * (int(v * height) * width + int(u * width))
             middle = [a + b for a, b in zip(middle, pixels[at : at + 3])]
         red, green, blue = (2 * v / len(places) for v in middle)
-        for got, wanted in ((red, 0.1), (green, 0.2), (blue, 0.8)):  # as scenes.py paints it, with some of what is behind it
+        for got, wanted in (
+            (red, 0.1),
+            (green, 0.2),
+            (blue, 0.8),
+        ):  # as scenes.py paints it, with some of what is behind it
             self.assertAlmostEqual(got / 255, wanted, delta=0.08)
         own = glb.accessor(primitive["indices"])
         self.assertEqual(sorted(own), list(range(len(own))))
@@ -275,8 +281,12 @@ class Odd(Case):
         self.fails(["export", path, self.path("proxy.obj")], ".glb", code=2)
         self.fails(["export", path, self.path("proxy.glb"), "--triangles", "3"], "--triangles", code=2)
         self.fails(["export", path, self.path("nowhere", "deep", "proxy.glb")], "nowhere")
-        for file, options in (("x.usda", ["--naming", "godot"]), ("x.glb", ["--naming", "unreal", "--lod"]), ("x.ply", ["--texture", 256]),
-                              ("x.usdz", ["--texture", 256])):
+        for file, options in (
+            ("x.usda", ["--naming", "godot"]),
+            ("x.glb", ["--naming", "unreal", "--lod"]),
+            ("x.ply", ["--texture", 256]),
+            ("x.usdz", ["--texture", 256]),
+        ):
             self.fails(["export", path, self.path(file), *options], options[0], code=2)
         self.fails(["export", self.path("missing"), self.path("proxy.glb")], "missing")
 

@@ -37,9 +37,13 @@ def make_tree(folder, frames):
     for t in range(frames):
         for camera in ["image_02", "image_03"]:
             write(os.path.join(folder, f"{camera}/0000/{t:06d}.png"), picture)
-        points = [struct.pack("<4f", dice.uniform(5, 40), dice.uniform(-9, 9), dice.uniform(-2, 2), 0.5) for _ in range(50)]
+        points = [
+            struct.pack("<4f", dice.uniform(5, 40), dice.uniform(-9, 9), dice.uniform(-2, 2), 0.5) for _ in range(50)
+        ]
         write(os.path.join(folder, f"velodyne/0000/{t:06d}.bin"), b"".join(points))
-        oxts += " ".join([repr(49 + t * 9e-6), "8.4", "110", "0", "0", repr(1.5707963267948966), "10"] + ["0"] * 23) + "\n"
+        oxts += (
+            " ".join([repr(49 + t * 9e-6), "8.4", "110", "0", "0", repr(1.5707963267948966), "10"] + ["0"] * 23) + "\n"
+        )
         labels += f"{t} 0 Car 0 0 0 1 2 3 4 1.5 1.6 4 1 1.6 {10 + 0.2 * t} {-1.5707963267948966}\n"
     write(os.path.join(folder, "calib/0000.txt"), calibration())
     write(os.path.join(folder, "oxts/0000.txt"), oxts)
@@ -64,7 +68,12 @@ class Import(Case):
         self.assertEqual((said["kind"], said["dataset"]), ("kitti", out))
         names = files_below(out)
         for t in range(6):
-            for name in [f"images/{t:03d}_0.png", f"images/{t:03d}_1.png", f"ego_pose/{t:03d}.txt", f"lidar/{t:03d}.bin"]:
+            for name in [
+                f"images/{t:03d}_0.png",
+                f"images/{t:03d}_1.png",
+                f"ego_pose/{t:03d}.txt",
+                f"lidar/{t:03d}.bin",
+            ]:
                 self.assertIn(name, names)
         # Northwards at 10 m/s: y grows by one metre a frame; 9e-6 degrees are 1.0019 m at the Earth's radius that KITTI uses.
         pose = [float(word) for word in read(os.path.join(out, "ego_pose/005.txt")).split()]
@@ -89,12 +98,23 @@ class Import(Case):
         write(os.path.join(raw, "label_02/0000.txt"), "".join(lines) + lines[-1].replace("5 0 Car", "9 0 Car", 1))
         words = ["import", "kitti", raw, "-o", out, "--frames", "1-5"]
         said = self.succeeds(*words).stdout.splitlines()
-        self.assertRegex(said[0], "out: 5 time steps, 2 cameras, 10 photographs, 3 sweeps, 5 boxes, 1 object; imported in ")
-        self.assertEqual(said[1:], ["left out: 1 time step: --frames chose others", "left out: 1 sweep: velodyne/0000/000002.bin: the files are missing",
-                                    f"left out: 1 sweep: {raw}/velodyne/0000/000003.bin: the files are empty",
-                                    "left out: 1 box: Car of track 0 in frame 9 (line 7): past the last photograph, frame 5"])  # fmt: skip
+        self.assertRegex(
+            said[0], "out: 5 time steps, 2 cameras, 10 photographs, 3 sweeps, 5 boxes, 1 object; imported in "
+        )
+        self.assertEqual(
+            said[1:],
+            [
+                "left out: 1 time step: --frames chose others",
+                "left out: 1 sweep: velodyne/0000/000002.bin: the files are missing",
+                f"left out: 1 sweep: {raw}/velodyne/0000/000003.bin: the files are empty",
+                "left out: 1 box: Car of track 0 in frame 9 (line 7): past the last photograph, frame 5",
+            ],
+        )
         result = self.result(out)
-        self.assertEqual([result[key] for key in ("steps", "cameras", "photographs", "sweeps", "boxes", "objects")], [5, 2, 10, 3, 5, 1])
+        self.assertEqual(
+            [result[key] for key in ("steps", "cameras", "photographs", "sweeps", "boxes", "objects")],
+            [5, 2, 10, 3, 5, 1],
+        )
         again = json.loads(self.succeeds(*words, "--json", "-").stdout)  # it is complete: nothing is written
         self.assertEqual({key: again[key] for key in result}, result)
 
@@ -103,9 +123,17 @@ class Import(Case):
         os.remove(os.path.join(raw, "image_02/0000/000004.png"))
         done = self.succeeds("import", "kitti", raw, "-o", out)
         self.assertIn("out: 4 time steps, 2 cameras, 8 photographs", done.stdout)
-        self.assertIn("1 photographs are left out, as image_02 ends before them; the first is " + raw + "/image_03/0000/000004.png", done.stderr)
+        self.assertIn(
+            "1 photographs are left out, as image_02 ends before them; the first is "
+            + raw
+            + "/image_03/0000/000004.png",
+            done.stderr,
+        )
         self.assertIn("left out: 1 photograph: ", done.stdout)
-        self.assertIn("left out: 1 camera: image_03: --cameras chose others", self.succeeds("import", "kitti", raw, "-o", self.path("left"), "--cameras", "0").stdout)
+        self.assertIn(
+            "left out: 1 camera: image_03: --cameras chose others",
+            self.succeeds("import", "kitti", raw, "-o", self.path("left"), "--cameras", "0").stdout,
+        )
 
     def test_nothing_at_all(self):
         raw, out = make_tree(self.path("raw"), 3), self.path("out")
@@ -120,7 +148,11 @@ class Import(Case):
         sweep, labels = os.path.join(raw, "velodyne/0000"), os.path.join(raw, "label_02/0000.txt")
         lines = read(labels).decode()
         os.rename(sweep, self.path("sweeps"))
-        for name, words in [("velodyne/0000/000000.bin.gz", "has 000000.bin.gz, but no file that ends in .bin"), ("velodyne/0000.zip", "0000.zip: sweeps are read from 0000; unpack"), ("Velodyne.tar.gz", "Velodyne.tar.gz: sweeps are read from velodyne; unpack")]:
+        for name, words in [
+            ("velodyne/0000/000000.bin.gz", "has 000000.bin.gz, but no file that ends in .bin"),
+            ("velodyne/0000.zip", "0000.zip: sweeps are read from 0000; unpack"),
+            ("Velodyne.tar.gz", "Velodyne.tar.gz: sweeps are read from velodyne; unpack"),
+        ]:
             write(os.path.join(raw, name), "x")
             self.fails(["import", "kitti", raw, "-o", out], words)
             os.remove(os.path.join(raw, name))
@@ -141,7 +173,9 @@ class Import(Case):
 
     def test_interrupted_goes_on(self):
         raw, out, whole = make_tree(self.path("raw"), 40), self.path("out"), self.path("whole")
-        running = subprocess.Popen([fixtures.PAGS, "import", "kitti", raw, "-o", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        running = subprocess.Popen(
+            [fixtures.PAGS, "import", "kitti", raw, "-o", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
         while running.poll() is None and not os.path.exists(os.path.join(out, "images/003_0.png")):
             time.sleep(0.001)
         running.send_signal(signal.SIGINT)
@@ -175,7 +209,12 @@ class Import(Case):
         self.assertNotIn("images/002_0.png", files_below(out))
 
     def test_usage(self):
-        self.fails(["import", "nuplan", "x", "-o", "y"], "kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or photos", "'nuplan'", code=2)
+        self.fails(
+            ["import", "nuplan", "x", "-o", "y"],
+            "kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or photos",
+            "'nuplan'",
+            code=2,
+        )
         for frames in ["3-2", "a", "-3", "1-2-3"]:
             self.fails(["import", "kitti", "x", "-o", "y", f"--frames={frames}"], "--frames: expected a span", code=2)
         self.fails(["import", "waymo", "x", "-o", "y", "--sequence", "1"], "--sequence", code=2)

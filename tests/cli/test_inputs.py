@@ -32,7 +32,11 @@ class Warnings(Case):
         self.assertEqual(self.succeeds("info", self.odd, "--quiet").stdout, "")
 
     def test_are_errors_with_strict(self):
-        for verb in [["info", self.odd], ["export", self.odd, self.path("out.spz")], ["render", self.odd, "-o", self.path("out")]]:
+        for verb in [
+            ["info", self.odd],
+            ["export", self.odd, self.path("out.spz")],
+            ["render", self.odd, "-o", self.path("out")],
+        ]:
             done = run(*verb, "--strict")
             self.assertEqual(done.returncode, 1)
             self.assertIn(f"{self.line} (an error because of --strict)", done.stderr)
@@ -41,12 +45,27 @@ class Warnings(Case):
     def test_good_files_give_none(self):
         done = self.succeeds("info", self.good, "--strict", "--json", "-")
         self.assertEqual(json.loads(done.stdout)["warnings"], [])
+
     def test_unknown_files_say_what_was_found(self):
         self.fails(["info", self.write("a.yaml", "a: 1\n")], "found text", "info also takes data sets")
-        self.fails(["render", self.write("a.bin", b"\x0f\xaf\x73\x40"), "-o", self.path("out")], "found bytes 0f af 73 40")
-        self.fails(["info", self.write("times.json", '{"frames": [1.5, 2.5], "cameras": {}}')], "not a data set", "transform_matrix")
-        self.fails(["info", self.write("raw.spz", b"NGSP" + struct.pack("<II4B", 2, 1, 0, 8, 0, 0) + bytes(40))], "without gzip", "`gzip` makes it")
-        self.fails(["render", self.good, "--split", "test", "-o", self.path("out")], f"{self.good} has no held-out views", "--dataset DATASET")
+        self.fails(
+            ["render", self.write("a.bin", b"\x0f\xaf\x73\x40"), "-o", self.path("out")], "found bytes 0f af 73 40"
+        )
+        self.fails(
+            ["info", self.write("times.json", '{"frames": [1.5, 2.5], "cameras": {}}')],
+            "not a data set",
+            "transform_matrix",
+        )
+        self.fails(
+            ["info", self.write("raw.spz", b"NGSP" + struct.pack("<II4B", 2, 1, 0, 8, 0, 0) + bytes(40))],
+            "without gzip",
+            "`gzip` makes it",
+        )
+        self.fails(
+            ["render", self.good, "--split", "test", "-o", self.path("out")],
+            f"{self.good} has no held-out views",
+            "--dataset DATASET",
+        )
 
 
 class Pictures(Case):

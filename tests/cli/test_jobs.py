@@ -33,7 +33,20 @@ class Jobs(DataCase):
         self.environment = {**os.environ, "PATH": f"{self.path('bin')}:{os.environ['PATH']}"}
 
     def command(self, rows, *more, steps=20):
-        own = [sys.executable, "-B", SCRIPT, self.data, "-o", self.path("t"), "--pags", fixtures.PAGS, "-n", steps, "--rows", rows]
+        own = [
+            sys.executable,
+            "-B",
+            SCRIPT,
+            self.data,
+            "-o",
+            self.path("t"),
+            "--pags",
+            fixtures.PAGS,
+            "-n",
+            steps,
+            "--rows",
+            rows,
+        ]
         return [str(word) for word in [*own, *more]]
 
     def run_script(self, rows, *more, code=0, small=SMALL, **options):
@@ -58,7 +71,9 @@ class Jobs(DataCase):
     def test_table_and_going_on(self):
         page = self.run_script("2x1,1x2", "--rounds", 2).stdout
         self.assertEqual(page.encode(), read(self.path("t.md")))
-        self.assertEqual(self.measured(), ["1x2_round-1.json", "1x2_round-2.json", "2x1_round-1.json", "2x1_round-2.json"])
+        self.assertEqual(
+            self.measured(), ["1x2_round-1.json", "1x2_round-2.json", "2x1_round-1.json", "2x1_round-2.json"]
+        )
         self.assertEqual(len(files_below(self.path("t.runs"))), 5)  # no scene is left, only measurements and settings
         rows = self.rows(page)
         self.assertEqual(list(rows), ["2 x 1", "1 x 2"])
@@ -90,7 +105,13 @@ class Jobs(DataCase):
         self.assertNotIn("wasn't counted", page)
 
     def test_stopping(self):
-        process = subprocess.Popen(self.command("2x1", steps=1000000), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
+        process = subprocess.Popen(
+            self.command("2x1", steps=1000000),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=self.environment,
+        )
         for line in process.stderr:  # the first step is done
             if "step " in line:
                 break
@@ -109,10 +130,13 @@ class Jobs(DataCase):
         self.refuses("2x", words=["'2x'", "JOBSxTHREADS"])
         self.refuses("1x1,1x1", words=["'1x1'", "twice"])
         # One job fails in the midst of it: its message is told, and the other one is ended.
-        shim = self.write("shim", f"""#!/bin/sh
+        shim = self.write(
+            "shim",
+            f"""#!/bin/sh
 case "$*" in *scene-1*) echo "pags: the disk is full" >&2; exit 1;; esac
 exec {fixtures.PAGS} "$@"
-""")
+""",
+        )
         os.chmod(shim, 0o755)
         self.refuses("2x1", "--pags", shim, steps=1000000, words=["job 2 of 2: the disk is full"])
         self.assertEqual(self.measured(), [])

@@ -33,7 +33,20 @@ class StreetCase(Case):
     def setUpClass(cls):
         cls.origin = os.path.join(cls.shared_folder(), "street")
         done = fixtures.run(
-            *["synth", "street", "-q", "-o", cls.origin, "--frames", "6", "--size", "96x54", "--cameras", "2", "--no-shifts"]
+            *[
+                "synth",
+                "street",
+                "-q",
+                "-o",
+                cls.origin,
+                "--frames",
+                "6",
+                "--size",
+                "96x54",
+                "--cameras",
+                "2",
+                "--no-shifts",
+            ]
         )
         assert done.returncode == 0, done.stderr
 
@@ -70,7 +83,6 @@ class StreetCase(Case):
 
     def refused(self, *words):
         return self.fails(["info", self.street], *words)
-
 
     def repaint(self, folder, change):
         """Rewrites the masks of a folder: change(value, y, height) is the new value of a pixel."""
@@ -209,7 +221,9 @@ class MaskTest(StreetCase):
             write(self.at(f"ego_masks/{camera}.png"), grey_png(96, 54, [255] * (96 * 54)))
         train = ["train", self.street, "-o", self.path("scene"), "-n", 2, "--preview-every", 0, *fixtures.SMALL]
         done = self.succeeds(*train)
-        self.assertRegex(done.stdout + done.stderr, "2 steps taught nothing.* left out by the ego mask of camera [01]\n")
+        self.assertRegex(
+            done.stdout + done.stderr, "2 steps taught nothing.* left out by the ego mask of camera [01]\n"
+        )
         done = fixtures.run("eval", self.path("scene"))
         self.assertIn("left out by the ego mask of camera", done.stdout + done.stderr)
 
@@ -231,7 +245,9 @@ class LabelTest(StreetCase):
     def test_classes_saved_in_three_channels(self):
         for name in self.names("semantic"):
             width, height, _, _, pixels = fixtures.read_png(self.at("semantic", name))
-            write(self.at("semantic", name), fixtures.png_bytes(width, height, b"".join(bytes([p] * 3) for p in pixels)))
+            write(
+                self.at("semantic", name), fixtures.png_bytes(width, height, b"".join(bytes([p] * 3) for p in pixels))
+            )
         self.assertEqual(self.warnings(), [])
 
     def test_classes_of_16_bits(self):
@@ -245,7 +261,9 @@ class LabelTest(StreetCase):
 
     def test_classes_of_another_set(self):
         self.repaint("semantic", lambda value, y, height: {10: 23, 13: 26, 0: 7}.get(value, 11))
-        self.warns("semantic:", "that cityscapes labels don't have", "such as cityscapes-ids", "'labels' of dataset.json")
+        self.warns(
+            "semantic:", "that cityscapes labels don't have", "such as cityscapes-ids", "'labels' of dataset.json"
+        )
 
 
 def numbers(path):
@@ -276,14 +294,18 @@ class CalibrationTest(StreetCase):
         """Makes a photograph half as wide and high, of every second pixel."""
         width, height, _, _, pixels = fixtures.read_png(self.at("images", name))
         half = b"".join(
-            pixels[3 * (y * width + x) : 3 * (y * width + x) + 3] for y in range(0, height, 2) for x in range(0, width, 2)
+            pixels[3 * (y * width + x) : 3 * (y * width + x) + 3]
+            for y in range(0, height, 2)
+            for x in range(0, width, 2)
         )
         write(self.at("images", name), fixtures.png_bytes(width // 2, height // 2, half))
 
     def test_one_photograph_of_another_size(self):
         self.without_masks()
         self.halve("003_1.png")
-        self.refused("images/003_1.png: 48 x 27 pixels", "expected 96 x 54 as 5 photographs of camera 1 have", "000_1.png")
+        self.refused(
+            "images/003_1.png: 48 x 27 pixels", "expected 96 x 54 as 5 photographs of camera 1 have", "000_1.png"
+        )
 
     def test_the_first_photograph_of_another_size(self):
         self.without_masks()
@@ -294,7 +316,9 @@ class CalibrationTest(StreetCase):
         self.without_masks()
         for name in self.names("images"):
             self.halve(name)
-        self.warns("2 of 2 cameras have intrinsics of photographs of another size", "of about 96 x 54 pixels", "have 48 x 27")
+        self.warns(
+            "2 of 2 cameras have intrinsics of photographs of another size", "of about 96 x 54 pixels", "have 48 x 27"
+        )
 
     def test_intrinsics_of_smaller_photographs(self):
         self.intrinsics(lambda fx, fy, cx, cy: f"{fx / 2} {fy / 2} {cx / 2} {cy / 2} 0 0 0 0 0")
@@ -338,7 +362,9 @@ class CalibrationTest(StreetCase):
     def test_inverted_extrinsics(self):
         for name in self.names("extrinsics"):
             write(self.at("extrinsics", name), matrix_text(inverse(numbers(self.at("extrinsics", name)))))
-        self.warns("extrinsics: 2 of 2 cameras don't stand upright", "extrinsics or camera_axes may be wrong", "inverted they")
+        self.warns(
+            "extrinsics: 2 of 2 cameras don't stand upright", "extrinsics or camera_axes may be wrong", "inverted they"
+        )
 
     def test_inverted_extrinsics_of_each_exposure(self):
         cameras = {c: numbers(self.at("extrinsics", f"{c}.txt")) for c in range(2)}
@@ -364,7 +390,10 @@ class CalibrationTest(StreetCase):
         for name in self.names("ego_pose"):
             m = numbers(self.at("ego_pose", name))
             write(self.at("ego_pose", name), matrix_text(m[0:4] + [-v for v in m[8:12]] + m[4:8] + m[12:]))
-        self.warns("ego_pose: cameras don't stand upright in the world: their upward direction is 90 degrees off its z", "expected z up")
+        self.warns(
+            "ego_pose: cameras don't stand upright in the world: their upward direction is 90 degrees off its z",
+            "expected z up",
+        )
 
 
 class TimeTest(StreetCase):
@@ -423,7 +452,9 @@ class TimeTest(StreetCase):
         info = json.loads(read(self.at("instances/instances_info.json")))
         info["4"]["frame_annotations"]["obj_to_world"][2][0][3] = float("nan")
         write(self.at("instances/instances_info.json"), json.dumps(info))
-        self.refused("instances_info.json:1: expected a number for 4.frame_annotations.obj_to_world[2][0][3], found NaN")
+        self.refused(
+            "instances_info.json:1: expected a number for 4.frame_annotations.obj_to_world[2][0][3], found NaN"
+        )
 
 
 def product(a, b):
@@ -507,7 +538,9 @@ class StreetGaussiansTest(StreetCase):
 
     def test_labels_are_mended_as_those_of_instances(self):
         self.write_tracks(self.lines + ["0 700 vehicle -10 1 1 0 0 0 0 0 0"])
-        self.assertIn("a side is shorter than 0.01 m; the first is vehicle '700' in frame 0", "\n".join(self.warnings()))
+        self.assertIn(
+            "a side is shorter than 0.01 m; the first is vehicle '700' in frame 0", "\n".join(self.warnings())
+        )
         self.write_tracks(self.lines + [self.lines[2]])
         self.assertIn("another in the same frame", "\n".join(self.warnings()))
 
@@ -560,7 +593,9 @@ class SweepTest(StreetCase):
 
     def test_five_columns(self):
         self.columns(5)
-        self.refused("lidar/003.bin: by its values it has 5 floats a row, expected 4", "'lidar_columns' of dataset.json")
+        self.refused(
+            "lidar/003.bin: by its values it has 5 floats a row, expected 4", "'lidar_columns' of dataset.json"
+        )
 
     def test_three_columns(self):
         self.columns(3)

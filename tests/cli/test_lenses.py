@@ -51,7 +51,14 @@ class Lenses(Case):
     def test_it_reads_back(self):
         facts = json.loads(read(os.path.join(self.fish, "dataset.json")))
         self.assertEqual(facts["lenses"]["2"], {"kind": "fisheye", "k": [-0.02, 0.0015, 0, 0, 0, 0], "field": 200})
-        done = fixtures.run("info", self.fish, "--overlay", os.path.join(self.folder, "look"), "--json", os.path.join(self.folder, "info.json"))
+        done = fixtures.run(
+            "info",
+            self.fish,
+            "--overlay",
+            os.path.join(self.folder, "look"),
+            "--json",
+            os.path.join(self.folder, "info.json"),
+        )
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn(KEPT, done.stdout)
         look = json.loads(read(os.path.join(self.folder, "info.json")))["overlay"]
@@ -81,7 +88,9 @@ class Lenses(Case):
                     pixels[3 * at : 3 * at + 3] = b"\xff\xff\xff"
             write(path, png_bytes(64, 64, bytes(pixels)))
         scene = self.train(other, "white scene", 2)
-        self.assertEqual(read(os.path.join(scene, "background.ply")), read(os.path.join(self.trained, "background.ply")))
+        self.assertEqual(
+            read(os.path.join(scene, "background.ply")), read(os.path.join(self.trained, "background.ply"))
+        )
 
     def test_the_right_lens_is_the_best(self):
         right = self.held_out(self.trained)
@@ -128,7 +137,9 @@ class Lenses(Case):
 
     def test_faults_that_do_not_go_together(self):
         for fault in ("rolling-down=0.03", "distortion=0.1"):
-            done = fixtures.run("synth", "street", "-o", os.path.join(self.folder, "none"), "--fault", "fisheye=200", "--fault", fault)
+            done = fixtures.run(
+                "synth", "street", "-o", os.path.join(self.folder, "none"), "--fault", "fisheye=200", "--fault", fault
+            )
             self.assertEqual((done.returncode, done.stderr.count("\n")), (1, 1))
             self.assertIn("expected neither", done.stderr)
 

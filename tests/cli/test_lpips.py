@@ -69,7 +69,9 @@ def pool(x, partial):
 
 def features(rgb, name, w):
     """What the taps see, in order."""
-    x = ((2 * rgb.transpose(2, 0, 1) - 1) - w["shift"][:, None, None].astype(float)) / w["scale"][:, None, None].astype(float)
+    x = ((2 * rgb.transpose(2, 0, 1) - 1) - w["shift"][:, None, None].astype(float)) / w["scale"][:, None, None].astype(
+        float
+    )
     if name == "AlexNet":
         yield (x := conv(x, w, "conv1", step=4, padding=2))
         yield (x := conv(pool(x, False), w, "conv2", padding=2))
@@ -111,10 +113,23 @@ class Lpips(Case):
             planes = read_exr(os.path.join(drawn, picture))[2]
             render = np.clip(np.stack([np.array(planes[c]) for c in "RGB"], axis=2), 0, 1)
             pixels = read_png(os.path.join(data, "images", "000.png"))[4]
-            photo = (np.frombuffer(pixels, np.uint8).astype(np.float32) / np.float32(255)).astype(float).reshape(height, width, 3)
+            photo = (
+                (np.frombuffer(pixels, np.uint8).astype(np.float32) / np.float32(255))
+                .astype(float)
+                .reshape(height, width, 3)
+            )
             for name, w in weights.items():
                 with self.subTest(network=name, size=(width, height)):
-                    words = ["eval", scene, "--dataset", data, "--lpips-weights", self.path(f"{name}.npz"), "--json", "-"]
+                    words = [
+                        "eval",
+                        scene,
+                        "--dataset",
+                        data,
+                        "--lpips-weights",
+                        self.path(f"{name}.npz"),
+                        "--json",
+                        "-",
+                    ]
                     first, second = (json.loads(self.succeeds(*words, "--threads", n).stdout) for n in (1, 2))
                     self.assertEqual(first["lpips_network"], name)
                     self.assertEqual(self.one_view(first), self.one_view(second))
@@ -129,7 +144,9 @@ class Lpips(Case):
         said = self.succeeds("eval", scene, "--dataset", data, "--lpips-weights", self.path("w.npz")).stdout
         self.assertIn("LPIPS: v0.1 on AlexNet", said)
         self.assertNotIn("LPIPS: ", self.succeeds("eval", scene, "--dataset", data).stdout)
-        self.assertIsNone(json.loads(self.succeeds("eval", scene, "--dataset", data, "--json", "-").stdout)["lpips_network"])
+        self.assertIsNone(
+            json.loads(self.succeeds("eval", scene, "--dataset", data, "--json", "-").stdout)["lpips_network"]
+        )
 
     def test_other_files_are_refused(self):
         scene, data = self.write("a.ply", ply_bytes(some_splats())), make_dataset(self.path("data"), views=1)
@@ -143,14 +160,33 @@ class Lpips(Case):
         ]
         for arrays, words in cases:
             np.savez(self.path("w.npz"), **arrays)
-            self.fails(["eval", scene, "--dataset", data, "--lpips-weights", self.path("w.npz")], self.path("w.npz"), *words)
+            self.fails(
+                ["eval", scene, "--dataset", data, "--lpips-weights", self.path("w.npz")], self.path("w.npz"), *words
+            )
 
     def test_ablation_measures_again_over_another_network(self):
         data, table = make_dataset(self.path("data"), views=9, width=40, height=36), self.path("t")
         script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../benchmarks/ablation.py")
         found = []
         for name in ["AlexNet", "SqueezeNet 1.1", None]:
-            words = [sys.executable, "-B", script, data, "-o", table, "--pags", fixtures.PAGS, "-n", "4", "--moments", "1", "--rows", "sh=0", "--json", "-"]
+            words = [
+                sys.executable,
+                "-B",
+                script,
+                data,
+                "-o",
+                table,
+                "--pags",
+                fixtures.PAGS,
+                "-n",
+                "4",
+                "--moments",
+                "1",
+                "--rows",
+                "sh=0",
+                "--json",
+                "-",
+            ]
             if name:
                 np.savez(self.path("w.npz"), **random_weights(name))
                 words += ["--lpips-weights", self.path("w.npz")]

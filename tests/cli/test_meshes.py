@@ -65,13 +65,20 @@ class Bare(Case):
         self.assertLess(sum(off_box(p, SIZE) for p in positions) / len(positions), 0.03)
 
     def test_small_units_have_small_steps(self):
-        rows = [[v * 0.01 for v in row[:3]] + row[3:10] + [v + math.log(0.01) for v in row[10:13]] + row[13:] for row in body()]
+        rows = [
+            [v * 0.01 for v in row[:3]] + row[3:10] + [v + math.log(0.01) for v in row[10:13]] + row[13:]
+            for row in body()
+        ]
         facts, _ = self.export(rows, "mesh.glb", "--voxel", 0.0002, "--chunk-triangles", 4000)
         self.assertAlmostEqual(facts["proxies"][0]["volume"] * 1e6, 0.2, delta=0.05)
 
     def test_nothing_to_mesh_is_said(self):
         faint = [scenes.gaussian(0.1 * i, 0, 0, (0.5, 0.5, 0.5), opacity=-4) for i in range(50)]
-        cases = [(faint, [], "opaque enough"), ([], [], "no Gaussians"), (body(count=9), ["--no-background"], "neither")]
+        cases = [
+            (faint, [], "opaque enough"),
+            ([], [], "no Gaussians"),
+            (body(count=9), ["--no-background"], "neither"),
+        ]
         for rows, options, words in cases:
             facts, _ = self.export(rows, "mesh.glb", *options)
             self.assertEqual(len(facts["warnings"]), 1)
@@ -187,12 +194,25 @@ class Files(Case):
         for p in glb.positions(names["ground"]) if "ground" in names else []:
             self.assertTrue(3 < p[0] < 9 and 1 < p[1] < 6, p)
         self.assertRegex(done.stdout, r"\d+ of \d+ Gaussians are left")
-        self.succeeds("export", self.scene, self.path("few.ply"), "--max-size", 0.1, "--min-opacity", 0.5, "--min-views", 2)
+        self.succeeds(
+            "export", self.scene, self.path("few.ply"), "--max-size", 0.1, "--min-opacity", 0.5, "--min-views", 2
+        )
         few = int(re.search(rb"element vertex (\d+)", read(self.path("few.ply"))).group(1))
         self.succeeds("export", self.scene, self.path("all.ply"))
         everything = int(re.search(rb"element vertex (\d+)", read(self.path("all.ply"))).group(1))
         self.assertTrue(0 < few < everything)
-        self.succeeds("render", self.path("all.ply"), "-n", 1, "--downscale", 8, "-o", self.path("r"), "--crop-sphere", "6,3.5,1,3")
+        self.succeeds(
+            "render",
+            self.path("all.ply"),
+            "-n",
+            1,
+            "--downscale",
+            8,
+            "-o",
+            self.path("r"),
+            "--crop-sphere",
+            "6,3.5,1,3",
+        )
         self.fails(["export", self.scene, self.path("x.ply"), "--crop-box", "1,2,3"], "X,Y,Z,X,Y,Z", code=2)
         self.fails(["render", self.scene, "-o", self.path("q"), "--crop-sphere", "1,2,3,0"], "R > 0", code=2)
         self.fails(["export", self.scene, self.path("x.ply"), "--crop-sphere", "500,2,3,1"], "none of the")

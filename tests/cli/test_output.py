@@ -28,13 +28,27 @@ class Unwritable(OutputCase):
     @unittest.skipUnless(os.path.exists("/dev/full"), "no /dev/full")
     def test_full(self):
         splats = self.path("a.ply")
-        for words in [["--help"], ["--version"], ["render", "-h"], ["train", "--fields"], ["info", self.data], ["info", self.scene, "--json", "-"],
-                      ["eval", self.scene], ["export", self.scene, splats], self.train(), ["pags-bench", "-h"]]:  # fmt: skip
+        for words in [
+            ["--help"],
+            ["--version"],
+            ["render", "-h"],
+            ["train", "--fields"],
+            ["info", self.data],
+            ["info", self.scene, "--json", "-"],
+            ["eval", self.scene],
+            ["export", self.scene, splats],
+            self.train(),
+            ["pags-bench", "-h"],
+        ]:
             if words[0] == "pags-bench" and not os.path.exists(program(words)[0]):
                 continue
             with self.subTest(words), open("/dev/full", "w") as full:
                 done = subprocess.run(program(words), stdout=full, stderr=subprocess.PIPE, text=True)
-                self.assertEqual((done.returncode, done.stderr.count("standard output: No space left on device")), (1, 1), done.stderr)
+                self.assertEqual(
+                    (done.returncode, done.stderr.count("standard output: No space left on device")),
+                    (1, 1),
+                    done.stderr,
+                )
         for path in [splats, self.path("trained", "scene.json")]:
             self.assertTrue(os.path.exists(path), "files are written nevertheless")
         self.succeeds("info", self.scene, "--quiet", stdout=None)
@@ -44,11 +58,22 @@ class Unwritable(OutputCase):
 
     def test_closed(self):
         """What is missing is the answer, or only what is said meanwhile; no file gets the descriptor and so the words."""
-        for words in [["--version"], ["render", "-h"], ["train", "--fields"], ["info", self.data], ["info", self.data, "--json", "-"], ["eval", self.scene]]:
+        for words in [
+            ["--version"],
+            ["render", "-h"],
+            ["train", "--fields"],
+            ["info", self.data],
+            ["info", self.data, "--json", "-"],
+            ["eval", self.scene],
+        ]:
             done = self.closed(*words)
             self.assertEqual((done.returncode, done.stderr.count("standard output")), (1, 1), done)
         self.succeeds("export", self.scene, self.path("a.ply"))
-        for words in [["export", self.scene, self.path("b.ply")], ["info", self.data, "--json", self.path("a.json")], self.train()]:
+        for words in [
+            ["export", self.scene, self.path("b.ply")],
+            ["info", self.data, "--json", self.path("a.json")],
+            self.train(),
+        ]:
             done = self.closed(*words)
             self.assertEqual((done.returncode, done.stderr), (0, ""), done)
         self.assertEqual(read(self.path("a.ply")), read(self.path("b.ply")))
@@ -87,7 +112,9 @@ class OtherBytes(OutputCase):
         self.assertIn(LATIN, self.json_of(LATIN, "S", "report.json")["command_line"])
         with open(self.path(LATIN, "S", "report.html"), encoding="utf-8") as page:
             self.assertIn(r"stra\xDFe", page.read())
-        self.succeeds_in_bytes("render", scene, "--split", "test", "-o", self.path(LATIN, "R"), "--json", self.path("r.json"))
+        self.succeeds_in_bytes(
+            "render", scene, "--split", "test", "-o", self.path(LATIN, "R"), "--json", self.path("r.json")
+        )
         self.json_of("r.json")
 
     def test_photographs(self):

@@ -139,7 +139,9 @@ class Passes(Case):
         self.assertNotIn(value("c=2"), [pair[0] for pair in self.ranks(planes, "CryptoObject", 50, 50)])
         planes = read_exr(os.path.join(self.render(*options, "--add", "c=2", "1,0,0,0"), "00000_crypto-object.exr"))[2]
         self.assertEqual(self.ranks(planes, "CryptoObject", 50, 50)[0][0], value("c=2"))
-        self.assertEqual(self.ranks(planes, "CryptoObject", 60, 50)[0][0], value("c=2"))  # its forward is the camera's right
+        self.assertEqual(
+            self.ranks(planes, "CryptoObject", 60, 50)[0][0], value("c=2")
+        )  # its forward is the camera's right
 
     def test_expected_normal(self):
         out = self.render("--camera", self.front, "--time", 1, "--channel", "expected-normal")
@@ -171,7 +173,9 @@ class Passes(Case):
 
     def test_what_excludes_passes(self):
         common = ["render", self.scene, "-o", self.path("out"), "--channel"]
-        self.fails([*common, "motion", "--camera", self.front], "--channel motion", "--path instead of --camera", code=2)
+        self.fails(
+            [*common, "motion", "--camera", self.front], "--channel motion", "--path instead of --camera", code=2
+        )
         self.fails([*common, "motion", "--split", "all"], "--path instead of --split", code=2)
         self.fails([*common, "color,crypto-class", "--budget-ms", 5], "--budget-ms", code=2)
         self.fails([*common, "expected-normal", "--early-z", "paper"], "--early-z paper", code=2)

@@ -36,7 +36,18 @@ def png(width, height, samples, channels=3, bits=8, orientation=1, chunks=()):
 
 def tiff(width, height, samples, extra):
     """The bytes of a TIFF of 8-bit RGBA; extra: 1: colours are multiplied by alpha, 2: they are not."""
-    entries = [(256, 4, width), (257, 4, height), (258, 3, 8), (259, 3, 1), (262, 3, 2), (273, 4, 200), (277, 3, 4), (278, 4, height), (279, 4, len(samples)), (338, 3, extra)]
+    entries = [
+        (256, 4, width),
+        (257, 4, height),
+        (258, 3, 8),
+        (259, 3, 1),
+        (262, 3, 2),
+        (273, 4, 200),
+        (277, 3, 4),
+        (278, 4, height),
+        (279, 4, len(samples)),
+        (338, 3, extra),
+    ]
     head = b"II*\0" + struct.pack("<IH", 8, len(entries))
     for tag, kind, value in entries:
         head += struct.pack("<HHII", tag, kind, 4, 180) if tag == 258 else struct.pack("<HHII", tag, kind, 1, value)
@@ -148,8 +159,12 @@ class Photographs(fixtures.Case):
         content = self.change()
         for key in ("w", "h"):
             del content[key]
-        write(f"{self.set}/transforms.json", json.dumps({**content, "fl_x": 120, "fl_y": 120, "cx": WIDTH, "cy": HEIGHT}))
-        self.one_warning(self.info(), "9 of 9 cameras have their principal point at the edge", "000.png", "32,24 in 32 x 24")
+        write(
+            f"{self.set}/transforms.json", json.dumps({**content, "fl_x": 120, "fl_y": 120, "cx": WIDTH, "cy": HEIGHT})
+        )
+        self.one_warning(
+            self.info(), "9 of 9 cameras have their principal point at the edge", "000.png", "32,24 in 32 x 24"
+        )
 
     def test_image_folder(self):
         small = bytes(WIDTH // 2 * HEIGHT // 2 * 3)
@@ -204,7 +219,11 @@ class Photographs(fixtures.Case):
         self.eval()
         self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("drawn"))
         drawn = {name[: -len(".png")] for name in fixtures.files_below(self.path("drawn"))}
-        compared = {name[: -len("_photo.png")] for name in fixtures.files_below(self.path("eval")) if name.endswith("_photo.png")}
+        compared = {
+            name[: -len("_photo.png")]
+            for name in fixtures.files_below(self.path("eval"))
+            if name.endswith("_photo.png")
+        }
         self.assertEqual(drawn, compared)
         self.assertEqual(len({name.lower() for name in drawn}), 9, drawn)
         self.succeeds("render", self.path("scene"), "--split", "test", "-o", self.path("some"))
@@ -224,9 +243,13 @@ class Photographs(fixtures.Case):
         scene = json.loads(fixtures.read(self.path("scene", "scene.json")))
         self.assertEqual((scene["models"][0]["sh_degree"], scene["modelled"]["colour"]["sh_degree"]), (0, 0))
         lines = [json.loads(line) for line in fixtures.read(self.path("scene", "log.jsonl")).splitlines()]
-        self.assertNotIn(None, [line[key] for line in lines for key in ("psnr", "view_psnr", "held_out_psnr") if key in line])
+        self.assertNotIn(
+            None, [line[key] for line in lines for key in ("psnr", "view_psnr", "held_out_psnr") if key in line]
+        )
         self.assertIn("the photographs have one colour", self.succeeds("info", self.path("scene")).stdout)
-        write(f"{self.set}/images/004.png", fixtures.png_bytes(WIDTH, HEIGHT, bytes([2]) + bytes(3 * WIDTH * HEIGHT - 1)))
+        write(
+            f"{self.set}/images/004.png", fixtures.png_bytes(WIDTH, HEIGHT, bytes([2]) + bytes(3 * WIDTH * HEIGHT - 1))
+        )
         self.train()
         scene = json.loads(fixtures.read(self.path("scene", "scene.json")))
         self.assertEqual(scene["models"][0]["sh_degree"], 3)
@@ -277,7 +300,9 @@ class Photographs(fixtures.Case):
         content = self.change()
         for i, frame in enumerate(content["frames"]):
             frame["mask_path"] = f"masks/{i:03d}.png"
-        self.masks(lambda i: png(WIDTH, HEIGHT, bytes(255 if x < 20 else 0 for y in range(HEIGHT) for x in range(WIDTH)), 1))
+        self.masks(
+            lambda i: png(WIDTH, HEIGHT, bytes(255 if x < 20 else 0 for y in range(HEIGHT) for x in range(WIDTH)), 1)
+        )
         self.change(frames=content["frames"])
         self.assertAlmostEqual(self.eval("--image-alpha", "ignore")["train"]["psnr"], masked, places=9)
 
@@ -308,14 +333,21 @@ class Photographs(fixtures.Case):
 
         self.store_png(linear, gamma(1))
         self.assertEqual(self.train()["warnings"], [])
-        self.assertIn("9 of 9 photographs have colours that are not sRGB and are converted to it; those of 000.png are gamma 1", self.said)
+        self.assertIn(
+            "9 of 9 photographs have colours that are not sRGB and are converted to it; those of 000.png are gamma 1",
+            self.said,
+        )
         self.eval()
         self.photo_near(7)  # 8 bits of light are coarse in the dark
         self.store_png(linear, gamma(1), (b"sRGB", b"\0"))  # sRGB counts more than gAMA
         self.train()
         self.assertNotIn("not sRGB", self.said)
         self.store_png(bytes, (b"cICP", bytes([9, 16, 0, 1])))
-        self.fails(["info", self.set], "000.png: its colours are in a space that is not converted here (BT.2020, PQ (HDR))", "zscale")
+        self.fails(
+            ["info", self.set],
+            "000.png: its colours are in a space that is not converted here (BT.2020, PQ (HDR))",
+            "zscale",
+        )
 
     def test_tiff_multiplied_by_alpha(self):
         """Of both kinds the colours behind alpha are the same."""
@@ -324,7 +356,10 @@ class Photographs(fixtures.Case):
             for i, frame in enumerate(content["frames"]):
                 frame["file_path"] = f"images/{i:03d}.tif"
                 p = self.pixels[i]
-                rgba = b"".join(bytes([*(v * 128 // 255 if extra == 1 else v for v in p[at : at + 3]), 128]) for at in range(0, len(p), 3))
+                rgba = b"".join(
+                    bytes([*(v * 128 // 255 if extra == 1 else v for v in p[at : at + 3]), 128])
+                    for at in range(0, len(p), 3)
+                )
                 write(f"{self.set}/{frame['file_path']}", tiff(WIDTH, HEIGHT, rgba, extra))
             self.change(frames=content["frames"])
             done = fixtures.run("info", self.set)
@@ -333,7 +368,9 @@ class Photographs(fixtures.Case):
             for alpha, scale in (("ignore", 1), ("composite", 128 / 255)):
                 self.train("--image-alpha", alpha)
                 self.eval()
-                self.assertLessEqual(max(abs(a - b * scale) for a, b in zip(self.photo()[2], self.pixels[0])), 3, (extra, alpha))
+                self.assertLessEqual(
+                    max(abs(a - b * scale) for a, b in zip(self.photo()[2], self.pixels[0])), 3, (extra, alpha)
+                )
 
     def test_masks_have_no_colours(self):
         profiled = lambda i: png(WIDTH, HEIGHT, self.left_half(), 1, chunks=[(b"cICP", bytes([9, 16, 0, 1]))])
@@ -379,8 +416,17 @@ class Photographs(fixtures.Case):
 
     def test_data_window_larger_than_the_picture(self):
         def make(i, rows):
-            rows = [[c[:1] * 3 + c + c[-1:] for c in row] for row in rows]  # three columns more at the left, one at the right
-            return exr(WIDTH + 4, HEIGHT + 5, rows[:1] * 4 + rows + rows[-1:], left=97, top=-54, shown=(100, -50, 99 + WIDTH, -51 + HEIGHT))
+            rows = [
+                [c[:1] * 3 + c + c[-1:] for c in row] for row in rows
+            ]  # three columns more at the left, one at the right
+            return exr(
+                WIDTH + 4,
+                HEIGHT + 5,
+                rows[:1] * 4 + rows + rows[-1:],
+                left=97,
+                top=-54,
+                shown=(100, -50, 99 + WIDTH, -51 + HEIGHT),
+            )
 
         self.store_exr(make)
         self.assertEqual(self.train()["warnings"], [])
@@ -390,11 +436,20 @@ class Photographs(fixtures.Case):
 
     def test_data_window_of_a_part(self):
         def make(i, rows):
-            return exr(20, 10, [[c[6:26] for c in row] for row in rows[8:18]], left=6, top=8, shown=(0, 0, WIDTH - 1, HEIGHT - 1))
+            return exr(
+                20,
+                10,
+                [[c[6:26] for c in row] for row in rows[8:18]],
+                left=6,
+                top=8,
+                shown=(0, 0, WIDTH - 1, HEIGHT - 1),
+            )
 
         self.store_exr(make)
         inside = lambda x, y: 6 <= x < 26 and 8 <= y < 18
-        self.one_warning(self.train("--background", "0.2,0.2,0.2"), "data window covers only a part", "is the background", "000.exr")
+        self.one_warning(
+            self.train("--background", "0.2,0.2,0.2"), "data window covers only a part", "is the background", "000.exr"
+        )
         self.eval("--background", "0.2,0.2,0.2")
         self.photo_is(0, inside, 51)
         self.one_warning(self.train("--image-alpha", "mask"), "left out of the loss")
@@ -412,7 +467,16 @@ class Photographs(fixtures.Case):
         self.assertIn("9 of 9 photographs are EXR files of several layers; of 000.exr, V.Combined is used", self.said)
         self.eval()
         self.photo_is(0)
-        names = ["A.Combined.B", "A.Combined.G", "A.Combined.R", "B.Combined.R", "B.Combined.G", "B.Combined.B", "Z", "id"]
+        names = [
+            "A.Combined.B",
+            "A.Combined.G",
+            "A.Combined.R",
+            "B.Combined.R",
+            "B.Combined.G",
+            "B.Combined.B",
+            "Z",
+            "id",
+        ]
         self.store_exr(lambda i, rows: exr(WIDTH, HEIGHT, more(rows), names))
         self.one_warning(self.train(), "several layers may be the picture", "of 000.exr, A.Combined is used")
         names = ["gloss.B", "gloss.G", "gloss.R", "diffuse.R", "diffuse.G", "diffuse.B", "Z", "id"]
@@ -423,7 +487,9 @@ class Photographs(fixtures.Case):
 
     def test_pixels_that_are_not_square(self):
         self.store_exr(lambda i, rows: exr(WIDTH, HEIGHT, rows, aspect=1.5))
-        self.one_warning(self.info(), "9 of 9 photographs have pixels that are not square", "000.exr, with pixels of 1.5 times")
+        self.one_warning(
+            self.info(), "9 of 9 photographs have pixels that are not square", "000.exr, with pixels of 1.5 times"
+        )
         self.change(w=WIDTH * 3 // 2, h=HEIGHT, fl_x=60, fl_y=60, cx=24, cy=12)
         self.assertEqual(self.train()["warnings"], [])
         with open(self.path("scene", "scene.json")) as file:
@@ -627,7 +693,9 @@ class Photographs(fixtures.Case):
         beside, unseen = self.info()["warnings"]
         self.assertIn("8 of 9 pictures beside the ones used are not in it", beside)
         self.assertIn("none of the 600 points looked at is in view of any camera", unseen)
-        self.assertIn("nothing of the scene is in view of its 1 training views", " ".join(self.train(steps=3)["warnings"]))
+        self.assertIn(
+            "nothing of the scene is in view of its 1 training views", " ".join(self.train(steps=3)["warnings"])
+        )
         self.assertIn("nothing of the scene is in view in any of 1 views", " ".join(self.eval()["warnings"]))
         drawn = self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("drawn"), "--json", "-")
         self.one_warning(json.loads(drawn.stdout), "nothing of the scene is in view in any of 1 pictures")
@@ -642,7 +710,11 @@ class Photographs(fixtures.Case):
             write(f"{self.set}/images/{i:03d}.png", png(WIDTH, HEIGHT, pixels))
         scene = self.path("scene")
         more = ["-o", scene, "-n", 600, "--preview-every", 0, "--overwrite", "--random-points", 200, "--split-every", 0]
-        said = [line for line in self.succeeds("train", self.set, *more).stdout.splitlines() if line.startswith("exposures of")]
+        said = [
+            line
+            for line in self.succeeds("train", self.set, *more).stdout.splitlines()
+            if line.startswith("exposures of")
+        ]
         fitted = self.eval()["train"]["psnr"]
         self.succeeds("train", self.set, *more, "--no-exposure", "--quiet")
         self.assertEqual(len(said), 1, said)
@@ -659,7 +731,10 @@ class Photographs(fixtures.Case):
     def test_held_out_exposures(self):
         """That of a held-out photograph is the mean of its neighbours', also where it has one alone."""
         for i in range(VIEWS):
-            write(f"{self.set}/images/{i:03d}.png", png(WIDTH, HEIGHT, bytes(round(v * (0.5 + 0.06 * i)) for v in self.pixels[i])))
+            write(
+                f"{self.set}/images/{i:03d}.png",
+                png(WIDTH, HEIGHT, bytes(round(v * (0.5 + 0.06 * i)) for v in self.pixels[i])),
+            )
         self.train("--split-every", 4, steps=600)
         with open(self.path("scene", "scene.json")) as file:
             views = json.load(file)["cameras"]

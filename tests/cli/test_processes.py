@@ -35,7 +35,25 @@ class Processes(DataCase):
         return running
 
     def start_training(self, out, *more, wait=True, **options):
-        running = self.start("train", self.data, "-o", out, "-n", 1000000, "-j", 1, "--log-every", 10, "--checkpoint-every", 50, "--preview-every", 0, *SMALL, *more, **options)
+        running = self.start(
+            "train",
+            self.data,
+            "-o",
+            out,
+            "-n",
+            1000000,
+            "-j",
+            1,
+            "--log-every",
+            10,
+            "--checkpoint-every",
+            50,
+            "--preview-every",
+            0,
+            *SMALL,
+            *more,
+            **options,
+        )
         log, deadline = os.path.join(out, "log.jsonl"), time.monotonic() + 60
         while wait and running.poll() is None and not (os.path.exists(log) and os.path.getsize(log)):
             self.assertLess(time.monotonic(), deadline)
@@ -85,7 +103,9 @@ class Locks(Processes):
         running.communicate()
         self.assertIn(LOCK, os.listdir(out))
         for folder in (out, copy):
-            running = self.start("train", self.data, "-o", folder, "-n", 1000000, "-j", 1, "--preview-every", 0, *SMALL, "--resume")
+            running = self.start(
+                "train", self.data, "-o", folder, "-n", 1000000, "-j", 1, "--preview-every", 0, *SMALL, "--resume"
+            )
             self.wait_for_handler(running)
             running.terminate()
             self.ends(running, 3)
@@ -203,7 +223,25 @@ class Signals(Processes):
         pid, terminal = pty.fork()
         if pid == 0:
             signal.pthread_sigmask(signal.SIG_SETMASK, [])
-            os.execv(fixtures.PAGS, [fixtures.PAGS, "train", self.data, "-o", out, "-n", "1000000", "-j", "1", "--log-every", "10", "--preview-every", "0", *SMALL])
+            os.execv(
+                fixtures.PAGS,
+                [
+                    fixtures.PAGS,
+                    "train",
+                    self.data,
+                    "-o",
+                    out,
+                    "-n",
+                    "1000000",
+                    "-j",
+                    "1",
+                    "--log-every",
+                    "10",
+                    "--preview-every",
+                    "0",
+                    *SMALL,
+                ],
+            )
         self.addCleanup(os.close, terminal)
         log, deadline = os.path.join(out, "log.jsonl"), time.monotonic() + 60
         while not (os.path.exists(log) and os.path.getsize(log)):
@@ -241,15 +279,34 @@ class Signals(Processes):
 
     def test_limit_on_files(self):
         """ulimit -f, as a user sets it: the write fails and names the file; nothing is set up for the program but the limit."""
+
         def limit():
             signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
             resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
 
         out = self.path("scene")
-        self.fails(["train", self.data, "-o", out, "-n", 20, "-q", *SMALL], "checkpoint.pags", "File too large", preexec_fn=limit)
+        self.fails(
+            ["train", self.data, "-o", out, "-n", 20, "-q", *SMALL],
+            "checkpoint.pags",
+            "File too large",
+            preexec_fn=limit,
+        )
         self.assertFalse([name for name in files_below(self.folder) if name.endswith((".part", LOCK))])
         self.succeeds("train", self.data, "-o", out, "-n", 20, "-q", "--resume", *SMALL)
-        street = ["synth", "street", "-o", self.path("street"), "--frames", 2, "--size", "64x36", "--cameras", 1, "--no-shifts", "-q"]
+        street = [
+            "synth",
+            "street",
+            "-o",
+            self.path("street"),
+            "--frames",
+            2,
+            "--size",
+            "64x36",
+            "--cameras",
+            1,
+            "--no-shifts",
+            "-q",
+        ]
         if self.succeeds("synth", "--help").returncode == 0:
             self.fails(street, self.path("street"), "File too large", preexec_fn=limit)
 
@@ -259,8 +316,12 @@ class Signals(Processes):
         write(self.path("bin", "python3"), b"#!/bin/sh\ngrep SigIgn /proc/self/status\n")
         os.chmod(self.path("bin", "python3"), 0o755)
         shutil.copy(fixtures.PAGS, self.path("bin", "pags"))
-        done = subprocess.run([self.path("bin", "pags"), "import", "photos", self.data, "-o", self.path("out")], capture_output=True, text=True,
-                              env={**os.environ, "PATH": self.path("bin") + ":" + os.environ["PATH"]})
+        done = subprocess.run(
+            [self.path("bin", "pags"), "import", "photos", self.data, "-o", self.path("out")],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PATH": self.path("bin") + ":" + os.environ["PATH"]},
+        )
         ignored = int(done.stdout.split()[-1], 16)
         for number in (signal.SIGPIPE, signal.SIGXFSZ):
             self.assertFalse(ignored >> (number - 1) & 1, number.name)
@@ -272,8 +333,18 @@ class Surroundings(Processes):
     def test_rights_and_places(self):
         out, empty = self.path("scene"), self.path("empty")
         os.makedirs(empty)
-        environment = {"PATH": "/nonexistent", "HOME": "/nonexistent", "TMPDIR": "/nonexistent", "LC_ALL": "de_DE.UTF-8", "TZ": "Asia/Tokyo"}
-        for words in (["train", self.data, "-o", out, "-n", 20, *SMALL], ["export", out, os.path.join(out, "a.spz")], ["render", out, "-o", os.path.join(out, "r")]):
+        environment = {
+            "PATH": "/nonexistent",
+            "HOME": "/nonexistent",
+            "TMPDIR": "/nonexistent",
+            "LC_ALL": "de_DE.UTF-8",
+            "TZ": "Asia/Tokyo",
+        }
+        for words in (
+            ["train", self.data, "-o", out, "-n", 20, *SMALL],
+            ["export", out, os.path.join(out, "a.spz")],
+            ["render", out, "-o", os.path.join(out, "r")],
+        ):
             self.succeeds(*words, umask=0o002, env=environment, cwd=empty, stdin=subprocess.DEVNULL)
         self.assertEqual(os.listdir(empty), [])
         for folder, _, names in os.walk(out):

@@ -18,11 +18,15 @@ class Frames(Street):
 
     def number(self, first, step):
         """Gives the frames the numbers first, first + step, ..."""
-        names = sorted(os.path.join(folder, name) for folder, _, files in os.walk(self.set) for name in files
-                       if name[:3].isdigit() and "truth" not in folder)
+        names = sorted(
+            os.path.join(folder, name)
+            for folder, _, files in os.walk(self.set)
+            for name in files
+            if name[:3].isdigit() and "truth" not in folder
+        )
         for name in reversed(names):
             folder, file = os.path.split(name)
-            os.rename(name, os.path.join(folder, "%03d%s" % (first + step * int(file[:3]), file[3:])))
+            os.rename(name, os.path.join(folder, f"{first + step * int(file[:3]):03d}{file[3:]}"))
         for v in self.instances.values():
             at = v["frame_annotations"]
             at["frame_idx"] = [first + step * t for t in at["frame_idx"]]
@@ -53,17 +57,26 @@ class Sweeps(Street):
         """Rewrites a sweep: change() gets and gives a list of its rows."""
         path = os.path.join(self.set, f"lidar/{frame:03d}.bin")
         values = array.array("f", read(path))
-        rows = change([list(values[i:i + 4]) for i in range(0, len(values), 4)])
+        rows = change([list(values[i : i + 4]) for i in range(0, len(values), 4)])
         write(path, array.array("f", [v for row in rows for v in row]).tobytes())
         return len(rows)
 
     def test_rows_that_are_no_points(self):
         beams = lambda value: lambda rows: [r for row in rows for r in (row, value)]
-        count = [self.sweep(3, beams([0, 0, 0, 0])), self.sweep(4, beams([math.nan] * 4)), self.sweep(5, beams([1.5, 0, 1.875, 0])),
-                 self.sweep(6, lambda rows: rows + [[1e7, 0, 0, 0]])]
+        count = [
+            self.sweep(3, beams([0, 0, 0, 0])),
+            self.sweep(4, beams([math.nan] * 4)),
+            self.sweep(5, beams([1.5, 0, 1.875, 0])),
+            self.sweep(6, lambda rows: rows + [[1e7, 0, 0, 0]]),
+        ]
         left_out = [n // 2 for n in count[:3]]
-        self.warned(f"lidar: {sum(left_out) + 1} of ", f"in {FRAMES} sweeps are no points and left out: {left_out[1]} not finite, "
-                    f"{left_out[0] + left_out[2]} without a return", "1 beyond 1000 m", "the first such sweep is 003.bin")
+        self.warned(
+            f"lidar: {sum(left_out) + 1} of ",
+            f"in {FRAMES} sweeps are no points and left out: {left_out[1]} not finite, "
+            f"{left_out[0] + left_out[2]} without a return",
+            "1 beyond 1000 m",
+            "the first such sweep is 003.bin",
+        )
         clean = self.path("clean")
         shutil.copytree(self.street, clean)
         for source, scene in ((clean, "a"), (self.set, "b")):  # rows that are no points change nothing of a training
@@ -103,14 +116,20 @@ class Boxes(Street):
             at["frame_idx"] = [f for f in at["frame_idx"] if f < 7]
         self.save()
         said = self.info()
-        self.assertTrue([n for n in said["notes"] if "no boxes at 5 of 12 time steps, the first is 007" in n], said["notes"])
+        self.assertTrue(
+            [n for n in said["notes"] if "no boxes at 5 of 12 time steps, the first is 007" in n], said["notes"]
+        )
 
     def test_boxes_of_no_size(self):
         name, at = self.cyclist()
         for i in (2, 3):
             at["box_size"][i] = [1e-6, 1e-6, 1e-6]
         self.save()
-        self.warned("instances_info.json: 2 of ", "a side is shorter than 0.01 m", f"Cyclist '{name}' in frame {at['frame_idx'][2]}")
+        self.warned(
+            "instances_info.json: 2 of ",
+            "a side is shorter than 0.01 m",
+            f"Cyclist '{name}' in frame {at['frame_idx'][2]}",
+        )
 
     def test_two_boxes_in_one_frame(self):
         at = self.annotations("moving_car_027")
@@ -119,7 +138,11 @@ class Boxes(Street):
         for key, value in (("frame_idx", at["frame_idx"][6]), ("obj_to_world", wrong), ("box_size", at["box_size"][6])):
             at[key].insert(6, value)
         self.save()
-        self.warned("instances_info.json: 1 of ", "another in the same frame", f"Car 'moving_car_027' in frame {at['frame_idx'][6]}")
+        self.warned(
+            "instances_info.json: 1 of ",
+            "another in the same frame",
+            f"Car 'moving_car_027' in frame {at['frame_idx'][6]}",
+        )
         self.succeeds("train", self.set, "-o", self.path("scene"), "--iterations", "1")
         car = next(o for o in json.loads(read(self.path("scene/scene.json")))["objects"] if o["id"] == "moving_car_027")
         self.assertAlmostEqual(car["knots"][6]["world_from_object"][7], true[1][3], 9)
@@ -138,7 +161,9 @@ class Boxes(Street):
             a[key] = a.pop(key + "_")
         true = dict(zip(a["frame_idx"], a["obj_to_world"]))
         self.save()
-        self.warned("instances_info.json: 1 of ", "ids go from one thing to another", "Car 'moving_car_027', to 2 things")
+        self.warned(
+            "instances_info.json: 1 of ", "ids go from one thing to another", "Car 'moving_car_027', to 2 things"
+        )
         objects = self.objects()
         for name, frames in (("moving_car_027", range(6)), ("moving_car_027-part2", range(6, FRAMES))):
             knots = {k["frame"]: k["world_from_object"] for k in objects[name]["knots"]}
@@ -149,16 +174,21 @@ class Boxes(Street):
     def parked(self):
         """A parked car that is labelled in all frames, and how many cars move."""
         moving = self.info()["objects_moving"]["vehicle"]
-        return next(v["frame_annotations"] for v in self.instances.values()
-                    if "parked_car" in v["id"] and len(v["frame_annotations"]["frame_idx"]) == FRAMES), moving
+        return next(
+            v["frame_annotations"]
+            for v in self.instances.values()
+            if "parked_car" in v["id"] and len(v["frame_annotations"]["frame_idx"]) == FRAMES
+        ), moving
 
     def test_parked_cars_stay_parked(self):
         at, moving = self.parked()
         places = [[row[3] for row in m[:2]] for m in at["obj_to_world"]]
         draw = random.Random(3)
         white = [[draw.gauss(0, 0.8) for _ in range(2)] for _ in range(FRAMES)]
-        ends = [[draw.gauss(0, 0.1) + (2.6 if i in (0, FRAMES - 2, FRAMES - 1) and k == 0 else 0) for k in range(2)]
-                for i in range(FRAMES)]
+        ends = [
+            [draw.gauss(0, 0.1) + (2.6 if i in (0, FRAMES - 2, FRAMES - 1) and k == 0 else 0) for k in range(2)]
+            for i in range(FRAMES)
+        ]
         slow = [[0.9 * math.sin(i * 1.1 + k) for k in range(2)] for i in range(FRAMES)]  # to and fro
         for what, error in (("white", white), ("ends", ends), ("slow", slow)):
             with self.subTest(what):
@@ -185,7 +215,19 @@ class Drive(Case):
     def setUpClass(cls):
         super().setUpClass()
         cls.street = os.path.join(cls.shared_folder(), "drive")
-        size = ["--frames", FRAMES, "--size", "160x90", "--cameras", "2", "--no-shifts", "--samples", "4", "--lidar-points", "8000"]
+        size = [
+            "--frames",
+            FRAMES,
+            "--size",
+            "160x90",
+            "--cameras",
+            "2",
+            "--no-shifts",
+            "--samples",
+            "4",
+            "--lidar-points",
+            "8000",
+        ]
         made = run("synth", "street", "-q", "-o", cls.street, *size)
         assert made.returncode == 0, made.stderr
 
@@ -227,9 +269,14 @@ class Drive(Case):
     def test_camera_that_repeats_a_photograph(self):
         for frame in range(5, 9):
             shutil.copy(self.photograph(4, 1), self.photograph(frame, 1))
-        self.warns("images: 4 of 24 photographs looked at repeat an earlier one though the camera moved",
-                   "the first is 005_1.png, which shows what 004_1.png does", "--allow-missing")
-        self.assertIn("repeat an earlier one", self.succeeds("train", self.set, "-o", self.path("s"), "--iterations", "1").stderr)
+        self.warns(
+            "images: 4 of 24 photographs looked at repeat an earlier one though the camera moved",
+            "the first is 005_1.png, which shows what 004_1.png does",
+            "--allow-missing",
+        )
+        self.assertIn(
+            "repeat an earlier one", self.succeeds("train", self.set, "-o", self.path("s"), "--iterations", "1").stderr
+        )
 
     def test_black_photographs(self):
         black = fixtures.png_bytes(160, 90, bytes(3 + i * 7 % 5 for i in range(3 * 160 * 90)))  # with noise
@@ -241,7 +288,9 @@ class Drive(Case):
         for frame in range(FRAMES):
             shutil.copy(self.photograph(frame, 0), self.photograph(frame, 1))
         warnings = json.loads(self.succeeds("info", self.set, "--json", "-").stdout)["warnings"]
-        self.assertIn("12 of 24 photographs looked at are those of another camera; the first is 000_1.png", "\n".join(warnings))
+        self.assertIn(
+            "12 of 24 photographs looked at are those of another camera; the first is 000_1.png", "\n".join(warnings)
+        )
 
     def test_camera_of_which_all_are_held_out(self):
         for frame in range(FRAMES):
@@ -250,7 +299,10 @@ class Drive(Case):
         self.fails(["info", self.set], "9 of 24 images are missing")
         said = json.loads(self.succeeds("info", self.set, "--allow-missing", "--json", "-").stdout)
         self.assertEqual((said["views_train"], said["views_test"], said["views_missing"]), (11, 4, 9))
-        self.assertIn("1 of 2 cameras are held out, the first is camera 1, 2 of whose 3 photographs are", "\n".join(said["warnings"]))
+        self.assertIn(
+            "1 of 2 cameras are held out, the first is camera 1, 2 of whose 3 photographs are",
+            "\n".join(said["warnings"]),
+        )
 
     def test_mirrored(self):
         """All of it in left-handed axes: only the photographs tell."""
@@ -270,14 +322,22 @@ class Drive(Case):
         self.warns("left-handed")
 
     def turned(self, turn, offset):
-        product = lambda m: [[sum(turn[i][k] * m[k][j] for k in range(3)) + (offset[i] if j == 3 else 0) for j in range(4)]
-                             for i in range(3)] + [m[3]]
+        product = lambda m: (
+            [
+                [sum(turn[i][k] * m[k][j] for k in range(3)) + (offset[i] if j == 3 else 0) for j in range(4)]
+                for i in range(3)
+            ]
+            + [m[3]]
+        )
         self.matrices(product, "ego_pose")
         self.boxes(product)
 
     def test_earth_fixed_axes(self):
         a, b = math.radians(49), math.radians(8.4)
-        east, north = [-math.sin(b), math.cos(b), 0], [-math.sin(a) * math.cos(b), -math.sin(a) * math.sin(b), math.cos(a)]
+        east, north = (
+            [-math.sin(b), math.cos(b), 0],
+            [-math.sin(a) * math.cos(b), -math.sin(a) * math.sin(b), math.cos(a)],
+        )
         up = [math.cos(a) * math.cos(b), math.cos(a) * math.sin(b), math.sin(a)]
         self.turned([list(row) for row in zip(east, north, up)], [6378137 * v for v in up])
         self.warns("ego_pose: positions are 63", "41 degrees off the world's z", "ECEF", "east, north, up")
@@ -289,7 +349,9 @@ class Drive(Case):
 
     def test_a_hill_is_none(self):
         c, s = math.cos(0.2), math.sin(0.2)
-        self.turned([[c, 0, -s], [0, 1, 0], [s, 0, c]], [5e5, 6.3e6, 300])  # in UTM, as far from zero as the earth's centre
+        self.turned(
+            [[c, 0, -s], [0, 1, 0], [s, 0, c]], [5e5, 6.3e6, 300]
+        )  # in UTM, as far from zero as the earth's centre
         self.warns()
 
     def test_boxes_of_other_axes(self):
@@ -298,9 +360,15 @@ class Drive(Case):
 
     def test_poses_that_are_repeated(self):
         for frame in (4, 8):
-            shutil.copy(os.path.join(self.set, f"ego_pose/{frame - 1:03d}.txt"), os.path.join(self.set, f"ego_pose/{frame:03d}.txt"))
+            shutil.copy(
+                os.path.join(self.set, f"ego_pose/{frame - 1:03d}.txt"),
+                os.path.join(self.set, f"ego_pose/{frame:03d}.txt"),
+            )
         warnings = json.loads(self.succeeds("info", self.set, "--json", "-").stdout)["warnings"]
-        self.assertIn("ego_pose: 2 of 11 poses repeat the one before though the car drives on; the first is of frame 004", "\n".join(warnings))
+        self.assertIn(
+            "ego_pose: 2 of 11 poses repeat the one before though the car drives on; the first is of frame 004",
+            "\n".join(warnings),
+        )
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ class Labels(Street):
         self.save()
         listing = os.path.join(self.set, "instances/frame_instances.json")
         frames = len(gone["frame_annotations"]["frame_idx"])
-        self.warned("frame_instances.json: %d entries name instances" % frames, "the first is 3 in frame")
+        self.warned(f"frame_instances.json: {frames} entries name instances", "the first is 3 in frame")
         listed = json.loads(read(listing))
         write(listing, json.dumps({k: [n for n in v if n != 3] for k, v in listed.items()}))
         said = self.info()
@@ -109,7 +109,9 @@ class Labels(Street):
         for frames in [[5], [5, 6], [5, 6, 7], [0]]:
             self.instances = json.loads(read(os.path.join(self.street, "instances/instances_info.json")))
             true = self.aside(frames, 1, 3)
-            self.warned(f"instances_info.json: {len(frames)} of ", "lie aside", f"Car 'moving_car_027' in frame {frames[0]}")
+            self.warned(
+                f"instances_info.json: {len(frames)} of ", "lie aside", f"Car 'moving_car_027' in frame {frames[0]}"
+            )
             for frame, m in self.knots().items():
                 far = math.dist(m[3::4], true[frame][3::4])
                 self.assertLess(far, 0.7 if frame in frames else 1e-9, frame)
@@ -122,14 +124,18 @@ class Labels(Street):
         name, at = self.cyclist()
         at["box_size"][2][0] *= 10
         self.save()
-        self.warned("instances_info.json: 1 of ", "three times as large", f"Cyclist '{name}' in frame {at['frame_idx'][2]}")
+        self.warned(
+            "instances_info.json: 1 of ", "three times as large", f"Cyclist '{name}' in frame {at['frame_idx'][2]}"
+        )
 
     def test_boxes_in_other_axes(self):
         at = self.annotations("moving_car_027")
         for m in at["obj_to_world"]:
             m[0][3] += 4e5
         self.save()
-        self.warned(f"instances_info.json: {FRAMES} of ", "more than 500 m from the cameras", "Car 'moving_car_027' in frame 0")
+        self.warned(
+            f"instances_info.json: {FRAMES} of ", "more than 500 m from the cameras", "Car 'moving_car_027' in frame 0"
+        )
 
     def test_classes_that_are_no_road_users_are_named(self):
         self.instances["0"]["class_name"] = "Autobus"
@@ -161,7 +167,11 @@ class Labels(Street):
 
     def test_parked_car_with_a_box_aside_is_parked(self):
         parked = self.info()["objects_parked"]["vehicle"]
-        name = next(v["id"] for v in self.instances.values() if "parked" in v["id"] and len(v["frame_annotations"]["frame_idx"]) > 6)
+        name = next(
+            v["id"]
+            for v in self.instances.values()
+            if "parked" in v["id"] and len(v["frame_annotations"]["frame_idx"]) > 6
+        )
         self.annotations(name)["obj_to_world"][3][0][3] += 3
         self.save()
         self.assertEqual(self.info()["objects_parked"]["vehicle"], parked)
@@ -222,6 +232,7 @@ class Poses(Street):
 
     def test_small_leaps(self):
         """Poses that are else smooth needn't be off by much."""
+
         def off(rows):
             rows[1][3] += 0.7
 
@@ -235,7 +246,9 @@ class Poses(Street):
             rows[0][3] = math.nan
 
         self.pose(7, unknown)
-        self.fails(["info", self.set], "no such pose", "ego_pose/005.txt", "2 of 12 poses are missing", "--allow-missing")
+        self.fails(
+            ["info", self.set], "no such pose", "ego_pose/005.txt", "2 of 12 poses are missing", "--allow-missing"
+        )
         said = self.info("--allow-missing")
         self.assertEqual((said["views_missing"], said["lidar_sweeps"]), (2, 10))
         self.assertEqual(len(said["warnings"]), 1)
@@ -244,17 +257,21 @@ class Poses(Street):
         write(os.path.join(self.set, "ego_pose/005.txt"), "1 2 x\n")
         self.fails(["info", self.set, "--allow-missing"], "ego_pose/005.txt:1: expected a number, found 'x'")
 
-
     def per_frame(self):
         """Gives each photograph a pose of its own, as PandaSet has them."""
         file = os.path.join(self.set, "dataset.json")
         write(file, json.dumps({**json.loads(read(file)), "extrinsics": "per-frame"}))
-        load = lambda name: [[float(x) for x in line.split()] for line in read(os.path.join(self.set, name)).decode().splitlines()]
+        load = lambda name: [
+            [float(x) for x in line.split()] for line in read(os.path.join(self.set, name)).decode().splitlines()
+        ]
         camera = load("extrinsics/0.txt")
         for frame in range(FRAMES):
             ego = load(f"ego_pose/{frame:03d}.txt")
             rows = [[sum(ego[i][k] * camera[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
-            write(os.path.join(self.set, f"extrinsics/{frame:03d}_0.txt"), "".join(" ".join(map(repr, row)) + "\n" for row in rows))
+            write(
+                os.path.join(self.set, f"extrinsics/{frame:03d}_0.txt"),
+                "".join(" ".join(map(repr, row)) + "\n" for row in rows),
+            )
 
     def test_of_photographs_and_sweeps(self):
         self.per_frame()
@@ -302,7 +319,9 @@ class Kitti(Case):
         for camera in ["image_02", "image_03"]:
             for frame in [4, 5]:
                 os.remove(os.path.join(self.raw, f"{camera}/0000/{frame:06d}.png"))
-        found = self.imports("2 of 6 labels are left out, as there are photographs of frames 0 to 3 only; the first is a Car of track 0 in frame 4")
+        found = self.imports(
+            "2 of 6 labels are left out, as there are photographs of frames 0 to 3 only; the first is a Car of track 0 in frame 4"
+        )
         self.assertEqual(self.frames_of(found), {"0": ("Car", [0, 1, 2, 3])})
 
     def test_one_camera(self):
@@ -310,12 +329,16 @@ class Kitti(Case):
         self.imports("camera 1 is left out: image_03 has no photographs")
         self.assertFalse(os.path.exists(self.path("out/images/000_1.png")))
         self.imports(options=["--cameras", "0"])
-        self.fails(["import", "kitti", self.raw, "-o", self.path("no"), "--cameras", "0,1"], "lacks image_03/0000", "--cameras")
+        self.fails(
+            ["import", "kitti", self.raw, "-o", self.path("no"), "--cameras", "0,1"], "lacks image_03/0000", "--cameras"
+        )
         os.rename(os.path.join(self.raw, "image_02"), os.path.join(self.raw, "image_00"))
         self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "image_00 and image_01 are grey")
 
     def test_jpeg(self):
-        jpeg = bytes.fromhex("ffd8ffc0000b080018004001011100ffda0008010100003f00ffd9")  # only the header is read: 64 x 24 pixels
+        jpeg = bytes.fromhex(
+            "ffd8ffc0000b080018004001011100ffda0008010100003f00ffd9"
+        )  # only the header is read: 64 x 24 pixels
         folder = os.path.join(self.raw, "image_02/0000")
         for name in os.listdir(folder):
             write(os.path.join(folder, name[:-4] + ".jpg"), jpeg)
@@ -326,10 +349,19 @@ class Kitti(Case):
     def test_pictures_of_another_size(self):
         picture = fixtures.png_bytes(32, 12, bytes(32 * 12 * 3))
         write(os.path.join(self.raw, "image_03/0000/000002.png"), picture)
-        self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "image_03/0000/000002.png: has 32 x 12 pixels", "64 x 24")
+        self.fails(
+            ["import", "kitti", self.raw, "-o", self.path("no")],
+            "image_03/0000/000002.png: has 32 x 12 pixels",
+            "64 x 24",
+        )
         for frame in range(6):
             write(os.path.join(self.raw, f"image_03/0000/{frame:06d}.png"), picture)
-        self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "image_03/0000/000000.png", "principal point", "original ones")
+        self.fails(
+            ["import", "kitti", self.raw, "-o", self.path("no")],
+            "image_03/0000/000000.png",
+            "principal point",
+            "original ones",
+        )
 
     def test_scores(self):
         self.rewrite(lambda row: row + ["0.5"])
@@ -337,12 +369,17 @@ class Kitti(Case):
 
     def test_labels_without_a_place(self):
         self.rewrite(lambda row: row[:10] + "-1 -1 -1 -1000 -1000 -1000 -10".split() if row[0] == "2" else row)
-        found = self.imports("1 of 6 labels are left out, having no height, width, length or place in space; the first is a Car of track 0 in frame 2")
+        found = self.imports(
+            "1 of 6 labels are left out, having no height, width, length or place in space; the first is a Car of track 0 in frame 2"
+        )
         self.assertEqual(self.frames_of(found), {"0": ("Car", [0, 1, 3, 4, 5])})
 
     def test_degrees(self):
         self.rewrite(lambda row: row[:16] + ["-90"])
-        self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "0000.txt:1: Car of track 0 in frame 0: expected rotation_y in radians")
+        self.fails(
+            ["import", "kitti", self.raw, "-o", self.path("no")],
+            "0000.txt:1: Car of track 0 in frame 0: expected rotation_y in radians",
+        )
 
     def test_numbers_unique_within_a_class(self):
         person = [line.replace("Car", "Pedestrian") for line in read(self.labels).decode().splitlines()]
@@ -355,7 +392,9 @@ class Kitti(Case):
         self.rewrite(lambda row: row[:2] + ["Van"] + row[3:] if row[0] in "14" else row)
         found = self.imports("the class of 1 tracks changes")
         self.assertEqual(self.frames_of(found), {"0": ("Car", [0, 1, 2, 3, 4, 5])})
-        self.rewrite(lambda row: row[:13] + ["300"] + row[14:] if row[2] == "Van" else row)  # two things, far from each other
+        self.rewrite(
+            lambda row: row[:13] + ["300"] + row[14:] if row[2] == "Van" else row
+        )  # two things, far from each other
         self.assertEqual(len(self.imports("track numbers belong to things of several classes")), 2)
 
     def test_leap_of_oxts(self):
@@ -375,7 +414,10 @@ class Kitti(Case):
             if frame == 0:
                 self.first = data
         self.imports("taken for rows of 4 doubles in millimetres")
-        got, true = (struct.unpack(f"<{len(self.first) // 4}f", data) for data in [read(self.path("out/lidar/000.bin")), self.first])
+        got, true = (
+            struct.unpack(f"<{len(self.first) // 4}f", data)
+            for data in [read(self.path("out/lidar/000.bin")), self.first]
+        )
         self.assertLess(max(abs(a - b) for a, b in zip(got, true)), 1e-5)
         write(os.path.join(self.raw, "velodyne/0000/000005.bin"), self.first)
         self.fails(["import", "kitti", self.raw, "-o", self.path("no")], "000005.bin: has rows of another form than")
@@ -428,7 +470,9 @@ class Waymo(Case):
         jpeg = bytes.fromhex("ffd8ffc0000b080018004001011100ffda0008010100003f00ffd9")
         out = b""
         for t, boxes in enumerate(labels):
-            frame = field(1, field(1, "a") + field(2, camera)) + field(2, 10**15 + 100000 * t) + transform(3, t, offsets[t])
+            frame = (
+                field(1, field(1, "a") + field(2, camera)) + field(2, 10**15 + 100000 * t) + transform(3, t, offsets[t])
+            )
             frame += field(4, field(1, 1) + field(2, jpeg) + transform(3, t, offsets[t]))
             for name, kind, x in boxes:
                 box = b"".join(field(i + 1, float(v)) for i, v in enumerate([x, 2, 0, 1.8, 4, 1.5, 0]))
@@ -440,7 +484,9 @@ class Waymo(Case):
         if run("import", "--help").returncode:
             self.skipTest("this build has no pags import")
         file = self.segment(*arguments)
-        said = json.loads(self.succeeds("import", "waymo", file, "-o", self.path("out"), "--cameras", "0", "--json", "-").stdout)
+        said = json.loads(
+            self.succeeds("import", "waymo", file, "-o", self.path("out"), "--cameras", "0", "--json", "-").stdout
+        )
         file = self.path("out/instances/instances_info.json")
         objects = {v["id"]: len(v["frame_annotations"]["frame_idx"]) for v in json.loads(read(file)).values()}
         return objects, [w for w in said["warnings"] if "have no LiDAR" not in w]
@@ -453,10 +499,15 @@ class Waymo(Case):
         self.assertIn("the first is '7', of a Vehicle and a Pedestrian", warnings[0])
 
     def test_odd_labels(self):
-        objects, warnings = self.imports([[("7", 1, 20), ("8", 2, math.nan)], [("7", 1, 20), ("", 1, 30)], [("7", 1, 20)]])
+        objects, warnings = self.imports(
+            [[("7", 1, 20), ("8", 2, math.nan)], [("7", 1, 20), ("", 1, 30)], [("7", 1, 20)]]
+        )
         self.assertEqual(objects, {"7": 3})
         self.assertEqual(len(warnings), 1)
-        self.assertIn("2 boxes without id, size or finite numbers were left out; the first is Pedestrian '8' in frame 0", warnings[0])
+        self.assertIn(
+            "2 boxes without id, size or finite numbers were left out; the first is Pedestrian '8' in frame 0",
+            warnings[0],
+        )
 
     def test_leap(self):
         _, warnings = self.imports([[("7", 1, 20)]] * 6, (0, 0, 0, 5, 0, 0))
@@ -504,7 +555,9 @@ class Foreign(Case):
         """--kind on what isn't in drivestudio's layout says what was found and expected."""
         out = ["-o", self.path("scene"), "--kind"]
         self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
-        self.fails(["train", self.path("av2"), *out, "argoverse2"], "a log of Argoverse 2; pags import argoverse2 reads it")
+        self.fails(
+            ["train", self.path("av2"), *out, "argoverse2"], "a log of Argoverse 2; pags import argoverse2 reads it"
+        )
         self.write("static/transforms.json", "{}")
         words = ["static: not in drivestudio's layout", "--kind waymo", "expected the folders images"]
         self.fails(["train", self.path("static"), *out, "waymo"], *words, "found no folder images", "without --kind")
@@ -517,7 +570,9 @@ class Foreign(Case):
         out = self.path("out")
         self.fails(["import", "waymo", self.write("a.parquet", b"PAR1" + bytes(60)), "-o", out], "parquet", "TFRecord")
         self.fails(["import", "waymo", self.write("a.tfrecord", b"\x1f\x8b" + bytes(60)), "-o", out], "gunzip")
-        self.fails(["import", "waymo", self.write("b.tfrecord", b"<!DOCTYPE html>" + bytes(60)), "-o", out], "download failed")
+        self.fails(
+            ["import", "waymo", self.write("b.tfrecord", b"<!DOCTYPE html>" + bytes(60)), "-o", out], "download failed"
+        )
         self.fails(["import", "waymo", os.path.dirname(self.write("w/a.tfrecord", b"")), "-o", out], "is a folder")
         self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
         self.fails(["import", "kitti", self.path("av2"), "-o", out], "Argoverse 2")

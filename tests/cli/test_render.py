@@ -36,17 +36,31 @@ class Render(Case):
         shutter = {"direction": "left_to_right", "seconds": 0.1, "velocity": [0, 0, 0, 2, 0, 0]}
         rolling = self.camera(rolling_shutter=shutter)
         drawn = {}
-        for name, more in {"default": [], "rolling": ["--shutter", "rolling"], "global": ["--shutter", "global"]}.items():
+        for name, more in {
+            "default": [],
+            "rolling": ["--shutter", "rolling"],
+            "global": ["--shutter", "global"],
+        }.items():
             self.succeeds("render", scene, "--camera", rolling, "-o", self.path(name), *more)
             drawn[name] = read(self.path(name, "00000.png"))
         self.assertEqual(drawn["default"], drawn["rolling"])
         self.assertNotEqual(drawn["default"], drawn["global"])
         self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("plain"))
         self.assertEqual(read(self.path("plain", "00000.png")), drawn["global"])
-        error = self.fails(["render", scene, "--camera", self.camera(), "-o", self.path("no"), "--shutter", "rolling"], "--shutter rolling")
+        error = self.fails(
+            ["render", scene, "--camera", self.camera(), "-o", self.path("no"), "--shutter", "rolling"],
+            "--shutter rolling",
+        )
         self.assertIn("rolling_shutter", error)
-        for wrong in ({**shutter, "direction": "down"}, {**shutter, "seconds": -1}, {**shutter, "velocity": [1]}, {**shutter, "seconds": 2}):
-            self.fails(["render", scene, "--camera", self.camera(rolling_shutter=wrong), "-o", self.path("no")], "camera.json:")
+        for wrong in (
+            {**shutter, "direction": "down"},
+            {**shutter, "seconds": -1},
+            {**shutter, "velocity": [1]},
+            {**shutter, "seconds": 2},
+        ):
+            self.fails(
+                ["render", scene, "--camera", self.camera(rolling_shutter=wrong), "-o", self.path("no")], "camera.json:"
+            )
 
     def test_shutter_along_a_path(self):
         # A path without shutters gets the scene's read-out, and velocities from the times and places of its frames.
@@ -69,14 +83,19 @@ class Render(Case):
         for rolling, still in zip(drawn["given", "rolling"], drawn["given", "global"]):
             self.assertNotEqual(rolling, still)
         # The velocities agree to rounding, and so do the pictures.
-        self.succeeds("render", folder, "--path", self.path("found.json"), "-o", self.path("again"), "--shutter", "rolling")
+        self.succeeds(
+            "render", folder, "--path", self.path("found.json"), "-o", self.path("again"), "--shutter", "rolling"
+        )
         self.succeeds("render", folder, "--path", self.path("given.json"), "-o", self.path("png"))
         for f in range(4):
             first, second = (read_png(self.path(at, f"0000{f}.png"))[4] for at in ("again", "png"))
             self.assertLess(max(abs(x - y) for x, y in zip(first, second)), 3)
         still = [{k: v for k, v in frame.items() if k != "time"} for frame in frames]
         path = self.write("timeless.json", json.dumps({"fps": 10, "frames": still}))
-        self.fails(["render", folder, "--path", path, "-o", self.path("no"), "--shutter", "rolling"], "expected a path whose times increase")
+        self.fails(
+            ["render", folder, "--path", path, "-o", self.path("no"), "--shutter", "rolling"],
+            "expected a path whose times increase",
+        )
 
     def test_packed_file(self):
         scene, packed = self.write("a.ply", ply_bytes(some_splats())), self.path("a.pagsz")
@@ -204,7 +223,9 @@ class Info(Case):
     def test_orbit_shows_few_large_gaussians_whole(self):
         """Four blobs a length apart, whose sigmas are a tenth of it."""
         rows = [splat(x, 0, z, (1, 1, 1)) for x, z in [(0, 0), (1, 0), (0, 1), (1, 1)]]
-        self.succeeds("render", self.write("few.ply", ply_bytes(rows)), "-o", self.path("few"), "-n", 4, "--downscale", 8)
+        self.succeeds(
+            "render", self.write("few.ply", ply_bytes(rows)), "-o", self.path("few"), "-n", 4, "--downscale", 8
+        )
         for i in range(4):
             width, height, channels, _, data = read_png(self.path(f"few/{i:05d}.png"))
             row = width * channels

@@ -115,16 +115,34 @@ class Report(DataCase):
         self.assertEqual(page.headings[:2], ["scene", "Figures"])
         self.assertIn(f"pags train {self.data} -o {self.scene} -n 60 --split-every 3", page.text)
         self.assertIn("PSNR, training views", page.text)
-        self.assertEqual(page.row("trained by version")[1], json.loads(read(os.path.join(self.scene, "report.json")))["version"])
+        self.assertEqual(
+            page.row("trained by version")[1], json.loads(read(os.path.join(self.scene, "report.json")))["version"]
+        )
         self.assertEqual(page.row("waiting for photographs")[0], "waiting for photographs")
         self.assertEqual(page.row("max_gaussians"), ["max_gaussians", "1500"])
         self.assertEqual(len(page.images), 9)
 
     def test_figures_are_those_of_eval(self):
         page, said, _ = self.report(self.scene)
-        self.assertEqual(page.row("whole picture"), ["whole picture", f"{self.scores['psnr']:.2f}", f"{self.scores['ssim']:.4f}"])
-        self.assertEqual(said["scenes"], [{"scene": self.scene, "views": 3, "measured": 3, "pictures": 3, "psnr": self.scores["psnr"], "ssim": self.scores["ssim"]}])
-        expected = [[view["name"], f"{view['psnr']:.2f} dB, SSIM {view['ssim']:.4f}"] for view in self.scores["per_view"]]
+        self.assertEqual(
+            page.row("whole picture"), ["whole picture", f"{self.scores['psnr']:.2f}", f"{self.scores['ssim']:.4f}"]
+        )
+        self.assertEqual(
+            said["scenes"],
+            [
+                {
+                    "scene": self.scene,
+                    "views": 3,
+                    "measured": 3,
+                    "pictures": 3,
+                    "psnr": self.scores["psnr"],
+                    "ssim": self.scores["ssim"],
+                }
+            ],
+        )
+        expected = [
+            [view["name"], f"{view['psnr']:.2f} dB, SSIM {view['ssim']:.4f}"] for view in self.scores["per_view"]
+        ]
         self.assertEqual(page.views(), expected)
         self.assertIn(f"{self.scores['psnr']:.2f} dB", page.text)
         self.assertIn("Means over 3 of 3 held-out views", page.text)
@@ -152,7 +170,9 @@ class Report(DataCase):
         transforms["frames"] = [{**frame, "file_path": f"images/j{number}.jpg"} for number in range(len(names))]
         self.write("jpeg/transforms.json", json.dumps(transforms))
         self.write("x.ply", fixtures.ply_bytes(fixtures.some_splats()))
-        self.succeeds("eval", self.path("x.ply"), "--dataset", self.path("jpeg"), "--images", self.path("decoded"), "-q")
+        self.succeeds(
+            "eval", self.path("x.ply"), "--dataset", self.path("jpeg"), "--images", self.path("decoded"), "-q"
+        )
         self.assertEqual([alt for _, alt in names], ["photograph", "rendered", "error"] * 3)
         for number, (name, alt) in enumerate(names):
             width, height, decoded = rgb(self.path("decoded", f"j{number}_photo.png"))
@@ -163,13 +183,19 @@ class Report(DataCase):
                 self.assertGreater(psnr(decoded, photo if alt == "photograph" else render), JPEG, (name, alt))
                 continue
             # The map is the brighter the larger the error; chroma at half the resolution blurs it somewhat.
-            error = [min(1, 4 / 3 / 255 * sum(abs(photo[i + c] - render[i + c]) for c in range(3))) for i in range(0, len(photo), 3)]
-            bright = [sum(decoded[i:i + 3]) / 765 for i in range(0, len(decoded), 3)]
+            error = [
+                min(1, 4 / 3 / 255 * sum(abs(photo[i + c] - render[i + c]) for c in range(3)))
+                for i in range(0, len(photo), 3)
+            ]
+            bright = [sum(decoded[i : i + 3]) / 765 for i in range(0, len(decoded), 3)]
             self.assertGreater(self.correlation(error, bright), 0.9, name)
 
     def correlation(self, a, b):
         means = [sum(values) / len(values) for values in (a, b)]
-        products = [sum((p - means[i]) * (q - means[j]) for p, q in zip(u, v)) for i, u, j, v in [(0, a, 1, b), (0, a, 0, a), (1, b, 1, b)]]
+        products = [
+            sum((p - means[i]) * (q - means[j]) for p, q in zip(u, v))
+            for i, u, j, v in [(0, a, 1, b), (0, a, 0, a), (1, b, 1, b)]
+        ]
         return products[0] / math.sqrt(products[1] * products[2])
 
     def test_views_left_out_are_named(self):
@@ -180,7 +206,9 @@ class Report(DataCase):
         for view in self.scores["per_view"][1:]:
             self.assertIn(view["name"], page.text)
         page, _, _ = self.report(self.scene, "--views", 2)
-        self.assertEqual([view[0] for view in page.views()], [self.scores["per_view"][i]["name"] for i in (0, 2)])  # evenly spread
+        self.assertEqual(
+            [view[0] for view in page.views()], [self.scores["per_view"][i]["name"] for i in (0, 2)]
+        )  # evenly spread
         page, _, _ = self.report(self.scene, "--views", 0)
         self.assertEqual((len(page.images), page.row("whole picture")[1]), (0, f"{self.scores['psnr']:.2f}"))
 
@@ -188,15 +216,24 @@ class Report(DataCase):
         page, said, _ = self.report(self.scene, self.other)
         a, b = said["scenes"]
         self.assertEqual(page.headings[0], "scene beside other")
-        self.assertEqual(page.row("PSNR, held-out views"), ["PSNR, held-out views", f"{a['psnr']:.2f} dB", f"{b['psnr']:.2f} dB", f"{b['psnr'] - a['psnr']:+.2f} dB"])
+        self.assertEqual(
+            page.row("PSNR, held-out views"),
+            ["PSNR, held-out views", f"{a['psnr']:.2f} dB", f"{b['psnr']:.2f} dB", f"{b['psnr'] - a['psnr']:+.2f} dB"],
+        )
         self.assertEqual(page.row("iterations"), ["iterations", "60", "40", "-33.3 %"])
-        self.assertEqual([alt for alt, _ in page.jpegs()[:5]], ["photograph", "rendered, A", "rendered, B", "error, A", "error, B"])
+        self.assertEqual(
+            [alt for alt, _ in page.jpegs()[:5]], ["photograph", "rendered, A", "rendered, B", "error, A", "error, B"]
+        )
         self.assertEqual(len(page.images), 15)
         at = next(i for i, row in enumerate(page.rows) if row == ["setting", "A", "B"])
-        differing = page.rows[at + 1:next(i for i in range(at + 1, len(page.rows)) if page.rows[i] == ["setting", "A", "B"])]
+        differing = page.rows[
+            at + 1 : next(i for i in range(at + 1, len(page.rows)) if page.rows[i] == ["setting", "A", "B"])
+        ]
         self.assertIn(["iterations", "60", "40"], differing)
         self.assertTrue(all(a != b for _, a, b in differing), differing)
-        self.assertEqual((page.source.count('class="line a"'), page.source.count('class="line b"')), (4, 5))  # with the key, and the outline of B's histogram
+        self.assertEqual(
+            (page.source.count('class="line a"'), page.source.count('class="line b"')), (4, 5)
+        )  # with the key, and the outline of B's histogram
 
     def test_two_of_one_name(self):
         """Scenes of the same name are told apart by their paths; the photographs may be known to one of them alone."""
@@ -245,7 +282,7 @@ class Report(DataCase):
         self.assertEqual(said["scenes"][0]["psnr"], self.scores["psnr"])
 
     def test_a_photograph_that_cannot_be_read(self):
-        data, scene = self.path("data"), self.path("scene")
+        data = self.path("data")
         shutil.copytree(self.data, data)
         self.write("data/images/000.png", read(os.path.join(data, "images", "000.png"))[:200])
         page, said, errors = self.report(self.scene, "--dataset", data)
@@ -273,7 +310,9 @@ class Report(DataCase):
         self.assertEqual((said["scenes"][0]["views"], len(page.images)), (0, 0))
         self.assertIn("There is no recorded view to show.", page.text)
         page, said, errors = self.report(self.path("x.ply"), "--dataset", self.data)
-        scores = json.loads(self.succeeds("eval", self.path("x.ply"), "--dataset", self.data, "--json", "-").stdout)["test"]
+        scores = json.loads(self.succeeds("eval", self.path("x.ply"), "--dataset", self.data, "--json", "-").stdout)[
+            "test"
+        ]
         self.assertEqual((said["scenes"][0]["views"], said["scenes"][0]["psnr"]), (scores["views"], scores["psnr"]))
         self.assertEqual(len(page.images), 3 * scores["views"])
 
@@ -290,7 +329,7 @@ class Report(DataCase):
 
     def test_hostile_names(self):
         """Names with markup, quotes, control characters and bytes that aren't UTF-8 come out as text."""
-        evil = '<script>alert("1")</script>&amp;<img src=http://x onerror=\'y\'>'
+        evil = "<script>alert(\"1\")</script>&amp;<img src=http://x onerror='y'>"
         data = self.path('d&"<b>')
         shutil.copytree(self.data, data)
         photo = "000&b<i>\"'.png"  # held out, as 000.png is
@@ -301,13 +340,43 @@ class Report(DataCase):
         scene = self.path("s<u>&'\"")
         self.succeeds("train", data, "-o", scene, "-n", 5, "--split-every", 3, "-q", *SMALL)
         described = json.loads(read(os.path.join(scene, "scene.json")))
-        knot = {"frame": 0, "time": 0, "trained": True, "world_from_object": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], "rotation": [0, 0, 0], "translation": [0, 0, 0]}
-        described["objects"] = [{"id": evil, "class": "\x07\u202e</td>" + evil, "category": "vehicle", "size": [1, 1, 1], "moving": False, "model": None, "knots": [knot]}]
-        described["modelled"] = {"caf\u00e9_s": "\u00e9", evil: evil, "data": ["</table>", "&lt;"], "objects": [{"id": evil, "modelled": False, "why": "'>" + evil}]}
+        knot = {
+            "frame": 0,
+            "time": 0,
+            "trained": True,
+            "world_from_object": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0],
+            "rotation": [0, 0, 0],
+            "translation": [0, 0, 0],
+        }
+        described["objects"] = [
+            {
+                "id": evil,
+                "class": "\x07\u202e</td>" + evil,
+                "category": "vehicle",
+                "size": [1, 1, 1],
+                "moving": False,
+                "model": None,
+                "knots": [knot],
+            }
+        ]
+        described["modelled"] = {
+            "caf\u00e9_s": "\u00e9",
+            evil: evil,
+            "data": ["</table>", "&lt;"],
+            "objects": [{"id": evil, "modelled": False, "why": "'>" + evil}],
+        }
         described["config"] = {**described["config"], evil: evil}
         self.write("s<u>&'\"/scene.json", json.dumps(described))
         report = json.loads(read(os.path.join(scene, "report.json")))
-        report.update({"command_line": f"pags {evil}", "version": evil, "kernels": "</pre>\x1b[31m", "bad_rows": 3, "first_bad_row": evil})
+        report.update(
+            {
+                "command_line": f"pags {evil}",
+                "version": evil,
+                "kernels": "</pre>\x1b[31m",
+                "bad_rows": 3,
+                "first_bad_row": evil,
+            }
+        )
         with open(os.path.join(scene, "report.json"), "wb") as file:
             file.write(json.dumps(report).encode().replace(b'"kernels": "', b'"kernels": "\xff\xc0\xaf'))
         page, _, _ = self.report(scene)
@@ -344,7 +413,9 @@ class Report(DataCase):
         shown = [int(view[0][:3]) // 2 for view in page.views()]
         self.assertIn(0, shown)
         # Evenly spread, as the first numbers of a van der Corput sequence: of 2^k and more of 64 places none is farther than 64 / 2^k from the next.
-        self.assertLessEqual(max(b - a for a, b in zip(shown, [*shown[1:], 60])), 64 // 2 ** (len(shown).bit_length() - 1), shown)
+        self.assertLessEqual(
+            max(b - a for a, b in zip(shown, [*shown[1:], 60])), 64 // 2 ** (len(shown).bit_length() - 1), shown
+        )
 
     def stopped(self, arguments, ready, number):
         """Starts the program, sends it the signal once `ready` of its id holds, and returns its exit code and stderr."""
@@ -417,13 +488,37 @@ class Report(DataCase):
 class Drive(fixtures.Case):
     def test_classes_and_objects(self):
         street, scene = self.path("street"), self.path("scene")
-        self.succeeds("synth", "street", "-o", street, "--size", "128x72", "--frames", 9, "--cameras", 1, "--samples", 2, "--objects", 3, "--lidar-points", 3000)
+        self.succeeds(
+            "synth",
+            "street",
+            "-o",
+            street,
+            "--size",
+            "128x72",
+            "--frames",
+            9,
+            "--cameras",
+            1,
+            "--samples",
+            2,
+            "--objects",
+            3,
+            "--lidar-points",
+            3000,
+        )
         self.succeeds("train", street, "-o", scene, "-n", 30, "-q")
         page = Page(os.path.join(scene, "report.html"))
         scores = json.loads(self.succeeds("eval", scene, "--split", "test", "--json", "-").stdout)["test"]
         facts = json.loads(self.succeeds("info", scene, "--objects", "--json", "-").stdout)
-        for name, region in [("critical: vehicles, pedestrians, cyclists", "critical"), ("all else", "noncritical"), ("moving", "moving"), ("moving vehicles", "vehicles")]:
-            self.assertEqual(page.row(name)[1:], [f"{scores['psnr_' + region]:.2f}", f"{scores['ssim_' + region]:.4f}"], name)
+        for name, region in [
+            ("critical: vehicles, pedestrians, cyclists", "critical"),
+            ("all else", "noncritical"),
+            ("moving", "moving"),
+            ("moving vehicles", "vehicles"),
+        ]:
+            self.assertEqual(
+                page.row(name)[1:], [f"{scores['psnr_' + region]:.2f}", f"{scores['ssim_' + region]:.4f}"], name
+            )
         modelled = {note["id"]: note for note in facts["modelled"]["objects"]}
         for thing in facts["every_object"]:
             row = page.row(thing["name"])

@@ -3,7 +3,6 @@
 rendered on each."""
 
 import os
-import unittest
 
 import fixtures
 from fixtures import Case, files_below, ply_bytes, read, run, splat
@@ -15,7 +14,17 @@ TIMED = {"report.html", "report.json", "log.jsonl"}  # log.jsonl holds seconds p
 class SameBits(Case):
     def has(self, cpu):
         one = self.write("one.ply", ply_bytes([splat(0, 0, 0, [1, 1, 1])]))
-        done = run("render", one, "--path", "orbit", "-n", 1, "-o", self.path("has-" + cpu), env={**os.environ, "PAGS_CPU": cpu})
+        done = run(
+            "render",
+            one,
+            "--path",
+            "orbit",
+            "-n",
+            1,
+            "-o",
+            self.path("has-" + cpu),
+            env={**os.environ, "PAGS_CPU": cpu},
+        )
         self.assertTrue(done.returncode == 0 or "PAGS_CPU" in done.stderr, done.stderr)
         return done.returncode == 0
 
@@ -24,11 +33,29 @@ class SameBits(Case):
         scene, pictures = self.path(cpu), self.path(cpu + "-pictures")
         self.succeeds("train", self.path("street"), "-o", scene, "-n", 150, "-q", env=environment)
         self.succeeds("render", scene, "--path", "ego", "-n", 3, "-o", pictures, "--channel", "depth", env=environment)
-        self.succeeds("render", scene, "--path", "ego", "-n", 3, "-o", pictures + "2", "--early-z", "bounded=0.004", env=environment)
+        self.succeeds(
+            "render",
+            scene,
+            "--path",
+            "ego",
+            "-n",
+            3,
+            "-o",
+            pictures + "2",
+            "--early-z",
+            "bounded=0.004",
+            env=environment,
+        )
         judged = self.succeeds("eval", scene, env=environment).stdout
-        found = {name: read(os.path.join(scene, name)) for name in files_below(scene) if name not in TIMED and not name.endswith(".pags")}
+        found = {
+            name: read(os.path.join(scene, name))
+            for name in files_below(scene)
+            if name not in TIMED and not name.endswith(".pags")
+        }
         for folder in [pictures, pictures + "2"]:
-            found.update({folder[len(pictures):] + name: read(os.path.join(folder, name)) for name in files_below(folder)})
+            found.update(
+                {folder[len(pictures) :] + name: read(os.path.join(folder, name)) for name in files_below(folder)}
+            )
         return found, judged
 
     def test_street(self):

@@ -5,7 +5,7 @@ import json
 import os
 
 import fixtures
-from fixtures import FRONT, DataCase, ply_bytes, read, some_splats
+from fixtures import DataCase, ply_bytes, read, some_splats
 
 LIMITS = ["serial", "few blocks", "longest block", "tail", "fork and join", "wake-ups", "cores", "memory"]
 
@@ -24,8 +24,12 @@ class Scaling(DataCase):
             self.assertEqual(sorted(row["lost_ms"]), sorted(LIMITS))
             # What is lost, and the work's share, are the time.
             lost = sum(row["lost_ms"].values())
-            self.assertAlmostEqual(lost + phase["ms_alone"] / row["workers"], row["ms_most"], delta=1e-3 + 1e-6 * row["ms_most"])
-        self.assertAlmostEqual(sum(s["ms_alone"] for s in phase["stages"]), phase["ms_alone"], delta=1e-6 + 1e-6 * phase["ms_alone"])
+            self.assertAlmostEqual(
+                lost + phase["ms_alone"] / row["workers"], row["ms_most"], delta=1e-3 + 1e-6 * row["ms_most"]
+            )
+        self.assertAlmostEqual(
+            sum(s["ms_alone"] for s in phase["stages"]), phase["ms_alone"], delta=1e-6 + 1e-6 * phase["ms_alone"]
+        )
 
     def check_heads(self, shown, phases):
         """'predicted' stands in the head of every table of predictions."""

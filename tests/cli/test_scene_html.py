@@ -18,7 +18,11 @@ import scenes
 from fixtures import Case
 
 CELL = 16  # metres
-HOSTILE = ["</script><script>window.injected=1</script>", '"><img src=x onerror="window.injected=1">', "&lt;b&gt; \\u2028 ]]>--><!--"]
+HOSTILE = [
+    "</script><script>window.injected=1</script>",
+    '"><img src=x onerror="window.injected=1">',
+    "&lt;b&gt; \\u2028 ]]>--><!--",
+]
 
 
 class Page:
@@ -62,8 +66,18 @@ class Page:
                         at[k] = (at[k] + (-((folded + 1) >> 1) if folded & 1 else folded >> 1)) & 0xFFFF
                     place = [cells[cell][k] + at[k] * cells[cell][3 + k] for k in range(3)]
                     label = self.planes["label"][0][i] << 8 | self.planes["label"][1][i] if palette else 0
-                    out.append((m, place, [plane[i] for plane in scale], self.rotation(i), opacity[i], [plane[i] for plane in color],
-                                [plane[label] for plane in palette], [plane[i] for plane in fourier] if i < self.header["fourierRows"] else []))
+                    out.append(
+                        (
+                            m,
+                            place,
+                            [plane[i] for plane in scale],
+                            self.rotation(i),
+                            opacity[i],
+                            [plane[i] for plane in color],
+                            [plane[label] for plane in palette],
+                            [plane[i] for plane in fourier] if i < self.header["fourierRows"] else [],
+                        )
+                    )
                     i += 1
                 cell += 1
         assert i == count, (i, count)
@@ -92,18 +106,43 @@ class Page:
 def make_rows(count, spread, seed):
     """Random Gaussians: x, y, z, scales, rotation, opacity (logit), dc, 45 harmonics, 12 colours over time."""
     dice = random.Random(seed)
-    return [[*[dice.gauss(0, spread) for _ in range(3)], *[dice.gauss(-2, 1) for _ in range(3)], *[dice.gauss(0, 1) for _ in range(4)],
-             dice.uniform(-2, 6), *[dice.gauss(0, 1) for _ in range(3)], *[dice.gauss(0, 0.2) for _ in range(45)],
-             *[dice.gauss(0, 0.3) for _ in range(12)]] for _ in range(count)]
+    return [
+        [
+            *[dice.gauss(0, spread) for _ in range(3)],
+            *[dice.gauss(-2, 1) for _ in range(3)],
+            *[dice.gauss(0, 1) for _ in range(4)],
+            dice.uniform(-2, 6),
+            *[dice.gauss(0, 1) for _ in range(3)],
+            *[dice.gauss(0, 0.2) for _ in range(45)],
+            *[dice.gauss(0, 0.3) for _ in range(12)],
+        ]
+        for _ in range(count)
+    ]
 
 
 def ply(rows, objects=None, fourier=False):
-    names = ["x", "y", "z", *[f"scale_{k}" for k in range(3)], *[f"rot_{k}" for k in range(4)], "opacity", *[f"f_dc_{k}" for k in range(3)]]
+    names = [
+        "x",
+        "y",
+        "z",
+        *[f"scale_{k}" for k in range(3)],
+        *[f"rot_{k}" for k in range(4)],
+        "opacity",
+        *[f"f_dc_{k}" for k in range(3)],
+    ]
     names += [f"f_rest_{c * 15 + k}" for k in range(15) for c in range(3)]
     names += [f"f_dc_t{k}_{c}" for k in range(1, 5) for c in range(3)] if fourier else []
-    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *[f"property float {name}" for name in names]]
+    head = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(rows)}",
+        *[f"property float {name}" for name in names],
+    ]
     head += ["property int object_id"] if objects else []
-    body = b"".join(struct.pack(f"<{len(names)}f", *row[: len(names)]) + (struct.pack("<i", objects[i]) if objects else b"") for i, row in enumerate(rows))
+    body = b"".join(
+        struct.pack(f"<{len(names)}f", *row[: len(names)]) + (struct.pack("<i", objects[i]) if objects else b"")
+        for i, row in enumerate(rows)
+    )
     return "\n".join([*head, "end_header", ""]).encode() + body
 
 
@@ -118,7 +157,9 @@ def rich_scene(folder, antialiased=False):
     models = {"background": make_rows(700, 12, 1), "car_1": make_rows(300, 1, 2)}
     for row in models["background"][:20]:
         row[10] = -6  # an opacity of 0.0025, which no picture shows
-    fixtures.write(os.path.join(scene, "background.ply"), ply(models["background"], [0 if i >= 650 else -1 for i in range(700)]))
+    fixtures.write(
+        os.path.join(scene, "background.ply"), ply(models["background"], [0 if i >= 650 else -1 for i in range(700)])
+    )
     fixtures.write(os.path.join(scene, "objects", "car_1.ply"), ply(models["car_1"], fourier=True))
     path = os.path.join(scene, "scene.json")
     description = json.loads(fixtures.read(path))
@@ -132,7 +173,10 @@ def rich_scene(folder, antialiased=False):
     sky = [dice.randrange(256) / 100 - 0.5 for _ in range(6 * 4 * 4 * 3)]
     head = b"{'descr': '<f2', 'fortran_order': False, 'shape': (6, 4, 4, 3), }"
     head += b" " * (117 - len(head)) + b"\n"
-    fixtures.write(os.path.join(scene, "sky.npy"), b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + struct.pack("<288e", *sky))
+    fixtures.write(
+        os.path.join(scene, "sky.npy"),
+        b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + struct.pack("<288e", *sky),
+    )
     description |= {"sky": "sky.npy", "antialiased": antialiased}
     fixtures.write(path, json.dumps(description))
     return description, models, sky
@@ -156,10 +200,15 @@ class SceneHtml(Case):
         self.assertEqual(re.findall(r'\b(?:src|href|action)="([^"]*)"', text), ["data:,"])
 
     def test_policy_lets_only_its_own_script_and_style_in(self):
-        policy = html.unescape(re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', self.page.text).group(1))
+        policy = html.unescape(
+            re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', self.page.text).group(1)
+        )
         rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
         self.assertEqual(rules["default-src"], "'none'")
-        for rule, pattern in [("script-src", r'<script type="module">(.*?)</script>\n</body>'), ("style-src", r"<style>(.*?)</style>")]:
+        for rule, pattern in [
+            ("script-src", r'<script type="module">(.*?)</script>\n</body>'),
+            ("style-src", r"<style>(.*?)</style>"),
+        ]:
             found = re.search(pattern, self.page.text, re.S).group(1).encode()
             self.assertEqual(rules[rule], f"'sha256-{base64.b64encode(hashlib.sha256(found).digest()).decode()}'")
         self.assertNotRegex(policy, r"unsafe|https?:|\*")
@@ -173,8 +222,17 @@ class SceneHtml(Case):
         self.assertRegex("".join(self.page.chunks), r"\A[A-Za-z0-9+/=]+\Z")
 
     def test_gaussians_come_back(self):
-        rows, left = self.page.rows(), {name: [r for r in all_rows if sigmoid(r[10]) >= (0.0157 if name == "background" else 1 / 255)] for name, all_rows in self.models.items()}
-        self.assertEqual(len(left["background"]), 680 - sum(-6 < r[10] and sigmoid(r[10]) < 0.0157 for r in self.models["background"]))
+        rows, left = (
+            self.page.rows(),
+            {
+                name: [r for r in all_rows if sigmoid(r[10]) >= (0.0157 if name == "background" else 1 / 255)]
+                for name, all_rows in self.models.items()
+            },
+        )
+        self.assertEqual(
+            len(left["background"]),
+            680 - sum(-6 < r[10] and sigmoid(r[10]) < 0.0157 for r in self.models["background"]),
+        )
         self.assertEqual(self.page.header["shDegree"], 3)
         self.assertEqual(self.said["gaussians"], len(rows))
         errors = {"scale": [], "opacity": [], "colour": [], "harmonics": [], "fourier": []}
@@ -183,11 +241,15 @@ class SceneHtml(Case):
             if object_ > 1:
                 continue  # the street's own small objects
             name = "car_1" if object_ == 1 else "background"
-            self.assertAlmostEqual(self.page.header["models"][model]["alphaMin"], 0.0157 if name == "background" else 0, delta=1e-6)
+            self.assertAlmostEqual(
+                self.page.header["models"][model]["alphaMin"], 0.0157 if name == "background" else 0, delta=1e-6
+            )
             row = min(left[name], key=lambda r: sum((r[k] - mean[k]) ** 2 for k in range(3)))
             left[name].remove(row)
             for k in range(3):
-                self.assertAlmostEqual(row[k], mean[k], delta=CELL / 65535 / 2 + 2e-5)  # and what a float of 100 m rounds
+                self.assertAlmostEqual(
+                    row[k], mean[k], delta=CELL / 65535 / 2 + 2e-5
+                )  # and what a float of 100 m rounds
             length = math.sqrt(sum(q * q for q in row[6:10]))
             turn = 2 * math.acos(min(1, abs(sum(row[6 + k] * rotation[k] for k in range(4))) / length))
             self.assertLess(math.degrees(turn), 0.25)
@@ -218,7 +280,9 @@ class SceneHtml(Case):
             for k in range(3):
                 self.assertAlmostEqual(poses[i][k], knot["world_from_object"][4 * k + 3] - scenes.ORIGIN[k], delta=1e-4)
             self.assertAlmostEqual(abs(poses[i][3]), 1, delta=1e-6)
-        self.assertLess(max(b - a for a, b in zip(times, times[1:])), 0.051)  # half a label's distance, before the first and after the last
+        self.assertLess(
+            max(b - a for a, b in zip(times, times[1:])), 0.051
+        )  # half a label's distance, before the first and after the last
         self.assertNotIn("times", next(model for model in self.page.header["models"] if model["object"] == 0))  # parked
 
     def test_sky_and_options(self):
@@ -226,7 +290,10 @@ class SceneHtml(Case):
         self.assertEqual(len(texels), len(self.sky))
         for found, value in zip(texels, self.sky):
             self.assertAlmostEqual(found, value, delta=0.01)  # of 256 values over a range of 2.55
-        self.assertEqual([self.page.header[key] for key in ("origin", "antialiased", "lowPass")], [scenes.ORIGIN, False, self.page.header["lowPass"]])
+        self.assertEqual(
+            [self.page.header[key] for key in ("origin", "antialiased", "lowPass")],
+            [scenes.ORIGIN, False, self.page.header["lowPass"]],
+        )
         self.assertAlmostEqual(self.page.header["lowPass"], 0.3, delta=1e-6)
         self.assertEqual(len(self.page.header["scene"]["views"]), 30)
 
@@ -263,11 +330,17 @@ class SceneHtml(Case):
         self.assertEqual(said["sh_degree"], 0)
         self.assertGreater(said["left_out"], 0)
         self.assertEqual(said["gaussians"], self.said["gaussians"] - said["left_out"])
-        self.assertLess(said["left_out_share"], 0.5 * said["left_out"] / self.said["gaussians"])  # the faintest: much less than their share
+        self.assertLess(
+            said["left_out_share"], 0.5 * said["left_out"] / self.said["gaussians"]
+        )  # the faintest: much less than their share
         self.assertIn(f"the {said['left_out']} faintest Gaussians", out)
 
     def test_target_size_that_nothing_keeps(self):
-        self.fails(["export", self.scene, self.path("no.html"), "--target-size", "1000"], "--target-size 1000", "expected at least")
+        self.fails(
+            ["export", self.scene, self.path("no.html"), "--target-size", "1000"],
+            "--target-size 1000",
+            "expected at least",
+        )
         self.assertFalse(os.path.exists(self.path("no.html")))
         self.fails(["export", self.scene, self.path("no.ply"), "--target-size", "1M"], "--target-size", ".html", code=2)
 
@@ -277,7 +350,9 @@ class SceneHtml(Case):
         page = Page(self.path("bare.html"))
         self.assertEqual([model["object"] for model in page.header["models"]], [-1])
         self.assertEqual(page.header["scene"]["views"], [])
-        self.succeeds("export", ply_file, self.path("bare.html"), "--target-size", os.path.getsize(self.path("bare.html")) - 2500)
+        self.succeeds(
+            "export", ply_file, self.path("bare.html"), "--target-size", os.path.getsize(self.path("bare.html")) - 2500
+        )
 
 
 if __name__ == "__main__":

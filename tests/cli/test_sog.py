@@ -89,7 +89,9 @@ class Written(Case):
         rows = [splat(i % 71 * 0.37, i // 71 * 0.53, 1.0, [0.5, 0.5, 0.5]) for i in range(5000)]
         flat = self.write("flat.ply", ply_bytes(rows))
         self.export_sog(flat, "flat.sog")
-        self.assertEqual(json.loads(self.succeeds("info", self.path("flat.sog"), "--json", "-").stdout)["gaussians"], 5000)
+        self.assertEqual(
+            json.loads(self.succeeds("info", self.path("flat.sog"), "--json", "-").stdout)["gaussians"], 5000
+        )
 
     def test_gltf_comes_back(self):
         for name in ["a.glb", "a.gltf"]:
@@ -126,13 +128,17 @@ class Facts(Case):
         with open(self.ply, "rb") as file:
             head, body = file.read().split(b"end_header\n", 1)
         for axis, up in [("z", "+z"), ("0 1 0", "+y"), ("", "-y")]:
-            comments = "comment SplatRenderMode: mip\ncomment offset 500000 4600000 100\n" + (f"comment Vertical axis: {axis}\n" if axis else "")
+            comments = "comment SplatRenderMode: mip\ncomment offset 500000 4600000 100\n" + (
+                f"comment Vertical axis: {axis}\n" if axis else ""
+            )
             source = self.write("said.ply", head + comments.encode() + b"end_header\n" + body)
             for name, more in [("a.glb", ["--splats"]), ("a.SOG", []), ("new/META.json", [])]:
                 written, said = self.export(source, name, *more)
                 self.assertNotIn("can't hold", said)
                 found = self.facts(written)
-                self.assertEqual((found["antialiased"], found["origin"], found["up"]), (True, [500000, 4600000, 100], up), name)
+                self.assertEqual(
+                    (found["antialiased"], found["origin"], found["up"]), (True, [500000, 4600000, 100], up), name
+                )
 
     def test_axes(self):
         self.export(self.ply, "a.sog")
@@ -163,8 +169,19 @@ class TrainingOutputs(Case):
             os.makedirs(self.path("out", "point_cloud", f"iteration_{iteration}"))
             rows = [splat(0.1 * i, 0, 4, [1, 0, 0]) for i in range(count)]
             self.write(f"out/point_cloud/iteration_{iteration}/point_cloud.ply", ply_bytes(rows))
-        cameras = [{"id": i, "img_name": f"view{i}", "width": 64, "height": 48, "position": [0.1 * i, 0, 0],
-                    "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "fy": 60.0, "fx": 61.0} for i in range(3)]
+        cameras = [
+            {
+                "id": i,
+                "img_name": f"view{i}",
+                "width": 64,
+                "height": 48,
+                "position": [0.1 * i, 0, 0],
+                "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+                "fy": 60.0,
+                "fx": 61.0,
+            }
+            for i in range(3)
+        ]
         self.cameras = self.write("out/cameras.json", json.dumps(cameras).encode())
         self.write("out/cfg_args", b"Namespace(sh_degree=3, white_background=True)")
 
@@ -192,7 +209,10 @@ class TrainingOutputs(Case):
         os.makedirs(self.path("out", "point_cloud", "iteration_40000"))
         done = self.succeeds("info", self.path("out"), "--json", "-")
         self.assertEqual(json.loads(done.stdout)["gaussians"], 5)
-        self.assertIn("iteration_40000, the newest, has no point_cloud.ply; iteration_30000 is taken", json.loads(done.stdout)["warnings"][0])
+        self.assertIn(
+            "iteration_40000, the newest, has no point_cloud.ply; iteration_30000 is taken",
+            json.loads(done.stdout)["warnings"][0],
+        )
         self.assertEqual(run("info", self.path("out"), "--strict").returncode, 1)
 
     def test_lfs_pointers_are_named(self):
@@ -201,7 +221,9 @@ class TrainingOutputs(Case):
             done = run(*verb)
             self.assertEqual(done.returncode, 1)
             self.assertIn("iteration_30000/point_cloud.ply: a Git LFS pointer", done.stderr)
-        self.assertRegex(run("info", self.write("out/cameras.json", POINTER)).stderr, "cameras.json: .*pointer.*git lfs pull")
+        self.assertRegex(
+            run("info", self.write("out/cameras.json", POINTER)).stderr, "cameras.json: .*pointer.*git lfs pull"
+        )
 
     def test_cameras_as_paths(self):
         facts = json.loads(self.succeeds("info", self.cameras, "--json", "-").stdout)
@@ -212,20 +234,34 @@ class TrainingOutputs(Case):
         self.assertEqual(len(os.listdir(self.path("drawn"))), 3)
 
     def test_nerfstudio_paths(self):
-        path = {"camera_type": "perspective", "render_width": 64, "render_height": 48, "fps": 24, "crop": None,
-                "camera_path": [{"camera_to_world": [1, 0, 0, 2, 0, 1, 0, 3, 0, 0, 1, 4, 0, 0, 0, 1], "fov": 90, "aspect": 1}]}
+        path = {
+            "camera_type": "perspective",
+            "render_width": 64,
+            "render_height": 48,
+            "fps": 24,
+            "crop": None,
+            "camera_path": [
+                {"camera_to_world": [1, 0, 0, 2, 0, 1, 0, 3, 0, 0, 1, 4, 0, 0, 0, 1], "fov": 90, "aspect": 1}
+            ],
+        }
         name = self.write("path.json", json.dumps(path).encode())
         facts = json.loads(self.succeeds("info", name, "--strict", "--json", "-").stdout)
         self.assertEqual((facts["kind"], facts["fps"], facts["position"]), ("path", 24, [2, 3, 4]))
         self.assertAlmostEqual(facts["fx_fy_cx_cy"][0], 24)
-        ply = self.write("behind.ply", ply_bytes([splat(2, 3, 0, [1, 0, 0], sigma=0.5)]))  # 4 m ahead: the camera looks along -z
+        ply = self.write(
+            "behind.ply", ply_bytes([splat(2, 3, 0, [1, 0, 0], sigma=0.5)])
+        )  # 4 m ahead: the camera looks along -z
         done = self.succeeds("render", ply, "--camera", name, "-o", self.path("drawn"), "--json", "-")
         self.assertEqual(json.loads(done.stdout)["frames"][0]["in_view"], 1)
         views = self.write("transforms.json", json.dumps({"frames": [{"transform_matrix": []}]}).encode())
-        self.assertIn("--split all --dataset FOLDER", run("render", ply, "--path", views, "-o", self.path("none")).stderr)
+        self.assertIn(
+            "--split all --dataset FOLDER", run("render", ply, "--path", views, "-o", self.path("none")).stderr
+        )
         path["crop"] = {"crop_center": [0, 0, 0]}
         name = self.write("path.json", json.dumps(path).encode())
-        self.assertIn("its 'crop' is ignored", json.loads(self.succeeds("info", name, "--json", "-").stdout)["warnings"][0])
+        self.assertIn(
+            "its 'crop' is ignored", json.loads(self.succeeds("info", name, "--json", "-").stdout)["warnings"][0]
+        )
         path["camera_type"] = "equirectangular"
         self.assertIn("which PAGS can't draw", run("info", self.write("path.json", json.dumps(path).encode())).stderr)
 

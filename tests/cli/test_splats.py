@@ -52,7 +52,10 @@ class Reading(Splats):
         facts = self.info("nan.ply")
         self.assertEqual(facts["gaussians"], 37)
         self.assertEqual(len(facts["warnings"]), 1)
-        self.assertIn("3 of 40 Gaussians are left out, since a value isn't finite; the first is 7 (its position)", facts["warnings"][0])
+        self.assertIn(
+            "3 of 40 Gaussians are left out, since a value isn't finite; the first is 7 (its position)",
+            facts["warnings"][0],
+        )
         self.fails(["info", self.path("nan.ply"), "--strict"], "left out")
         for row in rows:
             row[2] = math.nan
@@ -79,8 +82,12 @@ class Reading(Splats):
         rows = [splat(0, 0, 2, (1, 0.5, 0)), splat(1, 0, 2, (0.2, 0.4, 0.6))]
         head = ["ply", "format binary_little_endian 1.0", "element vertex 2"]
         names = ["x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
-        head += [f"property float {name}" for name in names] + [f"property uchar {name}" for name in ("red", "green", "blue")]
-        body = b"".join(struct.pack("<11f3B", *row[:3], *row[9:], *rgb) for row, rgb in zip(rows, [(255, 128, 0), (51, 102, 153)]))
+        head += [f"property float {name}" for name in names] + [
+            f"property uchar {name}" for name in ("red", "green", "blue")
+        ]
+        body = b"".join(
+            struct.pack("<11f3B", *row[:3], *row[9:], *rgb) for row, rgb in zip(rows, [(255, 128, 0), (51, 102, 153)])
+        )
         self.write("rgb.ply", "\n".join(head + ["end_header", ""]).encode() + body)
         self.works("export", self.path("rgb.ply"), self.path("rgb.splat"))
         self.works("export", self.write("dc.ply", ply_bytes(rows)), self.path("dc.splat"))
@@ -93,9 +100,16 @@ class Reading(Splats):
             count = 3 * per_channel
             head = ply_bytes(some_splats()[:2]).split(b"property float opacity")[0]
             head += b"".join(b"property float f_rest_%d\n" % i for i in range(count))
-            head += b"".join(f"property float {n}\n".encode() for n in ("opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"))
+            head += b"".join(
+                f"property float {n}\n".encode()
+                for n in ("opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
+            )
             rest = [channel + k / 100 if k < 15 else 99 for channel in range(3) for k in range(per_channel)]
-            return head + b"end_header\n" + b"".join(struct.pack(f"<{17 + count}f", *row[:9], *rest, *row[9:]) for row in some_splats()[:2])
+            return (
+                head
+                + b"end_header\n"
+                + b"".join(struct.pack(f"<{17 + count}f", *row[:9], *rest, *row[9:]) for row in some_splats()[:2])
+            )
 
         self.write("four.ply", ply(24))
         self.write("three.ply", ply(15))
@@ -117,7 +131,12 @@ class Reading(Splats):
         ]:
             self.write("flag.ply", with_comments(some_splats(), comment))
             self.assertEqual(self.info("flag.ply")["antialiased"], antialiased, comment)
-        for comment, up in [("Vertical Axis: z", "+z"), ("Vertical axis: y", "-y"), ("vertical axis: 0 1 0", "+y"), ("Vertical axis: 0 -1 0", "-y")]:
+        for comment, up in [
+            ("Vertical Axis: z", "+z"),
+            ("Vertical axis: y", "-y"),
+            ("vertical axis: 0 1 0", "+y"),
+            ("Vertical axis: 0 -1 0", "-y"),
+        ]:
             self.write("up.ply", with_comments(some_splats(), comment))
             self.assertEqual(self.info("up.ply")["up"], up, comment)
 
@@ -224,13 +243,23 @@ class RoundTrips(Splats):
 
     def setUp(self):
         super().setUp()
-        self.write("a.ply", with_comments(some_splats(), "SplatRenderMode: mip", "Vertical axis: z", "offset 500000.5 4600000 -100"))
+        self.write(
+            "a.ply",
+            with_comments(some_splats(), "SplatRenderMode: mip", "Vertical axis: z", "offset 500000.5 4600000 -100"),
+        )
         facts = self.info("a.ply")
         self.wanted = [facts[key] for key in FACTS]
         self.assertEqual(self.wanted, [True, "+z", [500000.5, 4600000, -100]])
 
     def test_formats_that_hold_them(self):
-        for name, options in [("b.ply", ()), ("b.pagsz", ()), ("b.spz", ()), ("c.spz", ("--spz-version", "4")), ("D.SPZ", ()), ("E.Ply", ())]:
+        for name, options in [
+            ("b.ply", ()),
+            ("b.pagsz", ()),
+            ("b.spz", ()),
+            ("c.spz", ("--spz-version", "4")),
+            ("D.SPZ", ()),
+            ("E.Ply", ()),
+        ]:
             self.works("export", self.path("a.ply"), self.path(name), "--strict", *options)
             facts = self.info(name, "--strict")
             self.assertEqual([facts[key] for key in FACTS], self.wanted, name)
@@ -306,7 +335,9 @@ class RoundTrips(Splats):
         self.assertEqual([facts["up_from"] for facts in said], ["option", "default", "file"])
         self.assertIn("-y, assumed; --up overrides", self.works("info", self.path("bare.ply")))
         self.assertNotIn("assumed", self.works("info", self.path("z.ply")))
-        self.works("render", self.path("bare.ply"), "--up", "z", "-n", "2", "--downscale", "16", "-o", self.path("pictures"))
+        self.works(
+            "render", self.path("bare.ply"), "--up", "z", "-n", "2", "--downscale", "16", "-o", self.path("pictures")
+        )
 
     def test_spz_beyond_its_range(self):
         rows = some_splats()
@@ -327,7 +358,16 @@ class Points(Splats):
 
     def dataset(self, ply):
         frame = {"file_path": "a.png", "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]}
-        head = {"w": 16, "h": 16, "fl_x": 16, "fl_y": 16, "cx": 8, "cy": 8, "ply_file_path": "points.ply", "frames": [frame]}
+        head = {
+            "w": 16,
+            "h": 16,
+            "fl_x": 16,
+            "fl_y": 16,
+            "cx": 8,
+            "cy": 8,
+            "ply_file_path": "points.ply",
+            "frames": [frame],
+        }
         self.write("d/transforms.json", json.dumps(head))
         self.write("d/points.ply", ply)
         self.write("d/a.png", png_bytes(16, 16, bytes(768)))
@@ -338,7 +378,9 @@ class Points(Splats):
         head = f"ply\n{comment}format {form} 1.0\n{before}element vertex {len(values)}\n"
         head += "".join(f"property {types} {axis}\n" for axis in "xyz") + "end_header\n"
         code = {"float": "f", "double": "d"}[types]
-        return head.encode() + (bytes(4) if before else b"") + b"".join(struct.pack(f"{order}3{code}", *v) for v in values)
+        return (
+            head.encode() + (bytes(4) if before else b"") + b"".join(struct.pack(f"{order}3{code}", *v) for v in values)
+        )
 
     def test_what_programs_write(self):
         values = [(i / 7, i / 9, i / 11) for i in range(60)]

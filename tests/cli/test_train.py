@@ -35,13 +35,13 @@ class Train(DataCase):
         """Sets the mean's x of every fourth Gaussian in a checkpoint to NaN. Its sections are tag, size, payload and CRC."""
         data = bytearray(read(checkpoint))
         at = 8
-        while data[at:at + 4] != b"GAUS":
+        while data[at : at + 4] != b"GAUS":
             at += 16 + struct.unpack_from("<Q", data, at + 4)[0]
         size = struct.unpack_from("<Q", data, at + 4)[0]
-        rows = len(data[at + 12:at + 12 + size]) // 4 // 59
+        rows = len(data[at + 12 : at + 12 + size]) // 4 // 59
         for row in range(0, rows, 4):
             struct.pack_into("<f", data, at + 12 + 4 * row, float("nan"))
-        struct.pack_into("<I", data, at + 12 + size, zlib.crc32(data[at:at + 12 + size]))
+        struct.pack_into("<I", data, at + 12 + size, zlib.crc32(data[at : at + 12 + size]))
         with open(checkpoint, "wb") as file:
             file.write(data)
 
@@ -50,8 +50,11 @@ class Train(DataCase):
         self.assertEqual(self.train(out, iterations=40)["bad_rows"], 0)
         self.spoil(os.path.join(out, "checkpoint.pags"))
         more = ["train", self.data, "-o", out, "-n", 60, "--resume", "--log-every", 1, "--json", "-", *SMALL]
-        self.fails([*more, "-q", "--max-bad-rows", 200], "200 are allowed; the first was mean x of row ",
-                   "of the background at step 41")
+        self.fails(
+            [*more, "-q", "--max-bad-rows", 200],
+            "200 are allowed; the first was mean x of row ",
+            "of the background at step 41",
+        )
         result = json.loads(self.succeeds(*more, "--max-bad-rows", 1000000).stdout)
         self.assertGreater(result["bad_rows"], 200)
         self.assertIn("mean x of row ", result["first_bad_row"])
@@ -72,11 +75,15 @@ class Train(DataCase):
         held = [line for line in lines if "held_out_psnr" in line]
         self.assertEqual([(line["step"], line["held_out_views"]) for line in held], [(20, 2), (40, 2), (60, 2)])
         scores = json.loads(self.succeeds("eval", measured, "--split", "test", "--json", "-").stdout)
-        self.assertAlmostEqual(held[-1]["held_out_psnr"], scores["test"]["psnr"], delta=0.01)  # the scene went through PLY
+        self.assertAlmostEqual(
+            held[-1]["held_out_psnr"], scores["test"]["psnr"], delta=0.01
+        )  # the scene went through PLY
         self.train(resumed, *often, "--set", "schedule_iterations=60", iterations=40)
         self.train(resumed, *often, "--resume", iterations=60)
-        self.assertEqual([line for line in read(os.path.join(resumed, "log.jsonl")).splitlines() if b"held_out" in line],
-                         [line for line in read(os.path.join(measured, "log.jsonl")).splitlines() if b"held_out" in line])
+        self.assertEqual(
+            [line for line in read(os.path.join(resumed, "log.jsonl")).splitlines() if b"held_out" in line],
+            [line for line in read(os.path.join(measured, "log.jsonl")).splitlines() if b"held_out" in line],
+        )
 
     def test_train_eval_render_info(self):
         out = self.path("scene")
@@ -114,7 +121,15 @@ class Train(DataCase):
         self.succeeds("render", os.path.join(out, "background.ply"), "-n", 1, "-o", self.path("bare"))
 
     def test_every_field_of_the_configuration_is_listed(self):
-        self.train(self.path("scene"), "--set", "lidar_pull=0.25", "--set", "densify_gradient=0.0003", "--antialiased", iterations=1)
+        self.train(
+            self.path("scene"),
+            "--set",
+            "lidar_pull=0.25",
+            "--set",
+            "densify_gradient=0.0003",
+            "--antialiased",
+            iterations=1,
+        )
         config = json.loads(read(self.path("scene", "scene.json")))["config"]
         self.assertEqual((config["lidar_pull"], config["densify_gradient"], config["antialiased"]), (0.25, 0.0003, 1))
         listed = re.findall(r"^  ([a-z]\w*) ", self.succeeds("train", "--fields").stdout, re.M)
@@ -192,8 +207,22 @@ class Train(DataCase):
 
     def test_checkpoints_by_the_clock(self):
         out = self.path("scene")
-        command = [fixtures.PAGS, "train", self.data, "-o", out, "--iterations", "1000000", "--checkpoint-every", "0", "--checkpoint-minutes", "0.001"]
-        running = subprocess.Popen([*command, "-q", *SMALL], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        command = [
+            fixtures.PAGS,
+            "train",
+            self.data,
+            "-o",
+            out,
+            "--iterations",
+            "1000000",
+            "--checkpoint-every",
+            "0",
+            "--checkpoint-minutes",
+            "0.001",
+        ]
+        running = subprocess.Popen(
+            [*command, "-q", *SMALL], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
         for _ in range(1200):
             if running.poll() is not None or os.path.exists(os.path.join(out, "checkpoint.pags")):
                 break
@@ -213,8 +242,14 @@ class Train(DataCase):
         self.assertEqual(self.succeeds(*words, 10, "-o", self.path("alike")).stderr, "")
         self.assertEqual(self.succeeds(*words, 30, "-o", self.path("alike"), "--resume").stderr, "")
         self.succeeds(*words, 10, "-o", self.path("mixed"), env=plain)
-        said = [self.succeeds(*words, n, "-o", self.path("mixed"), "--resume", env=env).stderr for n, env in [(20, None), (30, plain), (30, None)]]
-        same = all(read(self.path(name, "background.ply")) == read(self.path("whole", "background.ply")) for name in ["alike", "mixed"])
+        said = [
+            self.succeeds(*words, n, "-o", self.path("mixed"), "--resume", env=env).stderr
+            for n, env in [(20, None), (30, plain), (30, None)]
+        ]
+        same = all(
+            read(self.path(name, "background.ply")) == read(self.path("whole", "background.ply"))
+            for name in ["alike", "mixed"]
+        )
         kernels = [] if same else ["scalar", self.succeeds("--version").stdout.split("run here; ")[1].split()[0]]
         self.assertEqual([line.count("the bits will differ") for line in said], [len(kernels) // 2] * 2 + [0], said)
         for name, line in zip(kernels, said):
@@ -246,13 +281,17 @@ class Train(DataCase):
 
     def test_resume_without_a_checkpoint(self):
         out, more = self.path("scene"), ["--iterations", 60, "--resume", *SMALL]
-        begun = self.succeeds("train", self.data, "-o", out, *more)  # there is no checkpoint yet: it reports that the run begins
+        begun = self.succeeds(
+            "train", self.data, "-o", out, *more
+        )  # there is no checkpoint yet: it reports that the run begins
         self.assertIn("no checkpoint to go on from: the run begins", begun.stdout)
         os.remove(os.path.join(out, "checkpoint.pags"))
         before = {name: read(os.path.join(out, name)) for name in files_below(out)}
         self.fails(["train", self.data, "-o", out, *more, "-q"], out, "no checkpoint to go on from", "--overwrite")
         self.assertEqual({name: read(os.path.join(out, name)) for name in files_below(out)}, before)
-        os.remove(os.path.join(out, "scene.json"))  # the folder as left by a run that was killed before its first checkpoint
+        os.remove(
+            os.path.join(out, "scene.json")
+        )  # the folder as left by a run that was killed before its first checkpoint
         again = self.succeeds("train", self.data, "-o", out, *more)
         self.assertIn("the run begins", again.stdout)
         self.assertIn("checkpoint.pags", files_below(out))

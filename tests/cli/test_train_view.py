@@ -23,7 +23,19 @@ class Watched(Case):
         cls.data = make_dataset(os.path.join(cls.shared_folder(), "data"), views=9, width=192, height=144)
 
     def start(self, out, *options, steps=120):
-        run = Run(self.data, "-o", out, "-n", steps, *SMALL, "--preview-every", 50, "--json", self.path("train.json"), *options)
+        run = Run(
+            self.data,
+            "-o",
+            out,
+            "-n",
+            steps,
+            *SMALL,
+            "--preview-every",
+            50,
+            "--json",
+            self.path("train.json"),
+            *options,
+        )
         self.addCleanup(run.process.stdout.close)
         self.addCleanup(lambda: run.process.poll() is None and run.process.kill())
         return run
@@ -52,9 +64,14 @@ class Watched(Case):
         try:
             while True:
                 number += 1
-                page.look({**start, "width": width, "height": height, "time": 0}, channel=["color", "depth", "priority"][number % 3])
+                page.look(
+                    {**start, "width": width, "height": height, "time": 0},
+                    channel=["color", "depth", "priority"][number % 3],
+                )
                 found = page.picture()
-                self.assertEqual(jpeg_size(found[1])[0] * found[0]["height"], found[0]["width"] * jpeg_size(found[1])[1])
+                self.assertEqual(
+                    jpeg_size(found[1])[0] * found[0]["height"], found[0]["width"] * jpeg_size(found[1])[1]
+                )
                 facts.append(found[0])
                 if number % 3 == 0:
                     state = self.state(page)
@@ -105,7 +122,20 @@ class Bits(Watched):
     def test_street(self):
         """Of a drive, where no photograph shows everything, so that updates of what it doesn't show are pending when a page draws it."""
         street, alone, watched = self.path("street"), self.path("alone"), self.path("watched")
-        done = fixtures.run("synth", "street", "-o", street, "--size", "96x54", "--frames", 6, "--lidar-points", 1000, "--no-shifts", "-q")
+        done = fixtures.run(
+            "synth",
+            "street",
+            "-o",
+            street,
+            "--size",
+            "96x54",
+            "--frames",
+            6,
+            "--lidar-points",
+            1000,
+            "--no-shifts",
+            "-q",
+        )
         if "not in this build" in done.stderr:
             self.skipTest("this build has no pags synth")
         self.assertEqual(done.returncode, 0, done.stderr)
@@ -128,12 +158,20 @@ class Bits(Watched):
         steps = [point[0] for point in points]
         self.assertEqual(steps, sorted(set(steps)))
         self.assertEqual(len(points[0]), 6)
-        log = {line["step"]: line for line in map(json.loads, read(os.path.join(out, "log.jsonl")).splitlines()) if "loss" in line}
+        log = {
+            line["step"]: line
+            for line in map(json.loads, read(os.path.join(out, "log.jsonl")).splitlines())
+            if "loss" in line
+        }
         common = [point for point in points if point[0] in log]
         self.assertGreater(len(common), 3)
         for step, loss, psnr, gaussians, *_ in common:
             self.assertEqual((loss, psnr, gaussians), (log[step]["loss"], log[step]["psnr"], log[step]["gaussians"]))
-        held = [[line["step"], line["held_out_psnr"]] for line in map(json.loads, read(os.path.join(out, "log.jsonl")).splitlines()) if "held_out_psnr" in line]
+        held = [
+            [line["step"], line["held_out_psnr"]]
+            for line in map(json.loads, read(os.path.join(out, "log.jsonl")).splitlines())
+            if "held_out_psnr" in line
+        ]
         self.assertGreater(len(state["heldOut"]), 1)
         self.assertEqual(state["heldOut"], held[: len(state["heldOut"])])
         worst = [view["psnr"] for view in state["worst"]]
@@ -167,7 +205,9 @@ class Time(Watched):
         for share in [0.1, 0.4]:
             pictures, watched, trained, longest = self.measure(share)
             taken = watched / (watched + trained)
-            print(f"share {share}: {pictures} pictures took {taken:.3f} of {watched + trained:.1f} s, the longest {longest:.3f} s")
+            print(
+                f"share {share}: {pictures} pictures took {taken:.3f} of {watched + trained:.1f} s, the longest {longest:.3f} s"
+            )
             # Credit of a while without pictures, and the last picture's debt; encoding isn't in drawMs: as long again.
             self.assertLess(watched, share * (watched + trained) + CREDIT + 2 * longest + 0.05)
             self.assertGreater(taken, share / 4, "it takes far less than it may, though the page asks all the time")

@@ -108,7 +108,14 @@ class Usage(Case):
 
     def test_settings(self):
         train = ["train", "x", "-o", "y", "--check-options"]
-        for good in ["densify_from=0", "densify_until=auto", "densify_until=-1", "strategy=mcmc", "background_b=0.5", "seed=18446744073709551615"]:
+        for good in [
+            "densify_from=0",
+            "densify_until=auto",
+            "densify_until=-1",
+            "strategy=mcmc",
+            "background_b=0.5",
+            "seed=18446744073709551615",
+        ]:
             self.succeeds(*train, "--set", good)
         self.refused([*train, "--set", "densify_fro=5"], "densify_fro=5", "did you mean 'densify_from'")
         self.refused([*train, "--set", "qqqqqqqq=5"], "unknown training field 'qqqqqqqq'", "--fields")
@@ -119,9 +126,13 @@ class Usage(Case):
         self.refused([*train, "--set", "densify_from=x"], "densify_from: expected a whole number, got 'x'")
         self.refused([*train, "--set", "densify_from=auto"], "densify_from: expected a whole number, got 'auto'")
         self.refused([*train, "--set", "densify_from=-1"], "densify_from: -1 lies outside of 0..1000000000")
-        self.refused([*train, "--set", "critical_weight=0.5"], "critical_weight: 0.5 lies outside of 1..100 and isn't auto")
+        self.refused(
+            [*train, "--set", "critical_weight=0.5"], "critical_weight: 0.5 lies outside of 1..100 and isn't auto"
+        )
         self.refused([*train, "--set", "strategy=mc"], "strategy: expected one of default|mcmc, got 'mc'")
-        self.refused([*train, "--set", "alpha=0.1", "--set", "alpha=2", "--set", "beta1=0"], "alpha: 2")  # the last --set of a field counts
+        self.refused(
+            [*train, "--set", "alpha=0.1", "--set", "alpha=2", "--set", "beta1=0"], "alpha: 2"
+        )  # the last --set of a field counts
         self.succeeds(*train, "--set", "alpha=2", "--set", "alpha=1")
         self.succeeds(*train, "--set", "alpha=1", "--alpha", "0.5")
 
@@ -136,18 +147,29 @@ class Usage(Case):
         self.assertEqual(len(re.findall(r"\[[^]]+; default [^]]+\]", words)), len(fields))
         self.assertIn("presets plain and paper 0.2]", words)  # the longest is whole
         self.assertNotIn("default -1", words)
-        for row in ["[steps of 30 000; 0 to 1e9; default 500]", "[px^2; 0 to 100; default 0.3]", "[0 or 1; default 1]",
-                    "[times the position rate; 0 to 1e9; default 500000]", "[default|mcmc; default default]",
-                    "[0 or 1; default auto: 1; preset fast 1, plain 0, paper 0]", "[1; 0 to 2^64 - 1; default 0]"]:
+        for row in [
+            "[steps of 30 000; 0 to 1e9; default 500]",
+            "[px^2; 0 to 100; default 0.3]",
+            "[0 or 1; default 1]",
+            "[times the position rate; 0 to 1e9; default 500000]",
+            "[default|mcmc; default default]",
+            "[0 or 1; default auto: 1; preset fast 1, plain 0, paper 0]",
+            "[1; 0 to 2^64 - 1; default 0]",
+        ]:
             self.assertIn(row, words)
         for field in fields:
             self.refused(["train", "x", "-o", "y", "--check-options", "--set", f"{field}=?"], field)
 
     def test_options_of_old_are_told(self):
         """A former option that is now a field is refused with a message that shows the form --set FIELD=VALUE."""
-        for flag, form in [(["--densify-from", "500"], "--set densify_from=N"), (["--no-fourier"], "--set fourier=0"), (["--rolling-shutter"], "--set rolling_shutter=1"),
-                           (["--near=1"], "--set near_plane=N"), (["--position-rate", "1"], "--set position_rate_begin=N"),
-                           (["--hybrid", "sum"], "--set hybrid=auto|sum|product")]:
+        for flag, form in [
+            (["--densify-from", "500"], "--set densify_from=N"),
+            (["--no-fourier"], "--set fourier=0"),
+            (["--rolling-shutter"], "--set rolling_shutter=1"),
+            (["--near=1"], "--set near_plane=N"),
+            (["--position-rate", "1"], "--set position_rate_begin=N"),
+            (["--hybrid", "sum"], "--set hybrid=auto|sum|product"),
+        ]:
             said = self.refused(["train", "x", "-o", "y", *flag])
             self.assertEqual(said, f"pags train: {flag[0].split('=')[0]} is now {form}")
         self.refused(["train", "x", "-o", "y", "--no-alpha"], "unknown option '--no-alpha'")
@@ -185,7 +207,9 @@ class Usage(Case):
         first, *rest = self.succeeds("--version").stdout.splitlines()
         facts = dict(line.split(":", 1) for line in rest)
         header = fixtures.read(os.path.join(os.path.dirname(__file__), "../../engine/include/pags/base.h")).decode()
-        version = ".".join(re.search(rf"#define PAGS_VERSION_{part} (\d+)\n", header)[1] for part in ["MAJOR", "MINOR", "PATCH"])
+        version = ".".join(
+            re.search(rf"#define PAGS_VERSION_{part} (\d+)\n", header)[1] for part in ["MAJOR", "MINOR", "PATCH"]
+        )
         self.assertEqual(first, f"pags {version}")
         self.assertRegex(facts["commit"], r"^   ([0-9a-f]{12}\+?|unknown|[0-9a-f]{7,40})$")
         self.assertRegex(facts["compiler"], r"^ \w+ [\d.]+, \w*, \w+ \w+$")

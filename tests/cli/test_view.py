@@ -63,7 +63,9 @@ class Door(ViewCase):
             self.assertNotIn("set-cookie", headers)
             self.assertEqual(int(headers["content-length"]), len(body), name)
             names |= set(re.findall(r"from '\./([\w.]+)'", body.decode()))
-            self.assertNotRegex(body.decode().replace("http://www.w3.org/2000/svg", ""), r"https?://", f"{name} leads elsewhere")
+            self.assertNotRegex(
+                body.decode().replace("http://www.w3.org/2000/svg", ""), r"https?://", f"{name} leads elsewhere"
+            )
         self.assertGreaterEqual(len(seen), 8, seen)
 
     def test_nothing_inline_that_the_policy_forbids(self):
@@ -72,7 +74,9 @@ class Door(ViewCase):
 
     def test_description(self):
         self.assertEqual(self.description["name"], "street")
-        self.assertEqual([item["id"] for item in self.description["objects"]], ["parked_0", "car_1", "three_2", "flat_3", "empty_4"])
+        self.assertEqual(
+            [item["id"] for item in self.description["objects"]], ["parked_0", "car_1", "three_2", "flat_3", "empty_4"]
+        )
         self.assertEqual([item["gaussians"] for item in self.description["objects"]], [900, 900, 3, 361, 0])
         self.assertEqual(len(self.description["views"]), 30)
         self.assertEqual(len(self.description["objects"][1]["track"]), 10)
@@ -80,9 +84,17 @@ class Door(ViewCase):
 
     def test_tokens(self):
         wrong = "0" * len(self.server.token)
-        for path, cookie in [("/", None), (f"/?token={wrong}", None), (f"/?token={self.server.token[:-1]}", None), ("/?token=", None),
-                             (f"/?token={self.server.token}0", None), ("/scene.json", f"pags_{self.server.port}={wrong}"),
-                             ("/scene.json", f"pags_1={self.server.token}"), ("/main.js", self.server.token), ("/", "x" * 3000)]:
+        for path, cookie in [
+            ("/", None),
+            (f"/?token={wrong}", None),
+            (f"/?token={self.server.token[:-1]}", None),
+            ("/?token=", None),
+            (f"/?token={self.server.token}0", None),
+            ("/scene.json", f"pags_{self.server.port}={wrong}"),
+            ("/scene.json", f"pags_1={self.server.token}"),
+            ("/main.js", self.server.token),
+            ("/", "x" * 3000),
+        ]:
             status, headers, body = self.server.get(path, Cookie=cookie)
             self.assertEqual(status, 403, (path, cookie))
             self.assertNotIn("set-cookie", headers)
@@ -90,26 +102,53 @@ class Door(ViewCase):
         self.assertEqual(self.server.get("/", Cookie=f"a=b; {self.server.cookie}; c=d")[0], 200)
 
     def test_hosts(self):
-        for host in ["evil.example", f"evil.example:{self.server.port}", "127.0.0.1", f"127.0.0.1:{self.server.port + 1}", f"127.0.0.1:{self.server.port}.evil.example", None]:
+        for host in [
+            "evil.example",
+            f"evil.example:{self.server.port}",
+            "127.0.0.1",
+            f"127.0.0.1:{self.server.port + 1}",
+            f"127.0.0.1:{self.server.port}.evil.example",
+            None,
+        ]:
             self.assertIn(self.server.get("/scene.json", Host=host)[0], (0, 400, 403), host)
         for host in [f"localhost:{self.server.port}", f"LOCALHOST:{self.server.port}"]:
             self.assertEqual(self.server.get("/scene.json", Host=host)[0], 200, host)
 
     def test_paths_and_methods(self):
-        for path in ["/nothing", "/../scene.json/x", "/..%2f..%2fetc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/etc/passwd", "/index.html%00",
-                     "/background.ply", "/page/index.html", "/" + "a" * 200]:
+        for path in [
+            "/nothing",
+            "/../scene.json/x",
+            "/..%2f..%2fetc/passwd",
+            "/%2e%2e/%2e%2e/etc/passwd",
+            "//etc/passwd",
+            "/etc/passwd",
+            "/index.html%00",
+            "/background.ply",
+            "/page/index.html",
+            "/" + "a" * 200,
+        ]:
             status, _, body = self.server.get(path)
             self.assertIn(status, (0, 400, 403, 404), path)
             self.assertNotIn(b"root:", body)
         for method in ["POST", "PUT", "DELETE", "OPTIONS", "TRACE", "BREW"]:
-            self.assertIn(self.server.get("/scene.json", method=method, Content_Length="0")[0], (0, 400, 403, 404, 405), method)
+            self.assertIn(
+                self.server.get("/scene.json", method=method, Content_Length="0")[0], (0, 400, 403, 404, 405), method
+            )
         self.assertEqual(self.server.get("/scene.json")[0], 200)
 
     def test_socket_only_for_our_page(self):
         self.assertTrue(self.page().open)
-        for changed in [{"Cookie": None}, {"Cookie": "pags=1"}, {"Origin": None}, {"Origin": "http://evil.example"}, {"Origin": "null"},
-                        {"Origin": f"http://127.0.0.1:{self.server.port + 1}"}, {"Host": "evil.example"},
-                        {"Origin": f"http://evil.example@{self.server.host}"}, {"Sec_WebSocket_Protocol": "other"}]:
+        for changed in [
+            {"Cookie": None},
+            {"Cookie": "pags=1"},
+            {"Origin": None},
+            {"Origin": "http://evil.example"},
+            {"Origin": "null"},
+            {"Origin": f"http://127.0.0.1:{self.server.port + 1}"},
+            {"Host": "evil.example"},
+            {"Origin": f"http://evil.example@{self.server.host}"},
+            {"Sec_WebSocket_Protocol": "other"},
+        ]:
             self.assertFalse(self.page(**changed).open, changed)
 
 
@@ -136,7 +175,15 @@ class Pictures(ViewCase):
         first = page.sharp(self.camera())[1]
         self.assertEqual(page.sharp(self.camera())[1], first)
         seen = {first}
-        for more in [{"channel": "depth"}, {"channel": "priority"}, {"channel": "critical"}, {"channel": "object"}, {"channel": "size"}, {"hidden": [1]}, {"solo": 1}]:
+        for more in [
+            {"channel": "depth"},
+            {"channel": "priority"},
+            {"channel": "critical"},
+            {"channel": "object"},
+            {"channel": "size"},
+            {"hidden": [1]},
+            {"solo": 1},
+        ]:
             jpeg = page.sharp(self.camera(), **more)[1]
             self.assertNotIn(jpeg, seen, more)
             seen.add(jpeg)
@@ -278,8 +325,12 @@ class Hostile(ViewCase):
             "unknown opcode": lambda page: page.frame(b"{}", opcode=5),
             "binary": lambda page: page.frame(b"{}", opcode=2),
             "too large": lambda page: page.frame(b" " * 20000),
-            "too large in pieces": lambda page: [page.frame(b" " * 3000, opcode=0 if i else 1, final=False) for i in range(8)],
-            "endless length": lambda page: page.line.sendall(b"\x81\xff\x7f\xff\xff\xff\xff\xff\xff\xff" + bytes(20000)),
+            "too large in pieces": lambda page: [
+                page.frame(b" " * 3000, opcode=0 if i else 1, final=False) for i in range(8)
+            ],
+            "endless length": lambda page: page.line.sendall(
+                b"\x81\xff\x7f\xff\xff\xff\xff\xff\xff\xff" + bytes(20000)
+            ),
             "long ping": lambda page: page.frame(b"x" * 3000, opcode=9),
             "noise": lambda page: page.line.sendall(bytes(random.Random(1).randbytes(4000))),
         }.items():
@@ -293,16 +344,28 @@ class Hostile(ViewCase):
 
     def test_messages_that_make_no_sense(self):
         camera = self.camera()
-        bad = ["", "{", "[]", "null", '"look"', "{}", '{"type": "look"}', '{"type": "dance", "serial": 1}', '{"type": "got", "serial": -1}',
-               '{"type": "got", "serial": 1e400}', '{"type": "pick", "serial": 1, "x": 1e300, "y": 0}', "[" * 5000,
-               json.dumps({"type": "look", "serial": 1, "camera": {**camera, "width": 100000}}),
-               json.dumps({"type": "look", "serial": 1, "camera": {**camera, "width": 0}}),
-               json.dumps({"type": "look", "serial": 1, "camera": {**camera, "fx": 0}}),
-               json.dumps({"type": "look", "serial": 1, "camera": {**camera, "pose": [0] * 12}}),
-               json.dumps({"type": "look", "serial": 1, "camera": {**camera, "pose": [1e300] * 12}}),
-               json.dumps({"type": "look", "serial": 1, "camera": camera, "channel": "smell"}),
-               json.dumps({"type": "look", "serial": 1, "camera": camera, "hidden": list(range(2000))}),
-               json.dumps({"type": "look", "serial": 1, "camera": camera, "hidden": [-1]})]
+        bad = [
+            "",
+            "{",
+            "[]",
+            "null",
+            '"look"',
+            "{}",
+            '{"type": "look"}',
+            '{"type": "dance", "serial": 1}',
+            '{"type": "got", "serial": -1}',
+            '{"type": "got", "serial": 1e400}',
+            '{"type": "pick", "serial": 1, "x": 1e300, "y": 0}',
+            "[" * 5000,
+            json.dumps({"type": "look", "serial": 1, "camera": {**camera, "width": 100000}}),
+            json.dumps({"type": "look", "serial": 1, "camera": {**camera, "width": 0}}),
+            json.dumps({"type": "look", "serial": 1, "camera": {**camera, "fx": 0}}),
+            json.dumps({"type": "look", "serial": 1, "camera": {**camera, "pose": [0] * 12}}),
+            json.dumps({"type": "look", "serial": 1, "camera": {**camera, "pose": [1e300] * 12}}),
+            json.dumps({"type": "look", "serial": 1, "camera": camera, "channel": "smell"}),
+            json.dumps({"type": "look", "serial": 1, "camera": camera, "hidden": list(range(2000))}),
+            json.dumps({"type": "look", "serial": 1, "camera": camera, "hidden": [-1]}),
+        ]
         page = None
         for i, text in enumerate(bad):
             if i % 10 == 0:
@@ -321,8 +384,15 @@ class Hostile(ViewCase):
 
     def test_looks_at_the_edge_of_sense(self):
         page, camera = self.page(), self.camera()
-        for change in [{"width": 1, "height": 1}, {"fx": 1e6, "fy": 1e6}, {"fx": 0.01, "fy": 0.01}, {"cx": -1e6}, {"time": 1e300}, {"time": -1e300},
-                       {"pose": camera["pose"][:3] + [1e11] + camera["pose"][4:]}]:
+        for change in [
+            {"width": 1, "height": 1},
+            {"fx": 1e6, "fy": 1e6},
+            {"fx": 0.01, "fy": 0.01},
+            {"cx": -1e6},
+            {"time": 1e300},
+            {"time": -1e300},
+            {"pose": camera["pose"][:3] + [1e11] + camera["pose"][4:]},
+        ]:
             page.sharp({**camera, **change})
         page.sharp(camera, solo=2000000000, hidden=[2147483646])
 
@@ -360,18 +430,32 @@ class Hostile(ViewCase):
 
         kinds = [
             lambda: http("/" + "".join(dice.choice("./%2e\\~abc?#&=") for _ in range(dice.randrange(1, 60)))),
-            lambda: http("/?token=" + "".join(dice.choice("0123456789abcdef") for _ in range(dice.choice([1, 48, 400])))),
+            lambda: http(
+                "/?token=" + "".join(dice.choice("0123456789abcdef") for _ in range(dice.choice([1, 48, 400])))
+            ),
             lambda: http("/", Host=dice.choice(["evil.example", "", "127.0.0.1", "[::1]", "a" * 300])),
             lambda: http("/", X_Long="y" * dice.choice([100, 5000, 20000])),
             lambda: http("/", **{f"X_{i}": "z" for i in range(dice.randrange(1, 200))}),
             lambda: http("/" + "a" * dice.randrange(1, 8000)),
             lambda: http("/", method=dice.choice(["POST", "PUT", "CONNECT", "PRI", "G E T", "\x00"])),
             lambda: raw(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes(40)),
-            lambda: http("/", Connection="Upgrade, HTTP2-Settings", Upgrade="h2c", HTTP2_Settings="AAMAAABkAARAAAAAAAIAAAAA"),
+            lambda: http(
+                "/", Connection="Upgrade, HTTP2-Settings", Upgrade="h2c", HTTP2_Settings="AAMAAABkAARAAAAAAAIAAAAA"
+            ),
             lambda: http("/scene.json", Content_Length=dice.choice(["-1", "99999999999999999999", "10"])),
-            lambda: http("/socket", Connection="Upgrade", Upgrade="websocket", Sec_WebSocket_Key="x", Sec_WebSocket_Version="99", Origin=f"http://{self.server.host}"),
+            lambda: http(
+                "/socket",
+                Connection="Upgrade",
+                Upgrade="websocket",
+                Sec_WebSocket_Key="x",
+                Sec_WebSocket_Version="99",
+                Origin=f"http://{self.server.host}",
+            ),
             lambda: http(f"/?token={self.server.token}", Host="evil.example", Cookie=None),
-            lambda: silent, lambda: raw(dice.randbytes(dice.randrange(1, 3000))), lambda: deaf, lambda: broken(dice.randbytes(dice.randrange(1, 300))),
+            lambda: silent,
+            lambda: raw(dice.randbytes(dice.randrange(1, 3000))),
+            lambda: deaf,
+            lambda: broken(dice.randbytes(dice.randrange(1, 300))),
         ]
         return [dice.choice(kinds)() for _ in range(count)]
 
@@ -406,8 +490,12 @@ class Hostile(ViewCase):
         self.alive()
         self.assertIsNone(self.server.process.poll(), "the server has died")
         grown = self.server.memory() - before
-        self.assertGreater(answered, HOSTILE // 3, "they weren't let in to be answered")  # half of them are requests of HTTP
-        print(f"{HOSTILE} hostile requests, {answered} answered: memory grew by {grown / 1e6:.1f} MB; each of {pages} pages beside them had its sharp picture in {worst:.2f} s at most")
+        self.assertGreater(
+            answered, HOSTILE // 3, "they weren't let in to be answered"
+        )  # half of them are requests of HTTP
+        print(
+            f"{HOSTILE} hostile requests, {answered} answered: memory grew by {grown / 1e6:.1f} MB; each of {pages} pages beside them had its sharp picture in {worst:.2f} s at most"
+        )
         self.assertLess(grown, GROWTH)
 
     def test_crowd_of_connections(self):
@@ -432,7 +520,9 @@ class Hostile(ViewCase):
         for line in lines:
             line.close()
         self.alive()
-        print(f"{CROWD} connections at once: five sharp pictures in {served:.2f} s beside them, a new page after {entered:.1f} s; memory grew by {grown / 1e6:.1f} MB")
+        print(
+            f"{CROWD} connections at once: five sharp pictures in {served:.2f} s beside them, a new page after {entered:.1f} s; memory grew by {grown / 1e6:.1f} MB"
+        )
         self.assertLess(served, 10)
         self.assertLess(grown, GROWTH)
 
@@ -463,7 +553,13 @@ class Usage(Case):
     def test_other_hosts(self):
         server = Server(scenes.make_scene(self.path("street")), "--host", "view.example,other.example:9000")
         self.addCleanup(server.close)
-        for host, status in [("view.example", 200), (f"view.example:{server.port}", 200), ("other.example:9000", 200), ("other.example", 403), ("example", 403)]:
+        for host, status in [
+            ("view.example", 200),
+            (f"view.example:{server.port}", 200),
+            ("other.example:9000", 200),
+            ("other.example", 403),
+            ("example", 403),
+        ]:
             self.assertEqual(server.get("/", Host=host)[0], status, host)
 
     def test_splat_files(self):

@@ -173,10 +173,14 @@ class Writes(DataCase):
         self.assertEqual(tried.returncode, 0, tried.stderr)
         user = {"user": nobody, "group": nobody, "extra_groups": []}
         self.check(["info", self.splats, "--json"], lambda name: self.path(f"user_{name}.json"), **user)
-        self.fails(["info", self.splats, "--json", self.write("roots.json", "kept")], "Permission denied", "roots.json", **user)
+        self.fails(
+            ["info", self.splats, "--json", self.write("roots.json", "kept")], "Permission denied", "roots.json", **user
+        )
         self.assertEqual(read(self.path("roots.json")), b"kept")
         os.mkdir(self.path("shut"))
-        self.fails(["info", self.splats, "--json", self.path("shut/a.json")], "Permission denied", "shut/a.json", **user)
+        self.fails(
+            ["info", self.splats, "--json", self.path("shut/a.json")], "Permission denied", "shut/a.json", **user
+        )
 
     def test_a_reader_that_goes_away(self):
         many = self.write("many.ply", ply_bytes(50 * some_splats()))

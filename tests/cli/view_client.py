@@ -131,8 +131,14 @@ class Page:
         self.line = server.connect()
         self.rest = b""
         self.serial = 0
-        headers = {"Connection": "Upgrade", "Upgrade": "websocket", "Origin": f"http://{server.host}", "Sec_WebSocket_Version": "13",
-                   "Sec_WebSocket_Protocol": "pags", "Sec_WebSocket_Key": base64.b64encode(os.urandom(16)).decode()}
+        headers = {
+            "Connection": "Upgrade",
+            "Upgrade": "websocket",
+            "Origin": f"http://{server.host}",
+            "Sec_WebSocket_Version": "13",
+            "Sec_WebSocket_Protocol": "pags",
+            "Sec_WebSocket_Key": base64.b64encode(os.urandom(16)).decode(),
+        }
         headers.update(changed)
         self.line.sendall(f"GET /socket HTTP/1.1\r\n{server.headers(**headers)}\r\n".encode())
         head = b""
@@ -156,7 +162,13 @@ class Page:
         head = bytes([final << 7 | reserved << 4 | opcode])
         size = len(payload)
         mark = 0x80 if masked else 0
-        head += bytes([mark | size]) if size < 126 else bytes([mark | 126]) + struct.pack(">H", size) if size < 65536 else bytes([mark | 127]) + struct.pack(">Q", size)
+        head += (
+            bytes([mark | size])
+            if size < 126
+            else bytes([mark | 126]) + struct.pack(">H", size)
+            if size < 65536
+            else bytes([mark | 127]) + struct.pack(">Q", size)
+        )
         if masked:
             mask = os.urandom(4)
             payload = mask + bytes(b ^ mask[i % 4] for i, b in enumerate(payload))
@@ -195,7 +207,7 @@ class Page:
                 kind, whole = kind or opcode, whole + payload
                 if first & 128:
                     return kind, whole
-        except (socket.timeout, TimeoutError):
+        except TimeoutError:
             return None
         except ConnectionResetError as error:
             raise EOFError(str(error)) from error

@@ -64,7 +64,9 @@ for prim in stage.Traverse():
     if prim.HasAPI(UsdPhysics.RigidBodyAPI):
         item["kinematic"] = bool(UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get())
     if prim.HasAPI(UsdPhysics.CollisionAPI):
-        item["collides"] = bool(UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get(time or Usd.TimeCode.Default()))
+        item["collides"] = bool(
+            UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get(time or Usd.TimeCode.Default())
+        )
         item["shape"] = str(UsdPhysics.MeshCollisionAPI(prim).GetApproximationAttr().Get())
     if prim.IsA(UsdGeom.Imageable) and time is not None:
         item["seen"] = str(UsdGeom.Imageable(prim).ComputeVisibility(time))
@@ -72,7 +74,9 @@ for prim in stage.Traverse():
         times = UsdGeom.Xformable(prim).GetTimeSamples()
         item["samples"] = len(times)
         when = time if time is not None else times[-1] if times else 0
-        item["last"] = [float(v) for v in UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(when).ExtractTranslation()]
+        item["last"] = [
+            float(v) for v in UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(when).ExtractTranslation()
+        ]
     if prim.GetCustomData():
         item["number"] = prim.GetCustomDataByKey("number")
         item["track"] = prim.GetCustomDataByKey("track")

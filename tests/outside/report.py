@@ -24,7 +24,19 @@ def other(folder):
     """A worse scene of the same street."""
     out = os.path.join(folder, "other")
     if not os.path.exists(os.path.join(out, "report.json")):
-        done = fixtures.run("train", os.path.join(folder, "street"), "-o", out, "--overwrite", "-n", 100, "--max-gaussians", 20000, "-q", timeout=3600)
+        done = fixtures.run(
+            "train",
+            os.path.join(folder, "street"),
+            "-o",
+            out,
+            "--overwrite",
+            "-n",
+            100,
+            "--max-gaussians",
+            20000,
+            "-q",
+            timeout=3600,
+        )
         assert done.returncode == 0, done.stderr
     return out
 
@@ -33,7 +45,12 @@ def look(page, out):
     """What report.mjs sees of a page; its exit code where that isn't 0."""
     shutil.rmtree(out, ignore_errors=True)
     os.makedirs(out)
-    done = subprocess.run([shutil.which("node"), os.path.join(HERE, "report.mjs"), shutil.which("chromium"), page, out], capture_output=True, text=True, timeout=600)
+    done = subprocess.run(
+        [shutil.which("node"), os.path.join(HERE, "report.mjs"), shutil.which("chromium"), page, out],
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
     if done.returncode:
         print(done.stdout[-2000:], done.stderr[-3000:])
         sys.exit(77 if done.returncode == 77 else 1)
@@ -56,14 +73,20 @@ def main():
         for kind, show in seen["shows"].items():
             checks |= {
                 f"{kind}: no wider than the window": show["overflow"] <= 0,
-                f"{kind}: every picture is there": show["pictures"] == (3 if name == "one" else 5) * shown > 0 and not show["broken"],
+                f"{kind}: every picture is there": show["pictures"] == (3 if name == "one" else 5) * shown > 0
+                and not show["broken"],
                 f"{kind}: curves, dots and bars": show["charts"] > 10,
                 f"{kind}: the text of charts has a size": show["text"] >= 10,
                 f"{kind}: text stands out": show["contrast"] >= TEXT,
                 f"{kind}: curves stand out": show["curves"] >= CURVE,
             }
         papers = {kind: show["paper"] for kind, show in seen["shows"].items()}
-        checks["dark in the dark, white on paper"] = papers == {"desktop": "rgb(255, 255, 255)", "dark": "rgb(21, 24, 28)", "phone": "rgb(255, 255, 255)", "paper": "rgb(255, 255, 255)"}
+        checks["dark in the dark, white on paper"] = papers == {
+            "desktop": "rgb(255, 255, 255)",
+            "dark": "rgb(21, 24, 28)",
+            "phone": "rgb(255, 255, 255)",
+            "paper": "rgb(255, 255, 255)",
+        }
         faults += [f"{name}: {what}" for what, held in checks.items() if not held]
         count += len(checks)
         if not all(checks.values()):

@@ -35,7 +35,11 @@ def pose_of(view):
 
 
 def look_of(view, time):
-    return {**{key: view[key] for key in ("width", "height", "fx", "fy", "cx", "cy")}, "pose": pose_of(view), "time": time}
+    return {
+        **{key: view[key] for key in ("width", "height", "fx", "fy", "cx", "cy")},
+        "pose": pose_of(view),
+        "time": time,
+    }
 
 
 def box_of(view, item, time):
@@ -84,7 +88,10 @@ def hostile_page(folder):
     description = rich_scene(scene, antialiased=True)[0]
     frames = description["cameras"][::7]
     fixtures.write(os.path.join(folder, "hostile.json"), json.dumps({"fps": 1, "frames": frames}))
-    for arguments in [("export", scene, page), ("render", scene, "--path", os.path.join(folder, "hostile.json"), "-o", os.path.join(folder, "hostile"), "-q")]:
+    for arguments in [
+        ("export", scene, page),
+        ("render", scene, "--path", os.path.join(folder, "hostile.json"), "-o", os.path.join(folder, "hostile"), "-q"),
+    ]:
         done = fixtures.run(*arguments)
         if done.returncode:
             sys.exit(f"scene_html: {done.stderr}")
@@ -106,23 +113,54 @@ def main():
     looks, frames, boxes, tracked = choose(description)
     fixtures.write(os.path.join(out, "path.json"), json.dumps({"fps": 1, "frames": frames}))
     hostile, hostile_looks = hostile_page(out)
-    jobs = {"looks": looks, "object": tracked, "hostile": hostile, "hostileLooks": hostile_looks, "spans": description["time"][1] > description["time"][0]}
+    jobs = {
+        "looks": looks,
+        "object": tracked,
+        "hostile": hostile,
+        "hostileLooks": hostile_looks,
+        "spans": description["time"][1] > description["time"][0],
+    }
     fixtures.write(os.path.join(out, "jobs.json"), json.dumps(jobs))
-    done = fixtures.run("render", scene, "--path", os.path.join(out, "path.json"), "-o", os.path.join(out, "rendered"), "-q", timeout=3600)
+    done = fixtures.run(
+        "render",
+        scene,
+        "--path",
+        os.path.join(out, "path.json"),
+        "-o",
+        os.path.join(out, "rendered"),
+        "-q",
+        timeout=3600,
+    )
     if done.returncode:
         sys.exit(f"scene_html: {done.stderr}")
-    done = subprocess.run([shutil.which("node"), os.path.join(HERE, "scene_html.mjs"), chromium, page, os.path.join(out, "jobs.json"), out],
-                          capture_output=True, text=True, timeout=3600)
+    done = subprocess.run(
+        [
+            shutil.which("node"),
+            os.path.join(HERE, "scene_html.mjs"),
+            chromium,
+            page,
+            os.path.join(out, "jobs.json"),
+            out,
+        ],
+        capture_output=True,
+        text=True,
+        timeout=3600,
+    )
     if done.returncode:
         print(done.stdout[-2000:], done.stderr[-3000:])
         return 77 if done.returncode == 77 else 1
     seen = json.loads(done.stdout.splitlines()[-1])
     whole, cars = [], []
     for i, look in enumerate(looks):
-        (size, theirs), (other, ours) = (rgb(os.path.join(out, name)) for name in (f"{i:05}-page.png", os.path.join("rendered", f"{i:05}.png")))
+        (size, theirs), (other, ours) = (
+            rgb(os.path.join(out, name)) for name in (f"{i:05}-page.png", os.path.join("rendered", f"{i:05}.png"))
+        )
         whole.append(psnr(theirs, ours) if size == other else 0)
         cars += [psnr(cut(theirs, look["width"], box), cut(ours, look["width"], box)) for box in boxes[i]]
-    small = [psnr(*(rgb(os.path.join(out, "hostile", name))[1] for name in (f"{i:05}-page.png", f"{i:05}.png"))) for i in range(len(hostile_looks))]
+    small = [
+        psnr(*(rgb(os.path.join(out, "hostile", name))[1] for name in (f"{i:05}-page.png", f"{i:05}.png")))
+        for i in range(len(hostile_looks))
+    ]
     return report(seen, whole, cars, small, os.path.getsize(page), jobs, out)
 
 
@@ -130,7 +168,8 @@ def report(seen, whole, cars, small, size, jobs, out):
     checks = {
         "no error on the page": not seen["errors"],
         "nothing from elsewhere": not seen["foreign"],
-        "names are shown as they are": all(f"{name} {name}" in seen["listed"] for name in HOSTILE) and not seen["injected"],
+        "names are shown as they are": all(f"{name} {name}" in seen["listed"] for name in HOSTILE)
+        and not seen["injected"],
         "the policy lets nothing in, and says so": seen["network"] == 0 and seen["refused"] > 0,
         "first picture in time": seen["first"] < 1000 * SLOW,
         f"every picture is pags render's to {SAME} dB": min(whole) >= SAME,
@@ -160,10 +199,14 @@ def report(seen, whole, cars, small, size, jobs, out):
         if not held:
             print(f"scene_html: not so: {name}")
     mean = lambda values: sum(values) / max(1, len(values))
-    megabytes = lambda kind: " + ".join(f"{seen[kind].get(part, 0) / 1e6:.0f} MB {part}" for part in ("heap", "renderer", "GPU"))
-    print(f"scene_html: {len(checks)} checks; {len(whole)} pictures {min(whole):.1f} dB at least, {mean(whole):.1f} on average, {sum(v >= AIM for v in whole)} of {AIM} or more; "
-          f"{len(cars)} moving cars {min(cars, default=math.nan):.1f} dB at least; a scene of everything {min(small):.1f} dB; {size / 1e6:.1f} MB; first picture after {seen['first']:.0f} ms, "
-          f"on a phone's page {seen['phoneFirst']:.0f} ms; {seen['rate']:.0f} pictures a second while turning; memory {megabytes('memory')}; phone {megabytes('phoneMemory')}")
+    megabytes = lambda kind: " + ".join(
+        f"{seen[kind].get(part, 0) / 1e6:.0f} MB {part}" for part in ("heap", "renderer", "GPU")
+    )
+    print(
+        f"scene_html: {len(checks)} checks; {len(whole)} pictures {min(whole):.1f} dB at least, {mean(whole):.1f} on average, {sum(v >= AIM for v in whole)} of {AIM} or more; "
+        f"{len(cars)} moving cars {min(cars, default=math.nan):.1f} dB at least; a scene of everything {min(small):.1f} dB; {size / 1e6:.1f} MB; first picture after {seen['first']:.0f} ms, "
+        f"on a phone's page {seen['phoneFirst']:.0f} ms; {seen['rate']:.0f} pictures a second while turning; memory {megabytes('memory')}; phone {megabytes('phoneMemory')}"
+    )
     if not all(checks.values()):
         print(json.dumps(figures, indent=1))
         return 1

@@ -30,7 +30,9 @@ SPLAT_CODES = {"MESH_PRIMITIVE_INVALID_ATTRIBUTE"}
 QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # options of the background mesh
 has_gltf = bool(NODE) and all(os.path.isdir(os.path.join(MODULES, m)) for m in ("gltf-validator", "@gltf-transform"))
 has_splat_transform = bool(NODE) and os.path.exists(SPLAT_TRANSFORM)
-has_babylon = bool(NODE and CHROMIUM) and all(os.path.isdir(os.path.join(MODULES, m)) for m in ("@babylonjs", "puppeteer-core"))
+has_babylon = bool(NODE and CHROMIUM) and all(
+    os.path.isdir(os.path.join(MODULES, m)) for m in ("@babylonjs", "puppeteer-core")
+)
 has_usd = os.path.exists(USD)
 
 
@@ -77,7 +79,9 @@ class Gltf(Case):
             self.assertEqual((found["errors"], found["warnings"]), (0, 0), f"{name}: {found['messages']}")
             if name == "empty.glb":
                 continue
-            self.assertEqual(set(found["animated"]) - {"ego"}, {"car_0001", "pedestrian_0002", "rolling_container_0003"}, name)
+            self.assertEqual(
+                set(found["animated"]) - {"ego"}, {"car_0001", "pedestrian_0002", "rolling_container_0003"}, name
+            )
             extras = found["nodes"]["car_0001"]
             self.assertEqual((extras["class"], extras["track"], extras["critical"]), ("Car", "car_1", True))
             self.assertEqual(found["cameras"], 1 if "--cameras" in files[path] else 0, name)
@@ -119,7 +123,15 @@ class SplatTransform(Case):
         buckets = {}
         for row in rows_b:
             buckets.setdefault(key(row, column_b), []).append(row)
-        bounds = {"x": position, "y": position, "z": position, "opacity": None, "scale_0": 1 / 30, "scale_1": 1 / 30, "scale_2": 1 / 30}
+        bounds = {
+            "x": position,
+            "y": position,
+            "z": position,
+            "opacity": None,
+            "scale_0": 1 / 30,
+            "scale_1": 1 / 30,
+            "scale_2": 1 / 30,
+        }
         bounds |= {f"f_dc_{k}": 0.5 / (0.15 * 255) + 1e-3 for k in range(3)}
         unmatched = 0
         for row in rows_a:
@@ -159,10 +171,16 @@ class Babylon(Case):
         c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(0.15), math.sin(0.15)
         turned = lambda v: [v[0], v[2], -v[1]]
         camera = {"width": 160, "height": 120, "fx": 90, "fy": 90, "cx": 80, "cy": 60, "background": [0.5, 0.6, 0.8]}
-        camera |= {"eye": turned([x, 0, 1.6]), "forward": turned([cp * c, cp * s, -sp]), "up": turned([sp * c, sp * s, cp])}
+        camera |= {
+            "eye": turned([x, 0, 1.6]),
+            "forward": turned([cp * c, cp * s, -sp]),
+            "up": turned([sp * c, sp * s, cp]),
+        }
         path = self.write("camera.json", json.dumps(camera))
         script = os.path.join(HERE, "babylon.mjs")
-        done = subprocess.run([NODE, script, CHROMIUM, file, path, picture], capture_output=True, text=True, timeout=900)
+        done = subprocess.run(
+            [NODE, script, CHROMIUM, file, path, picture], capture_output=True, text=True, timeout=900
+        )
         if done.returncode == 77:
             self.skipTest(done.stderr.strip())
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)

@@ -24,7 +24,9 @@ SCENE, PICTURES = (sys.argv[2:4] + [None, None])[:2]
 NODE, CHROMIUM, GODOT = shutil.which("node"), shutil.which("chromium"), os.environ.get("GODOT")
 MODULES = os.path.join(HERE, "node_modules")
 USD = os.path.join(HERE, ".venv", "bin", "python")
-has_babylon = bool(NODE and CHROMIUM) and all(os.path.isdir(os.path.join(MODULES, m)) for m in ("@babylonjs", "puppeteer-core"))
+has_babylon = bool(NODE and CHROMIUM) and all(
+    os.path.isdir(os.path.join(MODULES, m)) for m in ("@babylonjs", "puppeteer-core")
+)
 ABOVE = 20.0  # metres over an object from which rays fall
 
 
@@ -48,7 +50,10 @@ class Street:
         """Where an object is at a label, relative to the origin: the label's pose and what training added to it."""
         pose = knot["world_from_object"]
         return [
-            sum(pose[4 * row + k] * knot["translation"][k] for k in range(3)) + pose[4 * row + 3] - self.facts["origin"][row] for row in range(3)
+            sum(pose[4 * row + k] * knot["translation"][k] for k in range(3))
+            + pose[4 * row + 3]
+            - self.facts["origin"][row]
+            for row in range(3)
         ]
 
     def mover(self):
@@ -57,7 +62,12 @@ class Street:
         def way(item, knot):
             return sum((a - b) ** 2 for a, b in zip(self.place(item["knots"][0]), self.place(knot)))
 
-        pairs = [(way(o, k), n, i) for n, o in enumerate(self.objects) if o["moving"] and o["category"] == "vehicle" for i, k in enumerate(o["knots"])]
+        pairs = [
+            (way(o, k), n, i)
+            for n, o in enumerate(self.objects)
+            if o["moving"] and o["category"] == "vehicle"
+            for i, k in enumerate(o["knots"])
+        ]
         _, number, index = max(pairs)
         return self.objects[number], self.objects[number]["knots"][index]
 
@@ -86,7 +96,11 @@ class Tool(Case):
 
     def check_nodes(self, nodes):
         """Every object, its class, id and what else its extras say; nothing else is an object."""
-        told = {n["name"]: n["extras"] for n in nodes if n["extras"] and "track" in n["extras"] and re.fullmatch(r".*_\d{4}", n["name"])}
+        told = {
+            n["name"]: n["extras"]
+            for n in nodes
+            if n["extras"] and "track" in n["extras"] and re.fullmatch(r".*_\d{4}", n["name"])
+        }
         self.assertEqual(sorted(told), sorted(item["name"] for item in self.street.objects))
         for item in self.street.objects:
             extras = told[item["name"]]
@@ -115,7 +129,9 @@ class Babylon(Tool):
     def read(self, name, **more):
         job = self.write("job.json", json.dumps(self.job(**more)))
         script = os.path.join(HERE, "tools.mjs")
-        done = subprocess.run([NODE, script, CHROMIUM, self.path(name), job], capture_output=True, text=True, timeout=900)
+        done = subprocess.run(
+            [NODE, script, CHROMIUM, self.path(name), job], capture_output=True, text=True, timeout=900
+        )
         if done.returncode == 77:
             self.skipTest(done.stderr.strip())
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
@@ -129,7 +145,9 @@ class Babylon(Tool):
         self.check_hits(found["hits"], "$")
         self.assertEqual(found["hits"]["ground"]["name"], "ground")
         self.assertEqual(found["animations"], ["tracks"])
-        print(f"Babylon.js {found['version']}: {len(found['nodes'])} nodes, {len(self.street.objects)} objects with class and id; {found['hits']['car']}")
+        print(
+            f"Babylon.js {found['version']}: {len(found['nodes'])} nodes, {len(self.street.objects)} objects with class and id; {found['hits']['car']}"
+        )
 
     def test_convex_parts(self):
         self.succeeds("export", self.scene, self.path("convex.glb"), "--proxy", "convex", "--no-background")
@@ -143,8 +161,14 @@ class Babylon(Tool):
 class Godot(Tool):
     def run_godot(self, *arguments, window=False):
         """In a window only where a picture is wanted, under Xvfb, drawn by the processor."""
-        how = ["xvfb-run", "-a", GODOT, "--rendering-driver", "opengl3", "--audio-driver", "Dummy"] if window else [GODOT, "--headless"]
-        done = subprocess.run([*how, "--path", self.path("project"), *arguments], capture_output=True, text=True, timeout=300)
+        how = (
+            ["xvfb-run", "-a", GODOT, "--rendering-driver", "opengl3", "--audio-driver", "Dummy"]
+            if window
+            else [GODOT, "--headless"]
+        )
+        done = subprocess.run(
+            [*how, "--path", self.path("project"), *arguments], capture_output=True, text=True, timeout=300
+        )
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         self.assertNotRegex(done.stdout + done.stderr, "SCRIPT ERROR|Parse Error")
 
@@ -168,8 +192,10 @@ class Godot(Tool):
         self.assertEqual(found["animations"], ["tracks"])
         solid = [n["parent"] for n in found["nodes"] if n["kind"] == "StaticBody3D"]
         self.assertEqual(len([name for name in solid if name.endswith("_mesh")]), len(self.street.objects))
-        print(f"Godot {found['version']}: {len(found['nodes'])} nodes, {len(self.street.objects)} objects with class and id, {len(solid)} bodies; "
-              f"{found['hits']['car']}")
+        print(
+            f"Godot {found['version']}: {len(found['nodes'])} nodes, {len(self.street.objects)} objects with class and id, {len(solid)} bodies; "
+            f"{found['hits']['car']}"
+        )
 
     def test_convex_parts_beside_what_is_seen(self):
         found = self.read("--no-background", "--proxy", "convex")
@@ -214,7 +240,9 @@ class Usd(Tool):
         half = 0.5 * self.car["size"][2]
         height = prims[f"/scene/{self.car['name']}/proxy"]["height"]
         self.assertTrue(0 < height < 1.2 * half, height)
-        print(f"usd-core: {len(prims)} prims, {len(bodies)} kinematic bodies with labels; the car's roof is {height:.2f} m over its middle")
+        print(
+            f"usd-core: {len(prims)} prims, {len(bodies)} kinematic bodies with labels; the car's roof is {height:.2f} m over its middle"
+        )
 
     def test_archive(self):
         """A .usdz holds the same stage, stored, its data at a multiple of 64 bytes."""
@@ -234,7 +262,9 @@ class Usd(Tool):
         self.export("street.usda", "--no-background", "--proxy", "convex")
         found = self.read("street.usda", self.seconds)
         self.assertEqual(found["errors"], [])
-        parts = {path: prim for path, prim in found["prims"].items() if path.startswith(f"/scene/{self.car['name']}/proxy_")}
+        parts = {
+            path: prim for path, prim in found["prims"].items() if path.startswith(f"/scene/{self.car['name']}/proxy_")
+        }
         self.assertTrue(1 <= len(parts) <= 8, parts)
         self.assertEqual({prim["shape"] for prim in parts.values()}, {"convexHull"})
         self.assertTrue(any(prim["height"] and prim["height"] > 0.2 * self.car["size"][2] for prim in parts.values()))

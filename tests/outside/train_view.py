@@ -21,12 +21,44 @@ def main():
     data, scene, out = (os.path.join(folder, name) for name in ("street", "run", "seen"))
     os.makedirs(out, exist_ok=True)
     if not os.path.exists(data):
-        done = fixtures.run("synth", "street", "-o", data, "--size", "240x136", "--frames", 16, "--lidar-points", 3000, "--no-shifts", "-q", timeout=600)
+        done = fixtures.run(
+            "synth",
+            "street",
+            "-o",
+            data,
+            "--size",
+            "240x136",
+            "--frames",
+            16,
+            "--lidar-points",
+            3000,
+            "--no-shifts",
+            "-q",
+            timeout=600,
+        )
         if done.returncode:
             sys.exit(f"train_view: pags synth: {done.stderr}")
-    run = Run(data, "-o", scene, "--overwrite", "-n", 100000, "--max-gaussians", 60000, "--preview-every", 100, "--checkpoint-every", 0)
+    run = Run(
+        data,
+        "-o",
+        scene,
+        "--overwrite",
+        "-n",
+        100000,
+        "--max-gaussians",
+        60000,
+        "--preview-every",
+        100,
+        "--checkpoint-every",
+        0,
+    )
     try:
-        done = subprocess.run([shutil.which("node"), os.path.join(HERE, "train_view.mjs"), chromium, run.url, out], capture_output=True, text=True, timeout=900)
+        done = subprocess.run(
+            [shutil.which("node"), os.path.join(HERE, "train_view.mjs"), chromium, run.url, out],
+            capture_output=True,
+            text=True,
+            timeout=900,
+        )
         code = run.wait() if done.returncode == 0 else None
     finally:
         if run.process.poll() is None:

@@ -26,8 +26,24 @@ SLOW = 3.0  # seconds to the first picture at most; a machine that other work sh
 def trained(folder):
     data, scene = os.path.join(folder, "street"), os.path.join(folder, "scene")
     if not os.path.exists(os.path.join(scene, "report.json")):
-        for arguments in [("synth", "street", "-o", data, "--overwrite", "--size", "240x136", "--frames", 16, "--lidar-points", 3000, "--no-shifts", "-q"),
-                          ("train", data, "-o", scene, "--overwrite", "-n", 500, "--max-gaussians", 60000, "-q")]:
+        for arguments in [
+            (
+                "synth",
+                "street",
+                "-o",
+                data,
+                "--overwrite",
+                "--size",
+                "240x136",
+                "--frames",
+                16,
+                "--lidar-points",
+                3000,
+                "--no-shifts",
+                "-q",
+            ),
+            ("train", data, "-o", scene, "--overwrite", "-n", 500, "--max-gaussians", 60000, "-q"),
+        ]:
             done = fixtures.run(*arguments, timeout=3600)
             if done.returncode:
                 sys.exit(f"view: pags {arguments[0]}: {done.stderr}")
@@ -52,7 +68,12 @@ def main():
     scene = os.path.abspath(sys.argv[3]) if len(sys.argv) > 3 else trained(folder)
     server = Server(scene)
     try:
-        done = subprocess.run([shutil.which("node"), os.path.join(HERE, "view.mjs"), chromium, server.url, out], capture_output=True, text=True, timeout=1200)
+        done = subprocess.run(
+            [shutil.which("node"), os.path.join(HERE, "view.mjs"), chromium, server.url, out],
+            capture_output=True,
+            text=True,
+            timeout=1200,
+        )
     finally:
         code, errors = server.close()
     if done.returncode:
@@ -65,10 +86,14 @@ def main():
     drawn = fixtures.run("render", scene, "--path", path, "-o", os.path.join(out, "rendered"), "-q", timeout=1200)
     ends = {}
     for name, index in [("first", 0), ("last", len(frames) - 1)] if drawn.returncode == 0 else []:
-        (size, saved), (other, rendered) = (rgb(os.path.join(out, file)) for file in (f"{name}.png", os.path.join("rendered", f"{index:05}.png")))
+        (size, saved), (other, rendered) = (
+            rgb(os.path.join(out, file)) for file in (f"{name}.png", os.path.join("rendered", f"{index:05}.png"))
+        )
         ends[name] = psnr(saved, rendered) if size == other else 0
     latencies = sorted(seen["latencies"])
-    channels = {seen[name] for name in ("color", "depth", "priority", "critical", "object", "size", "photograph", "difference")}
+    channels = {
+        seen[name] for name in ("color", "depth", "priority", "critical", "object", "size", "photograph", "difference")
+    }
     scrubbed, played = (float(seen[name].split()[0]) for name in ("clock", "played"))
     checks = {
         "the server ended well": (code, errors) == (0, ""),
@@ -84,9 +109,11 @@ def main():
         "measure gives metres": 0.05 < float(seen["measured"].split()[0]) < 50,
         "each channel is another picture": len(channels) == 8,
         "back in colour it is the recorded camera's": seen["color"] == seen["view"],
-        "the wipe lays the photograph over the left part alone": seen["wiped"][0][0] != seen["wiped"][1][0] and seen["wiped"][0][1] == seen["wiped"][1][1]
+        "the wipe lays the photograph over the left part alone": seen["wiped"][0][0] != seen["wiped"][1][0]
+        and seen["wiped"][0][1] == seen["wiped"][1][1]
         and seen["wiped"][2] == seen["wiped"][0],
-        "without Early-Z nothing is hidden, and the picture is the same": seen["without"] == seen["color"] and "\n0 hidden" in seen["withoutStats"],
+        "without Early-Z nothing is hidden, and the picture is the same": seen["without"] == seen["color"]
+        and "\n0 hidden" in seen["withoutStats"],
         "photograph is compared": float(seen["psnr"].split()[1]) > 12,
         "hide hides": seen["hidden"] != seen["object"],
         "solo isolates": seen["solo"] not in (seen["object"], seen["hidden"]),
@@ -104,8 +131,10 @@ def main():
     if not all(checks.values()):
         print(json.dumps(seen, indent=1), errors, drawn.stderr, ends)
         return 1
-    print(f"view: {len(checks)} checks; first picture after {seen['first']:.0f} ms; {latencies[int(0.95 * (len(latencies) - 1))]:.0f} ms from mouse to picture (95 %); "
-          f"saved and rendered {min(ends.values()):.1f} dB; {seen['viewName']}: {seen['psnr']}")
+    print(
+        f"view: {len(checks)} checks; first picture after {seen['first']:.0f} ms; {latencies[int(0.95 * (len(latencies) - 1))]:.0f} ms from mouse to picture (95 %); "
+        f"saved and rendered {min(ends.values()):.1f} dB; {seen['viewName']}: {seen['psnr']}"
+    )
     return 0
 
 

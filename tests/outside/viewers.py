@@ -46,7 +46,21 @@ def trained(folder):
     """A small scene of the street, trained by default, with a least alpha."""
     data, scene = os.path.join(folder, "street"), os.path.join(folder, "scene")
     if not os.path.exists(os.path.join(scene, "report.json")):
-        pags("synth", "street", "-o", data, "--overwrite", "--size", "240x136", "--frames", 16, "--lidar-points", 3000, "--no-shifts", "-q")
+        pags(
+            "synth",
+            "street",
+            "-o",
+            data,
+            "--overwrite",
+            "--size",
+            "240x136",
+            "--frames",
+            16,
+            "--lidar-points",
+            3000,
+            "--no-shifts",
+            "-q",
+        )
         pags("train", data, "-o", scene, "--overwrite", "-n", 1500, "--max-gaussians", 60000, "-q")
     return scene
 
@@ -93,7 +107,12 @@ def psnr(a, b, where=None):
 
 def draw(chromium, folder, jobs):
     path = write(os.path.join(folder, "jobs.json"), jobs)
-    done = subprocess.run([shutil.which("node"), os.path.join(HERE, "viewers.mjs"), chromium, path], capture_output=True, text=True, timeout=7200)
+    done = subprocess.run(
+        [shutil.which("node"), os.path.join(HERE, "viewers.mjs"), chromium, path],
+        capture_output=True,
+        text=True,
+        timeout=7200,
+    )
     if done.returncode == 77:
         print(done.stderr.strip())
         sys.exit(77)
@@ -106,7 +125,10 @@ def main():
     fixtures.PAGS = os.path.abspath(sys.argv[1])
     folder = os.path.abspath(sys.argv[2])
     chromium = shutil.which("chromium")
-    modules = [os.path.join(HERE, "node_modules", name) for name in ("@babylonjs", "@sparkjsdev", "three", "fflate", "puppeteer-core")]
+    modules = [
+        os.path.join(HERE, "node_modules", name)
+        for name in ("@babylonjs", "@sparkjsdev", "three", "fflate", "puppeteer-core")
+    ]
     if not (chromium and shutil.which("node") and all(os.path.isdir(module) for module in modules)):
         print("skipped: needs node, its modules and chromium: make setup")
         return 77
@@ -124,7 +146,17 @@ def main():
     files = {}  # (format, group) -> file
     for group, (time, views) in enumerate(zip(times, groups)):
         path = write(os.path.join(folder, f"path-{group}.json"), {"fps": 1, "frames": views})
-        pags("render", plain, "--path", path, "-o", os.path.join(folder, f"{group}-scene"), "--channel", "color,alpha", "-q")
+        pags(
+            "render",
+            plain,
+            "--path",
+            path,
+            "-o",
+            os.path.join(folder, f"{group}-scene"),
+            "--channel",
+            "color,alpha",
+            "-q",
+        )
         for form in FORMATS:
             file = files[form, group] = os.path.join(folder, f"{group}.{form}")
             pags("export", plain, file, "--time", time - begin, *(["--splats"] if form == "glb" else []), "-q")
@@ -136,12 +168,17 @@ def main():
         for group, views in enumerate(groups):
             job = {"viewer": viewer, "file": files[form, group], "pictures": []}
             for index, view in enumerate(views):
-                pictures = {buffer: os.path.join(folder, f"{group}-{form}", f"{index:05}-{viewer}-{buffer}.png") for buffer in BUFFERS}
+                pictures = {
+                    buffer: os.path.join(folder, f"{group}-{form}", f"{index:05}-{viewer}-{buffer}.png")
+                    for buffer in BUFFERS
+                }
                 job["pictures"].append(seen(view, AXES[form], description["origin"], near, pictures))
                 rows += [(viewer, form, buffer, group, index, view["name"]) for buffer in BUFFERS]
             jobs.append(job)
     for job, found in zip(jobs, draw(chromium, folder, jobs)):
-        print(f"{job['viewer']} {found['version']}, {os.path.basename(job['file'])}: {sum(found['splats'])} Gaussians, {found['seconds']:.0f} s")
+        print(
+            f"{job['viewer']} {found['version']}, {os.path.basename(job['file'])}: {sum(found['splats'])} Gaussians, {found['seconds']:.0f} s"
+        )
     results = [compare(folder, *row) for row in rows]
     write(os.path.join(folder, "viewers.json"), results)
     return report(results)
@@ -161,7 +198,9 @@ def compare(folder, viewer, form, buffer, group, index, name):
 def report(results):
     """Prints dB of each view; returns 1 where the nearest viewer of a format breaks a bound in a view."""
     broken = 0
-    print("viewer  format buffer view         to ours   against the photograph: theirs, ours of the file, ours of the scene")
+    print(
+        "viewer  format buffer view         to ours   against the photograph: theirs, ours of the file, ours of the scene"
+    )
     nearest = {}
     for r in results:
         key = r["format"], r["view"]
@@ -169,10 +208,14 @@ def report(results):
             nearest[key] = r
     for r in results:
         figures = [r[f"photograph_{key}"] for key in ("theirs", "file", "scene")]
-        fault = nearest[r["format"], r["view"]] is r and not (r["to_ours"] >= NEAREST and figures[0] >= figures[2] - LOST)
+        fault = nearest[r["format"], r["view"]] is r and not (
+            r["to_ours"] >= NEAREST and figures[0] >= figures[2] - LOST
+        )
         broken += fault
-        print(f"{r['viewer']:7} {r['format']:6} {r['buffer']:6} {r['view']:12} {r['to_ours']:7.2f}   {figures[0]:6.2f} {figures[1]:6.2f} {figures[2]:6.2f}"
-              + ("  below a bound" if fault else ""))
+        print(
+            f"{r['viewer']:7} {r['format']:6} {r['buffer']:6} {r['view']:12} {r['to_ours']:7.2f}   {figures[0]:6.2f} {figures[1]:6.2f} {figures[2]:6.2f}"
+            + ("  below a bound" if fault else "")
+        )
     return 1 if broken else 0
 
 

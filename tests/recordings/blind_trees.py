@@ -25,7 +25,9 @@ class Truth:
 
     raw: str  # the folder to import
     options: list  # --sequence and the like
-    photographs: dict = dataclasses.field(default_factory=dict)  # digest of the file -> frame, name, world_from_camera, fx fy cx cy k1 k2 p1 p2 k3
+    photographs: dict = dataclasses.field(
+        default_factory=dict
+    )  # digest of the file -> frame, name, world_from_camera, fx fy cx cy k1 k2 p1 p2 k3
     boxes: dict = dataclasses.field(default_factory=dict)  # frame -> {id: (class, world_from_box, length width height)}
     spare: dict = dataclasses.field(default_factory=dict)  # the same of boxes that may be left out
     points: dict = dataclasses.field(default_factory=dict)  # frame -> points in the world
@@ -45,7 +47,10 @@ class Street:
         self.ego = [matrix("ego_pose", f"{t:03d}.txt") for t in range(self.count)]
         self.camera = [matrix("extrinsics", f"{c}.txt") for c in range(3)]
         self.lens = [np.loadtxt(os.path.join(self.folder, "intrinsics", f"{c}.txt")) for c in range(3)]
-        self.sweep = [np.fromfile(os.path.join(self.folder, "lidar", f"{t:03d}.bin"), "<f4").reshape(-1, 4) for t in range(self.count)]
+        self.sweep = [
+            np.fromfile(os.path.join(self.folder, "lidar", f"{t:03d}.bin"), "<f4").reshape(-1, 4)
+            for t in range(self.count)
+        ]
         self.boxes = [{} for _ in range(self.count)]
         for box in load("instances", "instances_info.json").values():
             marks = box["frame_annotations"]
@@ -69,8 +74,17 @@ class Street:
 def quaternion(pose, random=None):
     """w x y z of a pose's rotation by its greatest component; with a generator, of either sign."""
     r = pose[:3, :3]
-    k = np.array([[r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0], [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], 0, 0], [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], 0], [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], np.trace(r)]])
-    x, y, z, w = np.linalg.eigh(k)[1][:, -1]  # Bar-Itzhack 2000: the eigenvector of the greatest eigenvalue, of the lower triangle
+    k = np.array(
+        [
+            [r[0, 0] - r[1, 1] - r[2, 2], 0, 0, 0],
+            [r[1, 0] + r[0, 1], r[1, 1] - r[0, 0] - r[2, 2], 0, 0],
+            [r[2, 0] + r[0, 2], r[2, 1] + r[1, 2], r[2, 2] - r[0, 0] - r[1, 1], 0],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], np.trace(r)],
+        ]
+    )
+    x, y, z, w = np.linalg.eigh(k)[1][
+        :, -1
+    ]  # Bar-Itzhack 2000: the eigenvector of the greatest eigenvalue, of the lower triangle
     sign = random.choice([-1.0, 1.0]) if random is not None else 1.0
     return [float(sign * v) for v in (w, x, y, z)]
 
@@ -104,7 +118,13 @@ def inside(box, world_points):
 # ---- nuScenes ---------------------------------------------------------------------------------------------------------------
 
 NUSCENES_CLASSES = {"Car": "vehicle.car", "Pedestrian": "human.pedestrian.adult", "Cyclist": "vehicle.bicycle"}
-UNUSED_CLASSES = ["vehicle.emergency.police", "human.pedestrian.stroller", "static_object.bicycle_rack", "movable_object.trafficcone", "animal"]
+UNUSED_CLASSES = [
+    "vehicle.emergency.police",
+    "human.pedestrian.stroller",
+    "static_object.bicycle_rack",
+    "movable_object.trafficcone",
+    "animal",
+]
 CHANNELS = ["CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT"]
 
 
@@ -116,38 +136,80 @@ class _Tables:
 
     def add(self, table, **row):
         rows = self.rows.setdefault(table, [])
-        rows.append({"token": f"{table[:3]}/{len(rows)} é\\\"{table}", **row})
+        rows.append({"token": f'{table[:3]}/{len(rows)} é\\"{table}', **row})
         return rows[-1]["token"]
 
 
 def _nuscenes_scene(tables, street, root, truth, name, frames, stamp, random, shift):
     """Every second frame is a sample, the frames between are sweeps; frame 5 has no CAM_FRONT_RIGHT, sample 4 no label of moving_car_030."""
-    log = tables.add("log", logfile="n015-2018-07-24-11-22-45+0800", vehicle="n015", date_captured="2018-07-24", location="singapore-onenorth")
+    log = tables.add(
+        "log",
+        logfile="n015-2018-07-24-11-22-45+0800",
+        vehicle="n015",
+        date_captured="2018-07-24",
+        location="singapore-onenorth",
+    )
     tables.add("map", log_tokens=[log], category="semantic_prior", filename="maps/53992ee3023e5494b90c316c183be829.png")
     save(root, "maps/53992ee3023e5494b90c316c183be829.png", pathlib.Path(street.file(0, 0)).read_bytes())
-    samples = {t: tables.add("sample", timestamp=stamp + t * 100000, prev="", next="", scene_token="") for t in frames if t % 2 == 0}
+    samples = {
+        t: tables.add("sample", timestamp=stamp + t * 100000, prev="", next="", scene_token="")
+        for t in frames
+        if t % 2 == 0
+    }
     row = {r["token"]: r for rows in tables.rows.values() for r in rows}
     keys = sorted(samples)
-    scene = tables.add("scene", log_token=log, name=name, description="Wait at “lights”, 直行; parked cars", nbr_samples=len(keys), first_sample_token=samples[keys[0]], last_sample_token=samples[keys[-1]])
+    scene = tables.add(
+        "scene",
+        log_token=log,
+        name=name,
+        description="Wait at “lights”, 直行; parked cars",
+        nbr_samples=len(keys),
+        first_sample_token=samples[keys[0]],
+        last_sample_token=samples[keys[-1]],
+    )
     for i, t in enumerate(keys):
-        row[samples[t]].update(scene_token=scene, prev=samples[keys[i - 1]] if i else "", next=samples[keys[i + 1]] if i + 1 < len(keys) else "")
+        row[samples[t]].update(
+            scene_token=scene,
+            prev=samples[keys[i - 1]] if i else "",
+            next=samples[keys[i + 1]] if i + 1 < len(keys) else "",
+        )
     lidar_pose = turned(-np.pi / 2, 0.9, 0.0, 1.84)  # LIDAR_TOP: x right, y forward
-    sensor_pose = {**{channel: street.camera[c] for c, channel in enumerate(CHANNELS)}, "LIDAR_TOP": lidar_pose, "RADAR_FRONT": turned(0.01, 3.4, 0.0, 0.5)}
-    late = {"CAM_FRONT": -1951, "CAM_FRONT_LEFT": -951, "CAM_FRONT_RIGHT": 1549, "LIDAR_TOP": 0, "RADAR_FRONT": -16951}  # microseconds after the sample's stamp
+    sensor_pose = {
+        **{channel: street.camera[c] for c, channel in enumerate(CHANNELS)},
+        "LIDAR_TOP": lidar_pose,
+        "RADAR_FRONT": turned(0.01, 3.4, 0.0, 0.5),
+    }
+    late = {
+        "CAM_FRONT": -1951,
+        "CAM_FRONT_LEFT": -951,
+        "CAM_FRONT_RIGHT": 1549,
+        "LIDAR_TOP": 0,
+        "RADAR_FRONT": -16951,
+    }  # microseconds after the sample's stamp
     for channel, pose in sensor_pose.items():
         camera = CHANNELS.index(channel) if channel in CHANNELS else -1
         token = next((s["token"] for s in tables.rows.get("sensor", []) if s["channel"] == channel), None)
-        token = token or tables.add("sensor", channel=channel, modality={"L": "lidar", "R": "radar"}.get(channel[0], "camera"))
+        token = token or tables.add(
+            "sensor", channel=channel, modality={"L": "lidar", "R": "radar"}.get(channel[0], "camera")
+        )
         fx, fy, cx, cy = street.lens[max(camera, 0)][:4]
         k = [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] if camera >= 0 else []
-        calibrated = tables.add("calibrated_sensor", sensor_token=token, translation=pose[:3, 3].tolist(), rotation=quaternion(pose, random), camera_intrinsic=k)
+        calibrated = tables.add(
+            "calibrated_sensor",
+            sensor_token=token,
+            translation=pose[:3, 3].tolist(),
+            rotation=quaternion(pose, random),
+            camera_intrinsic=k,
+        )
         last = None
         for t in frames:
             if channel == "CAM_FRONT_RIGHT" and t == 5:
                 continue
             time, key = stamp + t * 100000 + late[channel], t % 2 == 0
             ego = shift @ street.ego[t]
-            at = tables.add("ego_pose", timestamp=time, rotation=quaternion(ego, random), translation=ego[:3, 3].tolist())
+            at = tables.add(
+                "ego_pose", timestamp=time, rotation=quaternion(ego, random), translation=ego[:3, 3].tolist()
+            )
             end = "jpg" if camera >= 0 else "pcd.bin" if channel == "LIDAR_TOP" else "pcd"
             path = f"{'samples' if key else 'sweeps'}/{channel}/n015-2018-07-24-11-22-45+0800__{channel}__{time}.{end}"
             if camera >= 0:
@@ -161,9 +223,26 @@ def _nuscenes_scene(tables, street, root, truth, name, frames, stamp, random, sh
                 if truth:
                     truth.points[t] = move(ego @ pose, points.astype(float))
             else:
-                save(root, path, b"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z dyn_prop id rcs vx vy vx_comp vy_comp\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA binary\n")
+                save(
+                    root,
+                    path,
+                    b"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z dyn_prop id rcs vx vy vx_comp vy_comp\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA binary\n",
+                )
             after = samples[min(t + t % 2, keys[-1])]  # a sweep points to the sample that follows
-            token = tables.add("sample_data", sample_token=after, ego_pose_token=at, calibrated_sensor_token=calibrated, timestamp=time, fileformat=end.split(".")[0], is_key_frame=key, height=street.size[1] if camera >= 0 else 0, width=street.size[0] if camera >= 0 else 0, filename=path, prev=last or "", next="")
+            token = tables.add(
+                "sample_data",
+                sample_token=after,
+                ego_pose_token=at,
+                calibrated_sensor_token=calibrated,
+                timestamp=time,
+                fileformat=end.split(".")[0],
+                is_key_frame=key,
+                height=street.size[1] if camera >= 0 else 0,
+                width=street.size[0] if camera >= 0 else 0,
+                filename=path,
+                prev=last or "",
+                next="",
+            )
             row[token] = tables.rows["sample_data"][-1]
             if last:
                 row[last]["next"] = token
@@ -175,14 +254,33 @@ def _nuscenes_scene(tables, street, root, truth, name, frames, stamp, random, sh
         there = [t for t in keys if identity in street.boxes[t] and not (identity == "moving_car_030" and t == 4)]
         kind = NUSCENES_CLASSES[street.boxes[there[0]][identity][0]]
         category = next(c["token"] for c in tables.rows["category"] if c["name"] == kind)
-        instance = tables.add("instance", category_token=category, nbr_annotations=len(there), first_annotation_token="", last_annotation_token="")
+        instance = tables.add(
+            "instance",
+            category_token=category,
+            nbr_annotations=len(there),
+            first_annotation_token="",
+            last_annotation_token="",
+        )
         last, known = None, tables.rows["instance"][-1]
         for t in there:
             _, pose, (length, width, height) = street.boxes[t][identity]
             count = inside(street.boxes[t][identity], move(street.ego[t], street.sweep[t][:, :3].astype(float)))
             rider = [tables.rows["attribute"][0]["token"]] if kind == "vehicle.bicycle" else []
             world = shift @ pose
-            token = tables.add("sample_annotation", sample_token=samples[t], instance_token=instance, visibility_token=str(1 + t % 4) if t % 3 else "", attribute_tokens=rider, translation=world[:3, 3].tolist(), size=[width, length, height], rotation=quaternion(world, random), prev=last or "", next="", num_lidar_pts=count, num_radar_pts=0)
+            token = tables.add(
+                "sample_annotation",
+                sample_token=samples[t],
+                instance_token=instance,
+                visibility_token=str(1 + t % 4) if t % 3 else "",
+                attribute_tokens=rider,
+                translation=world[:3, 3].tolist(),
+                size=[width, length, height],
+                rotation=quaternion(world, random),
+                prev=last or "",
+                next="",
+                num_lidar_pts=count,
+                num_radar_pts=0,
+            )
             row[token] = tables.rows["sample_annotation"][-1]
             if last:
                 row[last]["next"] = token
@@ -206,9 +304,24 @@ def nuscenes(street, root):
         tables.add("category", name=name, description="", index=len(tables.rows.get("category", [])))
     for name in ("cycle.with_rider", "cycle.without_rider", "vehicle.parked"):
         tables.add("attribute", name=name, description="")
-    tables.rows["visibility"] = [{"token": str(i + 1), "level": level, "description": ""} for i, level in enumerate(["v0-40", "v40-60", "v60-80", "v80-100"])]
-    _nuscenes_scene(tables, street, root, None, "scene-0061", range(3), 1532402900000000, random, turned(0.3, 411.3, 1180.9))
-    _nuscenes_scene(tables, street, root, truth, "scene-0103", range(9 if street.count == 10 else street.count), 1532402927647951, random, turned(-2.1, 601.2, 1646.5))
+    tables.rows["visibility"] = [
+        {"token": str(i + 1), "level": level, "description": ""}
+        for i, level in enumerate(["v0-40", "v40-60", "v60-80", "v80-100"])
+    ]
+    _nuscenes_scene(
+        tables, street, root, None, "scene-0061", range(3), 1532402900000000, random, turned(0.3, 411.3, 1180.9)
+    )
+    _nuscenes_scene(
+        tables,
+        street,
+        root,
+        truth,
+        "scene-0103",
+        range(9 if street.count == 10 else street.count),
+        1532402927647951,
+        random,
+        turned(-2.1, 601.2, 1646.5),
+    )
     for name, rows in tables.rows.items():
         order = random.permutation(len(rows)) if name != "visibility" else range(len(rows))
         text = json.dumps([{**rows[i], "remark": None} for i in order], indent=0, ensure_ascii=False)
@@ -220,7 +333,14 @@ def nuscenes(street, root):
 
 ARGOVERSE_CLASSES = {"Car": "REGULAR_VEHICLE", "Pedestrian": "PEDESTRIAN", "Cyclist": "BICYCLIST"}
 RING = ["ring_front_center", "ring_front_left", "ring_front_right"]
-OTHERS = ["ring_rear_left", "ring_rear_right", "ring_side_left", "ring_side_right", "stereo_front_left", "stereo_front_right"]
+OTHERS = [
+    "ring_rear_left",
+    "ring_rear_right",
+    "ring_side_left",
+    "ring_side_right",
+    "stereo_front_left",
+    "stereo_front_right",
+]
 
 
 def _feather(root, name, columns):
@@ -242,20 +362,39 @@ def _poses(rows, random, first):
 def _argoverse_log(street, root, log, frames, random, shift, truth):
     """Cameras at 20 Hz, LiDAR and labels at 10 Hz, each sensor with stamps of its own; the pose table holds each stamp and others between."""
     start, step = 315966265259836000, 50_000_000
-    stamps = {name: start + np.arange(len(frames)) * step + late for name, late in zip(RING, (0, 3_500_001, -2_750_003))}
-    poses = [(int(start + t * step + late), shift @ street.ego[t]) for t in frames for late in (0, 3_500_001, -2_750_003)]
+    stamps = {
+        name: start + np.arange(len(frames)) * step + late for name, late in zip(RING, (0, 3_500_001, -2_750_003))
+    }
+    poses = [
+        (int(start + t * step + late), shift @ street.ego[t]) for t in frames for late in (0, 3_500_001, -2_750_003)
+    ]
     for a, b in zip(frames[:-1], frames[1:]):  # half way, so that the table is denser than the sensors
         middle = np.array(street.ego[a])
         middle[:3, 3] = (street.ego[a][:3, 3] + street.ego[b][:3, 3]) / 2
         poses.append((int(start + a * step + step // 2), shift @ middle))
     _feather(root, f"{log}/city_SE3_egovehicle.feather", _poses(poses, random, "timestamp_ns"))
     lidar = turned(0.002, 1.35, 0.0, 1.64)
-    sensors = [*zip(RING, street.camera), *((name, turned(0.5 * i, 1.1, 0.1, 1.4) @ street.camera[0]) for i, name in enumerate(OTHERS)), ("up_lidar", lidar), ("down_lidar", lidar)]
+    sensors = [
+        *zip(RING, street.camera),
+        *((name, turned(0.5 * i, 1.1, 0.1, 1.4) @ street.camera[0]) for i, name in enumerate(OTHERS)),
+        ("up_lidar", lidar),
+        ("down_lidar", lidar),
+    ]
     _feather(root, f"{log}/calibration/egovehicle_SE3_sensor.feather", _poses(sensors, random, "sensor_name"))
     names = [*OTHERS, *RING]
     lens = np.array([street.lens[RING.index(name) if name in RING else 0] for name in names])
     k = {"k1": np.full(9, -0.02), "k2": np.full(9, 0.003), "k3": np.full(9, -0.0004)}
-    _feather(root, f"{log}/calibration/intrinsics.feather", {"sensor_name": names, **{key: lens[:, i] for i, key in enumerate(("fx_px", "fy_px", "cx_px", "cy_px"))}, **k, "height_px": np.full(9, street.size[1], np.uint16), "width_px": np.full(9, street.size[0], np.uint16)})
+    _feather(
+        root,
+        f"{log}/calibration/intrinsics.feather",
+        {
+            "sensor_name": names,
+            **{key: lens[:, i] for i, key in enumerate(("fx_px", "fy_px", "cx_px", "cy_px"))},
+            **k,
+            "height_px": np.full(9, street.size[1], np.uint16),
+            "width_px": np.full(9, street.size[0], np.uint16),
+        },
+    )
     save(root, f"{log}/map/log_map_archive_{log}____PIT_city_31785.json", b"{}")
     labels = []
     for t in frames:
@@ -265,12 +404,24 @@ def _argoverse_log(street, root, log, frames, random, shift, truth):
             digest = save(root, f"{log}/sensors/cameras/{name}/{stamps[name][t]}.jpg", street.jpeg(t, c, log))
             if truth:
                 fx, fy, cx, cy = street.lens[c][:4]
-                truth.photographs[digest] = (t, name, shift @ street.ego[t] @ street.camera[c], [fx, fy, cx, cy, 0, 0, 0, 0, 0])  # the source has undone k1, k2 and k3
-        save(root, f"{log}/sensors/cameras/stereo_front_left/{start + t * step}.jpg", street.jpeg(t, 0, log + " stereo"))
-        boxes = {str(uuid.uuid5(uuid.NAMESPACE_OID, i)): (ARGOVERSE_CLASSES[b[0]], shift @ b[1], b[2]) for i, b in street.boxes[t].items()}
+                truth.photographs[digest] = (
+                    t,
+                    name,
+                    shift @ street.ego[t] @ street.camera[c],
+                    [fx, fy, cx, cy, 0, 0, 0, 0, 0],
+                )  # the source has undone k1, k2 and k3
+        save(
+            root, f"{log}/sensors/cameras/stereo_front_left/{start + t * step}.jpg", street.jpeg(t, 0, log + " stereo")
+        )
+        boxes = {
+            str(uuid.uuid5(uuid.NAMESPACE_OID, i)): (ARGOVERSE_CLASSES[b[0]], shift @ b[1], b[2])
+            for i, b in street.boxes[t].items()
+        }
         if t % 2:
             if truth:  # between two labels
-                truth.boxes[t] = {i: b for i, b in boxes.items() if i in truth.boxes[t - 1]} if t + 1 < len(frames) else {}
+                truth.boxes[t] = (
+                    {i: b for i, b in boxes.items() if i in truth.boxes[t - 1]} if t + 1 < len(frames) else {}
+                )
                 truth.spare[t] = {i: b for i, b in boxes.items() if i not in truth.boxes[t]}
             continue
         cone = shift @ turned(0.4, 12.0, 5.0, 0.4)
@@ -278,15 +429,33 @@ def _argoverse_log(street, root, log, frames, random, shift, truth):
         points = street.sweep[t][:, :3].astype(np.float16)
         order = random.permutation(len(points))
         intensity = np.clip(street.sweep[t][:, 3] * 255, 0, 255).astype(np.uint8)
-        sweep = {**{axis: points[order, i] for i, axis in enumerate("xyz")}, "intensity": intensity[order], "laser_number": (order % 64).astype(np.uint8), "offset_ns": (order * 1000).astype(np.int32)}
+        sweep = {
+            **{axis: points[order, i] for i, axis in enumerate("xyz")},
+            "intensity": intensity[order],
+            "laser_number": (order % 64).astype(np.uint8),
+            "offset_ns": (order * 1000).astype(np.int32),
+        }
         _feather(root, f"{log}/sensors/lidar/{start + t * step}.feather", sweep)
         world = move(shift @ street.ego[t], points.astype(float))
         if truth:
             truth.points[t], truth.boxes[t] = world, boxes
         for identity, (kind, pose, size) in boxes.items():
-            labels.append((start + t * step, identity, kind, size, np.linalg.inv(shift @ street.ego[t]) @ pose, inside((kind, pose, size), world)))
+            labels.append(
+                (
+                    start + t * step,
+                    identity,
+                    kind,
+                    size,
+                    np.linalg.inv(shift @ street.ego[t]) @ pose,
+                    inside((kind, pose, size), world),
+                )
+            )
     labels = [labels[i] for i in random.permutation(len(labels))]
-    columns = {"timestamp_ns": [r[0] for r in labels], "track_uuid": [r[1] for r in labels], "category": [r[2] for r in labels]}
+    columns = {
+        "timestamp_ns": [r[0] for r in labels],
+        "track_uuid": [r[1] for r in labels],
+        "category": [r[2] for r in labels],
+    }
     columns.update({f"{key}_m": [r[3][i] for r in labels] for i, key in enumerate(("length", "width", "height"))})
     q = np.array([quaternion(r[4], random) for r in labels])
     columns.update({f"q{axis}": q[:, i] for i, axis in enumerate("wxyz")})
@@ -299,6 +468,8 @@ def argoverse2(street, root):
     random = np.random.default_rng(2)
     log = "54bc6dbc-ebfb-3fba-b5b3-57f88b4b79ca"
     truth = Truth(str(root), ["--sequence", log], point_error=0.004, box_error=0.06)
-    _argoverse_log(street, root, "00a6ffc1-6ce9-3bc3-a060-6006e9893a1a", range(3), random, turned(1.0, 5000.0, -300.0, 10.0), None)
+    _argoverse_log(
+        street, root, "00a6ffc1-6ce9-3bc3-a060-6006e9893a1a", range(3), random, turned(1.0, 5000.0, -300.0, 10.0), None
+    )
     _argoverse_log(street, root, log, range(street.count), random, turned(2.5, 747.4, 1275.3, -24.2), truth)
     return truth

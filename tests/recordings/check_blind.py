@@ -13,11 +13,10 @@ import types
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli")]
 
-import numpy as np  # noqa: E402
-
 import blind_tables  # noqa: E402
 import blind_trees  # noqa: E402
 import fixtures  # noqa: E402
+import numpy as np  # noqa: E402
 from blind_trees import move  # noqa: E402
 
 LARGEST = {"pose": 1e-6, "K": 1e-9, "box": 1e-5, "LiDAR": 1e-5}
@@ -40,7 +39,11 @@ def nuscenes(truth, note):
 
     theirs = NuScenes(version="v1.0-mini", dataroot=truth.raw, verbose=False)
     pose = lambda row: rigid(Quaternion(row["rotation"]).rotation_matrix, row["translation"])  # noqa: E731
-    zero = min(sample["timestamp"] for sample in theirs.sample if theirs.get("scene", sample["scene_token"])["name"] == "scene-0103")
+    zero = min(
+        sample["timestamp"]
+        for sample in theirs.sample
+        if theirs.get("scene", sample["scene_token"])["name"] == "scene-0103"
+    )
     for data in theirs.sample_data:
         frame, path = round((data["timestamp"] - zero) / 1e5), theirs.get_sample_data_path(data["token"])
         mount = theirs.get("calibrated_sensor", data["calibrated_sensor_token"])
@@ -48,9 +51,17 @@ def nuscenes(truth, note):
         if data["sensor_modality"] == "camera" and digest(path) in truth.photographs:
             at, _, true, lens = truth.photographs[digest(path)]
             note("pose", world_from_sensor, true)
-            note("K", [mount["camera_intrinsic"][0][0], mount["camera_intrinsic"][1][1], mount["camera_intrinsic"][0][2]], lens[:3])
+            note(
+                "K",
+                [mount["camera_intrinsic"][0][0], mount["camera_intrinsic"][1][1], mount["camera_intrinsic"][0][2]],
+                lens[:3],
+            )
         elif data["channel"] == "LIDAR_TOP" and data["is_key_frame"] and 0 <= data["timestamp"] - zero < 1e8:
-            note("LiDAR", move(world_from_sensor, LidarPointCloud.from_file(path).points[:3].T.astype(float)), truth.points[frame])
+            note(
+                "LiDAR",
+                move(world_from_sensor, LidarPointCloud.from_file(path).points[:3].T.astype(float)),
+                truth.points[frame],
+            )
             for box in theirs.get_boxes(data["token"]):
                 _, true, size = truth.boxes[frame][theirs.get("sample_annotation", box.token)["instance_token"]]
                 note("box", rigid(box.rotation_matrix, box.center), true)
@@ -113,9 +124,27 @@ def main():
     folder, right = tempfile.mkdtemp(prefix="pags-blind-"), True
     try:
         street = os.path.join(folder, "street")
-        done = fixtures.run("synth", "street", "-o", street, "--size", "160x90", "--frames", "10", "--lidar-points", "2400", "--samples", "1", "--no-shifts")
+        done = fixtures.run(
+            "synth",
+            "street",
+            "-o",
+            street,
+            "--size",
+            "160x90",
+            "--frames",
+            "10",
+            "--lidar-points",
+            "2400",
+            "--samples",
+            "1",
+            "--no-shifts",
+        )
         assert done.returncode == 0, done.stderr
-        for tree, check in ((blind_trees.nuscenes, nuscenes), (blind_trees.argoverse2, argoverse2), (blind_tables.kitti360, kitti360)):
+        for tree, check in (
+            (blind_trees.nuscenes, nuscenes),
+            (blind_trees.argoverse2, argoverse2),
+            (blind_tables.kitti360, kitti360),
+        ):
             largest, counted = {}, {}
 
             def note(what, theirs, true, largest=largest, counted=counted):
@@ -123,8 +152,13 @@ def main():
                 counted[what] = counted.get(what, 0) + 1
 
             check(tree(blind_trees.Street(street), os.path.join(folder, tree.__name__)), note)
-            print(f"blind tree of {tree.__name__}: " + ", ".join(f"{what} {value:.2g} ({counted[what]})" for what, value in largest.items()))
-            right &= {"pose", "K", "box"} <= set(largest) and all(value <= LARGEST[what] for what, value in largest.items())
+            print(
+                f"blind tree of {tree.__name__}: "
+                + ", ".join(f"{what} {value:.2g} ({counted[what]})" for what, value in largest.items())
+            )
+            right &= {"pose", "K", "box"} <= set(largest) and all(
+                value <= LARGEST[what] for what, value in largest.items()
+            )
     finally:
         shutil.rmtree(folder)
     sys.exit(0 if right else "check_blind: a tree says something else to the source's package than to us")

@@ -10,7 +10,11 @@ import sys
 import tempfile
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-sys.path[:0] = [os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli"), os.path.join(os.path.dirname(os.path.dirname(HERE)), "tools", "recordings")]
+sys.path[:0] = [
+    os.path.dirname(HERE),
+    os.path.join(os.path.dirname(HERE), "cli"),
+    os.path.join(os.path.dirname(os.path.dirname(HERE)), "tools", "recordings"),
+]
 
 import blind_tables  # noqa: E402
 import blind_trees  # noqa: E402
@@ -40,7 +44,15 @@ def run(kind, truth, out):
         sys.argv = was
 
 
-OTHERS = ("00a6ffc1-", "002" + os.sep, "1005081002024129653_", "drive_0000_", "stereo_", "image_02", "RADAR")  # sequences and sensors that aren't asked for
+OTHERS = (
+    "00a6ffc1-",
+    "002" + os.sep,
+    "1005081002024129653_",
+    "drive_0000_",
+    "stereo_",
+    "image_02",
+    "RADAR",
+)  # sequences and sensors that aren't asked for
 
 
 def sorts(raw):
@@ -69,7 +81,11 @@ def check(kind, truth, folder):
                 counts[code] += 1
                 if code == 0 and "--list" in sys.argv:
                     print(f"{kind}: {name} {what}: read on")
-                right = words.count("\n") == 1 and words.startswith(importer.PROGRAM) if code else words == "" and os.path.exists(os.path.join(out, "dataset.json"))
+                right = (
+                    words.count("\n") == 1 and words.startswith(importer.PROGRAM)
+                    if code
+                    else words == "" and os.path.exists(os.path.join(out, "dataset.json"))
+                )
                 if not right or (code and os.path.exists(os.path.join(out, "dataset.json"))):
                     wrong.append(f"{kind}: {name} {what}: code {code}, {words!r}")
             except Exception as error:  # noqa: BLE001  what no line names is what is looked for
@@ -87,9 +103,29 @@ def main():
     holder, right = tempfile.mkdtemp(prefix="pags-damage-"), True
     try:
         street = os.path.join(holder, "street")
-        done = fixtures.run("synth", "street", "-o", street, "--size", "160x90", "--frames", "4", "--lidar-points", "600", "--samples", "1", "--no-shifts")
+        done = fixtures.run(
+            "synth",
+            "street",
+            "-o",
+            street,
+            "--size",
+            "160x90",
+            "--frames",
+            "4",
+            "--lidar-points",
+            "600",
+            "--samples",
+            "1",
+            "--no-shifts",
+        )
         assert done.returncode == 0, done.stderr
-        for write_tree in (blind_trees.nuscenes, blind_trees.argoverse2, blind_tables.pandaset, blind_tables.waymo2, blind_tables.kitti360):
+        for write_tree in (
+            blind_trees.nuscenes,
+            blind_trees.argoverse2,
+            blind_tables.pandaset,
+            blind_tables.waymo2,
+            blind_tables.kitti360,
+        ):
             folder = os.path.join(holder, write_tree.__name__)
             right &= check(write_tree.__name__, write_tree(Street(street), os.path.join(folder, "raw")), folder)
     finally:

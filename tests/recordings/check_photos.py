@@ -13,7 +13,9 @@ import tempfile
 import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-PICTURES = os.path.join(os.environ.get("PAGS_SHARED_DATA", os.path.join(ROOT, "..", "shared", "data")), "found", "colmap4-plush", "images")
+PICTURES = os.path.join(
+    os.environ.get("PAGS_SHARED_DATA", os.path.join(ROOT, "..", "shared", "data")), "found", "colmap4-plush", "images"
+)
 PYTHON = os.path.join(ROOT, "tools", "recordings", ".venv", "bin", "python")
 PAGS = os.path.abspath(sys.argv[1])
 STEPS = "1500"
@@ -37,8 +39,11 @@ def check(name, raw, importer, folder, of, least):
     found = subprocess.run([PAGS, "eval", scene, "--json", "-", "--quiet"], check=True, capture_output=True, text=True)
     psnr = json.loads(found.stdout)["test"]["psnr"]
     assert psnr > 20, psnr  # 23 in 700 steps with the cameras of a run of pycolmap's own
-    print(f"{name}: {facts['registered']} of {of} with cameras, {facts['reprojection_error']:.2f} px, {imported - begun:.0f} s; {STEPS} steps at half size "
-          f"{psnr:.1f} dB, {time.monotonic() - imported:.0f} s", flush=True)  # fmt: skip
+    print(
+        f"{name}: {facts['registered']} of {of} with cameras, {facts['reprojection_error']:.2f} px, {imported - begun:.0f} s; {STEPS} steps at half size "
+        f"{psnr:.1f} dB, {time.monotonic() - imported:.0f} s",
+        flush=True,
+    )
 
 
 def main():
@@ -54,7 +59,21 @@ def main():
         if shutil.which("colmap") and shutil.which("ffmpeg"):
             video = os.path.join(folder, "plush.mp4")
             pattern = ["-pattern_type", "glob", "-framerate", "4", "-i", os.path.join(PICTURES, "*.jpg")]
-            run("ffmpeg", "-v", "error", *pattern, "-vf", "fps=12", "-c:v", "libx264", "-crf", "15", "-pix_fmt", "yuv420p", video)
+            run(
+                "ffmpeg",
+                "-v",
+                "error",
+                *pattern,
+                "-vf",
+                "fps=12",
+                "-c:v",
+                "libx264",
+                "-crf",
+                "15",
+                "-pix_fmt",
+                "yuv420p",
+                video,
+            )
             check("video", video, [*own, "--pictures", "32"], folder, 32, 28)
         module = [PYTHON, "-B", "-m", "pags_recordings", "photos"]
         if subprocess.run([PYTHON, "-c", "import pycolmap"], capture_output=True).returncode:

@@ -10,13 +10,18 @@ import tempfile
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.dirname(HERE), os.path.join(os.path.dirname(HERE), "cli")]
 
-import numpy as np  # noqa: E402
-
 import fixtures  # noqa: E402
+import numpy as np  # noqa: E402
 import test_importers  # noqa: E402
 from street import labels, matrix, world_points  # noqa: E402
 
-TOLERANCE = {"pose": 1e-6, "K": 1e-9, "box": 1e-6, "size": 1e-9, "LiDAR": 1e-3}  # metres and pixels; LiDAR: half floats and float32 at 100 m
+TOLERANCE = {
+    "pose": 1e-6,
+    "K": 1e-9,
+    "box": 1e-6,
+    "size": 1e-9,
+    "LiDAR": 1e-3,
+}  # metres and pixels; LiDAR: half floats and float32 at 100 m
 
 
 class Differences:
@@ -30,7 +35,11 @@ class Differences:
         self.counted[what] += 1
 
     def end(self):
-        print(self.name + ": " + ", ".join(f"{what} {self.largest[what]:.2g} ({self.counted[what]})" for what in TOLERANCE))
+        print(
+            self.name
+            + ": "
+            + ", ".join(f"{what} {self.largest[what]:.2g} ({self.counted[what]})" for what in TOLERANCE)
+        )
         return all(self.counted[what] and self.largest[what] <= TOLERANCE[what] for what in TOLERANCE)
 
 
@@ -64,12 +73,19 @@ def check_nuscenes(folder):
         for n in range(2):
             data = theirs.get("sample_data", f"d{t}_{n}")
             mount = theirs.get("calibrated_sensor", data["calibrated_sensor_token"])
-            found.note("pose", matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), pose(theirs.get("ego_pose", data["ego_pose_token"])) @ pose(mount))
+            found.note(
+                "pose",
+                matrix(out, "extrinsics", f"{t:06d}_{n}.txt"),
+                pose(theirs.get("ego_pose", data["ego_pose_token"])) @ pose(mount),
+            )
             found.note("K", intrinsics(out, n), mount["camera_intrinsic"])
         data = theirs.get("sample_data", f"d{t}_2")
         cloud = LidarPointCloud.from_file(theirs.get_sample_data_path(data["token"]))
         cloud.points = cloud.points.astype(np.float64)
-        cloud.transform(pose(theirs.get("ego_pose", data["ego_pose_token"])) @ pose(theirs.get("calibrated_sensor", data["calibrated_sensor_token"])))
+        cloud.transform(
+            pose(theirs.get("ego_pose", data["ego_pose_token"]))
+            @ pose(theirs.get("calibrated_sensor", data["calibrated_sensor_token"]))
+        )
         found.note("LiDAR", world_points(out, t), cloud.points[:3].T)
         for box in theirs.get_boxes(data["token"]):  # between key frames by the package's own interpolation
             annotation = theirs.get("sample_annotation", box.token)
@@ -98,7 +114,11 @@ def check_argoverse2(folder):
     for t, stamp in enumerate(sorted(egos)):
         world_from_ego = egos[stamp].transform_matrix
         for n, camera in enumerate(cameras):
-            found.note("pose", matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), world_from_ego @ camera.ego_SE3_cam.transform_matrix)
+            found.note(
+                "pose",
+                matrix(out, "extrinsics", f"{t:06d}_{n}.txt"),
+                world_from_ego @ camera.ego_SE3_cam.transform_matrix,
+            )
             found.note("K", intrinsics(out, n), camera.intrinsics.K)
         points = read_lidar_sweep(log / "sensors" / "lidar" / f"{stamp}.feather", attrib_spec="xyz").astype(np.float64)
         found.note("LiDAR", world_points(out, t), points @ world_from_ego[:3, :3].T + world_from_ego[:3, 3])
@@ -106,17 +126,23 @@ def check_argoverse2(folder):
         assert len(now) == len([key for key in boxes if key[0] == t])
         for cuboid in now:
             true = world_from_ego @ cuboid.dst_SE3_object.transform_matrix
-            near = min((pose for (at, _), (_, pose, _) in boxes.items() if at == t), key=lambda pose: np.abs(pose - true).max())
+            near = min(
+                (pose for (at, _), (_, pose, _) in boxes.items() if at == t), key=lambda pose: np.abs(pose - true).max()
+            )
             found.note("box", near, true)
-            found.note("size", [cuboid.length_m, cuboid.width_m, cuboid.height_m], next(size for _, pose, size in boxes.values() if pose is near))
+            found.note(
+                "size",
+                [cuboid.length_m, cuboid.width_m, cuboid.height_m],
+                next(size for _, pose, size in boxes.values() if pose is near),
+            )
     return found.end()
 
 
 def check_kitti360(folder):
     import types
+    import xml.etree.ElementTree as ET
 
     import cv2
-    import xml.etree.ElementTree as ET
 
     for name in ("skimage", "matplotlib"):  # the package draws with these; nothing is drawn here
         sys.modules[name] = types.ModuleType(name)
@@ -131,13 +157,25 @@ def check_kitti360(folder):
     boxes = imported(case, out)
     cameras = [CameraPerspective(case.raw, case.DRIVE, n) for n in range(2)]
     calibration = os.path.join(case.raw, "calibration")
-    pose_from_velo = loadCalibrationCameraToPose(os.path.join(calibration, "calib_cam_to_pose.txt"))["image_00"] @ np.linalg.inv(loadCalibrationRigid(os.path.join(calibration, "calib_cam_to_velo.txt")))
-    poses = {int(row[0]): np.vstack([row[1:].reshape(3, 4), [0, 0, 0, 1]]) for row in np.loadtxt(os.path.join(case.raw, "data_poses", case.DRIVE, "poses.txt"))}
+    pose_from_velo = loadCalibrationCameraToPose(os.path.join(calibration, "calib_cam_to_pose.txt"))[
+        "image_00"
+    ] @ np.linalg.inv(loadCalibrationRigid(os.path.join(calibration, "calib_cam_to_velo.txt")))
+    poses = {
+        int(row[0]): np.vstack([row[1:].reshape(3, 4), [0, 0, 0, 1]])
+        for row in np.loadtxt(os.path.join(case.raw, "data_poses", case.DRIVE, "poses.txt"))
+    }
     for t in range(test_importers.FRAMES):
         for n, camera in enumerate(cameras):
             found.note("pose", matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), camera.cam2world[first + t])
             found.note("K", intrinsics(out, n), camera.K[:, :3])
-        rows = np.fromfile(os.path.join(case.raw, "data_3d_raw", case.DRIVE, "velodyne_points", "data", f"{first + t:010d}.bin"), "<f4").reshape(-1, 4).astype(np.float64)
+        rows = (
+            np.fromfile(
+                os.path.join(case.raw, "data_3d_raw", case.DRIVE, "velodyne_points", "data", f"{first + t:010d}.bin"),
+                "<f4",
+            )
+            .reshape(-1, 4)
+            .astype(np.float64)
+        )
         world_from_velo = poses[first + t] @ pose_from_velo
         if t:  # helpers/curlVelodyneData isn't built by pip: its formula, with the motion that devkits/accumuLaser gives it
             motion = np.linalg.inv(world_from_velo) @ poses[first + t - 1] @ pose_from_velo
@@ -151,7 +189,12 @@ def check_kitti360(folder):
         for t in [theirs.timestamp - first] if theirs.timestamp >= 0 else range(2, 5):
             if theirs.name != "building":
                 _, pose, size = boxes[t, f"{theirs.name} {theirs.instanceId}"]
-                corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size @ pose[:3, :3].T + pose[:3, 3]
+                corners = (
+                    np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+                    * size
+                    @ pose[:3, :3].T
+                    + pose[:3, 3]
+                )
                 order = [int(np.argmin(np.linalg.norm(corners - vertex, axis=1))) for vertex in theirs.vertices]
                 assert sorted(order) == list(range(8))
                 found.note("box", corners[order], theirs.vertices)
@@ -163,7 +206,11 @@ def main():
     fixtures.PAGS = os.path.abspath(sys.argv[1])
     right, folder = True, tempfile.mkdtemp(prefix="pags-sources-")
     try:
-        for case, check in ((test_importers.NuScenes, check_nuscenes), (test_importers.Argoverse2, check_argoverse2), (test_importers.Kitti360, check_kitti360)):
+        for case, check in (
+            (test_importers.NuScenes, check_nuscenes),
+            (test_importers.Argoverse2, check_argoverse2),
+            (test_importers.Kitti360, check_kitti360),
+        ):
             case.setUpClass()
             right &= check(folder)
             case.doClassCleanups()

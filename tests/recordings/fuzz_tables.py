@@ -22,7 +22,6 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(os.path.dirname(os.path.dirname(HERE)), "tools", "recordings")]
 
 import numpy as np  # noqa: E402
-
 import old_pickle  # noqa: E402
 from pags_recordings import RecordingError  # noqa: E402
 from pags_recordings.account import Account  # noqa: E402
@@ -82,7 +81,11 @@ PARQUET = {
     "lidar_box": ("LiDARBoxComponent", BOX, ["key.frame_timestamp_micros", "key.laser_object_id"]),
     "lidar": ("LiDARComponent", RETURNS, ["key.frame_timestamp_micros", "key.laser_name"]),
     "vehicle_pose": ("VehiclePoseComponent", ["world_from_vehicle.transform"], ["key.frame_timestamp_micros"]),
-    "camera_image": ("CameraImageComponent", ["image", "pose.transform", "pose_timestamp"], ["key.frame_timestamp_micros", "key.camera_name"]),
+    "camera_image": (
+        "CameraImageComponent",
+        ["image", "pose.transform", "pose_timestamp"],
+        ["key.frame_timestamp_micros", "key.camera_name"],
+    ),
 }
 
 
@@ -99,9 +102,22 @@ def pickles():
 def parquet_rows(name, count=6):
     prefix, columns, keys = PARQUET[name]
     for i in range(count):
-        row = {key: f"id{i % 2}" if key.endswith("object_id") else i // 2 if key.endswith("micros") else 1 + i % 2 for key in keys}
+        row = {
+            key: f"id{i % 2}" if key.endswith("object_id") else i // 2 if key.endswith("micros") else 1 + i % 2
+            for key in keys
+        }
         for column in columns:
-            value = [1.0] * 24 if column.endswith("values") else [2, 3, 4] if column.endswith("shape") else np.eye(4).ravel().tolist() if column.endswith("transform") else b"\xff\xd8" if column == "image" else 1.0
+            value = (
+                [1.0] * 24
+                if column.endswith("values")
+                else [2, 3, 4]
+                if column.endswith("shape")
+                else np.eye(4).ravel().tolist()
+                if column.endswith("transform")
+                else b"\xff\xd8"
+                if column == "image"
+                else 1.0
+            )
             row[f"[{prefix}].{column}"] = int(value) if column == "type" else value
         yield row
 
@@ -123,8 +139,12 @@ def parquets(name):
 def feathers():
     import pandas as pd
 
-    numbers = dict.fromkeys(["length_m", "width_m", "height_m", "qw"], 1.0) | dict.fromkeys(["qx", "qy", "qz", "tx_m", "ty_m", "tz_m"], 0.0)
-    table = pd.DataFrame([{"timestamp_ns": i * 10**8, "track_uuid": f"t{i % 2}", "category": "CAR"} | numbers for i in range(4)])
+    numbers = dict.fromkeys(["length_m", "width_m", "height_m", "qw"], 1.0) | dict.fromkeys(
+        ["qx", "qy", "qz", "tx_m", "ty_m", "tz_m"], 0.0
+    )
+    table = pd.DataFrame(
+        [{"timestamp_ns": i * 10**8, "track_uuid": f"t{i % 2}", "category": "CAR"} | numbers for i in range(4)]
+    )
     out = []
     for compression in ("uncompressed", "zstd"):
         file = io.BytesIO()
@@ -200,7 +220,10 @@ class Target:
         if not os.path.exists(path):
             os.makedirs(os.path.dirname(path))
             names = ("extrinsic.transform", "beam_inclination.min", "beam_inclination.max", "beam_inclination.values")
-            row = {f"[LiDARCalibrationComponent].{name}": value for name, value in zip(names, (np.eye(4).ravel().tolist(), -0.3, 0.1, [0.0]))}
+            row = {
+                f"[LiDARCalibrationComponent].{name}": value
+                for name, value in zip(names, (np.eye(4).ravel().tolist(), -0.3, 0.1, [0.0]))
+            }
             parquet.write_table(pa.Table.from_pylist([{"key.laser_name": laser} | row for laser in (1, 2)]), path)
 
     def one(self, dice):
@@ -237,11 +260,22 @@ def by_atheris(name, seconds):
         from pags_recordings import argoverse2, frame_pickle, pandaset, waymo2  # noqa: F401
     folder, corpus = tempfile.mkdtemp(prefix="pags-fuzz-"), tempfile.mkdtemp(prefix="pags-corpus-")
     target, part = Target(name, folder), os.environ.get("FUZZ_PART", "lidar")
-    for number, data in enumerate(pickles() if name == "pickle" else parquets(part) if name == "parquet" else feathers()):
+    for number, data in enumerate(
+        pickles() if name == "pickle" else parquets(part) if name == "parquet" else feathers()
+    ):
         with open(os.path.join(corpus, str(number)), "wb") as file:
             file.write(data)
     place = {"pickle": "00.pkl", "parquet": f"{part}/a.parquet", "feather": "annotations.feather"}[name]
-    words = [sys.argv[0], f"-max_total_time={seconds}", f"-timeout={SLOW}", "-rss_limit_mb=4096", "-max_len=20000", "-print_final_stats=1", f"-artifact_prefix=fuzz-{name}-", corpus]
+    words = [
+        sys.argv[0],
+        f"-max_total_time={seconds}",
+        f"-timeout={SLOW}",
+        "-rss_limit_mb=4096",
+        "-max_len=20000",
+        "-print_final_stats=1",
+        f"-artifact_prefix=fuzz-{name}-",
+        corpus,
+    ]
     atheris.Setup(words, lambda data: target.read(data, place))
     atheris.Fuzz()
 
@@ -249,7 +283,11 @@ def by_atheris(name, seconds):
 def main():
     if len(sys.argv) < 2 or sys.argv[1] not in ("pickle", "parquet", "feather"):
         sys.exit(__doc__)
-    name, seconds, seed = sys.argv[1], float((sys.argv + ["60"])[2]) if len(sys.argv) > 2 else 60, int(sys.argv[3]) if len(sys.argv) > 3 else 1
+    name, seconds, seed = (
+        sys.argv[1],
+        float((sys.argv + ["60"])[2]) if len(sys.argv) > 2 else 60,
+        int(sys.argv[3]) if len(sys.argv) > 3 else 1,
+    )
     if os.environ.get("FUZZ") == "atheris":
         by_atheris(name, int(seconds))
         return

@@ -44,11 +44,22 @@ def table(columns):
         kinds.setdefault(column.dtype if column.dtype.kind in "fib" else np.dtype(object), []).append(i)
     blocks = []
     for kind, places in kinds.items():
-        where = slice(places[0], places[-1] + 1, 1) if places == list(range(places[0], places[-1] + 1)) else np.array(places)
-        blocks.append({"values": np.array([np.asarray(columns[names[i]]).astype(kind) for i in places]), "mgr_locs": where})
+        where = (
+            slice(places[0], places[-1] + 1, 1)
+            if places == list(range(places[0], places[-1] + 1))
+            else np.array(places)
+        )
+        blocks.append(
+            {"values": np.array([np.asarray(columns[names[i]]).astype(kind) for i in places]), "mgr_locs": where}
+        )
     rows = len(columns[names[0]])
-    index = lambda kind, parts: Named(("pandas.core.indexes.base", "_new_Index"), (Named(("pandas.core.indexes." + kind[0], kind[1]), None), parts))  # noqa: E731
-    axes = [index(("base", "Index"), {"data": np.array(names, object), "name": None}), index(("range", "RangeIndex"), {"start": 0, "stop": rows, "step": 1, "name": None})]
+    index = lambda kind, parts: Named(
+        ("pandas.core.indexes.base", "_new_Index"), (Named(("pandas.core.indexes." + kind[0], kind[1]), None), parts)
+    )  # noqa: E731
+    axes = [
+        index(("base", "Index"), {"data": np.array(names, object), "name": None}),
+        index(("range", "RangeIndex"), {"start": 0, "stop": rows, "step": 1, "name": None}),
+    ]
     old = (axes, [block["values"] for block in blocks], [], {"0.14.1": {"axes": axes, "blocks": blocks}})
     manager = Named(("pandas.core.internals.managers", "BlockManager"), (), old)
     return Named(("pandas.core.frame", "DataFrame"), (), {"_data": manager, "_typ": "dataframe", "_metadata": []})

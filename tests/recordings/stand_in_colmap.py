@@ -36,7 +36,13 @@ def images_file(path, names):
     with open(path, "wb") as file:
         file.write(struct.pack("<Q", len(names)))
         for number, name in enumerate(names):
-            file.write(struct.pack("<I7dI", number + 1, 1, 0, 0, 0, 0, 0, 0, 1) + name.encode() + b"\0" + struct.pack("<Q", 1) + bytes(24))
+            file.write(
+                struct.pack("<I7dI", number + 1, 1, 0, 0, 0, 0, 0, 0, 1)
+                + name.encode()
+                + b"\0"
+                + struct.pack("<Q", 1)
+                + bytes(24)
+            )
 
 
 def model(folder, names):
@@ -72,7 +78,10 @@ elif step == "matches_importer":
 elif step == "mapper" and DOES != "nothing":
     names = [name for (name,) in database.execute("select name from images order by name")]
     model(os.path.join(given["--output_path"], "0"), [n for n in names if "aside" in n])
-    model(os.path.join(given["--output_path"], "1"), [n for n in names if not any(word in n for word in ("aside", "alone", "few"))])
+    model(
+        os.path.join(given["--output_path"], "1"),
+        [n for n in names if not any(word in n for word in ("aside", "alone", "few"))],
+    )
 elif step == "mapper":
     print("No good initial image pair found.")
 database.commit()

@@ -4,15 +4,28 @@
 import json
 import os
 
-import numpy as np
-
 import fixtures
+import numpy as np
 from fixtures import read
 
 
 def make_street(folder, frames=8):
     """Writes a street of two cameras, 160 x 96."""
-    done = fixtures.run("synth", "street", "-o", folder, "--size", "160x96", "--frames", frames, "--cameras", "2", "--lidar-points", "3000", "--no-shifts")
+    done = fixtures.run(
+        "synth",
+        "street",
+        "-o",
+        folder,
+        "--size",
+        "160x96",
+        "--frames",
+        frames,
+        "--cameras",
+        "2",
+        "--lidar-points",
+        "3000",
+        "--no-shifts",
+    )
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -38,7 +51,11 @@ def world_points(folder, step):
         return None
     names = told["lidar_columns"]
     rows = np.fromfile(path, "<f4").reshape(-1, len(names)).astype(float)
-    frame = matrix(folder, "lidar_pose" if told["lidar_frame"] == "laser" else "ego_pose", f"{step:0{digits}d}.txt") if told["lidar_frame"] != "world" else np.eye(4)
+    frame = (
+        matrix(folder, "lidar_pose" if told["lidar_frame"] == "laser" else "ego_pose", f"{step:0{digits}d}.txt")
+        if told["lidar_frame"] != "world"
+        else np.eye(4)
+    )
     return rows[:, [names.index(axis) for axis in "xyz"]] @ frame[:3, :3].T + frame[:3, 3]
 
 

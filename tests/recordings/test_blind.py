@@ -16,17 +16,16 @@ from tool_python import TOOLS, need  # noqa: E402
 need("recordings", "numpy", "PIL", "pandas", "pyarrow")
 sys.path[:0] = [os.path.join(TOOLS, "recordings")]
 
+import blind_tables  # noqa: E402
+import blind_trees  # noqa: E402
+import fixtures  # noqa: E402
 import numpy as np  # noqa: E402
 import pyarrow.feather  # noqa: E402
 import pyarrow.parquet  # noqa: E402
-
-import fixtures  # noqa: E402
-from fixtures import Case, files_below  # noqa: E402
-from street import labels, load, matrix, world_points  # noqa: E402
-import blind_tables  # noqa: E402
-import blind_trees  # noqa: E402
 from blind_trees import Street, turned  # noqa: E402
+from fixtures import Case, files_below  # noqa: E402
 from pags_recordings import waymo2  # noqa: E402
+from street import labels, load, matrix, world_points  # noqa: E402
 
 FORWARD = {"+x": np.eye(4), "+y": turned(-np.pi / 2)}  # box of front +y's axes from those of front +x
 
@@ -40,8 +39,17 @@ def photographs(folder):
         step, camera = (int(part) for part in file.split(".")[0].split("_"))
         digest = hashlib.sha1(pathlib.Path(folder, "images", file).read_bytes()).hexdigest()
         own = os.path.join(folder, "extrinsics", f"{file.split('.')[0]}.txt")
-        pose = matrix(own) if os.path.exists(own) else matrix(folder, "ego_pose", file.split("_")[0] + ".txt") @ matrix(folder, "extrinsics", f"{camera}.txt")
-        out[digest] = (step, told["cameras"][str(camera)], pose @ turn, lens_of(os.path.join(folder, "intrinsics", f"{camera}.txt")))
+        pose = (
+            matrix(own)
+            if os.path.exists(own)
+            else matrix(folder, "ego_pose", file.split("_")[0] + ".txt") @ matrix(folder, "extrinsics", f"{camera}.txt")
+        )
+        out[digest] = (
+            step,
+            told["cameras"][str(camera)],
+            pose @ turn,
+            lens_of(os.path.join(folder, "intrinsics", f"{camera}.txt")),
+        )
     return out
 
 
@@ -59,7 +67,21 @@ def farthest(points, others):
 
 
 def make_blind_street(folder):
-    done = fixtures.run("synth", "street", "-o", folder, "--size", "160x90", "--frames", "10", "--lidar-points", "2400", "--samples", "1", "--no-shifts")
+    done = fixtures.run(
+        "synth",
+        "street",
+        "-o",
+        folder,
+        "--size",
+        "160x90",
+        "--frames",
+        "10",
+        "--lidar-points",
+        "2400",
+        "--samples",
+        "1",
+        "--no-shifts",
+    )
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -108,7 +130,11 @@ class Blind(Case):
             if frame in truth.points:
                 self.assertIsNotNone(points, f"frame {frame} has no sweep")
                 self.assertEqual(len(points), len(truth.points[frame]), f"frame {frame}")
-                worst["point"] = max(worst["point"], farthest(truth.points[frame][::97], points), farthest(points[::97], truth.points[frame]))
+                worst["point"] = max(
+                    worst["point"],
+                    farthest(truth.points[frame][::97], points),
+                    farthest(points[::97], truth.points[frame]),
+                )
         print("   ", ", ".join(f"{name} {value:.2g}" for name, value in worst.items()))
         self.assertLess(worst["pose"], 2e-3)
         self.assertLess(worst["lens"], 0.5 + 1e-6)  # where the first pixel's middle lies is the importer's to know
@@ -134,10 +160,17 @@ class Blind(Case):
             for table in ("intrinsics", "egovehicle_SE3_sensor"):
                 path = os.path.join(log, "calibration", f"{table}.feather")
                 columns = pyarrow.feather.read_table(path).to_pydict()
-                columns["sensor_name"] = [name if "elsewhere" in sensor or sensor == "ring_front_left" else sensor for sensor in columns["sensor_name"]]
+                columns["sensor_name"] = [
+                    name if "elsewhere" in sensor or sensor == "ring_front_left" else sensor
+                    for sensor in columns["sensor_name"]
+                ]
                 pyarrow.feather.write_feather(pyarrow.table(columns), path)
             before = files_below(self.folder)
-            self.fails(["import", "argoverse2", truth.raw, "-o", self.path("d"), *truth.options], "intrinsics.feather", "is not below")
+            self.fails(
+                ["import", "argoverse2", truth.raw, "-o", self.path("d"), *truth.options],
+                "intrinsics.feather",
+                "is not below",
+            )
             self.assertEqual([file for file in files_below(self.folder) if not file.startswith("d" + os.sep)], before)
             shutil.rmtree(self.path("d"))
 
@@ -153,7 +186,9 @@ class Blind(Case):
         """Rows that lie in the order of chance cost their row group, not the file up to them."""
         order = np.random.default_rng(1).permutation(60)
         os.makedirs(self.path("stats"))
-        pyarrow.parquet.write_table(pyarrow.table({"key": order, "[S].value": order * 10}), self.path("stats", "a.parquet"), row_group_size=5)
+        pyarrow.parquet.write_table(
+            pyarrow.table({"key": order, "[S].value": order * 10}), self.path("stats", "a.parquet"), row_group_size=5
+        )
         component = waymo2.Component(self.path(), "stats", "a", "S", ["value"], ["key"])
         iterate, rows = component.file.iter_batches, []
 

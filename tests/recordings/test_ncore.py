@@ -22,12 +22,12 @@ from tool_python import TOOLS, need  # noqa: E402
 need("recordings", "numpy", "PIL")
 sys.path[:0] = [os.path.join(TOOLS, "recordings")]
 
-import numpy as np  # noqa: E402
-
 import fixtures  # noqa: E402
+import numpy as np  # noqa: E402
 from fixtures import Case, files_below, read, write  # noqa: E402
+from pags_recordings import RecordingError, ncore  # noqa: E402
+from pags_recordings import __main__ as importer
 from street import about, labels, load, make_street, matrix, sweep  # noqa: E402
-from pags_recordings import RecordingError, __main__ as importer, ncore  # noqa: E402
 
 INSTALLED = all(importlib.util.find_spec(name) for name in ("ncore", "zarr", "scipy", "cbor2", "upath"))
 STEP, BEGIN = 100_000, 1_700_000_000_000_000  # microseconds between the street's frames; the first
@@ -42,7 +42,11 @@ def move(pose, points):
 
 def angles_of(rotation):
     """The angles about fixed axes x, then y, then z."""
-    return np.arctan2(rotation[2, 1], rotation[2, 2]), np.arcsin(-rotation[2, 0]), np.arctan2(rotation[1, 0], rotation[0, 0])
+    return (
+        np.arctan2(rotation[2, 1], rotation[2, 2]),
+        np.arcsin(-rotation[2, 0]),
+        np.arctan2(rotation[1, 0], rotation[0, 0]),
+    )
 
 
 @dataclasses.dataclass
@@ -67,7 +71,9 @@ class Lenses(Case):
     def test_forward(self):
         focal, lens, centre = ncore.ftheta(Model(Model.PolynomialType.ANGLE_TO_PIXELDIST), "x")
         angle = np.linspace(0, 1.3, 50)
-        np.testing.assert_allclose(self.radius(focal, lens, angle), np.polyval(FORWARD[::-1].astype(float), angle), rtol=1e-12)
+        np.testing.assert_allclose(
+            self.radius(focal, lens, angle), np.polyval(FORWARD[::-1].astype(float), angle), rtol=1e-12
+        )
         np.testing.assert_allclose(lens["s"], [0.01, 0.002, -0.003], atol=1e-12)
         self.assertEqual(centre.tolist(), [79.5, 48.0])  # its pixels have their middle at whole numbers
         self.assertAlmostEqual(lens["field"], np.degrees(2.6), 4)
@@ -94,11 +100,19 @@ class Lenses(Case):
 
     def test_package_is_missing(self):
         script = f"import sys; sys.path.insert(0, {os.path.join(TOOLS, 'recordings')!r}); import importlib.util as u; find = u.find_spec; u.find_spec = lambda name: None if name in ('ncore', 'zarr') else find(name); from pags_recordings.__main__ import main; sys.exit(main())"
-        modules = [name for name in ("scipy", "cbor2", "dataclasses_json", "upath") if not importlib.util.find_spec(name)]
-        done = subprocess.run([sys.executable, "-B", "-c", script, "ncore", self.path(), "-o", self.path("out")], capture_output=True, text=True)
+        modules = [
+            name for name in ("scipy", "cbor2", "dataclasses_json", "upath") if not importlib.util.find_spec(name)
+        ]
+        done = subprocess.run(
+            [sys.executable, "-B", "-c", script, "ncore", self.path(), "-o", self.path("out")],
+            capture_output=True,
+            text=True,
+        )
         self.assertEqual((done.returncode, done.stderr.count("\n")), (1, 1), done.stderr)
         for word in ["'zarr<3'", f"{sys.executable} -m pip install --no-deps nvidia-ncore", *modules]:
-            self.assertIn(word.replace("dataclasses_json", "dataclasses-json").replace("upath", "universal-pathlib"), done.stderr)
+            self.assertIn(
+                word.replace("dataclasses_json", "dataclasses-json").replace("upath", "universal-pathlib"), done.stderr
+            )
         self.assertFalse(os.path.exists(self.path("out")))
 
 
@@ -124,7 +138,9 @@ class Tree:
         axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
         size = np.linalg.norm(axis)
         out = np.eye(4)
-        out[:3, :3] = a[:3, :3] @ (about(axis, share * np.arctan2(size, np.trace(turn) - 1)) if size > 1e-12 else np.eye(3))
+        out[:3, :3] = a[:3, :3] @ (
+            about(axis, share * np.arctan2(size, np.trace(turn) - 1)) if size > 1e-12 else np.eye(3)
+        )
         out[:3, 3] = (1 - share) * a[:3, 3] + share * b[:3, 3]
         return out
 
@@ -140,7 +156,11 @@ class Tree:
         from ncore import data
 
         fx, fy, cx, cy = np.loadtxt(os.path.join(self.street, "intrinsics", f"{c}.txt"))[:4].astype(np.float32)
-        common = {"resolution": np.array([160, 96], np.uint64), "shutter_type": data.ShutterType.ROLLING_TOP_TO_BOTTOM, "external_distortion_parameters": None}
+        common = {
+            "resolution": np.array([160, 96], np.uint64),
+            "shutter_type": data.ShutterType.ROLLING_TOP_TO_BOTTOM,
+            "external_distortion_parameters": None,
+        }
         pinhole = {"principal_point": np.array([cx, cy]), "focal_length": np.array([fx, fy])}
         four = np.zeros(4, np.float32)
         radial = lambda *k: np.array([*k, *[0] * (6 - len(k))], np.float32)  # noqa: E731
@@ -148,28 +168,45 @@ class Tree:
         kind = self.models[c]
         if kind == "ftheta":
             types_of = data.FThetaCameraModelParameters.PolynomialType
-            return data.FThetaCameraModelParameters(**common, principal_point=np.array([79, 47.5], np.float32), reference_poly=types_of.ANGLE_TO_PIXELDIST, pixeldist_to_angle_poly=BACKWARD,
-                                                    angle_to_pixeldist_poly=FORWARD, max_angle=1.3, linear_cde=np.array([1.01, 0.002, -0.003], np.float32))  # fmt: skip
+            return data.FThetaCameraModelParameters(
+                **common,
+                principal_point=np.array([79, 47.5], np.float32),
+                reference_poly=types_of.ANGLE_TO_PIXELDIST,
+                pixeldist_to_angle_poly=BACKWARD,
+                angle_to_pixeldist_poly=FORWARD,
+                max_angle=1.3,
+                linear_cde=np.array([1.01, 0.002, -0.003], np.float32),
+            )
         if kind == "opencv-fisheye":
-            return data.OpenCVFisheyeCameraModelParameters(**common, **pinhole, radial_coeffs=np.array([0.01, -0.002, 0, 0], np.float32), max_angle=1.2)
+            return data.OpenCVFisheyeCameraModelParameters(
+                **common, **pinhole, radial_coeffs=np.array([0.01, -0.002, 0, 0], np.float32), max_angle=1.2
+            )
         if kind == "ideal-pinhole":
             return data.IdealPinholeCameraModelParameters(**common, **pinhole)
         if kind == "windshield":
             zero = np.zeros(1, np.float32)
-            common["external_distortion_parameters"] = data.BivariateWindshieldModelParameters(data.ReferencePolynomial.FORWARD, zero, zero, zero, zero)
+            common["external_distortion_parameters"] = data.BivariateWindshieldModelParameters(
+                data.ReferencePolynomial.FORWARD, zero, zero, zero, zero
+            )
         k = radial(-0.1, 0.02, 0.003, *((0.01,) if kind == "rational" else ()))
         prism = four + np.float32(0.01) if kind == "prism" else four
-        return data.OpenCVPinholeCameraModelParameters(**common, **pinhole, radial_coeffs=k, tangential_coeffs=tangential, thin_prism_coeffs=prism)
+        return data.OpenCVPinholeCameraModelParameters(
+            **common, **pinhole, radial_coeffs=k, tangential_coeffs=tangential, thin_prism_coeffs=prism
+        )
 
     def write(self, folder, store):
         from ncore.data import v4
         from ncore.impl.common.transformations import HalfClosedInterval
         from upath import UPath
 
-        writer = v4.SequenceComponentGroupsWriter(UPath(folder), "drive", "drive", HalfClosedInterval(BEGIN, BEGIN + (self.count - 1) * STEP + 1), {}, store)
+        writer = v4.SequenceComponentGroupsWriter(
+            UPath(folder), "drive", "drive", HalfClosedInterval(BEGIN, BEGIN + (self.count - 1) * STEP + 1), {}, store
+        )
         make = writer.register_component_writer
         moves = make(v4.PosesComponent.Writer, "default")
-        moves.store_dynamic_pose("rig", "world", np.array(self.ego), np.array([BEGIN + t * STEP for t in range(self.count)], np.uint64))
+        moves.store_dynamic_pose(
+            "rig", "world", np.array(self.ego), np.array([BEGIN + t * STEP for t in range(self.count)], np.uint64)
+        )
         for name, mount in (("front", self.mounts[0]), ("side", self.mounts[1]), ("top", self.lidar)):
             moves.store_static_pose(name, "rig", mount)
         intrinsics = make(v4.IntrinsicsComponent.Writer, "default")
@@ -180,7 +217,13 @@ class Tree:
                 if (t, c) in self.lost:
                     continue
                 middle, _ = self.photograph(t, c)
-                camera.store_frame(read(os.path.join(self.street, "images", f"{t:03d}_{c}.png")), "png", np.array([middle - EXPOSURE // 2, middle + EXPOSURE // 2], np.uint64), {}, {})
+                camera.store_frame(
+                    read(os.path.join(self.street, "images", f"{t:03d}_{c}.png")),
+                    "png",
+                    np.array([middle - EXPOSURE // 2, middle + EXPOSURE // 2], np.uint64),
+                    {},
+                    {},
+                )
         lidar = make(v4.LidarSensorComponent.Writer, "top", "lidar")
         for t in range(1, self.count - 1):
             self.write_sweep(lidar, t)
@@ -197,9 +240,20 @@ class Tree:
         at = np.linspace(begin, end, len(points)).astype(np.uint64)
         seen = np.array([move(np.linalg.inv(self.rig(int(when)) @ self.lidar), p) for when, p in zip(at, points)])
         distance = np.linalg.norm(seen, axis=1)
-        returns = np.stack([distance, np.where(np.arange(len(points)) % 5 == 0, distance + 1, np.nan)]).astype(np.float32)
+        returns = np.stack([distance, np.where(np.arange(len(points)) % 5 == 0, distance + 1, np.nan)]).astype(
+            np.float32
+        )
         bright = np.where(np.isnan(returns), np.nan, np.linspace(0, 1, len(points))).astype(np.float32)
-        lidar.store_frame((seen / distance[:, None]).astype(np.float32), at, None, returns, bright, np.array([begin, end], np.uint64), {}, {})
+        lidar.store_frame(
+            (seen / distance[:, None]).astype(np.float32),
+            at,
+            None,
+            returns,
+            bright,
+            np.array([begin, end], np.uint64),
+            {},
+            {},
+        )
 
     def observations(self):
         from ncore import data
@@ -209,8 +263,16 @@ class Tree:
             if 1 <= t < self.count - 1:
                 end = BEGIN + t * STEP + STEP // 2 - 1000
                 own = np.linalg.inv(self.rig(end) @ self.lidar) @ pose
-                box = data.BBox3(tuple(own[:3, 3].tolist()), tuple(float(v) for v in size), tuple(float(v) for v in angles_of(own[:3, :3])))
-                out.append(data.CuboidTrackObservation(track, kind, BEGIN + t * STEP, "top", end, box, data.LabelSource.AUTOLABEL))
+                box = data.BBox3(
+                    tuple(own[:3, 3].tolist()),
+                    tuple(float(v) for v in size),
+                    tuple(float(v) for v in angles_of(own[:3, :3])),
+                )
+                out.append(
+                    data.CuboidTrackObservation(
+                        track, kind, BEGIN + t * STEP, "top", end, box, data.LabelSource.AUTOLABEL
+                    )
+                )
         return out[::-1]
 
 
@@ -221,8 +283,21 @@ class Sequences(Case):
         cls.street = make_street(os.path.join(cls.shared_folder(), "street"))
 
     def run_import(self, *more):
-        command = [sys.executable, "-B", "-m", "pags_recordings", "ncore", self.path("raw"), "-o", self.path("out"), "-q", *more]
-        return subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")})
+        command = [
+            sys.executable,
+            "-B",
+            "-m",
+            "pags_recordings",
+            "ncore",
+            self.path("raw"),
+            "-o",
+            self.path("out"),
+            "-q",
+            *more,
+        ]
+        return subprocess.run(
+            command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")}
+        )
 
     def imports(self, tree, *more):
         done = self.run_import(*more)
@@ -248,7 +323,10 @@ class Sequences(Case):
                 at, pose = tree.photograph(t, c)
                 self.assertAlmostEqual(load(out, "timestamps.json")["cameras"][str(c)][step], (at - BEGIN) / 1e6, 9)
                 np.testing.assert_allclose(matrix(out, "extrinsics", f"{step:06d}_{c}.txt"), pose, atol=1e-9)
-                self.assertEqual(read(os.path.join(out, "images", f"{step:06d}_{c}.png")), read(os.path.join(tree.street, "images", f"{t:03d}_{c}.png")))
+                self.assertEqual(
+                    read(os.path.join(out, "images", f"{step:06d}_{c}.png")),
+                    read(os.path.join(tree.street, "images", f"{t:03d}_{c}.png")),
+                )
             rows = sweep(out, f"{step:06d}.bin").astype(float)
             points = tree.world(t)
             first, second = move(ego, rows[: len(points), :3]), move(ego, rows[len(points) :, :3])
@@ -272,7 +350,9 @@ class Sequences(Case):
         self.assertEqual((told["lenses"]["0"]["kind"], "1" in told["lenses"]), ("ftheta", False))
         np.testing.assert_allclose(np.loadtxt(os.path.join(out, "intrinsics", "0.txt")), [70, 70, 79.5, 48])
         k1, k2, k3 = np.float32(-0.1), np.float32(0.02), np.float32(0.003)
-        np.testing.assert_allclose(np.loadtxt(os.path.join(out, "intrinsics", "1.txt"))[4:], [k1, k2, np.float32(1e-3), np.float32(-2e-3), k3])
+        np.testing.assert_allclose(
+            np.loadtxt(os.path.join(out, "intrinsics", "1.txt"))[4:], [k1, k2, np.float32(1e-3), np.float32(-2e-3), k3]
+        )
         done = fixtures.run("info", out)
         self.assertEqual(done.returncode, 0, done.stderr)
 
@@ -303,22 +383,37 @@ class Sequences(Case):
             tree.lags, tree.lost = (0, 50_000), ((2, 1), (3, 1))
 
         tree, out = self.imports(Tree(self.street, self.path("raw"), change=change))
-        pictures = [read(os.path.join(out, "images", name)) for name in sorted(os.listdir(os.path.join(out, "images"))) if "_1." in name]
+        pictures = [
+            read(os.path.join(out, "images", name))
+            for name in sorted(os.listdir(os.path.join(out, "images")))
+            if "_1." in name
+        ]
         self.assertEqual((len(pictures), len(set(pictures))), (tree.count - 4, tree.count - 4))
         result = load(out, "import.json")["result"]
         left = {(row["what"], row["why"]): row["count"] for row in result["left_out"]}
-        self.assertEqual((result["steps"], left["time steps", "side has no photograph of its own within 0.05 s"]), (tree.count - 4, 2))
+        self.assertEqual(
+            (result["steps"], left["time steps", "side has no photograph of its own within 0.05 s"]),
+            (tree.count - 4, 2),
+        )
         self.assertEqual(left["photographs", "of front, which match no time step"], 2)
 
     def test_refused(self):
-        for kind, word in (("windshield", "'side' looks through a windshield"), ("prism", "'side' has thin-prism coefficients")):
+        for kind, word in (
+            ("windshield", "'side' looks through a windshield"),
+            ("prism", "'side' has thin-prism coefficients"),
+        ):
             Tree(self.street, self.path("raw"), models=("ideal-pinhole", kind))
             self.refused(word, "leave it out by --cameras", more=("--overwrite",))
         done = self.run_import("--overwrite", "--cameras", "front")
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         self.refused("no camera is named 'rear'; there are front, side", more=("--overwrite", "--cameras", "rear"))
         os.makedirs(self.path("empty"))
-        done = subprocess.run([sys.executable, "-B", "-m", "pags_recordings", "ncore", self.path("empty"), "-o", self.path("o")], capture_output=True, text=True, env=os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")})
+        done = subprocess.run(
+            [sys.executable, "-B", "-m", "pags_recordings", "ncore", self.path("empty"), "-o", self.path("o")],
+            capture_output=True,
+            text=True,
+            env=os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")},
+        )
         self.assertEqual((done.returncode, "found no recording of NVIDIA NCore" in done.stderr), (1, True), done.stderr)
 
     def test_damage(self):
@@ -329,14 +424,31 @@ class Sequences(Case):
         before = {name: read(self.path("raw", name)) for name in files_below(self.path("raw"))}
         refused = 0
         for name, content in before.items():
-            for bad in (None, content[: len(content) // 2], content[:-1], b"", bytes(len(content)), bytes((37 * i) % 256 for i in range(len(content)))):
+            for bad in (
+                None,
+                content[: len(content) // 2],
+                content[:-1],
+                b"",
+                bytes(len(content)),
+                bytes((37 * i) % 256 for i in range(len(content))),
+            ):
                 os.remove(self.path("raw", name)) if bad is None else write(self.path("raw", name), bad)
                 words = io.StringIO()
-                with contextlib.redirect_stderr(words), mock.patch.dict(numcodecs.registry.codec_registry), mock.patch.object(sys, "argv", ["pags import", "ncore", self.path("raw"), "-o", self.path("out"), "-q", "--overwrite"]):
+                with (
+                    contextlib.redirect_stderr(words),
+                    mock.patch.dict(numcodecs.registry.codec_registry),
+                    mock.patch.object(
+                        sys,
+                        "argv",
+                        ["pags import", "ncore", self.path("raw"), "-o", self.path("out"), "-q", "--overwrite"],
+                    ),
+                ):
                     code = importer.main()
                 signal.signal(signal.SIGINT, signal.default_int_handler)
                 refused += code
-                self.assertEqual((code, words.getvalue().count("\n")), (code and 1, code and 1), (name, words.getvalue()))
+                self.assertEqual(
+                    (code, words.getvalue().count("\n")), (code and 1, code and 1), (name, words.getvalue())
+                )
                 self.assertEqual(os.path.exists(self.path("out", "dataset.json")), code == 0)
                 self.assertEqual(set(os.listdir(self.path())) - {"out"}, {"raw"})
                 write(self.path("raw", name), content)
@@ -345,9 +457,16 @@ class Sequences(Case):
     def test_a_missing_part_of_a_folder(self):
         """zarr fills what is missing with zeros: it isn't taken for rays or a photograph."""
         Tree(self.street, self.path("raw"), "directory")
-        for store, part, words in (("lidar", "direction", "rays aren't of length 1"), ("cameras", "image", "can't be read as a picture")):
+        for store, part, words in (
+            ("lidar", "direction", "rays aren't of length 1"),
+            ("cameras", "image", "can't be read as a picture"),
+        ):
             store = self.path("raw", f"drive.ncore4-{store}.zarr")
-            name = next(name for name in sorted(files_below(store)) if f"{os.sep}{part}{os.sep}" in name and name.split(os.sep)[-1][0].isdigit())
+            name = next(
+                name
+                for name in sorted(files_below(store))
+                if f"{os.sep}{part}{os.sep}" in name and name.split(os.sep)[-1][0].isdigit()
+            )
             content = read(os.path.join(store, name))
             os.remove(os.path.join(store, name))
             self.refused(words, more=("--overwrite",))
@@ -371,13 +490,17 @@ class Sequences(Case):
         bundle = frame[name]["ray_bundle"]
         rays = bundle["direction"].shape[0]
         del bundle["direction"]
-        evil = bundle.create_dataset("direction", shape=(1,), chunks=(1,), dtype=object, object_codec=numcodecs.Pickle())
+        evil = bundle.create_dataset(
+            "direction", shape=(1,), chunks=(1,), dtype=object, object_codec=numcodecs.Pickle()
+        )
         evil[:] = np.array([Call()], object)
         self.assertGreater(rays, 1)
         if os.path.isdir(called):
             os.rmdir(called)
         stores.consolidate_compressed_metadata(group.store)
-        with mock.patch.dict(os.environ, NUMCODECS_ALLOW_UNSAFE_PICKLE_DECODE="1"):  # later versions of numcodecs refuse pickles unless this is set
+        with mock.patch.dict(
+            os.environ, NUMCODECS_ALLOW_UNSAFE_PICKLE_DECODE="1"
+        ):  # later versions of numcodecs refuse pickles unless this is set
             self.refused("nvidia-ncore can't read it")
         self.assertFalse(os.path.exists(called))
 

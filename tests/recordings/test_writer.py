@@ -20,14 +20,13 @@ from tool_python import TOOLS, need  # noqa: E402
 need("recordings", "numpy", "PIL")
 sys.path[:0] = [os.path.join(TOOLS, "recordings")]
 
-import numpy as np  # noqa: E402
-from PIL import Image  # noqa: E402
-
 import fixtures  # noqa: E402
-from fixtures import Case, read, write  # noqa: E402
-from street import about, half_angle, labels, load, make_street, matrix, parts, sweep  # noqa: E402
+import numpy as np  # noqa: E402
 import pags_recordings  # noqa: E402
+from fixtures import Case, read, write  # noqa: E402
 from pags_recordings import Recording, RecordingError, lock, poses  # noqa: E402
+from PIL import Image  # noqa: E402
+from street import about, half_angle, labels, load, make_street, matrix, parts, sweep  # noqa: E402
 
 TEMPLATE = os.path.join(TOOLS, "recordings", "template.py")
 SHARED = os.environ.get("PAGS_SHARED_DATA") or os.path.join(os.path.dirname(TOOLS), "..", "shared", "data")
@@ -45,7 +44,9 @@ class Poses(unittest.TestCase):
             np.testing.assert_allclose(poses.rotation_of([-w, -x, -y, -z], "wxyz"), rotation, atol=1e-12)
             np.testing.assert_allclose(poses.rotation_of(poses.quaternion_of(rotation), "wxyz"), rotation, atol=1e-12)
         for axis in np.eye(3):  # half turns, where w is 0
-            np.testing.assert_allclose(poses.rotation_of(poses.quaternion_of(about(axis, np.pi)), "wxyz"), about(axis, np.pi), atol=1e-12)
+            np.testing.assert_allclose(
+                poses.rotation_of(poses.quaternion_of(about(axis, np.pi)), "wxyz"), about(axis, np.pi), atol=1e-12
+            )
 
     def test_axes(self):
         """A point 1 right, 2 down, 3 forward of a camera, and one 1 forward, 2 left, 3 up of a box."""
@@ -61,7 +62,9 @@ class Poses(unittest.TestCase):
         a, b = poses.pose(about([0, 0, 1], 0.2), [0, 0, 0]), poses.pose(about([0, 0, 1], 1.0), [4, 8, 0])
         between = poses.interpolate([10, 12], [a, b], 10.5)
         np.testing.assert_allclose(between, poses.pose(about([0, 0, 1], 0.4), [1, 2, 0]), atol=1e-12)
-        np.testing.assert_allclose(poses.interpolate([10, 12], [a, b], 13), poses.pose(about([0, 0, 1], 1.4), [6, 12, 0]), atol=1e-12)
+        np.testing.assert_allclose(
+            poses.interpolate([10, 12], [a, b], 13), poses.pose(about([0, 0, 1], 1.4), [6, 12, 0]), atol=1e-12
+        )
         for at in (7.9, 14.1):
             with self.assertRaisesRegex(RecordingError, "no pose at"):
                 poses.interpolate([10, 12], [a, b], at)
@@ -93,22 +96,37 @@ class Dgp(Case):
                 step = recording.add_step(time, ego)
                 for n, name in info["cameras"].items():
                     picture = os.path.join(DGP, "images", f"{t:03d}_{n}.jpg")
-                    step.photograph(name, picture, matrix(DGP, "extrinsics", f"{t:03d}_{n}.txt"), times["cameras"][n][t])
-                step.lidar(np.fromfile(os.path.join(DGP, "lidar", f"{t:03d}.bin"), "<f4").reshape(-1, 4), ego, ["intensity"])
+                    step.photograph(
+                        name, picture, matrix(DGP, "extrinsics", f"{t:03d}_{n}.txt"), times["cameras"][n][t]
+                    )
+                step.lidar(
+                    np.fromfile(os.path.join(DGP, "lidar", f"{t:03d}.bin"), "<f4").reshape(-1, 4), ego, ["intensity"]
+                )
                 for box in boxes.values():
                     marks = box["frame_annotations"]
                     for frame, pose, size in zip(marks["frame_idx"], marks["obj_to_world"], marks["box_size"]):
                         if frame == t:
                             step.box(box["id"], box["class_name"], pose, size)
         for t in range(3):
-            self.assertEqual(read(os.path.join(out, "lidar", f"{t:06d}.bin")), read(os.path.join(DGP, "lidar", f"{t:03d}.bin")))
-            np.testing.assert_array_equal(matrix(out, "ego_pose", f"{t:06d}.txt"), matrix(DGP, "ego_pose", f"{t:03d}.txt"))
+            self.assertEqual(
+                read(os.path.join(out, "lidar", f"{t:06d}.bin")), read(os.path.join(DGP, "lidar", f"{t:03d}.bin"))
+            )
+            np.testing.assert_array_equal(
+                matrix(out, "ego_pose", f"{t:06d}.txt"), matrix(DGP, "ego_pose", f"{t:03d}.txt")
+            )
             for n in range(3):
-                self.assertEqual(read(os.path.join(out, "images", f"{t:06d}_{n}.jpg")), read(os.path.join(DGP, "images", f"{t:03d}_{n}.jpg")))
-                np.testing.assert_array_equal(matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), matrix(DGP, "extrinsics", f"{t:03d}_{n}.txt"))
+                self.assertEqual(
+                    read(os.path.join(out, "images", f"{t:06d}_{n}.jpg")),
+                    read(os.path.join(DGP, "images", f"{t:03d}_{n}.jpg")),
+                )
+                np.testing.assert_array_equal(
+                    matrix(out, "extrinsics", f"{t:06d}_{n}.txt"), matrix(DGP, "extrinsics", f"{t:03d}_{n}.txt")
+                )
         again = load(out, "timestamps.json")
         self.assertEqual((again["frames"], again["cameras"]), (times["frames"], times["cameras"]))
-        self.assertEqual({load(out, "dataset.json")["cameras"][n] for n in info["cameras"]}, set(info["cameras"].values()))
+        self.assertEqual(
+            {load(out, "dataset.json")["cameras"][n] for n in info["cameras"]}, set(info["cameras"].values())
+        )
         for n in info["cameras"]:
             mine, theirs = (np.loadtxt(os.path.join(folder, "intrinsics", f"{n}.txt")) for folder in (out, DGP))
             np.testing.assert_array_equal(mine, theirs[: len(mine)])
@@ -122,7 +140,9 @@ class Dgp(Case):
         facts = [json.loads(self.succeeds("info", folder, "--json", "-").stdout) for folder in (DGP, out)]
         rates = [fact.pop("fps") for fact in facts]  # stated as 1 there; by the times here
         self.assertAlmostEqual(rates[0], rates[1], 3)
-        self.assertEqual(*(json.loads(json.dumps(fact).replace(folder, "D")) for fact, folder in zip(facts, (DGP, out))))
+        self.assertEqual(
+            *(json.loads(json.dumps(fact).replace(folder, "D")) for fact, folder in zip(facts, (DGP, out)))
+        )
 
 
 # ---- The template, on the most awkward recording that the docs promise to take ----
@@ -141,7 +161,9 @@ class Template(Case):
     @staticmethod
     def template(raw, out):
         environment = os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")}
-        return subprocess.run([sys.executable, "-B", TEMPLATE, raw, out], capture_output=True, text=True, env=environment)
+        return subprocess.run(
+            [sys.executable, "-B", TEMPLATE, raw, out], capture_output=True, text=True, env=environment
+        )
 
     @staticmethod
     def part(pose):
@@ -155,14 +177,32 @@ class Template(Case):
         boxes = load(street, "instances", "instances_info.json")
         turned = about([0.1, -0.2, 1], 2.0)
         ego_from_lidar = np.block([[turned, np.array([[0.4], [0.1], [1.9]])], [np.zeros((1, 3)), np.ones((1, 1))]])
-        index = {"front": "-y", "cameras": {}, "frames": [], "lidar": {"xyzw": half_angle([0.1, -0.2, 1], 2.0), "translation": [0.4, 0.1, 1.9]}}
+        index = {
+            "front": "-y",
+            "cameras": {},
+            "frames": [],
+            "lidar": {"xyzw": half_angle([0.1, -0.2, 1], 2.0), "translation": [0.4, 0.1, 1.9]},
+        }
         for n, name in load(street, "dataset.json")["cameras"].items():
             fx, fy, cx, cy = np.loadtxt(os.path.join(street, "intrinsics", f"{n}.txt"))[:4]
-            index["cameras"][name] = {"width": 160, "height": 96, "K": [[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]], "distortion": []}
-        front_of_box = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # a point forward of the thing lies at -y
+            index["cameras"][name] = {
+                "width": 160,
+                "height": 96,
+                "K": [[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]],
+                "distortion": [],
+            }
+        front_of_box = np.array(
+            [[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        )  # a point forward of the thing lies at -y
         for t, time in enumerate(times["frames"]):
             ego = matrix(street, "ego_pose", f"{t:03d}.txt")
-            frame = {"time": int(1_600_000_000_000_000_000 + round(time * 1e9)), "ego": cls.part(ego), "photographs": {}, "boxes": [], "lidar": f"{t}.bin"}
+            frame = {
+                "time": int(1_600_000_000_000_000_000 + round(time * 1e9)),
+                "ego": cls.part(ego),
+                "photographs": {},
+                "boxes": [],
+                "lidar": f"{t}.bin",
+            }
             for n, name in load(street, "dataset.json")["cameras"].items():
                 camera_from_world = np.linalg.inv(ego @ matrix(street, "extrinsics", f"{n}.txt"))
                 frame["photographs"][name] = {"file": f"{t}_{n}.png", **cls.part(camera_from_world)}
@@ -177,7 +217,15 @@ class Template(Case):
                     lidar_from_box = np.linalg.inv(ego @ ego_from_lidar) @ np.array(marks["obj_to_world"][i])
                     length, width, height = marks["box_size"][i]
                     where = cls.part(lidar_from_box @ np.linalg.inv(front_of_box))
-                    frame["boxes"].append({"track": box["id"], "class": box["class_name"], "centre": where["translation"], "xyzw": where["xyzw"], "extents": [width, length, height]})
+                    frame["boxes"].append(
+                        {
+                            "track": box["id"],
+                            "class": box["class_name"],
+                            "centre": where["translation"],
+                            "xyzw": where["xyzw"],
+                            "extents": [width, length, height],
+                        }
+                    )
             index["frames"].append(frame)
         write(os.path.join(cls.raw, "index.json"), json.dumps(index))
 
@@ -189,10 +237,20 @@ class Template(Case):
             ego = matrix(self.street, "ego_pose", f"{t:03d}.txt")
             np.testing.assert_allclose(matrix(self.out, "ego_pose", f"{t:06d}.txt"), ego, atol=1e-9)
             for n in cameras:
-                np.testing.assert_allclose(matrix(self.out, "extrinsics", f"{t:06d}_{n}.txt"), ego @ matrix(self.street, "extrinsics", f"{n}.txt"), atol=1e-9)
-            np.testing.assert_allclose(sweep(self.out, f"{t:06d}.bin"), sweep(self.street, f"{t:03d}.bin"), atol=1e-4)  # metres: two roundings to float32 at 100 m
+                np.testing.assert_allclose(
+                    matrix(self.out, "extrinsics", f"{t:06d}_{n}.txt"),
+                    ego @ matrix(self.street, "extrinsics", f"{n}.txt"),
+                    atol=1e-9,
+                )
+            np.testing.assert_allclose(
+                sweep(self.out, f"{t:06d}.bin"), sweep(self.street, f"{t:03d}.bin"), atol=1e-4
+            )  # metres: two roundings to float32 at 100 m
         for n in cameras:
-            np.testing.assert_allclose(np.loadtxt(os.path.join(self.out, "intrinsics", f"{n}.txt"))[:4], np.loadtxt(os.path.join(self.street, "intrinsics", f"{n}.txt"))[:4], atol=1e-9)
+            np.testing.assert_allclose(
+                np.loadtxt(os.path.join(self.out, "intrinsics", f"{n}.txt"))[:4],
+                np.loadtxt(os.path.join(self.street, "intrinsics", f"{n}.txt"))[:4],
+                atol=1e-9,
+            )
         true, made = labels(self.street), labels(self.out)
         self.assertEqual(set(made), set(true))
         for key, (name, pose, size) in made.items():
@@ -201,14 +259,28 @@ class Template(Case):
             np.testing.assert_allclose(size, true[key][2], atol=1e-12)
 
     def test_the_overlay_agrees(self):
-        shares = [json.loads(self.succeeds("info", f, "--overlay", self.path(f"look{i}"), "--json", "-").stdout)["overlay"] for i, f in enumerate((self.street, self.out))]
+        shares = [
+            json.loads(self.succeeds("info", f, "--overlay", self.path(f"look{i}"), "--json", "-").stdout)["overlay"]
+            for i, f in enumerate((self.street, self.out))
+        ]
         self.assertEqual(shares[1]["warnings"], [])
         self.assertGreater(shares[1]["lidar_in_boxes"], 0.99)
         self.assertAlmostEqual(shares[1]["lidar_in_boxes"], shares[0]["lidar_in_boxes"], 3)
         self.assertAlmostEqual(shares[1]["front_cosine"], 1, 3)
 
     def test_it_trains(self):
-        self.succeeds("train", self.out, "-o", self.path("scene"), "-n", "20", "--max-gaussians", "2000", "--set", "lidar_points=1000")
+        self.succeeds(
+            "train",
+            self.out,
+            "-o",
+            self.path("scene"),
+            "-n",
+            "20",
+            "--max-gaussians",
+            "2000",
+            "--set",
+            "lidar_points=1000",
+        )
 
     def test_a_wrong_file_is_named(self):
         done = self.template(self.raw, self.out)
@@ -224,12 +296,21 @@ class Lenses(Case):
 
     def record(self, folder, field=190):
         with Recording(self.path(folder)) as out:
-            out.add_camera("front", (160, 120), [[45, 0, 79.5], [0, 45, 59.5], [0, 0, 1]], lens={"kind": "fisheye", "k": [-0.02, 0.003], "field": field})
+            out.add_camera(
+                "front",
+                (160, 120),
+                [[45, 0, 79.5], [0, 45, 59.5], [0, 0, 1]],
+                lens={"kind": "fisheye", "k": [-0.02, 0.003], "field": field},
+            )
             out.add_camera("side", (160, 120), [[90, 0, 79.5], [0, 90, 59.5], [0, 0, 1]], [-0.1, 0.01, 0, 0])
             for number in range(2):
                 step = out.add_step(number / 10)
                 for camera, name in enumerate(("front", "side")):
-                    step.photograph(name, np.random.default_rng(2 * number + camera).integers(0, 256, (120, 160, 3), np.uint8), poses.pose(about([1, 0, 0], -np.pi / 2), [number, 0, 1]))
+                    step.photograph(
+                        name,
+                        np.random.default_rng(2 * number + camera).integers(0, 256, (120, 160, 3), np.uint8),
+                        poses.pose(about([1, 0, 0], -np.pi / 2), [number, 0, 1]),
+                    )
 
     def spoil(self, key, value):
         """Opens the set with its lens changed; returns what pags says."""
@@ -247,9 +328,14 @@ class Lenses(Case):
         self.lens = facts["lenses"]["0"]
         done = fixtures.run("info", self.path("D"))
         self.assertEqual((done.returncode, done.stderr), (0, ""))
-        for words, key, value in (("found 'wide'", "kind", "wide"), ("expected 6 numbers for 'k', found 1", "k", [0.1]), ("an array for 'k', found a string", "k", "0.1"),
-                                  ("field of 0 to 360 degrees, found 400", "field", 400), ("field of 0 to 360 degrees, found -1", "field", -1),
-                                  ("up to a field of 14[0-9].* only; expected 190", "k", [-0.2, 0, 0, 0, 0, 0])):  # fmt: skip
+        for words, key, value in (
+            ("found 'wide'", "kind", "wide"),
+            ("expected 6 numbers for 'k', found 1", "k", [0.1]),
+            ("an array for 'k', found a string", "k", "0.1"),
+            ("field of 0 to 360 degrees, found 400", "field", 400),
+            ("field of 0 to 360 degrees, found -1", "field", -1),
+            ("up to a field of 14[0-9].* only; expected 190", "k", [-0.2, 0, 0, 0, 0, 0]),
+        ):
             self.assertRegex(self.spoil(key, value), "dataset.json:[0-9]+: .*" + words)
         self.assertIn("dataset.json:1", self.spoil("k", [float("nan")] * 6))
         self.write("D/dataset.json", json.dumps(facts))
@@ -284,10 +370,16 @@ class Refused(Case):
 
     def test_lenses(self):
         r = self.begin()
-        for words, lens in (("found \\{'kind': 'wide'", {"kind": "wide"}), ("found 'fisheye'", "fisheye"), ("not 'k1'", {"kind": "fisheye", "k1": 0.1}),
-                            ("6 finite numbers for 'k'", {"kind": "fisheye", "k": [0.1, np.nan]}), ("3 finite numbers for 'd'", {"kind": "rational", "d": [1, 2, 3, 4]}),
-                            ("0 to 360 degrees, found 400", {"kind": "fisheye", "field": 400}), ("0 to 360 degrees, found nan", {"kind": "fisheye", "field": np.nan}),
-                            ("up to a field of 14[0-9].. degrees, not 200", {"kind": "fisheye", "k": [-0.2], "field": 200})):  # fmt: skip
+        for words, lens in (
+            ("found \\{'kind': 'wide'", {"kind": "wide"}),
+            ("found 'fisheye'", "fisheye"),
+            ("not 'k1'", {"kind": "fisheye", "k1": 0.1}),
+            ("6 finite numbers for 'k'", {"kind": "fisheye", "k": [0.1, np.nan]}),
+            ("3 finite numbers for 'd'", {"kind": "rational", "d": [1, 2, 3, 4]}),
+            ("0 to 360 degrees, found 400", {"kind": "fisheye", "field": 400}),
+            ("0 to 360 degrees, found nan", {"kind": "fisheye", "field": np.nan}),
+            ("up to a field of 14[0-9].. degrees, not 200", {"kind": "fisheye", "k": [-0.2], "field": 200}),
+        ):
             self.refused(words, r.add_camera, "b", (16, 12), self.K, lens=lens)
         self.refused("found both", r.add_camera, "b", (16, 12), self.K, [0.1, 0, 0, 0], lens={"kind": "fisheye"})
 
@@ -316,7 +408,12 @@ class Refused(Case):
         step.photograph("front", picture, np.eye(4))
         self.refused("already has a photograph", step.photograph, "front", picture, np.eye(4))
         self.refused("sky_masks: expected 12 rows of 16", step.masks, "front", sky=np.zeros((16, 12), bool))
-        self.refused("semantic: expected values of 0 to 255, found 0 to 300", step.masks, "front", semantic=np.full((12, 16), 300) * (np.arange(16) > 3))
+        self.refused(
+            "semantic: expected values of 0 to 255, found 0 to 300",
+            step.masks,
+            "front",
+            semantic=np.full((12, 16), 300) * (np.arange(16) > 3),
+        )
 
     def test_lidar_and_boxes(self):
         r = self.begin()
@@ -334,7 +431,12 @@ class Refused(Case):
         car = poses.pose(np.eye(3), [691_000, 5_334_000, 520])
         points = np.array([[691_010.5, 5_334_000, 520], [691_000, 5_333_980, 521]])
         r.add_step(0, car).lidar(points, np.eye(4))
-        self.refused("2 LiDAR points are farther than 1000 m from the car", r.add_step(1, car).lidar, points - car[:3, 3], np.eye(4))
+        self.refused(
+            "2 LiDAR points are farther than 1000 m from the car",
+            r.add_step(1, car).lidar,
+            points - car[:3, 3],
+            np.eye(4),
+        )
         found = np.frombuffer(read(os.path.join(r.folder, "lidar", "000000.bin")), "<f4").reshape(-1, 3)
         np.testing.assert_allclose(found, [[10.5, 0, 0], [0, -20, 1]], atol=1e-5)
 
@@ -357,7 +459,9 @@ class Locks(Case):
 
     def hold(self):
         environment = os.environ | {"PYTHONPATH": os.path.join(TOOLS, "recordings")}
-        process = subprocess.Popen([sys.executable, "-B", "-c", self.HOLDER, self.path("D")], stdout=subprocess.PIPE, env=environment)
+        process = subprocess.Popen(
+            [sys.executable, "-B", "-c", self.HOLDER, self.path("D")], stdout=subprocess.PIPE, env=environment
+        )
         self.addCleanup(process.communicate)
         self.addCleanup(process.kill)
         process.stdout.readline()
@@ -384,7 +488,10 @@ class Locks(Case):
 
     def test_without_locks(self):
         words = io.StringIO()
-        with mock.patch.object(lock, "try_lock", side_effect=OSError(errno.ENOLCK, "No locks available")), contextlib.redirect_stderr(words):
+        with (
+            mock.patch.object(lock, "try_lock", side_effect=OSError(errno.ENOLCK, "No locks available")),
+            contextlib.redirect_stderr(words),
+        ):
             with lock.FolderLock(self.path("new", "D")):
                 self.assertTrue(os.path.isdir(self.path("new", "D")))
         self.assertRegex(words.getvalue(), "^warning: .*no locks")

@@ -5,7 +5,6 @@ Semantic networks label a pixel with the class of the nearest colour. Segment An
 """
 
 import numpy as np
-
 from onnx_writer import Graph
 
 IMAGENET = (np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225]))

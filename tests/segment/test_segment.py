@@ -27,10 +27,9 @@ from tool_python import TOOLS, need  # noqa: E402
 need("segment", "onnxruntime", "numpy", "PIL")
 sys.path[:0] = [HERE, TOOLS]
 
+import networks  # noqa: E402
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
-
-import networks  # noqa: E402
 from segment import automatic, classes, exports, fuse, layout  # noqa: E402
 from segment.errors import SegmentError  # noqa: E402
 from segment.progress import Progress, duration  # noqa: E402
@@ -484,7 +483,9 @@ class Runs(Scratch):
             (self.path("folder"), "a folder of that name exists"),
             (link, "it is read-only (mode 0444)"),
         ):
-            with self.assertRaisesRegex(layout.SegmentError, f"{re.escape(path)}: can't be written: {re.escape(words)}"):
+            with self.assertRaisesRegex(
+                layout.SegmentError, f"{re.escape(path)}: can't be written: {re.escape(words)}"
+            ):
                 write(path)
         self.assertEqual([kind(self.path(name)) for name in "ab"], [stat.S_IFLNK] * 2)
         device = self.path("device")

@@ -12,7 +12,6 @@ import pathlib
 import sys
 
 import numpy as np
-
 from pags_recordings import Recording, RecordingError, poses
 
 
@@ -36,7 +35,12 @@ def write(raw, dataset):
             for box in frame["boxes"]:
                 lidar_from_front = poses.pose(box["xyzw"], box["centre"], order="xyzw")
                 front = index["front"]  # the front in the box's own axes: "+x", "-x", "+y" or "-y"
-                step.box(box["track"], box["class"], world_from_lidar @ lidar_from_front @ poses.front_from_box(front), poses.box_size(box["extents"], front))
+                step.box(
+                    box["track"],
+                    box["class"],
+                    world_from_lidar @ lidar_from_front @ poses.front_from_box(front),
+                    poses.box_size(box["extents"], front),
+                )
 
 
 if __name__ == "__main__":

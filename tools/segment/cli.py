@@ -91,9 +91,7 @@ def parser():
     g.add_argument("--size", type=size, metavar="WxH", help="input size in pixels, if the file leaves it open")
     g.add_argument("--mean", type=three, metavar="R,G,B", help="mean of samples from 0 to 1, subtracted")
     g.add_argument("--std", type=three, metavar="R,G,B", help="standard deviation of samples from 0 to 1, divided by")
-    g = p.add_argument_group(
-        "Segment Anything: class-agnostic masks; each takes the most frequent label of its pixels"
-    )
+    g = p.add_argument_group("Segment Anything: class-agnostic masks; each takes the most frequent label of its pixels")
     g.add_argument("--sam", action="store_true", help="enable it: 0.5 to 2 minutes per image on a CPU")
     g.add_argument("--sam-encoder", metavar="FILE", help="image encoder (.onnx)")
     g.add_argument("--sam-decoder", metavar="FILE", help="mask decoder (.onnx)")
@@ -105,10 +103,16 @@ def parser():
     )
     g.add_argument("--stability", type=share, default=d.stability, metavar="F", help=f"minimum ({d.stability})")
     g.add_argument(
-        "--box-nms", type=share, default=d.box_nms, metavar="F", help=f"IoU above which boxes are duplicates ({d.box_nms})"
+        "--box-nms",
+        type=share,
+        default=d.box_nms,
+        metavar="F",
+        help=f"IoU above which boxes are duplicates ({d.box_nms})",
     )
     g.add_argument("--crop-layers", type=number(0, 4), default=0, metavar="N", help="layer n adds 2^n x 2^n crops (0)")
-    g.add_argument("--crop-points-divisor", type=number(1, 16), default=1, metavar="N", help="divisor of points per layer (1)")
+    g.add_argument(
+        "--crop-points-divisor", type=number(1, 16), default=1, metavar="N", help="divisor of points per layer (1)"
+    )
     g.add_argument(
         "--majority", type=share, default=0.5, metavar="F", help="minimum share of a mask for its label (0.5)"
     )

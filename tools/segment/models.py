@@ -76,9 +76,7 @@ class Model:
         self.outputs = [tensor_of(value) for value in self.session.get_outputs()]
         self.options = onnxruntime.RunOptions()
         self.options.log_severity_level = 4
-        self.options.only_execute_path_to_fetches = (
-            True  # don't compute unused outputs, such as full-size masks
-        )
+        self.options.only_execute_path_to_fetches = True  # don't compute unused outputs, such as full-size masks
 
     def input(self, name):
         return next((tensor for tensor in self.inputs if tensor.name == name), None)

@@ -19,14 +19,28 @@ from .writer import Recording
 
 KINDS = {
     "argoverse2": ("Argoverse 2 Sensor Dataset: a log, or a folder of logs", ("numpy", "PIL", "pandas", "pyarrow")),
-    "nuscenes": ("nuScenes v1.0: the folder with samples, sweeps and the tables of v1.0-mini or another version", ("numpy", "PIL")),
+    "nuscenes": (
+        "nuScenes v1.0: the folder with samples, sweeps and the tables of v1.0-mini or another version",
+        ("numpy", "PIL"),
+    ),
     "pandaset": ("PandaSet: a sequence, or a folder of sequences", ("numpy", "PIL")),
-    "waymo2": ("Waymo Open Dataset, version 2: the folder with camera_image, lidar, ... of parquet files", ("numpy", "PIL", "pyarrow")),
+    "waymo2": (
+        "Waymo Open Dataset, version 2: the folder with camera_image, lidar, ... of parquet files",
+        ("numpy", "PIL", "pyarrow"),
+    ),
     "kitti360": ("KITTI-360: the folder with data_2d_raw, data_poses, calibration, ...", ("numpy", "PIL")),
-    "ncore": ("NVIDIA NCore, version 4: the folder with NAME.ncore4*.zarr.itar, or a folder of such folders", ("numpy", "PIL", "scipy", "zarr", "cbor2", "dataclasses_json", "upath", "ncore")),
+    "ncore": (
+        "NVIDIA NCore, version 4: the folder with NAME.ncore4*.zarr.itar, or a folder of such folders",
+        ("numpy", "PIL", "scipy", "zarr", "cbor2", "dataclasses_json", "upath", "ncore"),
+    ),
     "photos": ("a folder of photographs without cameras, or a video; COLMAP finds the cameras", ("numpy", "PIL")),
 }
-PACKAGES = {"PIL": "pillow", "zarr": "'zarr<3'", "dataclasses_json": "dataclasses-json", "upath": "universal-pathlib"}  # kinds whose module has another name
+PACKAGES = {
+    "PIL": "pillow",
+    "zarr": "'zarr<3'",
+    "dataclasses_json": "dataclasses-json",
+    "upath": "universal-pathlib",
+}  # kinds whose module has another name
 PROGRAM = os.environ.get("PAGS_RECORDINGS_FOR", "pags_recordings")
 
 
@@ -45,14 +59,28 @@ def number(text):
 
 def parser():
     kinds = "; ".join(f"{kind}: {about}" for kind, (about, _) in KINDS.items())
-    p = argparse.ArgumentParser(prog=PROGRAM, description="Imports a recording as a driving set. Run the same command again to resume an interrupted import.")
+    p = argparse.ArgumentParser(
+        prog=PROGRAM,
+        description="Imports a recording as a driving set. Run the same command again to resume an interrupted import.",
+    )
     p.add_argument("kind", choices=KINDS, metavar="KIND", help=kinds)
     p.add_argument("raw", metavar="RAW", help="folder of the recording; photos: a folder or a video file")
     p.add_argument("-o", "--output", required=True, metavar="DATASET", help="folder to write")
     p.add_argument("--sequence", metavar="NAME", help="name of the recording, if RAW has several")
-    p.add_argument("--cameras", metavar="LIST", help="names separated by commas (default: all, except second cameras of stereo pairs)")
-    p.add_argument("--frames", type=frames, metavar="A-B", help="time steps A to B inclusive; A-: to the end (default: all)")
-    p.add_argument("--pictures", type=number, metavar="N", help="photos: use at most N, evenly spread (default: 120 for a video, all for a folder)")
+    p.add_argument(
+        "--cameras",
+        metavar="LIST",
+        help="names separated by commas (default: all, except second cameras of stereo pairs)",
+    )
+    p.add_argument(
+        "--frames", type=frames, metavar="A-B", help="time steps A to B inclusive; A-: to the end (default: all)"
+    )
+    p.add_argument(
+        "--pictures",
+        type=number,
+        metavar="N",
+        help="photos: use at most N, evenly spread (default: 120 for a video, all for a folder)",
+    )
     p.add_argument("--overwrite", action="store_true", help="remove DATASET first, if an import wrote it")
     p.add_argument("--json", metavar="FILE|-", help="write the results as JSON to FILE (-: standard output)")
     p.add_argument("-q", "--quiet", action="store_true", help="print only errors")
@@ -69,20 +97,26 @@ def need_room(folder):
     while not os.path.lexists(place):
         place = os.path.dirname(place)
     if not os.path.isdir(place):
-        raise RecordingError(f"{place}: not a folder, but {folder} requires one here; choose another folder, or remove it")
+        raise RecordingError(
+            f"{place}: not a folder, but {folder} requires one here; choose another folder, or remove it"
+        )
 
 
 def install(missing):
     """The commands that install modules. NCore's package requires torch, but its reader works without."""
     pip, plain = f"{sys.executable} -m pip install", [PACKAGES.get(name, name) for name in missing if name != "ncore"]
-    return " && ".join([f"{pip} {' '.join(plain)}"] * bool(plain) + [f"{pip} --no-deps nvidia-ncore"] * ("ncore" in missing))
+    return " && ".join(
+        [f"{pip} {' '.join(plain)}"] * bool(plain) + [f"{pip} --no-deps nvidia-ncore"] * ("ncore" in missing)
+    )
 
 
 def clear(folder):
     """Removes the output of an earlier import; does nothing without its import.json."""
     names = lock.contents(folder)
     if names and "import.json" not in names:
-        raise RecordingError(f"{folder}: not written by an import (no import.json); choose another folder, or remove it")
+        raise RecordingError(
+            f"{folder}: not written by an import (no import.json); choose another folder, or remove it"
+        )
     for path in (os.path.join(folder, name) for name in sorted(names, key=lambda name: name == "import.json")):
         shutil.rmtree(path) if os.path.isdir(path) and not os.path.islink(path) else os.remove(path)
 
@@ -101,7 +135,12 @@ def recording(arguments, people):
         raise RecordingError(f"{arguments.raw}: found no recording of {KINDS[arguments.kind][0].split(':')[0]}")
     name = one_of(list(found), arguments.sequence, "recording", "--sequence")
     cameras = arguments.cameras.split(",") if arguments.cameras else None
-    begun_from = {"importer": arguments.kind, "source": os.path.realpath(found[name]), "cameras": cameras, "frames": arguments.frames and list(arguments.frames)}
+    begun_from = {
+        "importer": arguments.kind,
+        "source": os.path.realpath(found[name]),
+        "cameras": cameras,
+        "frames": arguments.frames and list(arguments.frames),
+    }
     with Recording(arguments.output, begun_from=begun_from) as out:
         if not out.done:
             progress = Progress(arguments.quiet)
@@ -110,14 +149,21 @@ def recording(arguments, people):
     done = "is already complete; " if out.done else ""
     result = out.result or {"left_out": []}
     if people:
-        print(f"{arguments.output}: {done}{counted(result)}; check it with: pags info {arguments.output} --overlay FOLDER", *lines(result["left_out"]), sep="\n", file=people)
+        print(
+            f"{arguments.output}: {done}{counted(result)}; check it with: pags info {arguments.output} --overlay FOLDER",
+            *lines(result["left_out"]),
+            sep="\n",
+            file=people,
+        )
     return result
 
 
 def run(arguments):
     missing = lacking(KINDS[arguments.kind][1])
     if missing:
-        raise RecordingError(f"requires the Python package{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {install(missing)}")
+        raise RecordingError(
+            f"requires the Python package{'s' if len(missing) > 1 else ''} {', '.join(missing)}: {install(missing)}"
+        )
     need_room(arguments.output)
     with lock.FolderLock(arguments.output, f"{PROGRAM} import {arguments.kind}" if PROGRAM == "pags" else PROGRAM):
         write(arguments)

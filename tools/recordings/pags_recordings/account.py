@@ -46,8 +46,15 @@ class Account:
         """The "result" of import.json: the counts of written items, then the omitted ones."""
         for what, (count, where) in self.sources.items():
             if count and not counts[what]:
-                reasons = [f"{plural(row['count'], what)}: {row['why']}" for row in self.rows.values() if row["what"] == what and row["count"]]
-                raise RecordingError(f"{where}: {plural(count, what)} in these time steps, but none could be read" + "".join(f"; {reason}" for reason in reasons))
+                reasons = [
+                    f"{plural(row['count'], what)}: {row['why']}"
+                    for row in self.rows.values()
+                    if row["what"] == what and row["count"]
+                ]
+                raise RecordingError(
+                    f"{where}: {plural(count, what)} in these time steps, but none could be read"
+                    + "".join(f"; {reason}" for reason in reasons)
+                )
         return counts | {"left_out": list(self.rows.values())}
 
 

@@ -17,8 +17,13 @@ import numpy as np
 from . import interrupt
 from .errors import RecordingError
 
-INSTALL = "apt-get install colmap" if os.path.exists("/etc/debian_version") else f"{sys.executable} -m pip install pycolmap"
-SIDE, FEATURES = 1600, 4096  # largest image side and maximum number of features: the time of matching grows with its square
+INSTALL = (
+    "apt-get install colmap" if os.path.exists("/etc/debian_version") else f"{sys.executable} -m pip install pycolmap"
+)
+SIDE, FEATURES = (
+    1600,
+    4096,
+)  # largest image side and maximum number of features: the time of matching grows with its square
 INLIERS = 15  # inliers of one camera motion; COLMAP discards pairs with fewer
 
 
@@ -38,19 +43,51 @@ class Program:
     def __init__(self, path):
         self.path = path
         shown = self.help("feature_extractor")
-        self.extraction, self.matching = ("FeatureExtraction", "FeatureMatching") if "FeatureExtraction.use_gpu" in shown else ("SiftExtraction", "SiftMatching")
+        self.extraction, self.matching = (
+            ("FeatureExtraction", "FeatureMatching")
+            if "FeatureExtraction.use_gpu" in shown
+            else ("SiftExtraction", "SiftMatching")
+        )
 
     def help(self, step):
         return subprocess.run([self.path, step, "--help"], capture_output=True, text=True, env=quiet_screen()).stdout
 
     def extract(self, database, images, names):
         size = f"--{self.extraction}.max_image_size"
-        return [self.path, "feature_extractor", "--database_path", database, "--image_path", images, "--image_list_path", names,
-                "--ImageReader.single_camera", "1", "--ImageReader.camera_model", "OPENCV", f"--{self.extraction}.use_gpu", "0",
-                size, str(SIDE), "--SiftExtraction.max_num_features", str(FEATURES)]  # fmt: skip
+        return [
+            self.path,
+            "feature_extractor",
+            "--database_path",
+            database,
+            "--image_path",
+            images,
+            "--image_list_path",
+            names,
+            "--ImageReader.single_camera",
+            "1",
+            "--ImageReader.camera_model",
+            "OPENCV",
+            f"--{self.extraction}.use_gpu",
+            "0",
+            size,
+            str(SIDE),
+            "--SiftExtraction.max_num_features",
+            str(FEATURES),
+        ]
 
     def match(self, database, pairs):
-        return [self.path, "matches_importer", "--database_path", database, "--match_list_path", pairs, "--match_type", "pairs", f"--{self.matching}.use_gpu", "0"]
+        return [
+            self.path,
+            "matches_importer",
+            "--database_path",
+            database,
+            "--match_list_path",
+            pairs,
+            "--match_type",
+            "pairs",
+            f"--{self.matching}.use_gpu",
+            "0",
+        ]
 
     def map(self, database, images, models):
         return [self.path, "mapper", "--database_path", database, "--image_path", images, "--output_path", models]
@@ -60,7 +97,12 @@ class Module:
     """The Python package pycolmap, in a separate process (pycolmap_step.py)."""
 
     def command(self, **step):
-        return [sys.executable, "-B", os.path.join(os.path.dirname(os.path.abspath(__file__)), "pycolmap_step.py"), json.dumps(step)]
+        return [
+            sys.executable,
+            "-B",
+            os.path.join(os.path.dirname(os.path.abspath(__file__)), "pycolmap_step.py"),
+            json.dumps(step),
+        ]
 
     def extract(self, database, images, names):
         return self.command(step="extract", database=database, images=images, names=names, side=SIDE, features=FEATURES)
@@ -79,7 +121,14 @@ def quiet_screen():
 def run(command, log, count, show):
     """Runs a step to its end with its output in a file; passes the result of `count` to `show` twice a second."""
     with open(log, "ab") as words:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, env=quiet_screen(), preexec_fn=interrupt.BEFORE_START)
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=words,
+            stderr=words,
+            env=quiet_screen(),
+            preexec_fn=interrupt.BEFORE_START,
+        )
     try:
         while True:
             try:
@@ -97,7 +146,10 @@ def run(command, log, count, show):
 def last_words(log):
     """The last non-empty line of a log, without glog's prefix."""
     with open(log, "rb") as file:
-        lines = [re.sub(r"^[EFIW]\d{8} \S+ +\d+ \S+\] ", "", line).strip(" =\t") for line in file.read().decode(errors="replace").splitlines()]
+        lines = [
+            re.sub(r"^[EFIW]\d{8} \S+ +\d+ \S+\] ", "", line).strip(" =\t")
+            for line in file.read().decode(errors="replace").splitlines()
+        ]
     return next((line for line in reversed(lines) if line), "no message")
 
 
@@ -111,7 +163,9 @@ class Database:
         if not os.path.exists(self.path):
             return []
         try:
-            connection = sqlite3.connect(f"file:{urllib.parse.quote(os.fsencode(self.path))}?mode=ro", uri=True, timeout=5)
+            connection = sqlite3.connect(
+                f"file:{urllib.parse.quote(os.fsencode(self.path))}?mode=ro", uri=True, timeout=5
+            )
             try:
                 return connection.execute(query).fetchall()
             finally:
@@ -126,7 +180,10 @@ class Database:
     def pairs(self):
         """For each matched pair, the two names (in any order) and the number of inlier matches."""
         names = dict(self.rows("select image_id, name from images"))
-        return [(names[pair // 2147483647], names[pair % 2147483647], fit) for pair, fit in self.rows("select pair_id, rows from two_view_geometries")]
+        return [
+            (names[pair // 2147483647], names[pair % 2147483647], fit)
+            for pair, fit in self.rows("select pair_id, rows from two_view_geometries")
+        ]
 
     def count(self, table):
         found = self.rows(f"select count(*) from {table}")
@@ -170,5 +227,13 @@ def points(model):
 
 def models(folder):
     """The models from mapping, sorted by number of photographs, largest first."""
-    there = [os.path.join(folder, name) for name in sorted(os.listdir(folder)) if os.path.exists(os.path.join(folder, name, "images.bin"))] if os.path.isdir(folder) else []
+    there = (
+        [
+            os.path.join(folder, name)
+            for name in sorted(os.listdir(folder))
+            if os.path.exists(os.path.join(folder, name, "images.bin"))
+        ]
+        if os.path.isdir(folder)
+        else []
+    )
     return sorted(there, key=lambda model: -len(registered(model)))

@@ -11,12 +11,30 @@ from . import video
 
 ENDINGS = (".jpg", ".jpeg", ".png")
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw", ".gpr")
-OTHERS = (".heic", ".heif", ".tif", ".tiff", ".webp", ".avif", ".bmp", ".gif", ".jxl", ".jp2", ".exr", ".jpe", ".jfif", ".mpo", *RAW)
+OTHERS = (
+    ".heic",
+    ".heif",
+    ".tif",
+    ".tiff",
+    ".webp",
+    ".avif",
+    ".bmp",
+    ".gif",
+    ".jxl",
+    ".jp2",
+    ".exr",
+    ".jpe",
+    ".jfif",
+    ".mpo",
+    *RAW,
+)
 SYSTEM = ("thumbs.db", "ehthumbs.db", "desktop.ini", "icon\r")
 SYSTEM_FOLDERS = ("__macosx", "@eadir", "#recycle", "$recycle.bin", "lost+found", "system volume information")
 MASKS = ("mask", "masks")
 LIKE_MASKS = re.compile(r"(^|[ ._-])masks?($|[ ._-])")
-MAPS = re.compile(r"(depths?|normals?|semantics?|segmentations?|segs?|labels?|alphas?|mattes?|flows?|thumbs?|thumbnails?|previews?|proxy|proxies|undistorted)([ _-](maps?|images?))?")
+MAPS = re.compile(
+    r"(depths?|normals?|semantics?|segmentations?|segs?|labels?|alphas?|mattes?|flows?|thumbs?|thumbnails?|previews?|proxy|proxies|undistorted)([ _-](maps?|images?))?"
+)
 SMALLER = re.compile(r"(.+)_(2|4|8|16)")
 SHADES = 16  # a grey picture with at most this number of values is a mask or a label map
 
@@ -43,14 +61,22 @@ class Folder:
         pictures, skipped = [], os.path.realpath(output)
 
         def unreadable(error):
-            self.account.leave_out("folders", f"can't be read: {error.strerror}", [os.path.relpath(error.filename, self.root)])
+            self.account.leave_out(
+                "folders", f"can't be read: {error.strerror}", [os.path.relpath(error.filename, self.root)]
+            )
 
         rest = []
         for place, folders, files in os.walk(self.root, onerror=unreadable):
             below = os.path.relpath(place, self.root)
             path_of = lambda name, below=below: os.path.normpath(os.path.join(below, name))  # noqa: E731
-            system = any(part.startswith(".") or part.lower() in SYSTEM_FOLDERS for part in below.split(os.sep) if part != ".")
-            self.account.leave_out("folders", "are links, which are not followed", sorted(path_of(name) for name in folders if os.path.islink(os.path.join(place, name))))
+            system = any(
+                part.startswith(".") or part.lower() in SYSTEM_FOLDERS for part in below.split(os.sep) if part != "."
+            )
+            self.account.leave_out(
+                "folders",
+                "are links, which are not followed",
+                sorted(path_of(name) for name in folders if os.path.islink(os.path.join(place, name))),
+            )
             folders[:] = sorted(name for name in folders if os.path.realpath(os.path.join(place, name)) != skipped)
             for name in sorted(files):
                 if system or name.startswith(".") or name.lower() in SYSTEM:
@@ -65,8 +91,14 @@ class Folder:
             if ending in OTHERS and os.path.splitext(name)[0].lower() in stems:
                 self.account.leave_out("pictures", f"{ending[1:].upper()} with a JPEG or PNG of the same name", [name])
             elif ending in OTHERS:
-                what = "masks" if any(LIKE_MASKS.search(part.lower()) for part in os.path.dirname(name).split(os.sep)) else "photographs"
-                self.account.leave_out(what, f"{ending[1:].upper()} is not supported; convert to JPEG or PNG first", [name])
+                what = (
+                    "masks"
+                    if any(LIKE_MASKS.search(part.lower()) for part in os.path.dirname(name).split(os.sep))
+                    else "photographs"
+                )
+                self.account.leave_out(
+                    what, f"{ending[1:].upper()} is not supported; convert to JPEG or PNG first", [name]
+                )
             elif ending in video.ENDINGS:
                 self.account.leave_out("videos", "videos are imported separately: pass the video file as RAW", [name])
             else:
@@ -78,7 +110,11 @@ class Folder:
         place, file = os.path.split(name)
         stem = os.path.splitext(file)[0]
         without = re.fullmatch(r"(.+)[ ._-]mask", stem, re.IGNORECASE)
-        beside = [other for other in self.stems.get(without[1].lower() if without else os.path.splitext(stem)[0].lower(), ()) if os.path.dirname(other) == place and other != name]
+        beside = [
+            other
+            for other in self.stems.get(without[1].lower() if without else os.path.splitext(stem)[0].lower(), ())
+            if os.path.dirname(other) == place and other != name
+        ]
         beside = beside if without else [other for other in beside if os.path.basename(other).lower() == stem.lower()]
         if len(beside) == 1:
             self.put_mask(beside[0], name)
@@ -95,10 +131,22 @@ class Folder:
                 self.account.leave_out("pictures", f"smaller copies of the photographs in {smaller[1]}", [name])
                 return True
             if MAPS.fullmatch(part.lower()):
-                self.account.leave_out("pictures", f"in a folder {part}, with the names of photographs elsewhere: treated as their copies or maps", [name])
+                self.account.leave_out(
+                    "pictures",
+                    f"in a folder {part}, with the names of photographs elsewhere: treated as their copies or maps",
+                    [name],
+                )
                 return True
-        if others and has_few_shades(os.path.join(self.root, name)) and not all(has_few_shades(os.path.join(self.root, other)) for other in others):
-            self.account.leave_out("pictures", f"grey with at most {SHADES} values and the names of photographs elsewhere; if these are masks, put them into a folder named masks", [name])
+        if (
+            others
+            and has_few_shades(os.path.join(self.root, name))
+            and not all(has_few_shades(os.path.join(self.root, other)) for other in others)
+        ):
+            self.account.leave_out(
+                "pictures",
+                f"grey with at most {SHADES} values and the names of photographs elsewhere; if these are masks, put them into a folder named masks",
+                [name],
+            )
             return True
         return False
 
@@ -112,13 +160,24 @@ class Folder:
         for other in {*self.stems.get(whole, ()), *self.stems.get(os.path.splitext(whole)[0], ())} & self.known:
             *folder, own = other.split(os.sep)
             end = len(folder) - len(after)
-            if (own.lower() == whole or os.path.splitext(own)[0].lower() == whole) and end >= at and folder[:at] == before and folder[end:] == after:
+            if (
+                (own.lower() == whole or os.path.splitext(own)[0].lower() == whole)
+                and end >= at
+                and folder[:at] == before
+                and folder[end:] == after
+            ):
                 fitting.append((end, other))
         nearest = [other for end, other in fitting if end == min(fitting)[0]]
         if parts[at].lower() not in MASKS:
-            self.account.leave_out("masks", f"in {parts[at]}: training only uses masks in a folder named masks, white where a photograph counts", [name])
+            self.account.leave_out(
+                "masks",
+                f"in {parts[at]}: training only uses masks in a folder named masks, white where a photograph counts",
+                [name],
+            )
         elif len(nearest) != 1:
-            self.account.leave_out("masks", "belong to several photographs" if nearest else "have no photograph of the same name", [name])
+            self.account.leave_out(
+                "masks", "belong to several photographs" if nearest else "have no photograph of the same name", [name]
+            )
         else:
             self.put_mask(nearest[0], name)
 

@@ -65,7 +65,7 @@ class Array:
         kind, count = kind.real(), math.prod(shape)
         if not all(type(n) is int and n >= 0 for n in shape):
             raise pickle.UnpicklingError("has an array without shape")
-        if kind == object:
+        if kind == object:  # noqa: E721, a type of numpy
             if type(data) is not list or len(data) != count:
                 raise pickle.UnpicklingError("has an array whose number of objects differs from its shape")
             flat = np.empty(count, object)
@@ -102,7 +102,11 @@ NAMES = {
 class Reader(pickle.Unpickler):
     def find_class(self, module, name):
         if (module, name) not in NAMES:
-            newer = "; tables of pandas 1.3 and later are not supported, use PandaSet's original files" if module.split(".")[0] in ("pandas", "pyarrow") else ""
+            newer = (
+                "; tables of pandas 1.3 and later are not supported, use PandaSet's original files"
+                if module.split(".")[0] in ("pandas", "pyarrow")
+                else ""
+            )
             raise pickle.UnpicklingError(f"names {module}.{name}, which is not allowed in a table{newer}")
         return NAMES[module, name]
 
@@ -139,14 +143,30 @@ def table(path, columns):
         found = {}
         for block in parts["blocks"]:
             places = block["mgr_locs"] if isinstance(block["mgr_locs"], slice) else values_of(block["mgr_locs"])
-            found.update((names[i], row) for i, row in zip(np.arange(len(names))[places], np.atleast_2d(values_of(block["values"]))))
+            found.update(
+                (names[i], row)
+                for i, row in zip(np.arange(len(names))[places], np.atleast_2d(values_of(block["values"])))
+            )
         if any(column.ndim != 1 for column in found.values()):
             raise ValueError("a column is not a one-dimensional array")
         lengths = {len(column) for column in found.values()}
         if len(lengths) != 1:
             raise ValueError("its columns differ in length" if lengths else "it has no columns")
-    except (OSError, EOFError, zlib.error, pickle.UnpicklingError, ValueError, TypeError, AttributeError, LookupError, MemoryError, OverflowError) as error:
-        raise RecordingError(f"{path}: can't be read as a pickled table: {str(error).splitlines()[0] if str(error) else type(error).__name__}") from None
+    except (
+        OSError,
+        EOFError,
+        zlib.error,
+        pickle.UnpicklingError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        LookupError,
+        MemoryError,
+        OverflowError,
+    ) as error:
+        raise RecordingError(
+            f"{path}: can't be read as a pickled table: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
+        ) from None
     lacking = [name for name in columns if name not in found]
     if lacking:
         raise RecordingError(f"{path}: no column {lacking[0]!r}; expected {', '.join(columns)}")

@@ -46,7 +46,16 @@ def others(folder, name):
     """Files and folders that may be the missing NAME in another form: packed, with another extension, in other case."""
     stem = name.lower().split(".")[0]
     there = os.listdir(folder) if os.path.isdir(folder) else []
-    return sorted(entry for entry in there if entry != name and (entry.lower() == name.lower() or entry.lower().split(".")[0] == stem and (entry.lower().endswith(PACKED) or "." in name)))
+    return sorted(
+        entry
+        for entry in there
+        if entry != name
+        and (
+            entry.lower() == name.lower()
+            or entry.lower().split(".")[0] == stem
+            and (entry.lower().endswith(PACKED) or "." in name)
+        )
+    )
 
 
 def optional(folder, name, what, account):
@@ -59,7 +68,9 @@ def optional(folder, name, what, account):
     folder, name = os.path.split(place)
     other = others(folder, name)
     if other:
-        raise RecordingError(f"{os.path.join(folder, other[0])}: {what} are read from {name}; unpack, convert or rename it, or move it elsewhere to import without {what}")
+        raise RecordingError(
+            f"{os.path.join(folder, other[0])}: {what} are read from {name}; unpack, convert or rename it, or move it elsewhere to import without {what}"
+        )
     if account:
         account.lacks(what, f"{path} is missing")
     return None
@@ -77,9 +88,15 @@ def listed(folder, endings, what, account, besides=(".json", ".txt")):
         elif not entry.startswith(".") and not entry.lower().endswith(besides):
             strange.append(entry)
     if strange and not found:
-        raise RecordingError(f"{place}: has {strange[0]}{' and others' if len(strange) > 1 else ''}, but no file that ends in {' or '.join(endings)}, which {what} are read from; convert or unpack them")
+        raise RecordingError(
+            f"{place}: has {strange[0]}{' and others' if len(strange) > 1 else ''}, but no file that ends in {' or '.join(endings)}, which {what} are read from; convert or unpack them"
+        )
     if account and place:
-        account.leave_out("files", f"don't end in {' or '.join(endings)}, which {what} are read from", [os.path.join(folder, entry) for entry in strange])
+        account.leave_out(
+            "files",
+            f"don't end in {' or '.join(endings)}, which {what} are read from",
+            [os.path.join(folder, entry) for entry in strange],
+        )
         if not found:
             account.lacks(what, f"{place} is empty")
     return found
@@ -137,10 +154,14 @@ def joined(anchors, shots, gap, frames, account, unit=1.0):
     for name, which in lost.items():
         account.leave_out("time steps", f"{name} has no photograph of its own within {gap} s", which)
     steps = choose_steps(whole, frames, account)
-    account.leave_out("photographs", "of the time steps that --frames left out", count=(len(whole) - len(steps)) * len(shots))
+    account.leave_out(
+        "photographs", "of the time steps that --frames left out", count=(len(whole) - len(steps)) * len(shots)
+    )
     for name, times in shots.items():
         used = {picked[name] for _, picked in whole}
-        account.leave_out("photographs", f"of {name}, which match no time step", count=sum(i not in used for i in range(len(times))))
+        account.leave_out(
+            "photographs", f"of {name}, which match no time step", count=sum(i not in used for i in range(len(times)))
+        )
     return steps
 
 
@@ -157,7 +178,9 @@ def sweeps_of_steps(times, steps, gap, where, account):
     within = sum(steps[0] - gap <= at <= steps[-1] + gap for at in times)
     account.contains("sweeps", within, where)
     account.leave_out("sweeps", "before the first or after the last time step", count=len(times) - within)
-    account.leave_out("sweeps", f"between the time steps: no unmatched step within {gap} s", count=within - sum(i >= 0 for i in found))
+    account.leave_out(
+        "sweeps", f"between the time steps: no unmatched step within {gap} s", count=within - sum(i >= 0 for i in found)
+    )
     return found
 
 
@@ -172,7 +195,9 @@ def complete(steps, shots, account):
         else:
             account.leave_out("time steps", f"{lacking} has no photograph of them", [f"number {step}"])
     for name in shots:
-        account.leave_out("photographs", f"of {name}, whose time steps are incomplete", count=len(shots[name]) - len(kept))
+        account.leave_out(
+            "photographs", f"of {name}, whose time steps are incomplete", count=len(shots[name]) - len(kept)
+        )
     return kept
 
 
@@ -193,7 +218,9 @@ def one_of(names, asked, what, option):
     if asked in names:
         return asked
     some = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
-    raise RecordingError(f"{f'no {what} is named {asked!r}' if asked else f'there are {len(names)} {what}s'}; choose one with {option}: {some}")
+    raise RecordingError(
+        f"{f'no {what} is named {asked!r}' if asked else f'there are {len(names)} {what}s'}; choose one with {option}: {some}"
+    )
 
 
 TWICE = "duplicate label of the same object and time; the first one counts"
@@ -219,7 +246,9 @@ class Tracks:
     def within(self, first, last, where):
         """Reports how many labels lie between the first and the last time step."""
         self.span = first, last
-        self.account.contains("boxes", sum(first <= at <= last for _, times, _, _ in self.labels.values() for at in times), where)
+        self.account.contains(
+            "boxes", sum(first <= at <= last for _, times, _, _ in self.labels.values() for at in times), where
+        )
 
     def put(self, step, at, gap):
         """Adds the boxes at a time to a step: between two labels with an interval of at most `gap` seconds, or within a quarter of that of a track's ends."""
@@ -234,7 +263,9 @@ class Tracks:
             apart = times[i + 1] - times[i] if len(times) > 1 else 0
             reach = max(times[0] - at, at - times[-1])
             if not outside and apart > gap:
-                self.account.leave_out("boxes", f"between two labels that are more than {gap} s apart", [f"{track} at {at:.3f} s"])
+                self.account.leave_out(
+                    "boxes", f"between two labels that are more than {gap} s apart", [f"{track} at {at:.3f} s"]
+                )
             if apart == 0 or apart > gap or (outside and reach > min(gap / 4, apart)):
                 continue
             self.used.add(track)
@@ -243,7 +274,11 @@ class Tracks:
     def end(self):
         """Reports objects labelled between the first and the last time step that have no box."""
         first, last = self.span
-        lost = [track for track, (_, times, _, _) in self.labels.items() if track not in self.used and any(first <= at <= last for at in times)]
+        lost = [
+            track
+            for track, (_, times, _, _) in self.labels.items()
+            if track not in self.used and any(first <= at <= last for at in times)
+        ]
         self.account.leave_out("objects", "labelled once, not at a time step, or with too long gaps: no box", lost)
 
 

@@ -18,7 +18,19 @@ from .importing import TWICE, chosen, complete, existing, listed, optional
 CAMERAS = ("image_00", "image_01")
 EGO_FROM_POSE = np.diag([1.0, -1, -1, 1])
 # Classes of movable objects, by their numbers in the files of boxes.
-CLASSES = {13: "car", 14: "truck", 15: "trailer", 16: "caravan", 17: "motorcycle", 18: "bicycle", 19: "person", 20: "rider", 33: "train", 34: "bus", 36: "unknown vehicle"}
+CLASSES = {
+    13: "car",
+    14: "truck",
+    15: "trailer",
+    16: "caravan",
+    17: "motorcycle",
+    18: "bicycle",
+    19: "person",
+    20: "rider",
+    33: "train",
+    34: "bus",
+    36: "unknown vehicle",
+}
 LEAST_WAY = 1.0  # minimum metres of motion that determine an object's front
 
 
@@ -68,8 +80,13 @@ class Calibration:
             turned = np.eye(4)
             turned[:3, :3] = named(lenses, lens_path, f"R_rect_{number}", 9).reshape(3, 3)
             k = named(lenses, lens_path, f"P_rect_{number}", 12).reshape(3, 4)
-            self.k[name], self.sizes[name] = k[:, :3], tuple(int(v) for v in named(lenses, lens_path, f"S_rect_{number}", 2))
-            self.mounts[name] = poses.check(rigid(named(mounts, mounts_path, name, 12)) @ np.linalg.inv(turned), f"{mounts_path}, {name}")
+            self.k[name], self.sizes[name] = (
+                k[:, :3],
+                tuple(int(v) for v in named(lenses, lens_path, f"S_rect_{number}", 2)),
+            )
+            self.mounts[name] = poses.check(
+                rigid(named(mounts, mounts_path, name, 12)) @ np.linalg.inv(turned), f"{mounts_path}, {name}"
+            )
         self.first = poses.check(rigid(named(mounts, mounts_path, "image_00", 12)), mounts_path)
         velo_path, velo = lines_of(raw, "calibration", "calib_cam_to_velo.txt")
         self.pose_from_velo = self.first @ poses.inverse(rigid(numbers(" ".join(velo), 12, velo_path)))
@@ -98,7 +115,9 @@ def read_times(folder):
             date = datetime.datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=datetime.timezone.utc)
             stamps.append(int(date.timestamp()) * 10**9 + int((part or "0").ljust(9, "0")[:9]))
         except ValueError:
-            raise RecordingError(f"{path}:{n + 1}: expected a date such as 2013-05-28 08:46:02.904302080, found {line.strip()[:60]!r}") from None
+            raise RecordingError(
+                f"{path}:{n + 1}: expected a date such as 2013-05-28 08:46:02.904302080, found {line.strip()[:60]!r}"
+            ) from None
     return [(stamp - stamps[0]) / 1e9 for stamp in stamps]
 
 
@@ -108,19 +127,37 @@ def read(drive, cameras, frames, out, progress):
     if not present:
         raise RecordingError(f"{drive}: has no photographs; expected {CAMERAS[0]}/data_rect/0000000000.png")
     names = chosen(present, cameras, "camera")
-    out.account.leave_out("cameras", "have no photographs", [] if cameras else [name for name in CAMERAS if name not in names])
-    calibration, ways, times = Calibration(raw, names), read_poses(raw, sequence), read_times(os.path.join(drive, names[0]))
-    shots = {name: numbered(os.path.join(drive, name, "data_rect"), (".png", ".jpg", ".jpeg"), "photographs", None, frames) for name in names}
+    out.account.leave_out(
+        "cameras", "have no photographs", [] if cameras else [name for name in CAMERAS if name not in names]
+    )
+    calibration, ways, times = (
+        Calibration(raw, names),
+        read_poses(raw, sequence),
+        read_times(os.path.join(drive, names[0])),
+    )
+    shots = {
+        name: numbered(os.path.join(drive, name, "data_rect"), (".png", ".jpg", ".jpeg"), "photographs", None, frames)
+        for name in names
+    }
     steps = complete([frame for frame in ways if frame < len(times) and in_frames(frame, frames)], shots, out.account)
     if not steps:
-        raise RecordingError(f"{drive}: no frame is left that has a pose, a time and a photograph of each camera, or --frames selected none")
+        raise RecordingError(
+            f"{drive}: no frame is left that has a pose, a time and a photograph of each camera, or --frames selected none"
+        )
     for name in names:
         out.add_camera(name, calibration.sizes[name], calibration.k[name])
-    boxes, scans = read_boxes(raw, sequence, steps, out.account), os.path.join(raw, "data_3d_raw", sequence, "velodyne_points", "data")
+    boxes, scans = (
+        read_boxes(raw, sequence, steps, out.account),
+        os.path.join(raw, "data_3d_raw", sequence, "velodyne_points", "data"),
+    )
     sweeps = numbered(scans, (".bin",), "sweeps", out.account, frames)
     out.account.contains("sweeps", sum(frame in sweeps for frame in steps), scans)
-    out.account.leave_out("sweeps", "the files are missing", [f"frame {frame}" for frame in steps if sweeps and frame not in sweeps])
-    out.account.leave_out("sweeps", "of frames that are left out", count=sum(frame not in set(steps) for frame in sweeps))
+    out.account.leave_out(
+        "sweeps", "the files are missing", [f"frame {frame}" for frame in steps if sweeps and frame not in sweeps]
+    )
+    out.account.leave_out(
+        "sweeps", "of frames that are left out", count=sum(frame not in set(steps) for frame in sweeps)
+    )
     progress.total = len(steps)
     for done, frame in enumerate(steps):
         progress.show(done)
@@ -146,7 +183,9 @@ def numbered(folder, endings, what, account, frames):
 def put_sweep(step, path, frame, ways, pose_from_velo):
     values = np.fromfile(path, "<f4")
     if len(values) % 4 or os.path.getsize(path) % 16:
-        raise RecordingError(f"{path}: has {os.path.getsize(path)} bytes, which aren't rows of 4 float32 x y z intensity")
+        raise RecordingError(
+            f"{path}: has {os.path.getsize(path)} bytes, which aren't rows of 4 float32 x y z intensity"
+        )
     rows = values.reshape(-1, 4).astype(np.float64)
     now = ways[frame] @ pose_from_velo
     if frame - 1 in ways:
@@ -159,7 +198,9 @@ def untwisted(points, before):
     current one. The scanner turns clockwise from behind, so a point is earlier by azimuth / 2 pi of a turn; rotation vector and translation are proportional
     to it, as in KITTI-360's accumuLaser. Rotations by Rodrigues' formula."""
     cosine = float(np.clip((np.trace(before[:3, :3]) - 1) / 2, -1, 1))
-    vector = np.array([before[2, 1] - before[1, 2], before[0, 2] - before[2, 0], before[1, 0] - before[0, 1]])  # twice the sine, times the axis
+    vector = np.array(
+        [before[2, 1] - before[1, 2], before[0, 2] - before[2, 0], before[1, 0] - before[0, 1]]
+    )  # twice the sine, times the axis
     length = float(np.linalg.norm(vector))
     axis, angle = (vector / length, np.arctan2(length / 2, cosine)) if length > 1e-12 else (np.array([0.0, 0, 1]), 0.0)
     share = np.arctan2(points[:, 1], points[:, 0])[:, None] / (2 * np.pi)
@@ -185,10 +226,14 @@ class Box:
     def __init__(self, element, path):
         where = f"{path}, {element.tag}"
         try:
-            self.frame, self.first, self.last = (int(element.find(name).text) for name in ("timestamp", "start_frame", "end_frame"))
+            self.frame, self.first, self.last = (
+                int(element.find(name).text) for name in ("timestamp", "start_frame", "end_frame")
+            )
             self.kind, self.instance = (int(element.find(name).text) for name in ("semanticId", "instanceId"))
         except (AttributeError, ValueError, TypeError):
-            raise RecordingError(f"{where}: expected whole numbers timestamp, start_frame, end_frame, semanticId and instanceId") from None
+            raise RecordingError(
+                f"{where}: expected whole numbers timestamp, start_frame, end_frame, semanticId and instanceId"
+            ) from None
         self.name = CLASSES.get(self.kind)
         if self.name:
             transform, corners = matrix_of(element.find("transform"), where), matrix_of(element.find("vertices"), where)
@@ -208,7 +253,12 @@ class Box:
 def read_boxes(raw, sequence, steps, account):
     """Boxes of movable objects by frame, of ascending `steps`. A static object has one box for all frames from its first to its last."""
     place = optional(raw, "data_3d_bboxes", "boxes", account)
-    found = [path for part in ("train", "train_full") for path in [place and optional(os.path.join(place, part), f"{sequence}.xml", "boxes", None)] if path]
+    found = [
+        path
+        for part in ("train", "train_full")
+        for path in [place and optional(os.path.join(place, part), f"{sequence}.xml", "boxes", None)]
+        if path
+    ]
     tracks, out = {}, {}
     if not found:
         if place:
@@ -230,8 +280,15 @@ def read_boxes(raw, sequence, steps, account):
         turn = to_front(sorted((box for box in marks if box.frame >= 0), key=lambda box: box.frame))
         moving, given = {}, set()
         for box in marks:
-            entry = (f"{name} {instance}", name, box.pose @ turn, np.abs(turn[:3, :3].T @ box.size))  # one box for all frames
-            for frame in [box.frame] if box.frame >= 0 else steps[bisect_left(steps, box.first) : bisect_right(steps, box.last)]:
+            entry = (
+                f"{name} {instance}",
+                name,
+                box.pose @ turn,
+                np.abs(turn[:3, :3].T @ box.size),
+            )  # one box for all frames
+            for frame in (
+                [box.frame] if box.frame >= 0 else steps[bisect_left(steps, box.first) : bisect_right(steps, box.last)]
+            ):
                 if frame in wanted:
                     own += 1
                     if box.frame >= 0 and frame in given:

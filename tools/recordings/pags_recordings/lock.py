@@ -27,7 +27,11 @@ taken = {}  # locks of this process by folder; they may be nested
 
 def contents(folder):
     """The names in a folder, except locks and what a process killed at its start has left; empty if the folder doesn't exist."""
-    return [name for name in os.listdir(folder) if not name.endswith(NAME) and name != "import.json.part"] if os.path.isdir(folder) else []
+    return (
+        [name for name in os.listdir(folder) if not name.endswith(NAME) and name != "import.json.part"]
+        if os.path.isdir(folder)
+        else []
+    )
 
 
 def try_lock(file):
@@ -99,8 +103,11 @@ class FolderLock:
                     break
             except OSError as error:
                 if error.errno not in HELD:
-                    print(f"warning: {self.folder}: the file system has no locks ({error.strerror}); two programs that write there at the same time would "
-                          "damage each other's files", file=sys.stderr)  # fmt: skip
+                    print(
+                        f"warning: {self.folder}: the file system has no locks ({error.strerror}); two programs that write there at the same time would "
+                        "damage each other's files",
+                        file=sys.stderr,
+                    )
                     os.close(file)
                     os.remove(self.path)
                     return
@@ -108,7 +115,9 @@ class FolderLock:
             time.sleep(PAUSE)
         else:
             holder = read_holder(self.path)
-            raise RecordingError(f"{self.folder}: another process is writing there{': ' if holder else ''}{holder}; wait for its end, or choose another folder")
+            raise RecordingError(
+                f"{self.folder}: another process is writing there{': ' if holder else ''}{holder}; wait for its end, or choose another folder"
+            )
         with contextlib.suppress(OSError):  # on a full disk the lock works without its text
             now = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())
             os.ftruncate(file, 0)

@@ -46,7 +46,9 @@ def sequences(raw):
 def only(readers, source, what):
     """The component of that kind named default, or the only one, or None."""
     if "default" not in readers and len(readers) > 1:
-        raise RecordingError(f"{source}: has {len(readers)} components of {what}, none named default: {', '.join(sorted(readers))}")
+        raise RecordingError(
+            f"{source}: has {len(readers)} components of {what}, none named default: {', '.join(sorted(readers))}"
+        )
     return "default" if "default" in readers else next(iter(readers), None)
 
 
@@ -55,7 +57,9 @@ def load(source):
     import numcodecs.registry
     from ncore.data import v4
 
-    numcodecs.registry.codec_registry.pop("pickle", None)  # arrays of objects may be pickles, and pickles can execute code
+    numcodecs.registry.codec_registry.pop(
+        "pickle", None
+    )  # arrays of objects may be pickles, and pickles can execute code
     folder, name = os.path.split(source)
     stores = [pathlib.Path(folder, file).absolute() for file in sorted(os.listdir(folder)) if store_name(file) == name]
     with reading(source):
@@ -64,7 +68,9 @@ def load(source):
         named = {what: only(groups.open_component_readers(kind.Reader), source, what) for what, kind in kinds.items()}
         for what in ("poses", "intrinsics"):
             if named[what] is None:
-                raise RecordingError(f"{source}: has no component of {what} among {', '.join(path.name for path in stores)}")
+                raise RecordingError(
+                    f"{source}: has no component of {what} among {', '.join(path.name for path in stores)}"
+                )
         return v4.SequenceLoaderV4(groups, named["poses"], named["intrinsics"], None, named["cuboids"])
 
 
@@ -87,29 +93,46 @@ def ftheta(model, what):
         terms = (np.linalg.lstsq(powers / powers.max(0), radii, rcond=None)[0] / powers.max(0)).tolist()
         apart = np.abs(powers @ terms - radii).max()
         if apart > FIT:
-            raise RecordingError(f"{what}: no polynomial of the sixth degree fits within {FIT} pixels; the best has an error of {apart:.2f}")
+            raise RecordingError(
+                f"{what}: no polynomial of the sixth degree fits within {FIT} pixels; the best has an error of {apart:.2f}"
+            )
         limit = min(limit, float(angles[-1]))
     focal = terms[0]
     if not focal > 0:
         raise RecordingError(f"{what}: its focal length is {focal:g} pixels")
     c, d, e = (float(v) for v in model.linear_cde)
-    lens = {"kind": "ftheta", "k": [term / focal for term in terms[1:]], "s": [c - 1, d, e], "field": float(np.degrees(2 * limit))}
+    lens = {
+        "kind": "ftheta",
+        "k": [term / focal for term in terms[1:]],
+        "s": [c - 1, d, e],
+        "field": float(np.degrees(2 * limit)),
+    }
     return [focal, focal], lens, np.asarray(model.principal_point, float) + 0.5  # this model has pixel centres at 0
 
 
 def add_camera(out, name, model):
     what = f"camera {name!r}"
     if model.external_distortion_parameters is not None:
-        raise RecordingError(f"{what} looks through a windshield with its own distortion, which is not supported; exclude it with --cameras")
+        raise RecordingError(
+            f"{what} looks through a windshield with its own distortion, which is not supported; exclude it with --cameras"
+        )
     kind, distortion, lens, centre = model.type(), (), None, None
     if kind == "ftheta":
         focal, lens, centre = ftheta(model, what)
     elif kind == "opencv-fisheye":
-        focal, lens = model.focal_length, {"kind": "fisheye", "k": model.radial_coeffs, "field": float(np.degrees(2 * model.max_angle))}
+        focal, lens = (
+            model.focal_length,
+            {"kind": "fisheye", "k": model.radial_coeffs, "field": float(np.degrees(2 * model.max_angle))},
+        )
     elif kind == "opencv-pinhole":
-        focal, (k1, k2, k3, k4, k5, k6), (p1, p2) = model.focal_length, *(v.astype(float) for v in (model.radial_coeffs, model.tangential_coeffs))
+        focal, (k1, k2, k3, k4, k5, k6), (p1, p2) = (
+            model.focal_length,
+            *(v.astype(float) for v in (model.radial_coeffs, model.tangential_coeffs)),
+        )
         if model.thin_prism_coeffs.any():
-            raise RecordingError(f"{what} has thin-prism coefficients {model.thin_prism_coeffs.tolist()}, which are not supported; exclude it with --cameras")
+            raise RecordingError(
+                f"{what} has thin-prism coefficients {model.thin_prism_coeffs.tolist()}, which are not supported; exclude it with --cameras"
+            )
         if k4 or k5 or k6:
             lens = {"kind": "rational", "k": [k1, k2, k3], "d": [k4, k5, k6], "p": [p1, p2]}
         else:
@@ -117,7 +140,9 @@ def add_camera(out, name, model):
     elif kind == "ideal-pinhole":
         focal = model.focal_length
     else:
-        raise RecordingError(f"{what} has the unsupported model {kind!r}; expected ftheta, opencv-fisheye, opencv-pinhole or ideal-pinhole")
+        raise RecordingError(
+            f"{what} has the unsupported model {kind!r}; expected ftheta, opencv-fisheye, opencv-pinhole or ideal-pinhole"
+        )
     cx, cy = (float(v) for v in (model.principal_point if centre is None else centre))
     matrix = [[float(focal[0]), 0, cx], [0, float(focal[1]), cy], [0, 0, 1]]
     out.add_camera(name, tuple(int(v) for v in model.resolution), matrix, distortion, pixel_centre=0.5, lens=lens)
@@ -145,7 +170,9 @@ class Sequence:
 
     def pose(self, frame, at):
         with reading(f"{self.source}: the pose of {frame!r} at {int(at)}"):
-            return np.asarray(self.loader.pose_graph.evaluate_poses(frame, WORLD, np.array(int(at), np.uint64)), np.float64).reshape(4, 4)
+            return np.asarray(
+                self.loader.pose_graph.evaluate_poses(frame, WORLD, np.array(int(at), np.uint64)), np.float64
+            ).reshape(4, 4)
 
     def tracks(self, account):
         """Labels by id. A box refers to its frame's time, rotated about that frame's fixed axes x, y, z in this order."""
@@ -154,8 +181,14 @@ class Sequence:
             rows = sorted(self.loader.get_cuboid_track_observations(), key=lambda row: row.timestamp_us)
         for row in rows:
             about_x, about_y, about_z = (np.float64(v) for v in row.bbox3.rot)
-            turn = poses.rotation_about("z", about_z) @ poses.rotation_about("y", about_y) @ poses.rotation_about("x", about_x)
-            world_from_box = self.pose(row.reference_frame_id, row.reference_frame_timestamp_us) @ poses.pose(turn, row.bbox3.centroid)
+            turn = (
+                poses.rotation_about("z", about_z)
+                @ poses.rotation_about("y", about_y)
+                @ poses.rotation_about("x", about_x)
+            )
+            world_from_box = self.pose(row.reference_frame_id, row.reference_frame_timestamp_us) @ poses.pose(
+                turn, row.bbox3.centroid
+            )
             tracks.add(row.track_id, row.class_id, self.seconds(row.timestamp_us), world_from_box, row.bbox3.dim)
         return tracks
 
@@ -171,11 +204,17 @@ class Sequence:
         with reading(f"{self.source}: sweep {number} of {name}"):
             rays = np.linalg.norm(lidar.get_frame_ray_bundle_direction(number), axis=1)
             if (np.abs(rays - 1) > 0.01).any():  # zarr returns zeros for missing files of a folder
-                raise RecordingError(f"{self.source}: sweep {number} of {name}: {int((np.abs(rays - 1) > 0.01).sum())} of {len(rays)} rays are not of length 1; a file is missing or damaged")
+                raise RecordingError(
+                    f"{self.source}: sweep {number} of {name}: {int((np.abs(rays - 1) > 0.01).sum())} of {len(rays)} rays are not of length 1; a file is missing or damaged"
+                )
             for back in range(lidar.get_frame_ray_bundle_return_count(number)):
                 valid = lidar.get_frame_ray_bundle_return_valid_mask(number, back)
-                points = lidar.get_frame_point_cloud(number, motion_compensation=True, with_start_points=False, return_index=back).xyz_m_end
-                parts.append(np.column_stack([points, lidar.get_frame_ray_bundle_return_intensity(number, back)])[valid])
+                points = lidar.get_frame_point_cloud(
+                    number, motion_compensation=True, with_start_points=False, return_index=back
+                ).xyz_m_end
+                parts.append(
+                    np.column_stack([points, lidar.get_frame_ray_bundle_return_intensity(number, back)])[valid]
+                )
             end = lidar.frames_timestamps_us[number, 1]
         if parts:
             step.lidar(np.concatenate(parts), self.pose(name, end), ["intensity"])
@@ -183,14 +222,18 @@ class Sequence:
 
 def read(source, cameras, frames, out, progress):
     sequence = Sequence(source)
-    out.account.leave_out("cameras", "have no photographs", [name for name in sequence.cameras if not len(sequence.middles[name])])
+    out.account.leave_out(
+        "cameras", "have no photographs", [name for name in sequence.cameras if not len(sequence.middles[name])]
+    )
     names = chosen([name for name in sequence.cameras if len(sequence.middles[name])], cameras, "camera")
     if not names:
         raise RecordingError(f"{source}: has no camera with photographs")
     shots = {name: sequence.middles[name].tolist() for name in names}
     steps = [picked for _, picked in joined(shots[names[0]], shots, LARGEST_GAP, frames, out.account, 1e6)]
     if not steps:
-        raise RecordingError(f"{source}: no time step left: none has a photograph of every camera within {LARGEST_GAP} s, or --frames selected none")
+        raise RecordingError(
+            f"{source}: no time step left: none has a photograph of every camera within {LARGEST_GAP} s, or --frames selected none"
+        )
     progress.total = len(steps)
     for name in names:
         with reading(f"{source}: camera {name}"):
@@ -198,9 +241,17 @@ def read(source, cameras, frames, out, progress):
     tracks = sequence.tracks(out.account)
     lidar = max(sequence.lidars, key=lambda name: sequence.lidars[name].frames_count, default=None)
     sweeps = sequence.middle_of(sequence.lidars[lidar]) if lidar else np.empty(0)
-    out.account.leave_out("LiDARs", f"using the sweeps of {lidar}, which has most", [name for name in sequence.lidars if name != lidar])
+    out.account.leave_out(
+        "LiDARs", f"using the sweeps of {lidar}, which has most", [name for name in sequence.lidars if name != lidar]
+    )
     middles = [int(np.mean([shots[name][number] for name, number in picked.items()])) for picked in steps]
-    swept = sweeps_of_steps([sequence.seconds(at) for at in sweeps], [sequence.seconds(at) for at in middles], SWEEP_GAP, source, out.account)
+    swept = sweeps_of_steps(
+        [sequence.seconds(at) for at in sweeps],
+        [sequence.seconds(at) for at in middles],
+        SWEEP_GAP,
+        source,
+        out.account,
+    )
     tracks.within(sequence.seconds(middles[0]), sequence.seconds(middles[-1]), source)
     for done, (picked, middle, sweep) in enumerate(zip(steps, middles, swept)):
         progress.show(done)

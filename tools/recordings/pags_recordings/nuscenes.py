@@ -54,7 +54,11 @@ def pose_of(row):
 
 
 def versions(raw):
-    return sorted(path for path in glob.glob(os.path.join(glob.escape(raw), "v1.0-*")) if os.path.exists(os.path.join(path, "scene.json")))
+    return sorted(
+        path
+        for path in glob.glob(os.path.join(glob.escape(raw), "v1.0-*"))
+        if os.path.exists(os.path.join(path, "scene.json"))
+    )
 
 
 def sequences(raw):
@@ -73,23 +77,57 @@ class Scene:
         self.account = account
         self.folder, name = os.path.split(source)
         self.root = os.path.dirname(self.folder)
-        self.scene = next(row for row in load(self.folder, "scene", "token", "name", "first_sample_token") if row["name"] == name)
-        self.samples = {row["token"]: row for row in load(self.folder, "sample", "token", "timestamp", "scene_token") if row["scene_token"] == self.scene["token"]}
+        self.scene = next(
+            row for row in load(self.folder, "scene", "token", "name", "first_sample_token") if row["name"] == name
+        )
+        self.samples = {
+            row["token"]: row
+            for row in load(self.folder, "sample", "token", "timestamp", "scene_token")
+            if row["scene_token"] == self.scene["token"]
+        }
         if not self.samples:
             raise RecordingError(f"{self.folder}/sample.json: no sample of {name}")
         self.zero = min(row["timestamp"] for row in self.samples.values())
-        self.mounts = by_token(load(self.folder, "calibrated_sensor", "token", "sensor_token", "translation", "rotation", "camera_intrinsic"))
+        self.mounts = by_token(
+            load(
+                self.folder, "calibrated_sensor", "token", "sensor_token", "translation", "rotation", "camera_intrinsic"
+            )
+        )
         sensors = by_token(load(self.folder, "sensor", "token", "channel"))
-        data = [row for row in load(self.folder, "sample_data", "token", "sample_token", "ego_pose_token", "calibrated_sensor_token", "timestamp", "filename") if row["sample_token"] in self.samples]
+        data = [
+            row
+            for row in load(
+                self.folder,
+                "sample_data",
+                "token",
+                "sample_token",
+                "ego_pose_token",
+                "calibrated_sensor_token",
+                "timestamp",
+                "filename",
+            )
+            if row["sample_token"] in self.samples
+        ]
         self.channels = {}
         for row in data:
-            mount = look_up(self.mounts, row["calibrated_sensor_token"], f"{self.folder}/calibrated_sensor.json", f"sample_data {row['token']}")
-            channel = look_up(sensors, mount["sensor_token"], f"{self.folder}/sensor.json", f"calibrated_sensor {mount['token']}")["channel"]
+            mount = look_up(
+                self.mounts,
+                row["calibrated_sensor_token"],
+                f"{self.folder}/calibrated_sensor.json",
+                f"sample_data {row['token']}",
+            )
+            channel = look_up(
+                sensors, mount["sensor_token"], f"{self.folder}/sensor.json", f"calibrated_sensor {mount['token']}"
+            )["channel"]
             self.channels.setdefault(channel, []).append(row)
         for channel, rows in self.channels.items():
             self.channels[channel] = self.present(channel, sorted(rows, key=lambda row: row["timestamp"]))
         wanted = {row["ego_pose_token"] for row in data}
-        self.egos = {row["token"]: row for row in load(self.folder, "ego_pose", "token", "translation", "rotation") if row["token"] in wanted}
+        self.egos = {
+            row["token"]: row
+            for row in load(self.folder, "ego_pose", "token", "translation", "rotation")
+            if row["token"] in wanted
+        }
 
     def present(self, channel, rows):
         """The rows whose files exist, each file once."""
@@ -101,7 +139,9 @@ class Scene:
                     optional(*os.path.split(path), what, None)
                 missing.append(row["filename"])
             elif path in there:
-                self.account.leave_out("rows", f"sample_data.json names the file of {channel} in another row, too", [row["filename"]])
+                self.account.leave_out(
+                    "rows", f"sample_data.json names the file of {channel} in another row, too", [row["filename"]]
+                )
             else:
                 there[path] = row
         self.account.leave_out(what, f"{channel}: the files are missing", missing)
@@ -111,7 +151,9 @@ class Scene:
         return (row["timestamp"] - self.zero) / 1e6
 
     def ego(self, row):
-        return pose_of(look_up(self.egos, row["ego_pose_token"], f"{self.folder}/ego_pose.json", f"sample_data {row['token']}"))
+        return pose_of(
+            look_up(self.egos, row["ego_pose_token"], f"{self.folder}/ego_pose.json", f"sample_data {row['token']}")
+        )
 
     def mount(self, row):
         return self.mounts[row["calibrated_sensor_token"]]
@@ -124,38 +166,71 @@ class Scene:
         tracks = Tracks(self.account)
         if not optional(self.folder, "sample_annotation.json", "boxes", self.account):
             return tracks
-        rows = load(self.folder, "sample_annotation", "token", "sample_token", "instance_token", "translation", "rotation", "size")
+        rows = load(
+            self.folder,
+            "sample_annotation",
+            "token",
+            "sample_token",
+            "instance_token",
+            "translation",
+            "rotation",
+            "size",
+        )
         instances = by_token(load(self.folder, "instance", "token", "category_token"))
         categories = by_token(load(self.folder, "category", "token", "name"))
         mine = [row for row in rows if row["sample_token"] in self.samples]
         for row in sorted(mine, key=lambda row: self.samples[row["sample_token"]]["timestamp"]):
-            instance = look_up(instances, row["instance_token"], f"{self.folder}/instance.json", f"sample_annotation {row['token']}")
-            category = look_up(categories, instance["category_token"], f"{self.folder}/category.json", f"instance {instance['token']}")
+            instance = look_up(
+                instances, row["instance_token"], f"{self.folder}/instance.json", f"sample_annotation {row['token']}"
+            )
+            category = look_up(
+                categories, instance["category_token"], f"{self.folder}/category.json", f"instance {instance['token']}"
+            )
             width, length, height = row["size"]
-            tracks.add(row["instance_token"], category["name"], self.time(self.samples[row["sample_token"]]), pose_of(row), [length, width, height])
+            tracks.add(
+                row["instance_token"],
+                category["name"],
+                self.time(self.samples[row["sample_token"]]),
+                pose_of(row),
+                [length, width, height],
+            )
         return tracks
 
     def labels(self):
         """LiDAR labels of key frames (nuScenes-lidarseg), files by the sweep's token; None without them."""
         if not os.path.exists(os.path.join(self.folder, "lidarseg.json")):
             return None
-        return {row["sample_data_token"]: inside(self.root, row["filename"], f"{self.folder}/lidarseg.json: {row['token']}") for row in load(self.folder, "lidarseg", "token", "sample_data_token", "filename")}
+        return {
+            row["sample_data_token"]: inside(self.root, row["filename"], f"{self.folder}/lidarseg.json: {row['token']}")
+            for row in load(self.folder, "lidarseg", "token", "sample_data_token", "filename")
+        }
 
 
 def read(source, cameras, frames, out, progress):
     scene = Scene(source, out.account)
-    out.account.leave_out("sensors", f"neither cameras nor {LIDAR}", sorted(name for name in scene.channels if name != LIDAR and not name.startswith("CAM")))
+    out.account.leave_out(
+        "sensors",
+        f"neither cameras nor {LIDAR}",
+        sorted(name for name in scene.channels if name != LIDAR and not name.startswith("CAM")),
+    )
     for name in [name for name in scene.channels if name.startswith("CAM") and not scene.channels[name]]:
         del scene.channels[name]
         out.account.leave_out("cameras", "no photographs", [name])
-    present = [name for name in CAMERAS if name in scene.channels] + [name for name in scene.channels if name.startswith("CAM") and name not in CAMERAS]
+    present = [name for name in CAMERAS if name in scene.channels] + [
+        name for name in scene.channels if name.startswith("CAM") and name not in CAMERAS
+    ]
     if not present:
         raise RecordingError(f"{scene.folder}/sample_data.json: {scene.scene['name']} has no camera")
     names = chosen(present, cameras, "camera")
     shots = {name: [row["timestamp"] for row in scene.channels[name]] for name in names}
-    steps = [{name: scene.channels[name][i] for name, i in picked.items()} for _, picked in joined(shots[names[0]], shots, LARGEST_GAP, frames, out.account, 1e6)]
+    steps = [
+        {name: scene.channels[name][i] for name, i in picked.items()}
+        for _, picked in joined(shots[names[0]], shots, LARGEST_GAP, frames, out.account, 1e6)
+    ]
     if not steps:
-        raise RecordingError(f"{source}: no time step left: none has a photograph of every camera within {LARGEST_GAP} s, or --frames selected none")
+        raise RecordingError(
+            f"{source}: no time step left: none has a photograph of every camera within {LARGEST_GAP} s, or --frames selected none"
+        )
     progress.total = len(steps)
     for name in names:
         first = steps[0][name]
@@ -166,11 +241,15 @@ def read(source, cameras, frames, out, progress):
     tracks, labels = scene.tracks(), scene.labels()
     sweeps = scene.channels.get(LIDAR, [])
     middles = [float(np.mean([scene.time(row) for row in picked.values()])) for picked in steps]
-    swept = sweeps_of_steps([scene.time(row) for row in sweeps], middles, SWEEP_GAP, f"{scene.folder}/sample_data.json", out.account)
+    swept = sweeps_of_steps(
+        [scene.time(row) for row in sweeps], middles, SWEEP_GAP, f"{scene.folder}/sample_data.json", out.account
+    )
     tracks.within(middles[0], middles[-1], f"{scene.folder}/sample_annotation.json")
     for number, picked in enumerate(steps):
         progress.show(number)
-        put_step(scene, out, picked, middles[number], sweeps[swept[number]] if swept[number] >= 0 else None, labels, tracks)
+        put_step(
+            scene, out, picked, middles[number], sweeps[swept[number]] if swept[number] >= 0 else None, labels, tracks
+        )
     tracks.end()
 
 

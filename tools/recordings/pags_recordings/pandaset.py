@@ -18,11 +18,25 @@ from .frame_pickle import table
 from .importing import TWICE, choose_steps, chosen, complete, existing, listed
 
 CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "left_camera", "right_camera", "back_camera")
-EGO_FROM_LIDAR = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # x right, y forward becomes x forward, y left
+EGO_FROM_LIDAR = np.array(
+    [[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+)  # x right, y forward becomes x forward, y left
 PHOTOGRAPHS = ".jpg", ".jpeg", ".png"
 SWEEP = ["x", "y", "z", "i", "d"]
 PICKLES = ".pkl.gz", ".pkl"
-BOX = ["uuid", "label", "yaw", "position.x", "position.y", "position.z", "dimensions.x", "dimensions.y", "dimensions.z", "cuboids.sibling_id", "cuboids.sensor_id"]
+BOX = [
+    "uuid",
+    "label",
+    "yaw",
+    "position.x",
+    "position.y",
+    "position.z",
+    "dimensions.x",
+    "dimensions.y",
+    "dimensions.z",
+    "cuboids.sibling_id",
+    "cuboids.sensor_id",
+]
 
 
 def rows_of(path):
@@ -49,12 +63,19 @@ def sequences(raw):
     if os.path.exists(os.path.join(raw, "lidar", "poses.json")):
         return {os.path.basename(os.path.abspath(raw)): raw}
     found = glob.glob(os.path.join(glob.escape(raw), "*", "lidar", "poses.json"))
-    return {os.path.basename(os.path.dirname(os.path.dirname(path))): os.path.dirname(os.path.dirname(path)) for path in sorted(found)}
+    return {
+        os.path.basename(os.path.dirname(os.path.dirname(path))): os.path.dirname(os.path.dirname(path))
+        for path in sorted(found)
+    }
 
 
 def numbered(sequence, folder, endings, what, account):
     """The files of time steps, by number."""
-    return {int(name): path for name, path in listed(os.path.join(sequence, *folder), endings, what, account).items() if name.isdigit()}
+    return {
+        int(name): path
+        for name, path in listed(os.path.join(sequence, *folder), endings, what, account).items()
+        if name.isdigit()
+    }
 
 
 class Camera:
@@ -72,7 +93,9 @@ class Camera:
             raise RecordingError(f"{path}: expected fx, fy, cx and cy") from None
         for name, rows in (("poses.json", self.poses), ("timestamps.json", self.times)):
             if len(rows) != steps:
-                raise RecordingError(f"{os.path.join(folder, name)}: has {len(rows)} entries, but lidar/poses.json {steps}")
+                raise RecordingError(
+                    f"{os.path.join(folder, name)}: has {len(rows)} entries, but lidar/poses.json {steps}"
+                )
 
     def size(self, t):
         try:
@@ -92,11 +115,19 @@ def read(sequence, cameras, frames, out, progress):
     shots = {name: numbered(sequence, ["camera", name], PHOTOGRAPHS, "photographs", None) for name in names}
     names = [name for name in names if shots[name] or cameras]
     if not names:
-        raise RecordingError(f"{os.path.join(sequence, 'camera')}: has no photographs; expected {', '.join(CAMERAS)} with 00.jpg and so on")
-    account.leave_out("cameras", "have no photographs", [] if cameras else [name for name in CAMERAS if name not in names])
-    steps = complete(choose_steps(list(range(len(ways))), frames, account), {name: shots[name] for name in names}, account)
+        raise RecordingError(
+            f"{os.path.join(sequence, 'camera')}: has no photographs; expected {', '.join(CAMERAS)} with 00.jpg and so on"
+        )
+    account.leave_out(
+        "cameras", "have no photographs", [] if cameras else [name for name in CAMERAS if name not in names]
+    )
+    steps = complete(
+        choose_steps(list(range(len(ways))), frames, account), {name: shots[name] for name in names}, account
+    )
     if not steps:
-        raise RecordingError(f"{sequence}: no time step left of {len(ways)}: none has a photograph of every camera, or --frames selected none")
+        raise RecordingError(
+            f"{sequence}: no time step left of {len(ways)}: none has a photograph of every camera, or --frames selected none"
+        )
     used = {name: Camera(os.path.join(sequence, "camera", name), len(ways), shots[name]) for name in names}
     for name, camera in used.items():
         out.add_camera(name, camera.size(steps[0]), camera.k)
@@ -104,7 +135,9 @@ def read(sequence, cameras, frames, out, progress):
     sweeps = numbered(sequence, ["lidar"], PICKLES, "sweeps", account)
     classes = numbered(sequence, ["annotations", "semseg"], PICKLES, "classes of LiDAR points", account)
     account.contains("sweeps", sum(t in sweeps for t in steps), os.path.join(sequence, "lidar"))
-    account.leave_out("sweeps", "the files are missing", [f"time step {t}" for t in steps if sweeps and t not in sweeps])
+    account.leave_out(
+        "sweeps", "the files are missing", [f"time step {t}" for t in steps if sweeps and t not in sweeps]
+    )
     progress.total = len(steps)
     for done, t in enumerate(steps):
         progress.show(done)
@@ -126,7 +159,9 @@ def put_sweep(step, t, sweeps, classes):
     points = numbers(table(sweeps[t], SWEEP), sweeps[t], SWEEP)
     if classes:
         if t not in classes:
-            raise RecordingError(f"{sweeps[t]}: has no classes in annotations/semseg, but other sweeps do; move semseg elsewhere to import without classes")
+            raise RecordingError(
+                f"{sweeps[t]}: has no classes in annotations/semseg, but other sweeps do; move semseg elsewhere to import without classes"
+            )
         (label,) = numbers(table(classes[t], ["class"]), classes[t], ["class"])
         if len(label) != len(points[0]):
             raise RecordingError(f"{classes[t]}: {len(label)} classes for {len(points[0])} points")
@@ -163,7 +198,9 @@ def read_boxes(files, steps, account):
                 siblings[track] = str(found["cuboids.sibling_id"][i])
                 if sensors[i] == 0:
                     turning.add(track)
-    account.contains("boxes", sum(len(marks) for marks in rows.values()), os.path.dirname(next(iter(files.values()), "")))
+    account.contains(
+        "boxes", sum(len(marks) for marks in rows.values()), os.path.dirname(next(iter(files.values()), ""))
+    )
     out = {}
     for track, marks in rows.items():
         other = siblings.get(track)
@@ -172,5 +209,7 @@ def read_boxes(files, steps, account):
             continue
         for t, (yaw, x, y, z, *extents) in marks:
             pose = poses.turned_left(yaw, [x, y, z]) @ poses.front_from_box("+y")
-            out.setdefault(t, []).append((track, names[track].most_common(1)[0][0], pose, poses.box_size(extents, "+y")))
+            out.setdefault(t, []).append(
+                (track, names[track].most_common(1)[0][0], pose, poses.box_size(extents, "+y"))
+            )
     return out

@@ -23,12 +23,22 @@ from .errors import RecordingError
 from .folder import Folder
 from .importing import Progress
 
-OF_IMAGES = re.compile(r"images|input|images_.*")  # folders next to which training looks for masks: only DATASET/images may have such a name
+OF_IMAGES = re.compile(
+    r"images|input|images_.*"
+)  # folders next to which training looks for masks: only DATASET/images may have such a name
 EXHAUSTIVE = 150  # up to this number of photographs all pairs are matched; above it, neighbours in order
-NEXT, APART = 10, 10  # in order: each with this number of successors, with those 2, 4, 8 ... further, and every APARTth with every other such
+NEXT, APART = (
+    10,
+    10,
+)  # in order: each with this number of successors, with those 2, 4, 8 ... further, and every APARTth with every other such
 PART = 64  # minimum pairs per COLMAP process: the work lost by an interruption
 FRAMES = 120  # frames used of a video
-TURNS = {5: Image.Transpose.TRANSPOSE, 6: Image.Transpose.ROTATE_270, 7: Image.Transpose.TRANSVERSE, 8: Image.Transpose.ROTATE_90}  # by EXIF orientation
+TURNS = {
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}  # by EXIF orientation
 ORIENTATION, EXIF, FOCAL, MAKE, MODEL, SPACE, INTEROPERABILITY = 0x0112, 0x8769, 0x920A, 0x010F, 0x0110, 0xA001, 0xA005
 warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # allows photographs of 90 million pixels
 
@@ -42,7 +52,9 @@ def plain(name, taken):
     into /."""
     *folders, file = name.split(os.sep)
     name = os.sep.join([*(folder for folder in folders if not OF_IMAGES.fullmatch(folder)), file])
-    stem, ending = os.path.splitext(re.sub(r"[\\#\x00-\x20\x7f\ud800-\udfff]", "_", "_".join(name.replace(os.sep, "/").split())))
+    stem, ending = os.path.splitext(
+        re.sub(r"[\\#\x00-\x20\x7f\ud800-\udfff]", "_", "_".join(name.replace(os.sep, "/").split()))
+    )
     new, number = stem + ending, 1
     while new.lower() in taken:
         number += 1
@@ -53,7 +65,12 @@ def plain(name, taken):
 
 def square_size(picture):
     """The size after making pixels square: JPEG and PNG may state densities or a ratio for both axes."""
-    across, down = picture.info.get("jfif_density") or picture.info.get("dpi" if picture.format == "PNG" else "") or picture.info.get("aspect") or (1, 1)
+    across, down = (
+        picture.info.get("jfif_density")
+        or picture.info.get("dpi" if picture.format == "PNG" else "")
+        or picture.info.get("aspect")
+        or (1, 1)
+    )
     aspect = down / across if across > 0 and down > 0 else 1
     if 0.99 < aspect < 1.01 or not 0.05 < aspect < 20:
         return picture.size
@@ -73,7 +90,9 @@ def how_stored(source, picture, exif):
                     said.add(head[4:], data)
         return {"pnginfo": said}
     options = {"quality": 97, "subsampling": 0, "icc_profile": picture.info.get("icc_profile")}
-    if exif.get_ifd(EXIF).get(SPACE) == 2 or exif.get_ifd(INTEROPERABILITY).get(1) == "R03":  # Adobe RGB: cameras mark it in two ways
+    if (
+        exif.get_ifd(EXIF).get(SPACE) == 2 or exif.get_ifd(INTEROPERABILITY).get(1) == "R03"
+    ):  # Adobe RGB: cameras mark it in two ways
         options["exif"] = without_turn(picture.info["exif"])
     return options
 
@@ -93,7 +112,15 @@ class Photographs:
     """The copies for COLMAP, by name in `folder`, each with the key of its camera."""
 
     def __init__(self, folder):
-        self.folder, self.account, self.camera, self.masks, self.damage, self.video, self.squared = folder, Account(), {}, 0, None, [], 0
+        self.folder, self.account, self.camera, self.masks, self.damage, self.video, self.squared = (
+            folder,
+            Account(),
+            {},
+            0,
+            None,
+            [],
+            0,
+        )
         self.sizes, self.digests, self.turns, self.tried = {}, {}, {}, 0
 
     def is_copy(self, source, name):
@@ -125,7 +152,9 @@ class Photographs:
                     os.makedirs(os.path.dirname(target), exist_ok=True)
                     if turned or size != picture.size:
                         square = picture if size == picture.size else picture.resize(size, Image.Resampling.LANCZOS)
-                        ImageOps.exif_transpose(square).save(target + ".part", picture.format, **how_stored(source, picture, exif))
+                        ImageOps.exif_transpose(square).save(
+                            target + ".part", picture.format, **how_stored(source, picture, exif)
+                        )
                     else:
                         picture.load()
                         shutil.copyfile(source, target + ".part")
@@ -145,9 +174,13 @@ class Photographs:
                 picture.load()
                 width, height = photograph.size
                 fits = lambda size: abs(size[0] * height - size[1] * width) <= max(width, height)  # noqa: E731
-                stored = TURNS.get(self.turns.get(name)) if not fits(picture.size) and fits(picture.size[::-1]) else None
+                stored = (
+                    TURNS.get(self.turns.get(name)) if not fits(picture.size) and fits(picture.size[::-1]) else None
+                )
                 if not fits(picture.size) and stored is None:
-                    raise ValueError(f"{picture.size[0]} x {picture.size[1]} pixels, but the photograph has {width} x {height}")
+                    raise ValueError(
+                        f"{picture.size[0]} x {picture.size[1]} pixels, but the photograph has {width} x {height}"
+                    )
                 os.makedirs(os.path.dirname(target), exist_ok=True)
                 if picture.format == "PNG" and stored is None:
                     shutil.copyfile(source, target + ".part")
@@ -160,7 +193,13 @@ class Photographs:
 
     @staticmethod
     def taken_by(size, picture, exif, turned):
-        return (*(size[::-1] if turned else size), turned, str(exif.get(MAKE)), str(exif.get(MODEL)), str(exif.get_ifd(EXIF).get(FOCAL)))
+        return (
+            *(size[::-1] if turned else size),
+            turned,
+            str(exif.get(MAKE)),
+            str(exif.get(MODEL)),
+            str(exif.get_ifd(EXIF).get(FOCAL)),
+        )
 
     def cameras(self):
         """Names by camera, in order."""
@@ -199,11 +238,17 @@ def gather(raw, output, pictures, quiet, people=None):
         photographs.video = shown.words
         if people and shown.words:
             print(f"{raw}: {'; '.join(shown.words)}", file=people)
-        sharp, change, words = judged_once(raw, os.path.join(output, "colmap", "frames.json"), progress.show, shown.before)
+        sharp, change, words = judged_once(
+            raw, os.path.join(output, "colmap", "frames.json"), progress.show, shown.before
+        )
         if words:
-            photographs.damage = f"{raw} is truncated or damaged; {len(sharp)} of about {progress.total} frames can be read: {words}"
+            photographs.damage = (
+                f"{raw} is truncated or damaged; {len(sharp)} of about {progress.total} frames can be read: {words}"
+            )
         chosen = video.choose(sharp, change, pictures or FRAMES)
-        photographs.account.leave_out("video frames", "sharper neighbours are used instead", count=len(sharp) - len(chosen))
+        photographs.account.leave_out(
+            "video frames", "sharper neighbours are used instead", count=len(sharp) - len(chosen)
+        )
         for name in video.extract(raw, chosen, folder, shown):
             photographs.add(os.path.join(folder, name), name)
     else:
@@ -211,7 +256,9 @@ def gather(raw, output, pictures, quiet, people=None):
         names = found.photographs
         if pictures and len(names) > pictures:
             names = [names[i * len(names) // pictures] for i in range(pictures)]
-            photographs.account.leave_out("photographs", f"not selected by --pictures {pictures}", count=len(found.photographs) - pictures)
+            photographs.account.leave_out(
+                "photographs", f"not selected by --pictures {pictures}", count=len(found.photographs) - pictures
+            )
         progress.total = len(names)
         for done, name in enumerate(names):
             copy = plain(name, taken)
@@ -222,7 +269,9 @@ def gather(raw, output, pictures, quiet, people=None):
     progress.end()
     if len(photographs.camera) < 3:
         why = "".join(f"; {line}" for line in lines(list(photographs.account.rows.values()), 3))
-        raise RecordingError(f"{raw}: {f'{len(photographs.camera)} of {photographs.tried} JPEG and PNG files can be read' if photographs.tried else 'has no JPEG or PNG files'}; finding cameras requires at least three photographs{why}")
+        raise RecordingError(
+            f"{raw}: {f'{len(photographs.camera)} of {photographs.tried} JPEG and PNG files can be read' if photographs.tried else 'has no JPEG or PNG files'}; finding cameras requires at least three photographs{why}"
+        )
     return photographs
 
 
@@ -258,7 +307,9 @@ class Work:
         """Runs one step with its output in a log file."""
         code = colmap.run(command, log, count, show)
         if code:
-            raise RecordingError(f"COLMAP failed at its {what} (code {code}): {colmap.last_words(log)[:300]}; see {log}")
+            raise RecordingError(
+                f"COLMAP failed at its {what} (code {code}): {colmap.last_words(log)[:300]}; see {log}"
+            )
 
     def features(self):
         there, progress = self.database.features(), Progress(self.quiet, "features of photograph")
@@ -266,7 +317,13 @@ class Work:
         for names in self.photographs.cameras():
             if not all(name in there for name in names):
                 command = self.runner.extract(self.file, self.photographs.folder, self.write("names.txt", names))
-                self.must("features", command, self.path("features.log"), lambda: self.database.count("keypoints"), progress.show)
+                self.must(
+                    "features",
+                    command,
+                    self.path("features.log"),
+                    lambda: self.database.count("keypoints"),
+                    progress.show,
+                )
         progress.end()
 
     def matches(self, in_order):
@@ -278,7 +335,9 @@ class Work:
         progress.total, begun = len(left), 0
         while begun < len(left):
             part = left[begun : begun + max(PART, len(left) // 100)]
-            self.must("pairs", self.runner.match(self.file, self.write("pairs.txt", (" ".join(pair) for pair in part))), log)
+            self.must(
+                "pairs", self.runner.match(self.file, self.write("pairs.txt", (" ".join(pair) for pair in part))), log
+            )
             begun += len(part)
             progress.show(begun)
         progress.end()
@@ -306,8 +365,10 @@ class Work:
             return found
         features = sorted(self.database.features().values()) or [0]
         fit = sum(fit >= colmap.INLIERS for _, _, fit in self.database.pairs())
-        raise RecordingError(f"COLMAP placed no camera: the photographs have {features[0]} to {features[-1]} features, and {fit} pairs match; it requires sharp "
-                             f"photographs of a static scene, each overlapping most of the previous one from another position ({colmap.last_words(log)[:200]}; {log})")  # fmt: skip
+        raise RecordingError(
+            f"COLMAP placed no camera: the photographs have {features[0]} to {features[-1]} features, and {fit} pairs match; it requires sharp "
+            f"photographs of a static scene, each overlapping most of the previous one from another position ({colmap.last_words(log)[:200]}; {log})"
+        )
 
 
 def placed(log):
@@ -343,23 +404,49 @@ def told(work, models):
     for name in sorted(photographs.camera):
         if name not in names:
             photographs.account.leave_out("photographs", left_out(name, features, fits, other), [name])
-    counts = {"cameras": len(photographs.cameras()), "photographs": len(photographs.camera), "masks": photographs.masks, "registered": len(names), "points": count}
-    return photographs.account.result(counts | {"reprojection_error": error, "turned_upright": len(photographs.turns), "made_square": photographs.squared, "damage": photographs.damage, "video": photographs.video})
+    counts = {
+        "cameras": len(photographs.cameras()),
+        "photographs": len(photographs.camera),
+        "masks": photographs.masks,
+        "registered": len(names),
+        "points": count,
+    }
+    return photographs.account.result(
+        counts
+        | {
+            "reprojection_error": error,
+            "turned_upright": len(photographs.turns),
+            "made_square": photographs.squared,
+            "damage": photographs.damage,
+            "video": photographs.video,
+        }
+    )
 
 
 def say(output, facts, people):
-    print(f"{output}: {facts['registered']} of {facts['photographs']} photographs have cameras; {facts['points']} points, mean reprojection error "
-          f"{facts['reprojection_error']:.2f} px; next: pags train {output} -o SCENE", file=people)  # fmt: skip
+    print(
+        f"{output}: {facts['registered']} of {facts['photographs']} photographs have cameras; {facts['points']} points, mean reprojection error "
+        f"{facts['reprojection_error']:.2f} px; next: pags train {output} -o SCENE",
+        file=people,
+    )
     if facts.get("damage"):
         print(f"warning: {facts['damage']}", file=sys.stderr)
     if facts.get("masks"):
-        print(f"{plural(facts['masks'], 'masks')} are in {os.path.join(output, 'masks')}, where training finds them: white where a photograph counts", file=people)
+        print(
+            f"{plural(facts['masks'], 'masks')} are in {os.path.join(output, 'masks')}, where training finds them: white where a photograph counts",
+            file=people,
+        )
     for line in lines(facts["left_out"]):
         print(line, file=people)
     if facts["turned_upright"]:
-        print(f"{facts['turned_upright']} photographs with an EXIF rotation were re-encoded upright (JPEG, quality 97)", file=people)
+        print(
+            f"{facts['turned_upright']} photographs with an EXIF rotation were re-encoded upright (JPEG, quality 97)",
+            file=people,
+        )
     if facts.get("made_square"):
-        print(f"{facts['made_square']} photographs with non-square pixels were re-encoded with square pixels", file=people)
+        print(
+            f"{facts['made_square']} photographs with non-square pixels were re-encoded with square pixels", file=people
+        )
 
 
 def begin(raw, output, pictures):
@@ -371,12 +458,19 @@ def begin(raw, output, pictures):
             with open(path, encoding="utf-8") as file:
                 there = json.load(file)
         except (OSError, ValueError):
-            raise RecordingError(f"{output}: not empty, and not written by an import of photographs; choose another folder, or remove it") from None
+            raise RecordingError(
+                f"{output}: not empty, and not written by an import of photographs; choose another folder, or remove it"
+            ) from None
         if not isinstance(there, dict) or {key: there.get(key) for key in asked} != asked:
-            raise RecordingError(f"{output}: an import from another source or with other options started here (see its import.json); choose another folder, or remove it")
+            raise RecordingError(
+                f"{output}: an import from another source or with other options started here (see its import.json); choose another folder, or remove it"
+            )
         facts = there.get("result")
         if facts and isinstance(facts["left_out"], dict):  # format of version 0.2.0
-            facts["left_out"] = [{"what": "photographs", "count": 1, "why": why, "which": [name]} for name, why in facts["left_out"].items()]
+            facts["left_out"] = [
+                {"what": "photographs", "count": 1, "why": why, "which": [name]}
+                for name, why in facts["left_out"].items()
+            ]
         return asked, facts
     put(path, asked)
     return asked, None
@@ -392,7 +486,9 @@ def put(path, content):
 def read(raw, output, pictures, people, quiet):
     """Imports a folder of photographs or a video. Returns the results."""
     if not os.path.isdir(raw) and not is_video(raw):
-        raise RecordingError(f"{raw}: {'neither a folder nor a video: ' + ' '.join(video.ENDINGS) if os.path.exists(raw) else 'is missing'}")
+        raise RecordingError(
+            f"{raw}: {'neither a folder nor a video: ' + ' '.join(video.ENDINGS) if os.path.exists(raw) else 'is missing'}"
+        )
     if os.path.realpath(output) == os.path.realpath(raw):
         raise RecordingError(f"{output}: is the folder of the photographs; choose another folder to write")
     runner = colmap.find()
@@ -403,7 +499,10 @@ def read(raw, output, pictures, people, quiet):
         work.features()
         in_order = is_video(raw) or len(photographs.camera) > EXHAUSTIVE
         if in_order and people and not is_video(raw):
-            print(f"{len(photographs.camera)} photographs are matched in the order of their names, assumed to be that of capture", file=people)
+            print(
+                f"{len(photographs.camera)} photographs are matched in the order of their names, assumed to be that of capture",
+                file=people,
+            )
         work.matches(in_order)
         models = work.map()
         facts = told(work, models)

@@ -44,10 +44,21 @@ def quaternion_of(rotation):
     """The quaternion w x y z, with w >= 0, of a 3x3 rotation."""
     r = np.asarray(rotation, np.float64)
     # The largest of the four squares selects the root, so that none is small (Shepperd 1978).
-    squares = np.array([1 + r[0, 0] + r[1, 1] + r[2, 2], 1 + r[0, 0] - r[1, 1] - r[2, 2], 1 - r[0, 0] + r[1, 1] - r[2, 2], 1 - r[0, 0] - r[1, 1] + r[2, 2]])
+    squares = np.array(
+        [
+            1 + r[0, 0] + r[1, 1] + r[2, 2],
+            1 + r[0, 0] - r[1, 1] - r[2, 2],
+            1 - r[0, 0] + r[1, 1] - r[2, 2],
+            1 - r[0, 0] - r[1, 1] + r[2, 2],
+        ]
+    )
     differences = [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
-    sums = [[None, *differences], [differences[0], None, r[1, 0] + r[0, 1], r[0, 2] + r[2, 0]],
-            [differences[1], r[1, 0] + r[0, 1], None, r[2, 1] + r[1, 2]], [differences[2], r[0, 2] + r[2, 0], r[2, 1] + r[1, 2], None]]  # fmt: skip
+    sums = [
+        [None, *differences],
+        [differences[0], None, r[1, 0] + r[0, 1], r[0, 2] + r[2, 0]],
+        [differences[1], r[1, 0] + r[0, 1], None, r[2, 1] + r[1, 2]],
+        [differences[2], r[0, 2] + r[2, 0], r[2, 1] + r[1, 2], None],
+    ]
     k = int(np.argmax(squares))
     q = np.array([squares[k] if s is None else s for s in sums[k]])
     q /= np.linalg.norm(q)
@@ -61,13 +72,21 @@ def pose(rotation, translation, order=None):
         if order is None:
             raise RecordingError("state the order of the quaternion: order='wxyz' or order='xyzw'")
         r = rotation_of(r, order)
-    return check(np.block([[r, np.reshape(np.asarray(translation, np.float64), (3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
+    return check(
+        np.block([[r, np.reshape(np.asarray(translation, np.float64), (3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
+    )
 
 
 def rotation_about(axis, angle):
     """The 3x3 rotation about the axis "x", "y" or "z" by an angle in radians, counter-clockwise as seen from its tip."""
     c, s = np.cos(angle), np.sin(angle)
-    return np.array({"x": [[1, 0, 0], [0, c, -s], [0, s, c]], "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]], "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]]}[axis])
+    return np.array(
+        {
+            "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
+            "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]],
+            "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
+        }[axis]
+    )
 
 
 def turned_left(angle, translation):
@@ -86,8 +105,10 @@ def check(matrix, what="a pose"):
         raise RecordingError(f"{what} has non-finite numbers")
     r = m[:3, :3]
     if np.abs(r @ r.T - np.eye(3)).max() > RIGID or np.linalg.det(r) < 0 or np.abs(m[3] - [0, 0, 0, 1]).max() > RIGID:
-        raise RecordingError(f"{what} is not rigid: its rotation times its transpose is {np.round(r @ r.T, 4).tolist()}, its determinant {np.linalg.det(r):.4f}, "
-                             f"its last row {m[3].tolist()}; expected a rotation and a translation")  # fmt: skip
+        raise RecordingError(
+            f"{what} is not rigid: its rotation times its transpose is {np.round(r @ r.T, 4).tolist()}, its determinant {np.linalg.det(r):.4f}, "
+            f"its last row {m[3].tolist()}; expected a rotation and a translation"
+        )
     return m
 
 
@@ -148,7 +169,9 @@ def interpolate(times, matrices, at):
     Times further outside than the adjacent interval raise RecordingError."""
     t = np.asarray(times, np.float64)
     if len(t) != len(matrices) or len(t) < 1 or (np.diff(t) <= 0).any():
-        raise RecordingError(f"expected equal numbers of poses and ascending times; found {len(matrices)} poses and {len(t)} times")
+        raise RecordingError(
+            f"expected equal numbers of poses and ascending times; found {len(matrices)} poses and {len(t)} times"
+        )
     if len(t) == 1 and at == t[0]:
         return check(matrices[0])
     i = int(np.clip(np.searchsorted(t, at) - 1, 0, max(len(t) - 2, 0)))

@@ -13,12 +13,22 @@ def extract(options):
     extraction = pycolmap.FeatureExtractionOptions(max_image_size=options["side"])
     extraction.sift.max_num_features = options["features"]
     pycolmap.extract_features(
-        options["database"], options["images"], image_names=names, camera_mode=pycolmap.CameraMode.SINGLE,
-        reader_options=pycolmap.ImageReaderOptions(camera_model="OPENCV"), extraction_options=extraction, device=pycolmap.Device.cpu)  # fmt: skip
+        options["database"],
+        options["images"],
+        image_names=names,
+        camera_mode=pycolmap.CameraMode.SINGLE,
+        reader_options=pycolmap.ImageReaderOptions(camera_model="OPENCV"),
+        extraction_options=extraction,
+        device=pycolmap.Device.cpu,
+    )
 
 
 def match(options):
-    pycolmap.match_image_pairs(options["database"], pairing_options=pycolmap.ImportedPairingOptions(match_list_path=options["pairs"]), device=pycolmap.Device.cpu)
+    pycolmap.match_image_pairs(
+        options["database"],
+        pairing_options=pycolmap.ImportedPairingOptions(match_list_path=options["pairs"]),
+        device=pycolmap.Device.cpu,
+    )
 
 
 def map_views(options):
@@ -29,7 +39,9 @@ def map_views(options):
         placed += 1
         print(f"Registering image ({placed})", flush=True)
 
-    pycolmap.incremental_mapping(options["database"], options["images"], options["models"], next_image_callback=next_image)
+    pycolmap.incremental_mapping(
+        options["database"], options["images"], options["models"], next_image_callback=next_image
+    )
 
 
 given = json.loads(sys.argv[1])

@@ -24,7 +24,18 @@ def need():
 
 def length(path):
     """Number of frames from the file, or estimated from its duration."""
-    asked = ["ffprobe", "-v", "error", "-select_streams", "v:0", "-show_entries", "stream=nb_frames,avg_frame_rate,duration:format=duration", "-of", "json", place(path)]
+    asked = [
+        "ffprobe",
+        "-v",
+        "error",
+        "-select_streams",
+        "v:0",
+        "-show_entries",
+        "stream=nb_frames,avg_frame_rate,duration:format=duration",
+        "-of",
+        "json",
+        place(path),
+    ]
     done = subprocess.run(asked, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     try:
         facts = json.loads(done.stdout)
@@ -32,9 +43,13 @@ def length(path):
         if stream.get("nb_frames", "").isdigit():
             return int(stream["nb_frames"])
         over, _, under = stream["avg_frame_rate"].partition("/")
-        return max(1, round(float(stream.get("duration") or facts["format"]["duration"]) * float(over) / float(under or 1)))
+        return max(
+            1, round(float(stream.get("duration") or facts["format"]["duration"]) * float(over) / float(under or 1))
+        )
     except (ValueError, LookupError, ZeroDivisionError):
-        raise RecordingError(f"{path}: not a video that ffmpeg can read: {' '.join(done.stderr.split())[:300] or 'it has no pictures'}") from None
+        raise RecordingError(
+            f"{path}: not a video that ffmpeg can read: {' '.join(done.stderr.split())[:300] or 'it has no pictures'}"
+        ) from None
 
 
 def place(path):
@@ -45,9 +60,28 @@ def place(path):
 def judged(path, show, before=()):
     """For each frame, after the filters `before`: sharpness (mean square of second differences) and difference from the previous frame (0 to 255). Then
     ffmpeg's messages on damage, or ""."""
-    command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", ",".join([*before, f"scale={WIDTH}:{HEIGHT}:flags=area", "format=gray"]), "-fps_mode", "passthrough", "-f", "rawvideo", "-"]
+    command = [
+        "ffmpeg",
+        "-v",
+        "error",
+        "-nostdin",
+        "-i",
+        place(path),
+        "-map",
+        "0:v:0",
+        "-vf",
+        ",".join([*before, f"scale={WIDTH}:{HEIGHT}:flags=area", "format=gray"]),
+        "-fps_mode",
+        "passthrough",
+        "-f",
+        "rawvideo",
+        "-",
+    ]
     sharp, change, before = [], [], None
-    with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, preexec_fn=interrupt.BEFORE_START) as process:  # stderr goes to a file: a pipe would fill up
+    with (
+        tempfile.TemporaryFile() as said,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, preexec_fn=interrupt.BEFORE_START) as process,
+    ):  # stderr goes to a file: a pipe would fill up
         try:
             while len(data := process.stdout.read(WIDTH * HEIGHT)) == WIDTH * HEIGHT:
                 frame = np.frombuffer(data, np.uint8).reshape(HEIGHT, WIDTH).astype(np.float32)
@@ -98,11 +132,29 @@ def extract(path, frames, folder, shown=None):
             shown.write_table(file)
     chosen = "select='" + "+".join(f"eq(n,{number})" for number in frames) + "'"
     filters = [*shown.before, chosen, *shown.after] if shown else [chosen]
-    command = ["ffmpeg", "-v", "error", "-nostdin", "-i", place(path), "-map", "0:v:0", "-vf", ",".join(filters), "-fps_mode", "passthrough", "-q:v", "2", "%06d.jpg"]
+    command = [
+        "ffmpeg",
+        "-v",
+        "error",
+        "-nostdin",
+        "-i",
+        place(path),
+        "-map",
+        "0:v:0",
+        "-vf",
+        ",".join(filters),
+        "-fps_mode",
+        "passthrough",
+        "-q:v",
+        "2",
+        "%06d.jpg",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, cwd=part)
     written = sorted(name for name in os.listdir(part) if name.endswith(".jpg"))
     if done.returncode or len(written) != len(names):
-        raise RecordingError(f"{path}: ffmpeg wrote {len(written)} of {len(names)} pictures: {' '.join(done.stderr.split())[:300] or 'no message'}")
+        raise RecordingError(
+            f"{path}: ffmpeg wrote {len(written)} of {len(names)} pictures: {' '.join(done.stderr.split())[:300] or 'no message'}"
+        )
     for name, now in zip(written, names):
         os.replace(os.path.join(part, name), os.path.join(folder, now))
     shutil.rmtree(part)

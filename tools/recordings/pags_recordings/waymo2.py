@@ -60,14 +60,18 @@ class Component:
         about = self.file.metadata
         rows = [about.row_group(i).num_rows for i in range(about.num_row_groups)]
         if sum(rows) != about.num_rows or min(rows, default=0) < 0 or about.num_rows > MOST_ROWS:
-            raise RecordingError(f"{self.path}: its row groups have {sum(rows)} rows, the file {about.num_rows}; expected the same number, at most {MOST_ROWS}")
+            raise RecordingError(
+                f"{self.path}: its row groups have {sum(rows)} rows, the file {about.num_rows}; expected the same number, at most {MOST_ROWS}"
+            )
 
     def reading(self):
         return others_reading(self.path, "can't be read as parquet")
 
     def enter(self, group):
         """Starts a row group from its beginning; in random access this limits reading to the group's rows."""
-        self.batches = self.file.iter_batches(batch_size=ROWS, row_groups=[group], columns=[self.prefix + column for column in self.columns])
+        self.batches = self.file.iter_batches(
+            batch_size=ROWS, row_groups=[group], columns=[self.prefix + column for column in self.columns]
+        )
         self.group, self.first, self.batch = group, int(self.begins[group]), None
 
     def at(self, *key):
@@ -85,7 +89,9 @@ class Component:
                 if self.batch is None:
                     raise RecordingError(f"{self.path}: has fewer rows than its header states")
                 self.batch.validate(full=True)
-            return {column: plain(self.batch.column(self.prefix + column)[number - self.first]) for column in self.columns}
+            return {
+                column: plain(self.batch.column(self.prefix + column)[number - self.first]) for column in self.columns
+            }
 
     def whole(self, *key):
         """The complete row of a key; raises if a value is missing."""
@@ -109,7 +115,11 @@ def fits(kind, name):
     if name.endswith("].image"):
         return types.is_binary(kind) or types.is_large_binary(kind)
     if name.endswith((".transform", ".values", ".shape")):
-        return types.is_null(kind) or (types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)) and (number(inner) or types.is_null(inner))
+        return (
+            types.is_null(kind)
+            or (types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
+            and (number(inner) or types.is_null(inner))
+        )
     return number(kind) or types.is_null(kind)
 
 
@@ -139,30 +149,85 @@ def sequences(raw):
 def read(path, cameras, frames, out, progress):
     raw, segment = os.path.dirname(os.path.dirname(path)), os.path.basename(path)[: -len(".parquet")]
     vector = lambda name: [f"{name}.{axis}" for axis in "xyz"]  # noqa: E731
-    images = Component(raw, "camera_image", segment, "CameraImageComponent", ["image", "pose.transform", "pose_timestamp", *vector("velocity.linear_velocity"),
-        *vector("velocity.angular_velocity"), "rolling_shutter_params.camera_trigger_time", "rolling_shutter_params.camera_readout_done_time"], [FRAME, CAMERA])  # fmt: skip
-    lenses = Component(raw, "camera_calibration", segment, "CameraCalibrationComponent",
-                       [*(f"intrinsic.{k}" for k in ("f_u", "f_v", "c_u", "c_v", "k1", "k2", "p1", "p2", "k3")), "extrinsic.transform", "width", "height"], [CAMERA])  # fmt: skip
+    images = Component(
+        raw,
+        "camera_image",
+        segment,
+        "CameraImageComponent",
+        [
+            "image",
+            "pose.transform",
+            "pose_timestamp",
+            *vector("velocity.linear_velocity"),
+            *vector("velocity.angular_velocity"),
+            "rolling_shutter_params.camera_trigger_time",
+            "rolling_shutter_params.camera_readout_done_time",
+        ],
+        [FRAME, CAMERA],
+    )
+    lenses = Component(
+        raw,
+        "camera_calibration",
+        segment,
+        "CameraCalibrationComponent",
+        [
+            *(f"intrinsic.{k}" for k in ("f_u", "f_v", "c_u", "c_v", "k1", "k2", "p1", "p2", "k3")),
+            "extrinsic.transform",
+            "width",
+            "height",
+        ],
+        [CAMERA],
+    )
     ways = Component(raw, "vehicle_pose", segment, "VehiclePoseComponent", ["world_from_vehicle.transform"], [FRAME])
-    present = [NAMES[number] for number in sorted(NAMES) if (number,) in lenses.places and any(key[1] == number for key in images.places)]
+    present = [
+        NAMES[number]
+        for number in sorted(NAMES)
+        if (number,) in lenses.places and any(key[1] == number for key in images.places)
+    ]
     if not present:
         raise RecordingError(f"{images.path}: no photographs of a camera in {lenses.path}")
     names = chosen(present, cameras, "camera") if cameras else [name for name in present if name in USUAL] or present
-    out.account.leave_out("cameras", "not front cameras; select them with --cameras", [] if cameras else [name for name in present if name not in names])
+    out.account.leave_out(
+        "cameras",
+        "not front cameras; select them with --cameras",
+        [] if cameras else [name for name in present if name not in names],
+    )
     out.account.leave_out("rows", "duplicates of the same frame and camera in camera_image", images.twice)
     numbers = {name: number for number, name in NAMES.items() if name in names}
     shots = {name: {stamp for stamp, camera in images.places if camera == number} for name, number in numbers.items()}
-    steps = choose_steps(complete(sorted(stamp for (stamp,) in ways.places if stamp is not None), shots, out.account), frames, out.account)
+    steps = choose_steps(
+        complete(sorted(stamp for (stamp,) in ways.places if stamp is not None), shots, out.account),
+        frames,
+        out.account,
+    )
     if not steps:
-        raise RecordingError(f"{raw}: no frame of {segment} left: none has a photograph of every camera, or --frames selected none")
+        raise RecordingError(
+            f"{raw}: no frame of {segment} left: none has a photograph of every camera, or --frames selected none"
+        )
     mounts = {}
     for name, number in numbers.items():
         lens = lenses.whole(number)
-        k = [[lens["intrinsic.f_u"], 0, lens["intrinsic.c_u"]], [0, lens["intrinsic.f_v"], lens["intrinsic.c_v"]], [0, 0, 1]]
-        out.add_camera(name, (lens["width"], lens["height"]), k, [lens[f"intrinsic.{key}"] for key in ("k1", "k2", "p1", "p2", "k3")], pixel_centre=0.5)
-        mounts[name] = transform(lens["extrinsic.transform"], f"{lenses.path}: the extrinsic of camera {name}") @ poses.axes_from_opencv("waymo")
+        k = [
+            [lens["intrinsic.f_u"], 0, lens["intrinsic.c_u"]],
+            [0, lens["intrinsic.f_v"], lens["intrinsic.c_v"]],
+            [0, 0, 1],
+        ]
+        out.add_camera(
+            name,
+            (lens["width"], lens["height"]),
+            k,
+            [lens[f"intrinsic.{key}"] for key in ("k1", "k2", "p1", "p2", "k3")],
+            pixel_centre=0.5,
+        )
+        mounts[name] = transform(
+            lens["extrinsic.transform"], f"{lenses.path}: the extrinsic of camera {name}"
+        ) @ poses.axes_from_opencv("waymo")
     boxes, lidar = boxes_of(raw, segment, steps, out.account), Lidar.of(raw, segment, out.account)
-    out.account.contains("sweeps", len(set(steps) & {stamp for stamp, _ in lidar.images.places}) if lidar else 0, os.path.join(raw, "lidar", f"{segment}.parquet"))
+    out.account.contains(
+        "sweeps",
+        len(set(steps) & {stamp for stamp, _ in lidar.images.places}) if lidar else 0,
+        os.path.join(raw, "lidar", f"{segment}.parquet"),
+    )
     progress.total = len(steps)
     for done, stamp in enumerate(steps):
         progress.show(done)
@@ -170,7 +235,15 @@ def read(path, cameras, frames, out, progress):
         world_from_ego = transform(ways.whole(stamp)["world_from_vehicle.transform"], where)
         step = out.add_step((stamp - steps[0]) / 1e6, world_from_ego)
         for name, number in numbers.items():
-            put_photograph(step, images.at(stamp, number), name, world_from_ego, mounts[name], steps[0] / 1e6, f"{images.path}, frame {stamp}, camera {name}")
+            put_photograph(
+                step,
+                images.at(stamp, number),
+                name,
+                world_from_ego,
+                mounts[name],
+                steps[0] / 1e6,
+                f"{images.path}, frame {stamp}, camera {name}",
+            )
         if lidar and not step.has_lidar(["intensity"]):
             points = lidar.points(stamp, world_from_ego)
             if len(points):
@@ -185,13 +258,21 @@ def put_photograph(step, row, name, world_from_ego, mount, zero, where):
     """A photograph; its pose is the car's at its pose_timestamp, extrapolated with its velocities to the middle of trigger and read-out."""
     if not row["image"]:
         raise RecordingError(f"{where}: no photograph")
-    trigger, readout = (row[f"rolling_shutter_params.{key}"] for key in ("camera_trigger_time", "camera_readout_done_time"))
+    trigger, readout = (
+        row[f"rolling_shutter_params.{key}"] for key in ("camera_trigger_time", "camera_readout_done_time")
+    )
     known = trigger is not None and readout is not None and readout >= trigger
     middle = 0.5 * (trigger + readout) if known else row["pose_timestamp"]
     pose = world_from_ego if row["pose.transform"] is None else transform(row["pose.transform"], where)
-    linear, angular = (np.array([row[f"velocity.{kind}_velocity.{axis}"] for axis in "xyz"], object) for kind in ("linear", "angular"))
+    linear, angular = (
+        np.array([row[f"velocity.{kind}_velocity.{axis}"] for axis in "xyz"], object) for kind in ("linear", "angular")
+    )
     lag = middle - row["pose_timestamp"] if known and row["pose_timestamp"] is not None else 0.0
-    if row["pose.transform"] is not None and abs(lag) < FARTHEST_POSE and not any(v is None or not np.isfinite(v) for v in [*linear, *angular]):
+    if (
+        row["pose.transform"] is not None
+        and abs(lag) < FARTHEST_POSE
+        and not any(v is None or not np.isfinite(v) for v in [*linear, *angular])
+    ):
         pose = moved(pose, linear.astype(float) * lag, angular.astype(float) * lag)
     step.photograph(name, row["image"], pose @ mount, None if middle is None else middle - zero)
 
@@ -212,7 +293,11 @@ def boxes_of(raw, segment, steps, account):
     if not optional_component(raw, "lidar_box", segment, "boxes", account):  # the test split has no labels
         return {}
     numbers = ["box.center.x", "box.center.y", "box.center.z", "box.heading", "box.size.x", "box.size.y", "box.size.z"]
-    rows, out, classes = Component(raw, "lidar_box", segment, "LiDARBoxComponent", [*numbers, "type"], [FRAME, THING]), {}, {}
+    rows, out, classes = (
+        Component(raw, "lidar_box", segment, "LiDARBoxComponent", [*numbers, "type"], [FRAME, THING]),
+        {},
+        {},
+    )
     read = set(steps)
     account.contains("boxes", sum(stamp in read for stamp, _ in rows.places), rows.path)
     account.leave_out("boxes", TWICE, [f"{track} in frame {stamp}" for stamp, track in rows.twice])
@@ -224,7 +309,9 @@ def boxes_of(raw, segment, steps, account):
             continue
         name = CLASSES.get(row["type"], "Unknown")
         first = classes.setdefault(track, name)
-        out.setdefault(stamp, []).append((track if first == name else f"{track} {name}", name, poses.turned_left(values[3], values[:3]), values[4:]))
+        out.setdefault(stamp, []).append(
+            (track if first == name else f"{track} {name}", name, poses.turned_left(values[3], values[:3]), values[4:])
+        )
     return out
 
 
@@ -240,10 +327,20 @@ class Lidar:
     def __init__(self, raw, segment, account):
         returns = [f"range_image_return{n}.{part}" for n in (1, 2) for part in ("values", "shape")]
         self.images = Component(raw, "lidar", segment, "LiDARComponent", returns, [FRAME, LASER])
-        self.scanners = Component(raw, "lidar_calibration", segment, "LiDARCalibrationComponent",
-                                  ["extrinsic.transform", "beam_inclination.min", "beam_inclination.max", "beam_inclination.values"], [LASER])  # fmt: skip
+        self.scanners = Component(
+            raw,
+            "lidar_calibration",
+            segment,
+            "LiDARCalibrationComponent",
+            ["extrinsic.transform", "beam_inclination.min", "beam_inclination.max", "beam_inclination.values"],
+            [LASER],
+        )
         turning = optional_component(raw, "lidar_pose", segment, "poses of the LiDAR's pixels", account)
-        self.turns = Component(raw, "lidar_pose", segment, "LiDARPoseComponent", returns[:2], [FRAME, LASER]) if turning else None
+        self.turns = (
+            Component(raw, "lidar_pose", segment, "LiDARPoseComponent", returns[:2], [FRAME, LASER])
+            if turning
+            else None
+        )
 
     @classmethod
     def of(cls, raw, segment, account):
@@ -259,7 +356,11 @@ class Lidar:
                 if row and filled(row[f"range_image_return{n}.values"]):
                     where = f"{self.images.path}, frame {stamp}, LiDAR {laser}"
                     image = shaped(row, f"range_image_return{n}", 4, where)
-                    pose = shaped(turn, "range_image_return1", 6, where) if turn and filled(turn["range_image_return1.values"]) else None
+                    pose = (
+                        shaped(turn, "range_image_return1", 6, where)
+                        if turn and filled(turn["range_image_return1.values"])
+                        else None
+                    )
                     found.append(self.decode(laser, image, pose, world_from_ego, where))
         return np.concatenate(found)
 
@@ -268,18 +369,34 @@ class Lidar:
         - (2 c + 1) / W) pi minus the LiDAR's own yaw. The roof's LiDAR has a car pose per pixel, which corrects for motion."""
         scanner, (height, width) = self.scanners.at(laser), image.shape[:2]
         mount = transform(scanner["extrinsic.transform"], f"{self.scanners.path}: the extrinsic of LiDAR {laser}")
-        low, high = (np.nan if value is None else value for value in (scanner["beam_inclination.min"], scanner["beam_inclination.max"]))
+        low, high = (
+            np.nan if value is None else value
+            for value in (scanner["beam_inclination.min"], scanner["beam_inclination.max"])
+        )
         listed = scanner["beam_inclination.values"]
-        beams = np.asarray(listed, np.float64) if filled(listed) else low + (np.arange(height) + 0.5) / height * (high - low)
+        beams = (
+            np.asarray(listed, np.float64)
+            if filled(listed)
+            else low + (np.arange(height) + 0.5) / height * (high - low)
+        )
         if len(beams) != height or not np.isfinite(beams).all():
-            raise RecordingError(f"{where}: {len(beams)} beam inclinations for a range image of {height} rows, or non-finite values")
+            raise RecordingError(
+                f"{where}: {len(beams)} beam inclinations for a range image of {height} rows, or non-finite values"
+            )
         if pose is not None and pose.shape[:2] != (height, width):
-            raise RecordingError(f"{where}: poses of {pose.shape[0]} x {pose.shape[1]} pixels for a range image of {height} x {width}")
+            raise RecordingError(
+                f"{where}: poses of {pose.shape[0]} x {pose.shape[1]} pixels for a range image of {height} x {width}"
+            )
         seen = (image[..., 0] > 0) & np.isfinite(image[..., :2]).all(-1)
         r, c = np.nonzero(seen)
         distance, up = image[r, c, 0].astype(np.float64), beams[::-1][r]
         around = (1 - (2 * c + 1) / width) * np.pi - np.arctan2(mount[1, 0], mount[0, 0])
-        points = distance[:, None] * np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1) @ mount[:3, :3].T + mount[:3, 3]
+        points = (
+            distance[:, None]
+            * np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], -1)
+            @ mount[:3, :3].T
+            + mount[:3, 3]
+        )
         if pose is not None:
             world = turned(pose[r, c].astype(np.float64), points)
             points = (world - world_from_ego[:3, 3]) @ world_from_ego[:3, :3]
@@ -303,6 +420,14 @@ def filled(values):
 
 def shaped(row, name, depth, where):
     values, shape = np.asarray(row[f"{name}.values"], np.float32), row[f"{name}.shape"]
-    if shape is None or len(shape) != 3 or shape[2] != depth or min(shape) < 1 or int(np.prod(shape, dtype=np.int64)) != len(values):
-        raise RecordingError(f"{where}: {name} has {len(values)} numbers and the shape {None if shape is None else [int(n) for n in shape]}; expected rows x columns x {depth}")
+    if (
+        shape is None
+        or len(shape) != 3
+        or shape[2] != depth
+        or min(shape) < 1
+        or int(np.prod(shape, dtype=np.int64)) != len(values)
+    ):
+        raise RecordingError(
+            f"{where}: {name} has {len(values)} numbers and the shape {None if shape is None else [int(n) for n in shape]}; expected rows x columns x {depth}"
+        )
     return values.reshape(shape)

@@ -19,7 +19,18 @@ from .errors import RecordingError
 DIGITS = 6
 LABELS = ("cityscapes", "cityscapes-ids", "step", "kitti-360", "waymo", "pandaset")
 PICTURES = {"JPEG": ".jpg", "PNG": ".png"}
-FOLDERS = ("images", "intrinsics", "extrinsics", "ego_pose", "lidar", "instances", "sky_masks", "semantic", "dynamic_masks", "ego_masks")
+FOLDERS = (
+    "images",
+    "intrinsics",
+    "extrinsics",
+    "ego_pose",
+    "lidar",
+    "instances",
+    "sky_masks",
+    "semantic",
+    "dynamic_masks",
+    "ego_masks",
+)
 FARTHEST = 1000.0  # maximum metres from the car for LiDAR points; pags rejects more
 
 
@@ -36,9 +47,17 @@ def text_of(matrix):
 def grey(mask, size, what):
     """A mask as PNG: [height, width], bool or 0..255."""
     m = np.asarray(mask)
-    require(m.shape == (size[1], size[0]), f"{what}: expected {size[1]} rows of {size[0]} values, the size of the photograph, found shape {m.shape}")
-    require(m.dtype == bool or np.issubdtype(m.dtype, np.integer), f"{what}: expected booleans or integers, found {m.dtype}")
-    require(m.dtype == bool or (m.min() >= 0 and m.max() <= 255), f"{what}: expected values of 0 to 255, found {m.min()} to {m.max()}")
+    require(
+        m.shape == (size[1], size[0]),
+        f"{what}: expected {size[1]} rows of {size[0]} values, the size of the photograph, found shape {m.shape}",
+    )
+    require(
+        m.dtype == bool or np.issubdtype(m.dtype, np.integer), f"{what}: expected booleans or integers, found {m.dtype}"
+    )
+    require(
+        m.dtype == bool or (m.min() >= 0 and m.max() <= 255),
+        f"{what}: expected values of 0 to 255, found {m.min()} to {m.max()}",
+    )
     return png(m.astype(np.uint8) * (255 if m.dtype == bool else 1))
 
 
@@ -72,7 +91,10 @@ class Step:
         there = r.written(name + ".jpg", name + ".png")
         if not there:
             content, found, end = encode(picture, what)
-            require(found == size, f"{what}: the photograph has {found[0]} x {found[1]} pixels, but the camera was added with {size[0]} x {size[1]}")
+            require(
+                found == size,
+                f"{what}: the photograph has {found[0]} x {found[1]} pixels, but the camera was added with {size[0]} x {size[1]}",
+            )
             r.put(name + end, content)
         self.photographs[camera] = (pose, time)
 
@@ -98,8 +120,14 @@ class Step:
         require(self.sweep is None, f"{self} already has a sweep")
         p = np.asarray(points, np.float64)
         columns = ["x", "y", "z", *columns]
-        require(p.ndim == 2 and p.shape[1] == len(columns), f"{self}: expected LiDAR points of the columns {', '.join(columns)}, found shape {p.shape}")
-        require(r.columns in (None, columns), f"{self}: LiDAR columns {', '.join(columns)}, but other steps have {', '.join(r.columns or ())}")
+        require(
+            p.ndim == 2 and p.shape[1] == len(columns),
+            f"{self}: expected LiDAR points of the columns {', '.join(columns)}, found shape {p.shape}",
+        )
+        require(
+            r.columns in (None, columns),
+            f"{self}: LiDAR columns {', '.join(columns)}, but other steps have {', '.join(r.columns or ())}",
+        )
         finite = np.isfinite(p).all(1)
         r.account.leave_out("LiDAR points", "non-finite numbers", [self], int((~finite).sum()))
         p = p[finite]
@@ -109,9 +137,14 @@ class Step:
             return
         world_from_points = poses.check(world_from_points, f"{self}: the pose of its LiDAR points")
         first = next(iter(self.photographs.values()), (world_from_points, None))[0]
-        car = (poses.inverse(world_from_points) @ (first if self.world_from_ego is None else self.world_from_ego))[:3, 3]
+        car = (poses.inverse(world_from_points) @ (first if self.world_from_ego is None else self.world_from_ego))[
+            :3, 3
+        ]
         far = int((np.linalg.norm(p[:, :3] - car, axis=1) > FARTHEST).sum())
-        require(not far, f"{self}: {far} LiDAR points are farther than {FARTHEST:g} m from the car; expected metres in the frame whose pose is given")
+        require(
+            not far,
+            f"{self}: {far} LiDAR points are farther than {FARTHEST:g} m from the car; expected metres in the frame whose pose is given",
+        )
         self.sweep, self.swept = (p, world_from_points), True
 
     def close(self):
@@ -121,7 +154,11 @@ class Step:
             self.world_from_ego = first @ poses.inverse(poses.axes_from_opencv("waymo"))
         if self.sweep and self.world_from_ego is not None:
             points, pose = self.sweep
-            rows = points if np.array_equal(self.world_from_ego, pose) else poses.transform(poses.inverse(self.world_from_ego) @ pose, points)
+            rows = (
+                points
+                if np.array_equal(self.world_from_ego, pose)
+                else poses.transform(poses.inverse(self.world_from_ego) @ pose, points)
+            )
             self.recording.put(f"lidar/{self.number:0{DIGITS}d}.bin", rows.astype("<f4").tobytes())
             self.sweep = ()
 
@@ -132,9 +169,14 @@ class Step:
         extents = np.asarray(size, np.float64)
         require(str(track) not in self.boxes, f"{what} occurs twice; an id identifies one object")
         require(isinstance(name, str) and name.strip(), f"{what}: expected a class name, found {name!r}")
-        require(extents.shape == (3,) and np.isfinite(extents).all() and (extents > 0).all(), f"{what}: expected length, width and height in metres, found {size!r}")
+        require(
+            extents.shape == (3,) and np.isfinite(extents).all() and (extents > 0).all(),
+            f"{what}: expected length, width and height in metres, found {size!r}",
+        )
         known = self.recording.tracks.setdefault(str(track), name)
-        require(known == name, f"{what} is of class {name!r}, but {known!r} at another step; an id identifies one object")
+        require(
+            known == name, f"{what} is of class {name!r}, but {known!r} at another step; an id identifies one object"
+        )
         self.boxes[str(track)] = (poses.check(world_from_box, f"{what}: its pose"), extents)
 
 
@@ -149,7 +191,10 @@ def encode(picture, what):
             raise RecordingError(f"{what}: can't be read as a picture: {error.strerror}") from None
     if not isinstance(picture, bytes):
         array = np.asarray(picture)
-        require(array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3, f"{what}: expected uint8 [height, width, 3], found {array.dtype} {array.shape}")
+        require(
+            array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3,
+            f"{what}: expected uint8 [height, width, 3], found {array.dtype} {array.shape}",
+        )
         return png(array), (array.shape[1], array.shape[0]), ".png"
     try:
         with Image.open(io.BytesIO(picture)) as opened:
@@ -162,7 +207,18 @@ def encode(picture, what):
     return picture, found, PICTURES[form]
 
 
-LENSES = "perspective", "fisheye", "rational", "fov", "thin_prism", "aria", "division", "eucm", "ftheta", "equirectangular"
+LENSES = (
+    "perspective",
+    "fisheye",
+    "rational",
+    "fov",
+    "thin_prism",
+    "aria",
+    "division",
+    "eucm",
+    "ftheta",
+    "equirectangular",
+)
 LENS_TERMS = {"k": 6, "d": 3, "p": 2, "s": 4}
 
 
@@ -174,14 +230,20 @@ def growth(lens, angle):
 
 def check_lens(lens, what):
     """A lens for dataset.json: kind, terms padded with zeros, field in degrees."""
-    require(isinstance(lens, dict) and lens.get("kind") in LENSES, f"{what}: expected a lens as {{'kind': ...}} of {', '.join(LENSES)}, found {lens!r}")
+    require(
+        isinstance(lens, dict) and lens.get("kind") in LENSES,
+        f"{what}: expected a lens as {{'kind': ...}} of {', '.join(LENSES)}, found {lens!r}",
+    )
     strange = [key for key in lens if key not in ("kind", "field", *LENS_TERMS)]
     require(not strange, f"{what}: a lens has k, d, p, s and field, not {', '.join(map(repr, strange))}")
     out = {"kind": lens["kind"]}
     for key, count in LENS_TERMS.items():
         if key in lens:
             numbers = np.atleast_1d(np.asarray(lens[key], np.float64))
-            require(numbers.ndim == 1 and len(numbers) <= count and np.isfinite(numbers).all(), f"{what}: expected at most {count} finite numbers for {key!r}, found {lens[key]!r}")
+            require(
+                numbers.ndim == 1 and len(numbers) <= count and np.isfinite(numbers).all(),
+                f"{what}: expected at most {count} finite numbers for {key!r}, found {lens[key]!r}",
+            )
             out[key] = numbers.tolist() + [0.0] * (count - len(numbers))
     field = float(lens.get("field", 0))
     require(0 <= field <= 360, f"{what}: expected a field of 0 to 360 degrees, found {field:g}")
@@ -190,7 +252,10 @@ def check_lens(lens, what):
     if lens["kind"] in ("fisheye", "ftheta"):
         angles = np.linspace(0, np.radians(min(field or 10, 355)) / 2, 2000)
         ends = np.degrees(2 * angles[growth(out, angles) <= 0])
-        require(not len(ends), f"{what}: its terms are one-to-one only up to a field of {ends[0] if len(ends) else 0:.1f} degrees, not {field or 10:g}")
+        require(
+            not len(ends),
+            f"{what}: its terms are one-to-one only up to a field of {ends[0] if len(ends) else 0:.1f} degrees, not {field or 10:g}",
+        )
     return out
 
 
@@ -219,7 +284,10 @@ class Recording:
         if self.begun_from is not None and "import.json" in there:
             there_from = self.read_mark()
             self.result = there_from.pop("result", None)
-            require(there_from == json.loads(json.dumps(self.begun_from)), f"{self.folder}: an import from another source or with other options started here (see its import.json); choose another folder, or remove it")
+            require(
+                there_from == json.loads(json.dumps(self.begun_from)),
+                f"{self.folder}: an import from another source or with other options started here (see its import.json); choose another folder, or remove it",
+            )
             self.done = "dataset.json" in there
         else:
             require(not there, f"{self.folder}: not empty; choose another folder, or remove it")
@@ -238,7 +306,9 @@ class Recording:
 
     def written(self, *names):
         """Whether a file of one of these names exists from an earlier run of the same import."""
-        return self.begun_from is not None and any(os.path.exists(os.path.join(self.folder, *name.split("/"))) for name in names)
+        return self.begun_from is not None and any(
+            os.path.exists(os.path.join(self.folder, *name.split("/"))) for name in names
+        )
 
     def __enter__(self):
         return self
@@ -278,21 +348,40 @@ class Recording:
         require(isinstance(name, str) and name and name not in self.cameras, f"camera {name!r}: expected a unique name")
         require(not self.steps, f"camera {name!r}: add all cameras before the first time step")
         k = np.asarray(matrix, np.float64)
-        require(k.shape == (3, 3) and np.isfinite(k).all() and k[0, 1] == k[1, 0] == 0, f"camera {name!r}: expected a 3x3 matrix without skew, found {k.tolist()}")
+        require(
+            k.shape == (3, 3) and np.isfinite(k).all() and k[0, 1] == k[1, 0] == 0,
+            f"camera {name!r}: expected a 3x3 matrix without skew, found {k.tolist()}",
+        )
         width, height = (int(v) for v in size)
         require(width > 0 and height > 0, f"camera {name!r}: expected width and height in pixels, found {size!r}")
-        require(0.05 * width < k[0, 0] < 50 * width and 0.05 * width < k[1, 1] < 50 * width, f"camera {name!r}: focal lengths {k[0, 0]:g} and {k[1, 1]:g} are not plausible in pixels for a picture of {width} x {height}")
-        require(pixel_centre in (0, 0.5), f"camera {name!r}: expected the centre of the first pixel at 0 or 0.5, found {pixel_centre!r}")
+        require(
+            0.05 * width < k[0, 0] < 50 * width and 0.05 * width < k[1, 1] < 50 * width,
+            f"camera {name!r}: focal lengths {k[0, 0]:g} and {k[1, 1]:g} are not plausible in pixels for a picture of {width} x {height}",
+        )
+        require(
+            pixel_centre in (0, 0.5),
+            f"camera {name!r}: expected the centre of the first pixel at 0 or 0.5, found {pixel_centre!r}",
+        )
         terms = [float(v) for v in distortion]
-        require(len(terms) in (0, 4, 5) and np.isfinite(terms).all(), f"camera {name!r}: expected k1 k2 p1 p2 or k1 k2 p1 p2 k3, found {len(terms)} numbers; other lenses require lens=")
+        require(
+            len(terms) in (0, 4, 5) and np.isfinite(terms).all(),
+            f"camera {name!r}: expected k1 k2 p1 p2 or k1 k2 p1 p2 k3, found {len(terms)} numbers; other lenses require lens=",
+        )
         require(lens is None or not terms, f"camera {name!r}: expected either a distortion or a lens, found both")
         to_corner = 0.5 - pixel_centre
-        self.cameras[name] = {"number": len(self.cameras), "size": (width, height), "intrinsics": [k[0, 0], k[1, 1], k[0, 2] + to_corner, k[1, 2] + to_corner, *terms],
-                              "lens": None if lens is None else check_lens(lens, f"camera {name!r}")}  # fmt: skip
+        self.cameras[name] = {
+            "number": len(self.cameras),
+            "size": (width, height),
+            "intrinsics": [k[0, 0], k[1, 1], k[0, 2] + to_corner, k[1, 2] + to_corner, *terms],
+            "lens": None if lens is None else check_lens(lens, f"camera {name!r}"),
+        }
         return name
 
     def camera_of(self, name, where):
-        require(name in self.cameras, f"{where}: no camera is named {name!r}; there are {', '.join(map(repr, self.cameras)) or 'none'}")
+        require(
+            name in self.cameras,
+            f"{where}: no camera is named {name!r}; there are {', '.join(map(repr, self.cameras)) or 'none'}",
+        )
         return self.cameras[name]["number"], self.cameras[name]["size"]
 
     def add_step(self, time, world_from_ego=None):
@@ -301,10 +390,21 @@ class Recording:
         require(np.isfinite(time), f"time step {len(self.steps)}: its time is {time}")
         if self.steps:
             last = self.steps[-1].time
-            require(last < time, f"time step {len(self.steps)}: at {time:.6f} s, not later than the previous one at {last:.6f} s")
+            require(
+                last < time,
+                f"time step {len(self.steps)}: at {time:.6f} s, not later than the previous one at {last:.6f} s",
+            )
             self.steps[-1].close()
-            require(time - last < 60, f"time step {len(self.steps)}: {time - last:g} s after the previous one; expected seconds (pags_recordings.poses.seconds turns other units)")
-        step = Step(self, len(self.steps), float(time), None if world_from_ego is None else poses.check(world_from_ego, "the car's pose"))
+            require(
+                time - last < 60,
+                f"time step {len(self.steps)}: {time - last:g} s after the previous one; expected seconds (pags_recordings.poses.seconds turns other units)",
+            )
+        step = Step(
+            self,
+            len(self.steps),
+            float(time),
+            None if world_from_ego is None else poses.check(world_from_ego, "the car's pose"),
+        )
         self.steps.append(step)
         return step
 
@@ -315,17 +415,28 @@ class Recording:
 
     def counts(self):
         """Counts of the written items."""
-        return {"steps": len(self.steps), "cameras": len(self.cameras), "photographs": sum(len(step.photographs) for step in self.steps),
-                "sweeps": sum(step.swept for step in self.steps), "boxes": sum(len(step.boxes) for step in self.steps), "objects": len(self.tracks)}  # fmt: skip
+        return {
+            "steps": len(self.steps),
+            "cameras": len(self.cameras),
+            "photographs": sum(len(step.photographs) for step in self.steps),
+            "sweeps": sum(step.swept for step in self.steps),
+            "boxes": sum(len(step.boxes) for step in self.steps),
+            "objects": len(self.tracks),
+        }
 
     # ---- The common files ----
 
     def finish(self):
         """Checks the steps as a whole and writes poses, calibration, times, boxes and finally dataset.json."""
-        require(self.cameras and self.steps, f"{self.folder}: a recording requires at least one camera and one time step")
+        require(
+            self.cameras and self.steps, f"{self.folder}: a recording requires at least one camera and one time step"
+        )
         for step in self.steps:
             lacking = [name for name in self.cameras if name not in step.photographs]
-            require(not lacking, f"{step} has no photograph of {', '.join(map(repr, lacking))}; every camera requires one at every time step: omit the step or the camera")
+            require(
+                not lacking,
+                f"{step} has no photograph of {', '.join(map(repr, lacking))}; every camera requires one at every time step: omit the step or the camera",
+            )
         self.result = self.account.result(self.counts())
         self.steps[-1].close()
         for camera in self.cameras.values():
@@ -335,8 +446,15 @@ class Recording:
         self.put_times()
         if self.tracks:
             self.put_boxes()
-        facts = {"kind": "pags", "camera_axes": "opencv", "extrinsics": "per-frame camera-to-world (TTT_C.txt)", "object_forward": "+x",
-                 "lidar_columns": self.columns or ["x", "y", "z"], "lidar_frame": "ego", "cameras": {str(c["number"]): name for name, c in self.cameras.items()}}  # fmt: skip
+        facts = {
+            "kind": "pags",
+            "camera_axes": "opencv",
+            "extrinsics": "per-frame camera-to-world (TTT_C.txt)",
+            "object_forward": "+x",
+            "lidar_columns": self.columns or ["x", "y", "z"],
+            "lidar_frame": "ego",
+            "cameras": {str(c["number"]): name for name, c in self.cameras.items()},
+        }
         lenses = {str(c["number"]): c["lens"] for c in self.cameras.values() if c["lens"]}
         if lenses:
             facts["lenses"] = lenses
@@ -352,17 +470,28 @@ class Recording:
             self.put(f"extrinsics/{step.number:0{DIGITS}d}_{self.cameras[name]['number']}.txt", text_of(pose))
 
     def put_times(self):
-        exposures = {str(c["number"]): [step.photographs[name][1] for step in self.steps] for name, c in self.cameras.items()}
-        times = {"frames": [step.time for step in self.steps], "cameras": {n: t for n, t in exposures.items() if any(v is not None for v in t)}}
+        exposures = {
+            str(c["number"]): [step.photographs[name][1] for step in self.steps] for name, c in self.cameras.items()
+        }
+        times = {
+            "frames": [step.time for step in self.steps],
+            "cameras": {n: t for n, t in exposures.items() if any(v is not None for v in t)},
+        }
         self.put("timestamps.json", json.dumps(times) + "\n")
 
     def put_boxes(self):
         instances, listed = {}, {str(step.number): [] for step in self.steps}
         for number, (track, name) in enumerate(self.tracks.items()):
             at = [step for step in self.steps if track in step.boxes]
-            instances[str(number)] = {"id": track, "class_name": name, "frame_annotations": {
-                "frame_idx": [step.number for step in at], "obj_to_world": [step.boxes[track][0].tolist() for step in at],
-                "box_size": [step.boxes[track][1].tolist() for step in at]}}  # fmt: skip
+            instances[str(number)] = {
+                "id": track,
+                "class_name": name,
+                "frame_annotations": {
+                    "frame_idx": [step.number for step in at],
+                    "obj_to_world": [step.boxes[track][0].tolist() for step in at],
+                    "box_size": [step.boxes[track][1].tolist() for step in at],
+                },
+            }
             for step in at:
                 listed[str(step.number)].append(number)
         self.put("instances/instances_info.json", json.dumps(instances) + "\n")
