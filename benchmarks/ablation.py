@@ -515,7 +515,7 @@ class Run:
 
     def branch(self):
         """The last moment before the last prune by score whose checkpoint exists, from which a run with another bound
-        on the number of Gaussians goes on; None if there is none."""
+        on the number of Gaussians continues; None if there is no limit."""
         log, prune = os.path.join(self.scene, "log.jsonl"), 0
         if os.path.exists(log):
             with open(log, encoding="utf-8") as file:

@@ -210,8 +210,8 @@ static double share_of_bare(const pags_bench_mode_result *r) {
   return ms > 0 && r->peak > 0 ? (double)r->counts.pairs_evaluated / ms * 1e3 / r->peak : 0.0;
 }
 
-/* The work of each stage: time per unit, the rasteriser beside the bare kernel, and what an early stop could still
- * bring. */
+/* The work of each stage: time per unit, the rasteriser compared with the bare kernel, and what an early stop could
+ * still bring. */
 static void say_work(const render_bench *self, const pags_bench_mode_result *results) {
   const pags_session *session = &self->arguments->session;
   pags_say(session, "%-16s %11s %11s %11s %11s %11s %9s   %s\n", "ns each", "project", "shade", "bin", "sort", "raster",

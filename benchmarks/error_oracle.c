@@ -4,7 +4,7 @@
  *
  * The limits of blending (alpha cut, stop, alpha cap, clamp of the slope) are fixed in the kernels, so the oracle is
  * rendered with and without each. Their gains are ratios of the oracle's time, of which blending is a smaller share
- * than in the engine, so the pair counts beside them are more telling. */
+ * than in the engine, so the pair counts next to them tell more. */
 #include "benchmarks/error.h"
 #include "benchmarks/pool_costs.h"
 
@@ -118,8 +118,8 @@ static double length(const struct group *group, const reference_part_gradient *e
 }
 
 /* Adds the relative errors of the engine's gradients, per group of parameters: |difference| / max(|exact|, 1 % of the
- * group's root mean square), over the rows that have a gradient. A group whose gradients are negligible beside the
- * others' is skipped, since it is only rounding, as for rotations if all Gaussians are round. */
+ * group's root mean square), over the rows that have a gradient. A group whose gradients are negligible compared with
+ * the others' is skipped, since it is only rounding, as for rotations if all Gaussians are round. */
 static void compare_gradients(oracle *o, const reference_part_gradient *exact) {
   double size[GROUPS], largest = 0;
   for (int g = 0; g < GROUPS; g++) {

@@ -3,7 +3,7 @@
  * scheduling. Workers take the blocks of a loop in order, each when it is free; a serial stretch takes as long as it
  * took. Jobs of the background are independent of each other and are replayed as one loop.
  *
- * What is left out: that a core's clock falls while others work, but for `slow`; caches that several cores share;
+ * Not modelled: that a core's clock falls while others work, but for `slow`; caches that several cores share;
  * memory that is nearer to one socket than to the other. */
 #ifndef PAGS_BENCHMARKS_REPLAY_H
 #define PAGS_BENCHMARKS_REPLAY_H

@@ -2,7 +2,7 @@
 /* pags-bench scaling: predicts how fast this machine's work would be done by 1 to 256 workers, from a record of one,
  * and measures it for the cores there are.
  *
- * Of a scene, frames are recorded. Of a data set, a training: all cores train up to the first densify step with a
+ * For a scene, frames are recorded; for a data set, a training: all cores train up to the first densify step with a
  * prune, one worker records that one, all cores go on, and one worker records the last steps. A lap over all
  * photographs precedes them, so that none has to be decoded in between. */
 #include "benchmarks/bench.h"

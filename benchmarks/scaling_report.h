@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The tables of pags-bench scaling: what a replay predicts, phase by phase and stage by stage, and what was measured
- * beside it. */
+/* The tables of pags-bench scaling: what a replay predicts, phase by phase and stage by stage, and the measurements
+ * next to it. */
 #ifndef PAGS_BENCHMARKS_SCALING_REPORT_H
 #define PAGS_BENCHMARKS_SCALING_REPORT_H
 

@@ -28,7 +28,7 @@ static inline const char *system_temporary(void) {
   return folder ? folder : "/tmp";
 }
 
-/* Temporary files of this process lie in memory where there is a file system for that, unless TMPDIR says where. */
+/* Temporary files of this process lie in memory where there is a file system for that, unless TMPDIR names a folder. */
 static inline void system_prefer_memory(void) {
   if (!getenv("TMPDIR") && pags_port_may_write("/dev/shm"))
     pags_port_set_environment("TMPDIR", "/dev/shm");

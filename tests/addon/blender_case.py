@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What tests inside of Blender share: the add-on installed from its zip, pictures from F12, pictures from the program."""
+"""Shared by the tests inside Blender: the add-on installed from its zip, pictures from F12, pictures from the program."""
 
 import json
 import os
@@ -82,13 +82,13 @@ class BlenderCase(Case):
         return read_png(path)
 
     def program(self, *more, scene="scene"):
-        """What the program draws for the scene's camera, by the add-on's own camera file."""
+        """The program's picture for the scene's camera, through the add-on's own camera file."""
         bpy.ops.export_scene.pags_path(filepath=self.path("camera.json"), single=True)
         self.succeeds("render", self.path(scene), "--camera", self.path("camera.json"), "-o", self.path("out"), *more)
         return read_png(self.path("out", "00000.png"))
 
     def assert_close(self, a, b, levels=1, mostly=0):
-        """No sample further apart than `levels`; some of them must not be black."""
+        """No sample differs by more than `levels`; some of them must not be black."""
         self.assertEqual(a[:4], b[:4])
         apart = max(abs(x - y) for x, y in zip(a[4], b[4]))
         self.assertLessEqual(apart, levels)

@@ -56,7 +56,7 @@ class Composite(BlenderCase):
         make_drive(self.path("scene"), rows)
 
     def test_its_shadow_lies_on_the_road(self):
-        """A block that hangs over the road under a sun straight above: dark below it, the street as it was beside."""
+        """A block that hangs over the road under a sun straight above: dark below it, the street around it unchanged."""
         self.pave()
         self.bring_in()
         self.scene.frame_set(2)
@@ -129,7 +129,7 @@ class Composite(BlenderCase):
             self.assertAlmostEqual(seen[2], 0.2140, delta=0.01)  # sRGB 0.5
 
     def test_the_user_s_nodes_stay(self):
-        """What stood between the Render Layers and the output goes on to: the composite comes in its place, also the second time."""
+        """The nodes between Render Layers and output stay: the composite replaces their input, also the second time."""
         composite = sys.modules[addon.__name__ + ".composite"]
         self.bring_in()
         scene = self.scene

@@ -16,7 +16,7 @@ from blender_case import BlenderCase, addon, main  # noqa: E402
 
 class Edits(BlenderCase):
     def test_saved_as_a_scene(self):
-        """What Blender shows after edits is what the program draws from the scene it saves."""
+        """Blender's picture after edits equals the program's picture of the saved scene."""
         root = self.bring_in()
         self.track(0).location.x -= 0.5  # parked
         self.part(1).location.x += 0.7  # along its track

@@ -16,7 +16,7 @@ from test_drive import make_drive  # noqa: E402
 
 class Export(BlenderCase):
     def test_gaussians_with_edits(self):
-        """What is written shows what Blender shows."""
+        """The written file's picture equals Blender's."""
         self.bring_in()
         self.part(1).location.x += 0.7
         bpy.ops.export_scene.pags(filepath=self.path("edited.ply"))

@@ -38,7 +38,7 @@ def exr_channels(block):
 
 
 def exr_values(data, x, y):
-    """Of every float channel of an uncompressed OpenEXR file at a pixel, by part.channel; Blender 5 writes a part a pass."""
+    """The values of all float channels of an uncompressed OpenEXR file at a pixel, by part.channel; Blender 5 writes one part per pass."""
     (version,) = struct.unpack_from("<i", data, 4)
     several, parts, at = bool(version & 0x1000), [], 8
     while not parts or (several and data[at]):
@@ -279,7 +279,7 @@ class Final(BlenderCase):
                 self.assertAlmostEqual(car[f"Vector.{channel}"], plain(50, 50)[f"Vector.{channel}"], delta=0.2)
 
     def pass_values(self):
-        """What F12's passes hold: a function of a pixel."""
+        """The values of F12's passes: a function of a pixel."""
         layer = bpy.context.view_layer
         layer.use_pass_vector = layer.use_pass_cryptomatte_object = layer.use_pass_cryptomatte_asset = True
         data = self.render_exr("several.exr")

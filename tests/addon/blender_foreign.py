@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The add-on in Blender without a window, from a zip that holds it for other systems alone: it can be switched on and off, and what needs the module
-says which systems the zip is for."""
+names the systems that the zip is for."""
 
 import os
 import sys

@@ -17,7 +17,7 @@ from test_drive import make_drive  # noqa: E402
 
 
 def overlays():
-    """Of the file's 3D views; background Blenders keep them from one file to the next."""
+    """The file's 3D views; a Blender in the background keeps them from one file to the next."""
     return [a.spaces.active.overlay for s in bpy.data.screens for a in s.areas if a.type == "VIEW_3D"]
 
 
@@ -72,7 +72,7 @@ class Import(BlenderCase):
         self.assertEqual(len(self.part(-1).data.vertices), 40)
 
     def test_a_part_of_a_scene_brings_the_scene(self):
-        """A .ply that scene.json names, in the folder or below it; another one beside it is a splat file of its own."""
+        """A .ply that scene.json names, in the folder or below it; any other next to it is a separate splat file."""
         for name in ("background.ply", os.path.join("objects", "car.ply")):
             root = self.bring_in(os.path.join("scene", name))
             self.assertEqual((os.path.normpath(root.pags.path), len(root.children)), (self.path("scene"), 4))
@@ -177,7 +177,7 @@ class Import(BlenderCase):
             self.bring_in("some.ply")
             self.assertEqual(self.scene.camera.name, "view of some.ply")
         bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
-        self.bring_in()  # recorded cameras come in its place; it is kept beside
+        self.bring_in()  # recorded cameras replace it; it is kept with them
         self.assertEqual((self.scene.camera.pags.kind, "Camera" in bpy.data.objects), ("CAMERA", True))
         bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
         bpy.ops.mesh.primitive_uv_sphere_add()

@@ -125,7 +125,7 @@ class Inspecting(BlenderCase):
                 self.assertEqual(len(self.scene.camera.data.background_images), 1)  # however often they were shown
 
     def test_a_scene_of_another_machine(self):
-        """It opens whole; what needs the photographs says where it looked, and one field, kept with the scene, says where they are."""
+        """It opens whole. Features that need the photographs name the folders searched; one field, stored with the scene, sets their folder."""
         self.photographed()
         record = json.loads(fixtures.read(self.path("scene", "scene.json")))
         self.write("scene/scene.json", json.dumps({**record, "dataset": "/home/else/recordings/street 7/"}))
@@ -141,7 +141,7 @@ class Inspecting(BlenderCase):
         self.raises(looked, bpy.ops.pags.photographs)
         self.raises(["001_0.png", *looked[1:]], bpy.ops.pags.compare, name="001_0.png")
         self.f12()
-        os.rename(self.path("here"), self.path("street 7"))  # beside the scene it is found by itself
+        os.rename(self.path("here"), self.path("street 7"))  # next to the scene it is found without being set
         bpy.ops.pags.photographs()
         os.rename(self.path("street 7"), self.path("here"))
         root.pags.dataset = self.path("nowhere")

@@ -18,7 +18,7 @@ class Jobs(BlenderCase):
         self.jobs = sys.modules[addon.__name__ + ".jobs"]
 
     def test_threads_and_the_main_one(self):
-        """What stands between two yields runs on the main thread, what is beside in another; errors come back to where they were caused."""
+        """Code between two yields runs on the main thread, yielded calls in another; errors are raised where the call was yielded."""
         threads = []
 
         def work(job):
@@ -69,7 +69,7 @@ class Jobs(BlenderCase):
         with mock.patch.object(self.jobs, "SLICE", 0):
             for _ in cameras.along(self.jobs.Job("x", lambda job: iter(())), self.scene, [1, 2, 3], visit):
                 at.append(self.scene.frame_current)
-                self.scene.frame_set(self.scene.frame_current + 1)  # the user goes on
+                self.scene.frame_set(self.scene.frame_current + 1)  # the user continues
             self.assertEqual((seen, at, self.scene.frame_current), ([1, 2, 3], [7, 8, 9], 10))
             with self.assertRaises(ValueError):
                 for _ in cameras.along(self.jobs.Job("x", lambda job: iter(())), self.scene, [40], visit):

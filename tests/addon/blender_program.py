@@ -37,7 +37,7 @@ class Program(BlenderCase):
         self.assertGreater(os.path.getsize(self.path("own.ply")), 3 * 56)
 
     def test_it_runs_where_no_library_is(self):
-        """What it loads, itself and by its libraries, lies beside it; the C library's parts are the system's."""
+        """All that it loads, itself or through its libraries, lies next to it, except for the system's C library."""
         if sys.platform != "linux":
             self.skipTest("the libraries of other systems' programs are linked into them")
         own = self.module.command(bpy.context)

@@ -60,7 +60,7 @@ class SeveralScenes(BlenderCase):
         self.assertGreater(self.difference(together, self.f12()), 100)
 
     def test_scenes_of_one_map(self):
-        """Splat files in a map's coordinates, whose origins differ, lie beside each other as the map has them; others at zero."""
+        """Splat files in a map's coordinates, whose origins differ, keep their distances on the map; others lie at zero."""
         names = [
             "f_dc_0",
             "f_dc_1",
@@ -147,7 +147,7 @@ class SeveralScenes(BlenderCase):
         for index, x in ((1, 50), (0, 35)):
             before = sum(pixel(self.f12(), x + k, 50)[1 - index] > 150 for k in range(-6, 7))
             self.part(index).scale = (2, 2, 2)
-            if index == 0:  # the Gaussian lies half a metre beside its box's middle
+            if index == 0:  # the Gaussian lies half a metre from its box's middle
                 self.part(index).location.y = -0.5
             self.assertGreater(sum(pixel(self.f12(), x + k, 50)[1 - index] > 150 for k in range(-6, 7)), 1.5 * before)
         self.part(1).scale = (1, 0, 1)

@@ -41,7 +41,7 @@ class Together(BlenderCase):
         self.bring_in()
 
     def test_unpacked_into_a_folder(self):
-        """Of its own among the add-ons, which may have the add-on's former name, the whole zip is an add-on, too, and the Python API."""
+        """Installed as an add-on, also under its former name, the whole zip works and is the Python API, too."""
         if addon.__name__.startswith("bl_ext."):
             self.skipTest("extensions are installed by Blender alone")
         import pags

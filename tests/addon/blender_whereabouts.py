@@ -38,7 +38,7 @@ class Whereabouts(BlenderCase):
         eye.location, scene.camera = (0, 0, 4), eye
 
     def project(self, *names, colour=RED, **keywords):
-        """Saves NAMES.blend with a ball beside it, model.ply; returns its path."""
+        """Saves NAMES.blend with a ball next to it, model.ply; returns its path."""
         self.ball(*names[:-1], "model.ply", colour=colour)
         self.new()
         bpy.ops.wm.save_as_mainfile(filepath=self.path(*names))
@@ -90,7 +90,7 @@ class Whereabouts(BlenderCase):
             self.assertEqual(self.drawn(blend), "blue")
 
     def test_trained_again(self):
-        """In its own place a scene may change, under an open file as well, whatever lies beside a copy of the .blend."""
+        """In its own place a scene may change, under an open file as well, whatever lies next to a copy of the .blend."""
         blend = self.project("home", "one.blend")
         self.ball("home", "model.ply", colour=GREEN)
         self.assertEqual(self.drawn(blend), "green")
@@ -158,7 +158,7 @@ class Whereabouts(BlenderCase):
         self.assertIn(self.path("home", "model.ply"), check.faults(bpy)[0])
 
     def test_an_override(self):
-        """Of a linked scene: its path is the library's until it is changed, then it is one of this file, and follows it."""
+        """A linked scene's path is the library's until it is changed; then it belongs to this file and follows it."""
         blend = self.project("home", "one.blend")
         self.ball("other", "model.ply", colour=BLUE)
         self.ball("other", "mine.ply", colour=GREEN)
@@ -219,7 +219,7 @@ class Whereabouts(BlenderCase):
         )
 
     def test_a_data_set_of_that_name(self):
-        """Beside the scene, where training's isn't there: the same is taken, another isn't, and no photograph comes from two sets."""
+        """Where the training set is gone, the same set next to the scene is used, another isn't, and no photograph comes from two sets."""
         from drive_set import make_set
 
         make_set(self.path("scene"), self.path("there", "set"))

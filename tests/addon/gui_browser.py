@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blender's file browser, as it stands open in a window."""
+"""Blender's file browser, open in a window."""
 
 import time
 

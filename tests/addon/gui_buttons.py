@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What Blender's menus and the add-on's panels show at this moment, and how to press it by its label: their drawing functions run with a layout
-that notes what they put into it. What isn't shown, or is greyed out, can't be pressed."""
+"""Reads the items of Blender's menus and of the add-on's panels and presses them by label: their drawing functions run with a layout
+that notes what they put into it. Hidden or greyed-out items can't be pressed."""
 
 import bpy
 from gui_case import addon, in_view, view3d
@@ -24,7 +24,7 @@ class Button:
 
 
 class Properties:
-    """What a panel sets of an operator: `layout.operator(...).step = 1`."""
+    """Properties of an operator set by a panel: `layout.operator(...).step = 1`."""
 
     def __init__(self, values):
         object.__setattr__(self, "_values", values)
@@ -37,7 +37,7 @@ class Properties:
 
 
 class Layout:
-    """Stands for a UILayout; `found` takes the buttons of it and of its rows."""
+    """In place of a UILayout; `found` takes the buttons of it and of its rows."""
 
     def __init__(self, found, parent=None):
         self.found, self.parent, self.enabled = found, parent, True
@@ -89,7 +89,7 @@ class Layout:
 
 
 class Drawn:
-    """Stands for the menu or panel in its drawing function."""
+    """In place of the menu or panel in its drawing function."""
 
     def __init__(self, kind, layout):
         self.kind, self.layout, self.is_popover = kind, layout, False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the scripts share that drive a Blender with a window: its 3D view, screenshots read back, waiting for sharp pictures.
+"""Shared by the scripts that drive a Blender with a window: its 3D view, screenshots read back, waiting for sharp pictures.
 
 A story is a generator that yields the seconds until it wants to go on; a timer tells it, as a user's clicks would.
 PAGS_SHOTS names a folder that keeps the screenshots."""

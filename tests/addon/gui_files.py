@@ -32,7 +32,7 @@ def story():
 
 
 def choose(folder, name, count):
-    """Chooses a file in the browser; afterwards there are so many scenes, all of them the folder's."""
+    """Chooses a file in the browser and checks the number of scenes, all of them the folder's."""
     with in_view():
         assert bpy.ops.import_scene.pags("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
     window, area, region = yield from opened(folder)

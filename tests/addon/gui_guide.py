@@ -48,7 +48,7 @@ part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
 inspector, composite, comparison, jobs = part("inspector"), part("composite"), part("comparison"), part("jobs")
 KEYS = {"Space": "SPACE", "Return": "RET"}
 DIGITS = {".": "PERIOD", "0": "ZERO", "5": "FIVE"}
-seen = {}  # the pictures so far, by name
+seen = {}  # the pictures made before, by name
 pressed, rendered = [], []  # what was pressed, and pictures that F12 has finished
 
 
@@ -410,7 +410,7 @@ def done_looking(name, _):
 
 
 def fold(name):
-    """What a reader folds, so that one panel of the sidebar is seen whole; `name` None: nothing."""
+    """Folds the other panels, as a reader would, so that one panel of the sidebar is visible; `name` None: folds none."""
     others = [kind for kind in panels() if kind.bl_space_type == "VIEW_3D" and kind.__name__ != name and name]
     for kind in others:
         bpy.utils.unregister_class(kind)
@@ -433,7 +433,7 @@ def unfold():
 
 
 def result(name):
-    """What was rendered last, as (height, width, 3), and its file."""
+    """The last rendering, as (height, width, 3), and its file."""
     settings, path = bpy.context.scene.render.image_settings, os.path.join(FOLDER, name + ".png")
     settings.file_format, settings.color_mode = "PNG", "RGB"
     bpy.data.images["Render Result"].save_render(path)
@@ -499,7 +499,7 @@ def check_look(picture):
 
 
 def check_beside(picture):
-    """Without the lowest rows, where Blender says what was done last."""
+    """Without the lowest rows, where Blender shows the last action."""
     plain, middle = seen["rendered"][:-60], int(bpy.context.scene.pags.wipe * picture.shape[1])
     left, right = (
         apart(picture[:-60, half], plain[:, half]) for half in (slice(0, middle - 5), slice(middle + 5, None))

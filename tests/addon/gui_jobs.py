@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Long work in a real window: import, export, proxies, photographs, composite and edits saved, as a person starts them. Blender goes on meanwhile: a
+"""Long work in a real window: import, export, proxies, photographs, composite and edits saved, as a person starts them. Blender keeps working meanwhile: a
 timer ticks, and no call of the add-on takes half of a job's time. Cancelling leaves nothing behind."""
 
 import functools
@@ -84,7 +84,7 @@ def tick():
 def report(what):
     """The longest calls of ours, with the processor's time in brackets, which other programs don't add to; and the longest time between two ticks,
     which has Blender's own drawing in it. A job that ran in one call of Blender's would take nearly all of the time, and no timer would tick meanwhile;
-    milliseconds are told and not judged, since they are the machine's."""
+    milliseconds are printed and not judged, since they depend on the machine."""
     longest = sorted(taken, reverse=True)[:3]
     gaps = np.diff(ticks) if len(ticks) > 1 else np.zeros(1)
     said = ", ".join(f"{1e3 * seconds:.0f} ({1e3 * own:.0f}) ms {name}" for seconds, own, name in longest)

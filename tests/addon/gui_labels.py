@@ -37,14 +37,14 @@ from test_drive import make_drive  # noqa: E402
 
 WINDOW = "960x900"
 IMAGES = os.environ.get("PAGS_LABEL_IMAGES", "")
-# Grey levels by which the bar may be off: Blender merges what is drawn over a view by a power of 2.2 in place of sRGB's curve, which lifts 8 to 17.
+# Grey levels by which the bar may be off: Blender blends drawings over a view by a power of 2.2 in place of sRGB's curve, which lifts 8 to 17.
 LIFTED = 11
 RED, SKY = (10, 0, 0), (10, 3, -2)  # metres; what is there at the second frame
 legend = sys.modules[addon.__name__ + ".legend"]
 
 
 def keep(shot, name, *options):
-    """Of a screenshot the part that `convert`'s options cut out, in few colours, for the manual."""
+    """The part of a screenshot that `convert`'s options cut out, in few colours, for the manual."""
     if IMAGES:
         target = os.path.join(IMAGES, f"blender-{name}.png")
         subprocess.run(
@@ -84,7 +84,7 @@ def story():
 
 
 def picked():
-    """What was picked is said until the time is another, or until it is undone."""
+    """The picked point is shown until the time changes or the pick is undone."""
     scene = bpy.context.scene
     with in_view():
         bpy.ops.ed.undo_push(message="before")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clean-up and look in a real window: the viewport's pixels, read back from the screen, beside F12 and beside what `pags render` draws of the files that
+"""Clean-up and look in a real window: the viewport's pixels, read back from the screen, compared with F12 and with `pags render` of the files that
 are exported with these settings."""
 
 import math
@@ -22,7 +22,7 @@ LEAST = 45  # dB, which the issue on the add-on asks for
 
 
 def psnr(a, b):
-    """Of two pictures as large as the region, without its edges, where Blender draws round corners and the arrows of what is hidden."""
+    """Difference of two pictures as large as the region, without its edges, where Blender draws round corners and the arrows of what is hidden."""
     a, b = (
         np.frombuffer(p, np.uint8).reshape(region().height, region().width, 3)[EDGE:-EDGE, EDGE:-EDGE].astype(float)
         for p in (a, b)
@@ -54,7 +54,7 @@ def f12():
 
 
 def program(name):
-    """What the program draws of a file for the scene's camera, on black."""
+    """The program's picture of a file for the scene's camera, on black."""
     camera, out = os.path.join(FOLDER, "camera.json"), os.path.join(FOLDER, "out")
     assert bpy.ops.export_scene.pags_path(filepath=camera, single=True) == {"FINISHED"}
     said = fixtures.run("render", os.path.join(FOLDER, name), "--camera", camera, "--background", "0,0,0", "-o", out)

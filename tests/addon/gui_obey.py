@@ -71,7 +71,7 @@ def text():
 
 
 def local_view():
-    """Of the car alone: what else there is goes, the sky stays; in Solid as well; a pick finds nothing where it was."""
+    """Only the car is shown: all else disappears except the sky, in Solid as well; a pick elsewhere finds nothing."""
     for shading in ("RENDERED", "SOLID"):
         view3d().shading.type = shading
         near(color((yield from sharp_shot(f"local-before-{shading.lower()}")), GREEN), (0, 255, 0), 12)

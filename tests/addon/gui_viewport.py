@@ -126,7 +126,7 @@ def among_meshes():
 
 
 def moved():
-    """What is moved in Blender moves on the screen, and so does the time."""
+    """Objects moved in Blender move on the screen, and the time changes the picture."""
     view3d().shading.type = "RENDERED"
     car = next(o for o in bpy.data.objects if o.pags.kind == "OBJECT" and o.pags.index == 1)
     car.location.x += 1  # forward: to the right

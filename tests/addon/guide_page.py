@@ -5,7 +5,7 @@ import os
 import re
 
 PATH = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "docs", "blender-guide.md")
-# What a step says is to be done: a key, a menu's or panel's item with a value, or words that gui_guide.py knows.
+# The action of a step: a key, a menu's or panel's item with a value, or words that gui_guide.py knows.
 PART = re.compile(
     r"\*\*(?P<key>[^*]+)\*\*"
     r"|(?P<drawn>type `(?P<typed>[^`]+)`)"

@@ -19,14 +19,14 @@ def skip(reason):
 
 
 def window_size(test):
-    """What the script asks for by a line `WINDOW = "800x560"`; all is drawn in software."""
+    """The window size that the script requests by a line `WINDOW = "800x560"`; all is drawn in software."""
     with open(os.path.join(HERE, test)) as file:
         size = re.search(r'^WINDOW = "(\d+)x(\d+)"', file.read(), re.MULTILINE)
     return list(size.groups()) if size else ["800", "560"]
 
 
 def environment(folder):
-    """Without this Python's own folders: Debian's Blender looks for its library beside the first python3 on the PATH."""
+    """Without this Python's own folders: Debian's Blender looks for its library next to the first python3 on the PATH."""
     own = os.path.join(os.path.realpath(sys.base_prefix), "bin")
     rest = {key: value for key, value in os.environ.items() if key not in {"PYTHONHOME", "PYTHONPATH"}}
     places = [

@@ -126,7 +126,7 @@ class Arrays(Case):
         self.assertAlmostEqual(pags.load(self.path("least.ply")).info["alpha_min"], 0.0196)
 
     def test_doubles_far_away(self):
-        """Means at a place on the earth keep their digits as doubles, in arrays and files, and beside a scene of another origin."""
+        """Means at a place on the earth keep their digits as doubles, in arrays and files, and with a scene of another origin."""
         place = (512345.0, -4612345.0, 100.0)
         near, far = random_gaussians(150, kind="d"), random_gaussians(150, kind="d")
         for i in range(150):
@@ -569,7 +569,7 @@ class Trainer(Case):
 
 
 class Surface(Case):
-    """What editors and type checkers see."""
+    """The view of editors and type checkers."""
 
     def test_stub_is_the_module(self):
         with open(os.path.join(HERE, "..", "..", "blender_addon", "native", "pags.pyi"), encoding="utf-8") as file:

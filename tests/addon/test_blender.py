@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: the tests of all blender_*.py beside this file, each of which can be run alone. PAGS_TESTS names some."""
+"""The add-on in Blender without a window: the tests of all blender_*.py in this folder, each of which can be run alone. PAGS_TESTS names some."""
 
 import os
 import sys

@@ -148,7 +148,7 @@ class CleanUp(BlenderCase):
         self.assertEqual((cleanup.preferred(twin), cleanup.preferred(car)), (car, None))
 
     def test_waits_for_nothing(self):
-        """While a change is being made, a view goes on with what was there; the newest comes in the end, without those between."""
+        """While a change is being made, a view shows the state before it; the newest one appears in the end, without those between."""
         root = self.bring_in()
         state = lambda: gather.gather(bpy.context.evaluated_depsgraph_get())
         plain = state().load(True).entry

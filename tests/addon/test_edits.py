@@ -151,7 +151,7 @@ class Drive(Case):
         self.assertEqual(self.colours({"object": -1, "matrix": half})[3], 128)
 
     def test_written(self):
-        """What is written as a scene folder gives the same picture."""
+        """The scene folder written gives the same picture."""
         rules = json.dumps([{"matrix": MATRIX}, {"object": 1, "opacity": 0.5}])
         pags.write_edited(self.path("scene"), rules, self.path("edited"))
         pictures = [pags.load(self.path("scene"), rules), pags.load(self.path("edited"))]

@@ -29,7 +29,7 @@ class Fork(unittest.TestCase):
         self.done.wait()
 
     def child(self, work):
-        """What work() returns in a forked child, as text; of an error its words. The child ends as Python does, with all destructors."""
+        """The result of work() in a forked child, as text, or its error message. The child ends as Python does, with all destructors."""
         ends = os.pipe()
         sys.stdout.flush()
         number = os.fork()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of docs/blender-guide.md, typed as the page has them: those that install the add-on into this Blender, and what goes on without a
-window. What its numbered steps say is done by gui_guide.py."""
+"""The commands of docs/blender-guide.md, typed as the page has them: those that install the add-on into this Blender, and those that run without a
+window. gui_guide.py does the page's numbered steps."""
 
 import os
 import re

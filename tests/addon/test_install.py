@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `make install` puts: a C program builds against it by pkg-config, Python imports the module, the program reads
+"""The files of `make install`: a C program builds against it by pkg-config, Python imports the module, the program reads
 pictures."""
 
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the interface says: short labels, units, reasons of what is greyed out, legends that tell the picture's colours, counts that agree, and
+"""Texts of the interface: short labels, units, reasons of what is greyed out, legends that match the picture's colours, counts that agree, and
 nothing that no longer holds."""
 
 import os
@@ -40,7 +40,7 @@ def part(name):
 
 
 class Layout:
-    """Stands for a panel's layout and notes what is put into it: (kind, name or text, whether it can be used)."""
+    """In place of a panel's layout; records its items: (kind, name or text, whether it can be used)."""
 
     def __init__(self, found=None, above=None):
         self.found = [] if found is None else found
@@ -96,7 +96,7 @@ class Labels(BlenderCase):
         return types.SimpleNamespace(space_data=space, **{name: getattr(bpy.context, name, None) for name in own})
 
     def drawn(self, panel, shading="RENDERED"):
-        """What a panel shows: (kind, name or text, whether it can be used)."""
+        """Items of a panel: (kind, name or text, whether it can be used)."""
         context = self.view(shading)
         if hasattr(panel, "poll") and not panel.poll(context):
             return []
@@ -170,7 +170,7 @@ class Labels(BlenderCase):
             self.assertIn(line, lines)
 
     def test_the_kind_is_no_choice(self):
-        """No panel lets a user set what an object stands for."""
+        """No panel lets a user set which part of a scene an object represents."""
         root = self.bring_in()
         bpy.context.view_layer.objects.active = self.part(1)
         for panel in self.panels():

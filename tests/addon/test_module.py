@@ -332,7 +332,7 @@ def scaled_rows(rows, scale, turn, place):
 
 
 class SeveralScenes(Case):
-    """Scenes drawn in one frame, against what is drawn of a file that holds them all."""
+    """Scenes drawn in one frame, compared with a file that holds them all."""
 
     TURN = [[0, -1, 0], [0.8, 0, -0.6], [0.6, 0, 0.8]]
 
@@ -376,7 +376,7 @@ class SeveralScenes(Case):
         self.assertEqual(bytes(one.rgba), bytes(three.rgba))
 
     def test_a_far_origin_and_tracks_of_its_own(self):
-        """A street that lies 500 km from zero, seen beside splats at zero: by the pose that takes one to the other, at a time of its own."""
+        """A street that lies 500 km from zero, seen together with splats at zero: by the pose that takes one to the other, at a time of its own."""
         drive = {
             "scene": self.drive,
             "world_from_scene": [1, 0, 0, -ORIGIN[0], 0, 1, 0, -ORIGIN[1], 0, 0, 1, -ORIGIN[2]],
@@ -878,7 +878,7 @@ class Linking(Case):
 
 
 class Passes(ModuleCase):
-    """What the C tests hold against the oracle, handed over by the module."""
+    """The comparison of the C tests with the oracle, through the module."""
 
     ALL = ("rgba", "crypto_object", "crypto_class", "normal", "motion")
 
@@ -902,7 +902,7 @@ class Passes(ModuleCase):
         self.assertEqual(pags.cryptomatte_hash("bunny"), 0x13851A76)
 
     def test_counts_of_pairs(self):
-        """As planes and as colours, which no alpha darkens; the picture beside them is that without them."""
+        """As planes and as colours, which no alpha darkens; the picture returned with them is the one without them."""
         view = make_camera(time=101.0)
         picture = pags.render(self.scene, view, outputs=("rgba", "count", "overdraw"))
         self.assertEqual(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What Python gives the module: arguments that don't fit are refused by name; lens and rolling shutter of a camera are obeyed."""
+"""Arguments from Python: unsuitable ones are refused by name; lens and rolling shutter of a camera are obeyed."""
 
 import json
 import math

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the command-line tests share: running the program, and small files made here (PLY, PNG, a data set)."""
+"""Shared by the command-line tests: running the program, and small files made here (PLY, PNG, a data set)."""
 
 import json
 import math
@@ -42,7 +42,7 @@ SMALL = ["--random-points", "500", "--max-gaussians", "1500"]
 
 
 def program(arguments):
-    """The command line: the program under test (or pags-bench beside it, if that is the first word) and its arguments."""
+    """The command line: the program under test (or pags-bench in its folder, if that is the first word) and its arguments."""
     words = [str(word) for word in arguments]
     return (
         [os.path.join(os.path.dirname(PAGS), *words[:1]), *words[1:]] if words[:1] == ["pags-bench"] else [PAGS, *words]
@@ -55,7 +55,7 @@ def run(*arguments, timeout=300, **more):
 
 
 def numpy_python():
-    """A Python with numpy: this one, or the system's; None if there is none."""
+    """A Python with numpy: this one, or the system's, or None."""
     for python in (sys.executable, "/usr/bin/python3"):
         if (
             os.path.exists(python)

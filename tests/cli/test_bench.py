@@ -131,7 +131,7 @@ class Bench(Case):
         rows = self.errors([splat(0, 0, 0, (0.9, 0.9, 0.9), sigma=0.4, opacity=12.0)])
         self.assertTrue(2 < rows["alpha capped at 0.99"]["max"] < 3)  # 1 % of 0.9 * 255
         # In the picture's centre the affine projection is nearly exact, with and without the clamp of the Jacobian's slopes; a giant
-        # Gaussian beside the picture needs the clamp.
+        # Gaussian next to the picture needs the clamp.
         self.assertTrue(rows["affine image, slopes clamped"]["max"] < 5)
         self.assertEqual(rows["affine image, slopes clamped"]["max"], rows["affine image, no clamp"]["max"])
         beside = self.errors([splat(12, 0, -3, (0.9, 0.9, 0.9), sigma=1.5, opacity=4.0)])

@@ -227,7 +227,7 @@ class Merge(Case):
         self.succeeds("info", out, "--objects")
 
     def test_a_drive_that_comes_back(self):
-        """The last block's way leads back beside the second's, 30 m aside: what stands along the first way stays the second's."""
+        """The last block's path leads back 30 m from the second's: objects along the first path stay in the second block."""
         path = os.path.join(self.blocks, "split.json")
         split = load(path)
         split["path"] = [[f, 10.0 * f if f < 8 else 150 - 10.0 * f, 0 if f < 8 else 30, 0] for f in range(12)]
@@ -504,7 +504,7 @@ class Street(Case):
         self.assertEqual(files_below(self.path("full")), ["notes.txt"])
 
     def test_ctrl_c(self):
-        """The scene of the whole drive is saved, and the same command goes on with it."""
+        """The scene of the whole drive is saved, and the same command continues from it."""
         words = ["split", self.street, "-o", self.path("b"), "--length", "9", "-j", "1"]
         run = subprocess.Popen(fixtures.program(words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         for line in run.stdout:

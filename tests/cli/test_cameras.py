@@ -90,7 +90,7 @@ class Cameras(Case):
         self.assertEqual(read(os.path.join(once, "background.ply")), read(os.path.join(resumed, "background.ply")))
 
     def test_capture(self):
-        """A capture whose poses are off is trained with corrections of each, one whose poses are exact as recorded; eval says what poses cost; no light is fitted."""
+        """A capture whose poses are off is trained with corrections of each, one whose poses are exact as recorded; eval reports the cost of poses; no light is fitted."""
         size, gains = ["--random-points", 2000, "--max-gaussians", 4000, "--iterations", 900], {}
         for name, angle in (("exact", 0), ("off", 0.03)):
             data, scene = fixtures.make_dataset(self.path(name), views=48), self.path(name + "-scene")

@@ -14,7 +14,7 @@ CAMERA = "1 PINHOLE 16 12 20 20 8 6\n"
 
 
 def colmap_text(names, first=0):
-    """The text of an images.txt: cameras beside each other that look along z."""
+    """The text of an images.txt: cameras in a row that look along z."""
     return "".join(f"{i + 1} 1 0 0 0 {-i - first} 0 0 1 {name}\n\n" for i, name in enumerate(names))
 
 
@@ -31,7 +31,7 @@ class Colmap(Case):
         self.write(f"{folder}/images.txt", colmap_text(names))
 
     def info(self, *more):
-        """What `info` writes as JSON, and the lines that it prints."""
+        """The JSON that `info` writes, and the lines that it prints."""
         done = self.succeeds("info", self.folder, "--json", self.path("out.json"), *more)
         return json.loads(read(self.path("out.json"))), done.stdout
 
@@ -455,7 +455,7 @@ class Foreign(Case):
             self.fails(["train", path, "-o", self.path("out")], path, word)
 
     def test_scenes_and_splats_are_no_captures(self):
-        """A folder that holds something else says what, and what would do."""
+        """For a folder that holds something else, the message names it and what is needed."""
         self.write("splats/a.ply", "ply")
         self.write("splats/thumb.png", GREY)
         self.write("inria/point_cloud/iteration_7/point_cloud.ply", "ply")

@@ -13,7 +13,7 @@ from fixtures import Case, run
 
 
 def share(name):
-    """A file that the build has made beside the program."""
+    """A file that the build made in the program's folder."""
     return os.path.join(os.path.dirname(os.path.abspath(fixtures.PAGS)), "share", name)
 
 
@@ -25,7 +25,7 @@ def listed(verb):
 
 
 def bash(*words):
-    """What bash offers after these words, the last of which is being typed."""
+    """Bash's completions of these words, the last of which is being typed."""
     file = share("bash-completion/completions/pags")
     script = f'. "{file}"; compopt() {{ :; }}; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _pags; printf "%s\\n" "${{COMPREPLY[@]}}"'
     done = subprocess.run(["bash", "-c", script, "bash", "pags", *words], capture_output=True, text=True)

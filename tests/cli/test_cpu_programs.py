@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""benchmarks/cpu_programs.py: rows of PAGS, of a stand-in for OpenSplat, and what is left out. No timing is asserted."""
+"""benchmarks/cpu_programs.py: rows of PAGS, of a stand-in for OpenSplat, and the programs left out. No timing is asserted."""
 
 import json
 import os

@@ -55,7 +55,7 @@ class Eval(fixtures.Case):
             self.assertGreater(shift["road_psnr"], 5)
 
     def test_road_of_shifted_views(self):
-        """The road is what the classes beside the true pictures say; a set without them has no figure of it."""
+        """The road is taken from the classes stored with the true pictures; a set without them has no figure for it."""
         street = self.path("street")
         shutil.copytree(self.street, street)
         shifted = os.path.join(street, "truth", "shift", "right2")

@@ -152,7 +152,7 @@ class Proxies(Case):
         self.assertNotIn("extensionsRequired", glb.json)
 
     def test_names_of_programs(self):
-        """What collides lies below the node that moves, which has what is seen; Unreal finds that by the mesh's name."""
+        """Colliders lie below the moving node, which has the visible mesh; Unreal recognises them by the mesh's name."""
         options = ["--no-background", "--triangles", 200]
         for naming, level, car, person in (
             ("unreal", "hull", ["UCX_car_0001_00"], ["UBX_pedestrian_0002_00"]),

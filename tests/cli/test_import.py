@@ -90,7 +90,7 @@ class Import(Case):
         return json.loads(read(os.path.join(out, "import.json")))["result"]
 
     def test_account(self):
-        """The end of an import says what was read and what was left out and why; import.json and --json have the same."""
+        """An import ends by listing the data read, the data left out, and the reasons; import.json and --json have the same."""
         raw, out = make_tree(self.path("raw"), 6), self.path("out")
         os.remove(os.path.join(raw, "velodyne/0000/000002.bin"))
         write(os.path.join(raw, "velodyne/0000/000003.bin"), b"")

@@ -89,7 +89,7 @@ class Jobs(DataCase):
         self.assertEqual(rows["1 x 2"][2], "1.00")
         self.assertIn("perf doesn't support the event cache-misses", page)
 
-        # What is there isn't measured again; what is missing is.
+        # Existing rows aren't measured again; missing ones are.
         kept = {name: read(self.path("t.runs", name)) for name in self.measured()}
         os.unlink(self.path("t.runs", "2x1_round-2.json"))
         said = self.run_script("2x1,1x2", "--rounds", 2).stderr
@@ -124,12 +124,12 @@ class Jobs(DataCase):
         self.assertEqual(files_below(self.path("t.runs")), ["settings.json"])
 
     def test_jobs_that_fail(self):
-        # Options that pags refuses are told before anything runs; so is a row that is none.
+        # Options that pags refuses are reported before anything runs, and so is an unknown row.
         self.refuses("1x1", small=["--nonsense"], words=["--nonsense"])
         self.assertFalse(os.path.exists(self.path("t.runs")))
         self.refuses("2x", words=["'2x'", "JOBSxTHREADS"])
         self.refuses("1x1,1x1", words=["'1x1'", "twice"])
-        # One job fails in the midst of it: its message is told, and the other one is ended.
+        # One job fails while it runs: its message is printed, and the other job is stopped.
         shim = self.write(
             "shim",
             f"""#!/bin/sh

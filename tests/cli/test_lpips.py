@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LPIPS of pags eval (and of benchmarks/ablation.py) over SqueezeNet 1.1 and AlexNet beside numpy in double, with random weights that
-numpy.savez wrote, on pictures that pags render wrote as floats. What is computed here follows torchvision's description of the networks and
+"""LPIPS of pags eval (and of benchmarks/ablation.py) over SqueezeNet 1.1 and AlexNet compared with numpy in double, with random weights that
+numpy.savez wrote, on pictures that pags render wrote as floats. The calculation here follows torchvision's description of the networks and
 docs/eval.md. AlexNet's trained weights aren't at hand: whether a file of them is made as that page says is not tested here."""
 
 import json
@@ -68,7 +68,7 @@ def pool(x, partial):
 
 
 def features(rgb, name, w):
-    """What the taps see, in order."""
+    """The inputs of the taps, in order."""
     x = ((2 * rgb.transpose(2, 0, 1) - 1) - w["shift"][:, None, None].astype(float)) / w["scale"][:, None, None].astype(
         float
     )

@@ -57,7 +57,7 @@ class Unwritable(OutputCase):
         return subprocess.run(["sh", "-c", 'exec "$@" >&-', "sh", *program(words)], stderr=subprocess.PIPE, text=True)
 
     def test_closed(self):
-        """What is missing is the answer, or only what is said meanwhile; no file gets the descriptor and so the words."""
+        """The closed stream carries the answer, or only messages; no file gets its descriptor, and so the text."""
         for words in [
             ["--version"],
             ["render", "-h"],
@@ -80,7 +80,7 @@ class Unwritable(OutputCase):
         json.loads(read(self.path("a.json")))
 
     def test_broken_pipe(self):
-        """What reads has gone: the work is finished, then the exit code says so."""
+        """The reader has gone: the work is finished, then the exit code reports it."""
         ends = os.pipe()
         os.close(ends[0])
         done = subprocess.run(program(self.train()), stdout=ends[1], stderr=subprocess.PIPE, text=True)

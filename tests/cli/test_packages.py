@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is packed of a cross build: wheels, archives and the add-on's zip. The builds are files of a few words here."""
+"""The packages of a cross build: wheels, archives and the add-on's zip. The builds are files of a few words here."""
 
 import base64
 import csv

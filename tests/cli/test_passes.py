@@ -50,7 +50,7 @@ def read_exr(path):
 
 
 def murmur(text):
-    """MurmurHash3, 32 bits, seed 0, written apart from the engine's."""
+    """MurmurHash3, 32 bits, seed 0, written independently of the engine's."""
     data, h, mask = text.encode(), 0, 0xFFFFFFFF
 
     def turn(x, n):
@@ -83,7 +83,7 @@ class Passes(Case):
         self.count = 0
 
     def path_file(self):
-        """Three cameras, 1 s apart, that stand still."""
+        """Three cameras that stand still, at intervals of 1 s."""
         frames = [camera(time=100.0 + t) for t in range(3)]
         return self.write("path.json", json.dumps({"fps": 1, "frames": frames}))
 
@@ -123,7 +123,7 @@ class Passes(Case):
         self.assertEqual(self.ranks(planes, "CryptoObject", 0, 99), [])  # the sky has no name
 
     def test_pairs(self):
-        """One Gaussian in the middle, two balls of one each beside and above it, nothing below."""
+        """One Gaussian in the middle, two balls of one each to the side of and above it, nothing below."""
         out = self.render("--camera", self.front, "--time", 1, "--channel", "count,overdraw")
         self.assertEqual(files_below(out), ["00000_count.exr", "00000_overdraw.exr"])
         count = read_exr(os.path.join(out, "00000_count.exr"))[2]["count"]

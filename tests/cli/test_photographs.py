@@ -319,7 +319,7 @@ class Photographs(fixtures.Case):
     def test_colours_of_png(self):
         gamma = lambda g: (b"gAMA", struct.pack(">I", round(100000 * g)))
         grey = [b"cHRM", struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)]
-        self.store_png(bytes, gamma(0.45455), grey)  # what programs write beside sRGB
+        self.store_png(bytes, gamma(0.45455), grey)  # colour profiles other than sRGB that programs write
         self.assertEqual(self.train()["warnings"], [])
         self.assertNotIn("sRGB", self.said)
         self.store_png(lambda p: bytes(p), (b"cICP", bytes([1, 13, 0, 1])), gamma(1))  # cICP counts more
@@ -350,7 +350,7 @@ class Photographs(fixtures.Case):
         )
 
     def test_tiff_multiplied_by_alpha(self):
-        """Of both kinds the colours behind alpha are the same."""
+        """Both kinds have the same colours behind alpha."""
         content = self.change()
         for extra in (1, 2):
             for i, frame in enumerate(content["frames"]):
@@ -544,7 +544,7 @@ class Photographs(fixtures.Case):
         return self.eval()["train"]["psnr"]
 
     def test_masks_mean_the_same_in_every_file(self):
-        """Beside the images, under both names; bytes, soft edges, 0 and 1, 16 bits, alpha, half the size."""
+        """Next to the images, under both names; bytes, soft edges, 0 and 1, 16 bits, alpha, half the size."""
         whole = self.masked_psnr()
         grey = self.left_half()
         self.masks(lambda i: png(WIDTH, HEIGHT, grey, 1))
@@ -648,7 +648,7 @@ class Photographs(fixtures.Case):
         self.change(frames=frames, ply_file_path="points.ply", fl_x=26, fl_y=26)
 
     def test_tripod(self):
-        """The extent is that of what is seen, not the jitter of the tripod."""
+        """The extent is that of the visible scene, not the jitter of the tripod."""
         scores = []
         for jitter in (0, 1e-3):
             self.point_set(jitter)

@@ -78,7 +78,7 @@ class Locks(Processes):
         self.fails([*arguments, "-q"], "another process is writing", f"process {holder.pid} on ", ", since 2")
 
     def test_two_at_one_folder(self):
-        """Whatever writes to the folder of a training is refused and changes nothing; what reads goes on; a killed training locks nothing."""
+        """Whatever writes to the folder of a training is refused and changes nothing; readers continue; a killed training locks nothing."""
         out, splats = self.path("scene"), self.write("a.ply", ply_bytes(some_splats()))
         raw = make_tree(self.path("raw"), 3)
         running = self.start_training(out)
@@ -181,7 +181,7 @@ class Signals(Processes):
         self.succeeds("import", "kitti", raw, "-o", whole)
 
     def test_of_an_export(self):
-        """What isn't written yet isn't written, whatever the format, and nothing is left."""
+        """An interrupted export leaves nothing behind, whatever the format."""
         scene = self.write("scene.ply", ply_bytes(some_splats() * 5000))
         for name in ("a.ply", "a.spz", "a.pagsz", "a.gltf"):
             running = self.start("export", scene, self.path(name), *(["--splats"] if name == "a.gltf" else []), "-q")
@@ -328,7 +328,7 @@ class Signals(Processes):
 
 
 class Surroundings(Processes):
-    """What a user's machine sets up and the other tests don't: rights of new files, a locale, folders for the user and for what is temporary."""
+    """Settings of a user's machine that the other tests don't have: rights of new files, a locale, the user's and the temporary folder."""
 
     def test_rights_and_places(self):
         out, empty = self.path("scene"), self.path("empty")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings with faults that nothing refuses: what is missing or can't be is told with its numbers, and harms nothing."""
+"""Recordings with faults that nothing refuses: missing or impossible entries are reported with their numbers, and harm nothing."""
 
 import array
 import json
@@ -98,7 +98,7 @@ class Sweeps(Street):
 
 class Boxes(Street):
     def test_files_without_objects(self):
-        """What moves is left out of the loss, as without the file."""
+        """Moving objects are left out of the loss, as without the file."""
         listing = os.path.join(self.set, "instances/frame_instances.json")
         for instances, listed in (({}, {}), (self.instances, {str(t): [] for t in range(FRAMES)})):
             write(self.file, json.dumps(instances))

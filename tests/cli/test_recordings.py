@@ -42,7 +42,7 @@ class Street(Case):
         write(self.file, json.dumps(self.instances))
 
     def info(self, *options):
-        """What info says about the set, as JSON."""
+        """The JSON that info writes about the set."""
         return json.loads(self.succeeds("info", self.set, *options, "--json", "-").stdout)
 
     def warned(self, *parts):
@@ -156,7 +156,7 @@ class Labels(Street):
         times = json.loads(read(file))
         times["frames"] = [t if i < 6 else t + 2 for i, t in enumerate(times["frames"])]
         write(file, json.dumps({"frames": times["frames"]}))
-        for v in self.instances.values():  # all that moves goes on during the pause
+        for v in self.instances.values():  # all objects keep moving during the pause
             at = v["frame_annotations"]
             first, last = at["obj_to_world"][0], at["obj_to_world"][-1]
             for frame, m in zip(at["frame_idx"], at["obj_to_world"]):
@@ -464,7 +464,7 @@ class Waymo(Case):
     """Segments of one camera and of boxes that the tests make."""
 
     def segment(self, labels, offsets=(0,) * 6):
-        """labels[t]: (id, type, x) of each box of frame t. The car drives at 10 m/s, `offsets` beside its line."""
+        """labels[t]: (id, type, x) of each box of frame t. The car drives at 10 m/s, `offsets` to the side of its line."""
         lens = b"".join(field(2, v) for v in [40.0, 40.0, 32.0, 12.0] + [0.0] * 5)
         camera = field(1, 1) + lens + transform(3) + field(4, 64) + field(5, 24) + field(6, 2)
         jpeg = bytes.fromhex("ffd8ffc0000b080018004001011100ffda0008010100003f00ffd9")
@@ -552,7 +552,7 @@ class Foreign(Case):
             self.fails(["train", self.path(name), "-o", self.path("scene")], self.path(name), *words)
 
     def test_a_kind_of_another_layout(self):
-        """--kind on what isn't in drivestudio's layout says what was found and expected."""
+        """--kind on what isn't in drivestudio's layout reports what was found and expected."""
         out = ["-o", self.path("scene"), "--kind"]
         self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
         self.fails(

@@ -221,7 +221,7 @@ class Info(Case):
         self.assertEqual(self.succeeds("info", scene, "--quiet").stdout, "")
 
     def test_orbit_shows_few_large_gaussians_whole(self):
-        """Four blobs a length apart, whose sigmas are a tenth of it."""
+        """Four blobs at equal distances, whose sigmas are a tenth of that distance."""
         rows = [splat(x, 0, z, (1, 1, 1)) for x, z in [(0, 0), (1, 0), (0, 1), (1, 1)]]
         self.succeeds(
             "render", self.write("few.ply", ply_bytes(rows)), "-o", self.path("few"), "-n", 4, "--downscale", 8

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags report and the report.html of pags train: a page that is well-formed, needs nothing from elsewhere, and says what pags eval says."""
+"""pags report and the report.html of pags train: a page that is well-formed, needs nothing from elsewhere, and has the figures of pags eval."""
 
 import base64
 import html.parser
@@ -236,7 +236,7 @@ class Report(DataCase):
         )  # with the key, and the outline of B's histogram
 
     def test_two_of_one_name(self):
-        """Scenes of the same name are told apart by their paths; the photographs may be known to one of them alone."""
+        """Scenes of the same name are distinguished by their paths; only one of them may know the photographs."""
         shutil.copytree(self.other, self.path("b", "scene"))
         page, _, _ = self.report(self.scene, self.path("b", "scene"))
         self.assertEqual(page.headings[0], f"{self.scene} beside {self.path('b', 'scene')}")

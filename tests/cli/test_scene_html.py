@@ -26,7 +26,7 @@ HOSTILE = [
 
 
 class Page:
-    """What a page holds: its text, the header, and planes[name] = rows of a plane, plane by plane."""
+    """Contents of a page: its text, the header, and planes[name] = rows of a plane, plane by plane."""
 
     def __init__(self, path):
         self.text = fixtures.read(path).decode()

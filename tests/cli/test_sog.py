@@ -103,7 +103,7 @@ class Written(Case):
 
 
 class Facts(Case):
-    """What a scene says besides its Gaussians, and the axes."""
+    """A scene's data other than its Gaussians, and the axes."""
 
     def setUp(self):
         super().setUp()

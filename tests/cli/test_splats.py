@@ -304,7 +304,7 @@ class RoundTrips(Splats):
             self.fails(["info", self.path("bad.ply"), "--strict"], "had the alpha_min", "not used")
 
     def values(self, name):
-        """The rows of a PLY as it stands."""
+        """The rows of a PLY, unchanged."""
         head, body = read(self.path(name)).split(b"end_header\n", 1)
         return list(struct.iter_unpack(f"<{head.count(b'property float')}f", body))
 

@@ -10,7 +10,7 @@ import fixtures
 from fixtures import Case, make_dataset, read
 from view_client import Page, Run, jpeg_size, main
 
-# What a run leaves that must not depend on who watches.
+# The output of a run that must not depend on its viewers.
 PAYLOAD = ["background.ply", "scene.json", "checkpoint.pags"]
 SMALL = ["--random-points", 3000, "--max-gaussians", 5000, "--preset", "plain"]  # some milliseconds a step
 CREDIT = 0.1  # seconds that pictures may take at once when nobody looked for a while
@@ -120,7 +120,7 @@ class Bits(Watched):
         self.same(alone, resumed)
 
     def test_street(self):
-        """Of a drive, where no photograph shows everything, so that updates of what it doesn't show are pending when a page draws it."""
+        """A drive, where no photograph shows everything, so that updates of what it doesn't show are pending when a page draws it."""
         street, alone, watched = self.path("street"), self.path("alone"), self.path("watched")
         done = fixtures.run(
             "synth",

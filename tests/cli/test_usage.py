@@ -193,7 +193,7 @@ class Usage(Case):
                 self.refused([verb], f"pags {verb}:")
 
     def test_what_export_lacks(self):
-        """A build without proxies says so in its help, where the Blender add-on reads it, and when it is asked for them."""
+        """A build without proxies states this in its help, where the Blender add-on reads it, and when proxies are requested."""
         row = next(line for line in self.succeeds("--help").stdout.splitlines() if line.startswith("  export "))
         splats = self.write("some.ply", fixtures.ply_bytes(fixtures.some_splats()))
         if "this build lacks proxies" in row:

@@ -42,7 +42,7 @@ class ViewCase(Case):
 
 
 class Door(ViewCase):
-    """Who is let in, and what is handed out."""
+    """Access rules, and the files that are served."""
 
     def test_page_by_token_and_files_by_cookie(self):
         status, headers, body = self.server.get(f"/?token={self.server.token}", Cookie=None)
@@ -153,7 +153,7 @@ class Door(ViewCase):
 
 
 class Pictures(ViewCase):
-    """What a page sees."""
+    """A page's view of the server."""
 
     def test_first_picture_then_a_sharp_one(self):
         page = self.page()
@@ -470,7 +470,7 @@ class Hostile(ViewCase):
         return bool(answer and answer[0])
 
     def test_many_hostile_requests(self):
-        """AT_ONCE requests at a time beside idle connections, while a page is served again and again."""
+        """AT_ONCE requests at a time next to idle connections, while a page is served again and again."""
         self.alive()
         for request in self.requests(50):
             self.try_once(request)

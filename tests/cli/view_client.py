@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A running `pags view`, and the other end of its line: HTTP requests byte by byte and a WebSocket, for tests that say what no browser says."""
+"""A running `pags view`, and the other end of its line: HTTP requests byte by byte and a WebSocket, for tests that send what no browser sends."""
 
 import base64
 import json
@@ -20,7 +20,7 @@ PATIENCE = 30  # seconds for an answer
 
 
 class Listener:
-    """What listens at an address that was printed, and the requests to it. `process` is set by those who derive from it."""
+    """A server at a printed address, and requests to it. `process` is set by those who derive from it."""
 
     def listen(self, url):
         self.url = url
@@ -93,7 +93,7 @@ class Server(Listener):
 
 
 class Run(Listener):
-    """`pags train --view` on a free port. What it prints is in `output` once it has ended."""
+    """`pags train --view` on a free port. Its output is in `output` once it has ended."""
 
     def __init__(self, *arguments):
         command = fixtures.program(["train", *arguments, "--view", "0"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the checks in a headless Chromium share."""
+"""Shared by the checks in a headless Chromium."""
 
 import math
 import os

@@ -42,7 +42,7 @@ def other(folder):
 
 
 def look(page, out):
-    """What report.mjs sees of a page; its exit code where that isn't 0."""
+    """The output of report.mjs for a page, or its exit code where that isn't 0."""
     shutil.rmtree(out, ignore_errors=True)
     os.makedirs(out)
     done = subprocess.run(

@@ -21,7 +21,7 @@ from test_scene_html import HOSTILE, rich_scene
 from view import psnr, rgb, trained
 
 VIEWS, TIMES = 5, 3
-# dB to pags render. What is lost: colours, scales and opacities of 256 values each, a palette of harmonics, halfs in the buffer. 35 is what is
+# dB to pags render. Losses: colours, scales and opacities of 256 values each, a palette of harmonics, halfs in the buffer. 35 is what is
 # aimed at; 30 is where a difference begins to be seen.
 SAME, AIM = 30, 35
 SLOW = 15  # seconds to the first picture at most, on processors that other work shares and that draw in place of a graphics card

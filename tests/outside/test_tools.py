@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pags export writes for other tools arrives there: Babylon.js in Chromium, Godot 4 and OpenUSD tell what they read, held against scene.json.
+"""Exports of pags, read by other tools: Babylon.js in Chromium, Godot 4 and OpenUSD print what they read, which is compared with scene.json.
 
-test_tools.py PAGS [SCENE [PICTURES]]: of a small street made here, or of SCENE, then with pictures; Godot is the program that GODOT names. What isn't
+test_tools.py PAGS [SCENE [PICTURES]]: of a small street made here, or of SCENE, then with pictures; Godot is the program that GODOT names. A missing tool isn't
 installed is skipped; exits with 77 where nothing is."""
 
 import json
@@ -36,7 +36,7 @@ def turned(v):
 
 
 class Street:
-    """What scene.json says, read without the program."""
+    """The data of scene.json, read without the program."""
 
     def __init__(self, folder):
         with open(os.path.join(folder, "scene.json")) as file:

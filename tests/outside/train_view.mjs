@@ -45,7 +45,7 @@ try {
   seen.moving = (await count()) - before;
   await page.keyboard.press('KeyR');
 
-  // The worst view, beside its photograph.
+  // The worst view, next to its photograph.
   seen.worst = await page.$$eval('#worst button', (all) => all.map((button) => button.textContent));
   await page.$eval('#worst button', (button) => button.click());
   await page.waitForFunction(() => document.getElementById('views').value !== '-1', {timeout: 10000});

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """train_view.py PAGS FOLDER: the page of pags train --view in a headless Chromium: curves that go on, pictures of a scene that learns, the worst
-view beside its photograph, a checkpoint, a stop and the farewell. Exits with 1 where something is wrong, with 77 where a program is missing."""
+view next to its photograph, a checkpoint, a stop and the farewell. Exits with 1 where something is wrong, with 77 where a program is missing."""
 
 import json
 import os

@@ -531,7 +531,7 @@ def _rodrigues(vectors):
 
 
 def uncurl(points, delta):
-    """What a turning scanner measures of points, and which it measures at all: the inverse of helpers/curlVelodyneData_impl.c, by iterating. Straight
+    """The measurements of a turning scanner, and which points it measures: the inverse of helpers/curlVelodyneData_impl.c, by iterating. Straight
     behind, where a turn begins and ends, some points have no inverse: the scanner passes them before it begins and after it ends."""
     q = np.array(quaternion(delta))
     q *= np.sign(q[0])

@@ -21,7 +21,7 @@ from PIL import Image
 
 @dataclasses.dataclass
 class Truth:
-    """What a tree holds: frames count the street's; poses are of OpenCV's axes to the tree's world; boxes look along +x."""
+    """Contents of a tree: frames count the street's; poses are of OpenCV's axes to the tree's world; boxes look along +x."""
 
     raw: str  # the folder to import
     options: list  # --sequence and the like

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""check_blind.py PAGS: what the blind trees say of themselves (Truth), which test_blind.py holds our importers to, beside what the sources' own packages read of
+"""check_blind.py PAGS: compares the blind trees' own numbers (Truth), which test_blind.py checks our importers against, with what the sources' own packages read of
 them. Run by a Python that has these packages (make check-recordings makes one); prints the largest differences."""
 
 import hashlib

@@ -2,7 +2,7 @@
 """pags import photos with COLMAP itself: check_photos.py PAGS. `make check-photos` runs it.
 
 The photographs of ../shared/data/found/colmap4-plush (or below PAGS_SHARED_DATA) alone, and a video made of them, each from files to a trained scene in two lines; prints how
-many got cameras, PSNR of held-out views and minutes. Then once more by pycolmap, if it is installed beside the importer."""
+many got cameras, PSNR of held-out views and minutes. Then once more by pycolmap, if it is installed with the importer."""
 
 import json
 import os

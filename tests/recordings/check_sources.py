@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""check_sources.py PAGS: trees of the tests are read by the sources' own packages, nuscenes-devkit, av2 and kitti360Scripts, beside our importers: poses, intrinsics,
+"""check_sources.py PAGS: trees of the tests are read by the sources' own packages, nuscenes-devkit, av2 and kitti360Scripts, and by our importers: poses, intrinsics,
 boxes and LiDAR must be equal. Run by a Python that has these packages (make check-recordings makes one); prints the largest differences."""
 
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""fuzz_tables.py TARGET [SECONDS [SEED]]: damaged tables of recordings: what is read of them is right, or RecordingError says what is wrong; nothing else
+"""fuzz_tables.py TARGET [SECONDS [SEED]]: damaged tables of recordings: what is read of them is right, or RecordingError names the fault; nothing else
 comes of it. Targets: pickle (PandaSet), parquet (Waymo, version 2), feather (Argoverse 2).
 
 With atheris (pip install atheris) `FUZZ=atheris` lets libFuzzer choose the inputs by what of our code they reach. Otherwise inputs are small tables
@@ -233,7 +233,7 @@ class Target:
 
 
 def run(name, seconds=None, seed=1, count=None, keep=None):
-    """Reads damaged tables for so long, or so many; returns how many, and how many of them could be read. Raises what an input led to."""
+    """Reads damaged tables for a time, or a number of them; returns how many were tried and how many could be read. Raises the error that an input led to."""
     warnings.simplefilter("ignore")
     dice, begun, done = random.Random(seed), time.process_time(), 0
     with tempfile.TemporaryDirectory(prefix="pags-fuzz-") as folder, np.errstate(all="ignore"):

@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Named:
-    """What is pickled under a name of its own: a class, or a function that is called with arguments, and a state."""
+    """An object pickled by name: a class, or a function that is called with arguments, and a state."""
 
     def __init__(self, name, arguments=(), state=None):
         self.name, self.arguments, self.state = name, arguments, state

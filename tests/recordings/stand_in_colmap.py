@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Stands for the colmap program in test_photos.py: keeps a database and writes a model as COLMAP 3.8 does, by rules of its own.
+"""Replaces the colmap program in test_photos.py: keeps a database and writes a model as COLMAP 3.8 does, by rules of its own.
 
-A photograph's name says what it is: "few" has 50 features, "alone" fits no other, "aside" is in a second model; all others fit each other. The
+A photograph's name sets its kind: "few" has 50 features, "alone" fits no other, "aside" is in a second model; all others fit each other. The
 words of each call are added to $COLMAP_CALLS. $COLMAP_DOES: "fail" makes every step fail, "nothing" maps nothing, "wait" lets matching hang.
 """
 

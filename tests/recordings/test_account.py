@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What importers say of what they read and leave out: sources with lost photographs, files in other forms, labels given twice. The trees are tiny and
+"""The importers' reports of data read and left out: sources with lost photographs, files in other forms, labels given twice. The trees are tiny and
 written here; test_importers.py compares poses and boxes."""
 
 import contextlib
@@ -57,7 +57,7 @@ class WithImports(Case):
         return code, said.getvalue(), wrong.getvalue()
 
     def imports(self, *more):
-        """What is said, and the result that import.json keeps; `left` has the counts by what and why."""
+        """The messages, and the result stored in import.json; `left` has the counts by what and why."""
         code, said, wrong = self.run_import(*more)
         self.assertEqual((code, wrong), (0, ""))
         result = json.loads(read(os.path.join(self.out, "import.json")))["result"]
@@ -170,7 +170,7 @@ class Parts(Case):
 
 
 class Damage(Case):
-    """What fuzz_tables.py found, and some of what it tries."""
+    """Faults that fuzz_tables.py found, and some of those it tries."""
 
     def test_some_of_each(self):
         for name, count in (("pickle", 700), ("parquet", 300), ("feather", 200)):

@@ -100,7 +100,7 @@ class Blind(Case):
         return self.path("d")
 
     def compare(self, truth, folder, unseen=()):
-        """Photographs, poses, lenses, boxes and sweeps of a data set beside what the tree says; of unseen frames nothing is there, since a camera lacks
+        """Photographs, poses, lenses, boxes and sweeps of a data set, compared with the tree's own numbers; of unseen frames nothing is there, since a camera lacks
         its photograph or, where the tree's other cameras are quicker, the sweep does."""
         steps, worst = {}, {"pose": 0.0, "lens": 0.0, "box": 0.0, "point": 0.0}
         found = photographs(folder)

@@ -215,7 +215,7 @@ class Argoverse2(Importer):
         self.assertGreater(overlay["lidar_in_boxes"], 0.98)  # half floats move points by up to 3 cm at 50 m
 
     def test_boxes_between_labels(self):
-        """With every second label left out, boxes of the steps between lie on the line between those beside them."""
+        """With every second label left out, boxes of the steps between lie on the line between their neighbours."""
         out = self.path("out")
         stamps = [self.START + round(t * 1e9) for t in load(self.street, "timestamps.json")["frames"]]
         copy = self.changed(
@@ -309,7 +309,7 @@ class Argoverse2(Importer):
         )
 
     def test_by_the_program(self):
-        """pags import starts the package that lies beside it, from any working directory, with its exit codes."""
+        """pags import starts the package in its own installation, from any working directory, with its exit codes."""
         out = self.path("out")
         self.write("here/pags_recordings/__init__.py", "raise SystemExit('a file of the working directory')")
         self.write("here/pags_recordings/__main__.py", "raise SystemExit('a file of the working directory')")
@@ -684,7 +684,7 @@ class PandaSet(Importer):
         self.assertEqual(sorted(os.listdir(os.path.join(out, "lidar"))), ["000000.bin", "000002.bin"])
 
     def test_a_pickle_that_calls_something(self):
-        """What a pickle names is called by nobody, be it a function of the system, of numpy, or a class by the back door."""
+        """Nothing that a pickle names is called, be it a function of the system, of numpy, or a class by the back door."""
         mark = self.path("called")
         calls = {
             "posix.system": old_pickle.Named(("posix", "system"), (f"touch {mark}",)),
@@ -853,7 +853,7 @@ class Waymo2(Importer):
 
     @classmethod
     def photographs(cls, t):
-        """Of each camera the pose 8 ms before the middle of its exposure, from where the car goes on at 5 m/s and turns at 0.3 rad/s about a slanted axis."""
+        """Each camera's pose 8 ms before the middle of its exposure, from which the car continues at 5 m/s and turns at 0.3 rad/s about a slanted axis."""
         way, turn = np.array([5.0, 1, 0]) * 0.008, np.array([0.1, 0, 0.3]) * 0.008
         before = cls.egos[t].copy()
         before[:3, :3] = about(turn, -np.linalg.norm(turn)) @ before[:3, :3]

@@ -51,7 +51,7 @@ def angles_of(rotation):
 
 @dataclasses.dataclass
 class Model:
-    """Stands for the package's F-theta camera."""
+    """Replaces the package's F-theta camera."""
 
     PolynomialType = enum.Enum("PolynomialType", "PIXELDIST_TO_ANGLE ANGLE_TO_PIXELDIST")
     reference_poly: object
@@ -131,7 +131,7 @@ class Tree:
         self.write(folder, store)
 
     def rig(self, at):
-        """The car's pose at a time: straight and about a fixed axis between frames (computed apart from the package and from ours)."""
+        """The car's pose at a time: straight and about a fixed axis between frames (computed independently of the package and of ours)."""
         i = min(max(int((at - BEGIN) // STEP), 0), self.count - 2)
         share, a, b = (at - BEGIN - i * STEP) / STEP, self.ego[i], self.ego[i + 1]
         turn = a[:3, :3].T @ b[:3, :3]

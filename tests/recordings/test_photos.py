@@ -309,7 +309,7 @@ class Folders(WithStandIn):
         self.assertIn("in sky_masks: ", why["sky_masks/a.png"])
 
     def test_masks_elsewhere(self):
-        """Beside the photographs, by their names; a folder of masks for each camera; nothing but a folder of that name."""
+        """Next to the photographs, by their names; a folder of masks for each camera; nothing but a folder of that name."""
         self.put("a.jpg", "b.jpg", "left/images/1.png", "right/images/1.png", "the mask.jpg")
         self.mask("a_mask.png", "b.jpg.png", "left/masks/1.png", "right/masks/1.png", "masks/1.png")
         photographs, masks, why = self.look()
@@ -329,7 +329,7 @@ class Folders(WithStandIn):
         self.assertEqual(self.look()[0], ["masks/1.jpg", "masks/2.jpg"])
 
     def test_copies_and_maps(self):
-        """What has the names of photographs elsewhere: smaller copies, maps; a second camera's photographs are no such thing."""
+        """Files with the names of photographs elsewhere: smaller copies and maps, but not a second camera's photographs."""
         self.put(
             "images/1.jpg",
             "images/2.jpg",
@@ -347,7 +347,7 @@ class Folders(WithStandIn):
         self.assertIn("put them into a folder named masks", why["seg person/1.png"])
 
     def test_masks_are_written(self):
-        """Beside DATASET/images, where training finds them: as PNG, turned as the photograph was; one of another shape is left out."""
+        """Next to DATASET/images, where training finds them: as PNG, turned as the photograph was; one of another shape is left out."""
         self.put("images/1.jpg", "images/2.jpg", "images/4 5.jpg")
         picture(os.path.join(self.raw, "images", "3.jpg"), orientation=6, seed=9)
         self.mask("masks/1.png", "masks/3.png", "masks/4 5.jpg")
@@ -386,7 +386,7 @@ class Folders(WithStandIn):
 
 
 class Damage(WithStandIn):
-    """What is cut, empty, in the way or named by an enemy ends with one line and exit code 1, or is left out and named; nothing is written elsewhere."""
+    """Files that are cut, empty, in the way or named maliciously end with one line and exit code 1, or are left out and named; nothing is written elsewhere."""
 
     def setUp(self):
         super().setUp()
@@ -582,7 +582,7 @@ class Damage(WithStandIn):
 
 
 class Colours(WithStandIn):
-    """What is written anew, upright and square, keeps what its file says of colours."""
+    """Photographs written again, upright and square, keep their file's colour profile."""
 
     def opened(self, name):
         with Image.open(os.path.join(self.out, "images", name)) as copy:
@@ -719,7 +719,7 @@ class Video(Case):
         return self.path(name)
 
     def shown(self, path):
-        """What is done to a film, the size of its pictures, and the colour of one in the middle of each half."""
+        """The filter applied to a film, the size of its pictures, and the colour of one in the middle of each half."""
         facts = Display(path, video.place(path))
         shutil.rmtree(self.path("out"), ignore_errors=True)
         os.makedirs(self.path("out"))
@@ -832,7 +832,7 @@ class Video(Case):
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_frames_are_judged_once(self):
-        """An import that goes on takes the frames that it took before, and judges them anew only if the video is another."""
+        """A resumed import takes the frames that it took before, and judges them anew only if the video is another."""
         for number in range(12):
             picture(self.path(f"f{number:03d}.png"), (96, 64), seed=number)
         movie, out = self.path("a.mkv"), self.path("out")

@@ -292,7 +292,7 @@ class Template(Case):
 
 
 class Lenses(Case):
-    """A fisheye, which dataset.json states, and what pags says where it can't be right."""
+    """A fisheye, stated in dataset.json, and pags' message where it can't be right."""
 
     def record(self, folder, field=190):
         with Recording(self.path(folder)) as out:

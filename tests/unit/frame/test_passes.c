@@ -365,9 +365,9 @@ static void pairs_are_the_oracle_s(void **unused) {
   }
   assert_true(compared > PIXELS / 2 && most > 20);
 
-  /* Computed: what reaches into the block, all of it where no pixel of it stops. What is excluded falls short of the
-   * cut by at least 0.02 powers of two (PAGS_CUT_SLACK), so what is computed does by at most that, and 0.01 of
-   * rounding: 2.1 % of its alpha. */
+  /* Computed: the Gaussians that reach into the block, all of them where no pixel of it stops. What is excluded falls
+   * short of the cut by at least 0.02 powers of two (PAGS_CUT_SLACK), so what is computed does by at most that, and
+   * 0.01 of rounding: 2.1 % of its alpha. */
   int open = 0, stopped = 0;
   for (int y = 0; y < HEIGHT; y += 4)
     for (int x = 0; x < WIDTH; x += 4) {
