@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include "benchmarks/pool_costs.h"
+#include "benchmarks/threads/pool_costs.h"
 #include "port/port.h"
 
 enum { GAUSSIANS = 30000, WIDTH = 960, HEIGHT = 540, ROUNDS = 41, BLOCKS = 8 };

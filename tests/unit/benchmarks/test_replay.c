@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The record of a pool's work and its replay for other numbers of workers. Records are made by hand, so that every
  * predicted time is known exactly; a record of real loops is checked for what it must hold. */
-#include "benchmarks/replay.h"
+#include "benchmarks/threads/replay.h"
 
 #include <math.h>
 #include <setjmp.h>

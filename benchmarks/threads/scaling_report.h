@@ -6,7 +6,7 @@
 
 #include <stdio.h>
 #include "base/json.h"
-#include "benchmarks/pool_costs.h"
+#include "benchmarks/threads/pool_costs.h"
 
 /* A record's stages, in the order in which a report lists them, and how often each phase came. */
 typedef struct pags_scaling {

@@ -3,7 +3,7 @@
  * compares pictures and times.
  *
  * Timed frames alternate between the variants; a gain is the median of the ratios of neighbouring frames. */
-#include "benchmarks/error.h"
+#include "benchmarks/error/error.h"
 
 #include <math.h>
 #include <pags/packed.h>

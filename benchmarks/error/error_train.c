@@ -5,7 +5,7 @@
  * Adam runs on the largest model, with gradients of pictures of the unchanged scene, so that three optimisers get the
  * same gradients: the engine's, the engine's kernels over every row at every step, and dense Adam in double on a
  * sample of the rows. */
-#include "benchmarks/error.h"
+#include "benchmarks/error/error.h"
 
 #include <math.h>
 #include <stdlib.h>

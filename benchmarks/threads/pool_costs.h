@@ -3,7 +3,7 @@
 #ifndef PAGS_BENCHMARKS_POOL_COSTS_H
 #define PAGS_BENCHMARKS_POOL_COSTS_H
 
-#include "benchmarks/replay.h"
+#include "benchmarks/threads/replay.h"
 #include "simd/kernels.h"
 
 /* Two ends of a range: what is lost least and most. */

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include "base/file.h"
 #include "base/memory.h"
-#include "benchmarks/error.h"
+#include "benchmarks/error/error.h"
 #include "reference/reference.h"
 
 /* Writes a picture as a PFM of three channels, 32-bit floats in this machine's order, rows from below (Debevec's

@@ -10,7 +10,7 @@
 #include <string.h>
 #include "base/clock.h"
 #include "base/text.h"
-#include "benchmarks/pool_costs.h"
+#include "benchmarks/threads/pool_costs.h"
 #include "port/port.h"
 
 enum { ROUNDS = 5 };

@@ -5,7 +5,7 @@
  * Errors are against the double-precision oracle (tests/reference), or against the engine without the approximation
  * where it can be switched off. Gains are ratios of processor time, as medians over pairs of frames that were timed
  * alternately; next to them are counts of work and bytes. */
-#include "benchmarks/error.h"
+#include "benchmarks/error/error.h"
 
 #include <math.h>
 #include <string.h>

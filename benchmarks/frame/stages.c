@@ -4,7 +4,7 @@
  * The bytes are not measured but follow from the stage's data structures: what its own loops read and write, as a
  * machine without caches would move it. */
 #include "benchmarks/bench.h"
-#include "benchmarks/modes.h"
+#include "benchmarks/frame/modes.h"
 
 #include <pags/packed.h>
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Prints what a replay predicts. Each time is given as a range, since the costs of a machine that isn't here are known
  * within bounds only: at its upper end all costs are high and no byte that a stage moves is in a cache. */
-#include "benchmarks/scaling_report.h"
+#include "benchmarks/threads/scaling_report.h"
 
 #include <math.h>
 #include <stdlib.h>

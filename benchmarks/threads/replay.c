@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Replays loops event by event. The state between events is the clock and, for each worker, since when it has been
  * without work, which decides whether it spins or sleeps when the next loop begins. */
-#include "benchmarks/replay.h"
+#include "benchmarks/threads/replay.h"
 
 #include <assert.h>
 #include <math.h>

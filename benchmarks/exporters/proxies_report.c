@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Functions shared by the measurements of pags-bench proxies: setting the street's time, and writing distances. */
-#include "benchmarks/proxies.h"
+#include "benchmarks/exporters/proxies.h"
 
 pags_result pags_proxy_bench_time(pags_proxy_bench *self, double time) {
   if (time == self->stage_time)

@@ -26,8 +26,8 @@
 #include "exporters/proxy/mesh_query.h"
 
 #include "base/memory.h"
-#include "benchmarks/lidar_ground.h"
-#include "benchmarks/proxies.h"
+#include "benchmarks/exporters/lidar_ground.h"
+#include "benchmarks/exporters/proxies.h"
 #include "benchmarks/verbs.h"
 #include "maths/maths.h"
 

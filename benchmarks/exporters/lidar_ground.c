@@ -2,7 +2,7 @@
 /* Compares a ground mesh with the ground points of LiDAR sweeps. The ground is found from the sweep alone, by region
  * growing: half-metre cells whose points are nearly level and outside of labelled boxes, connected to the cameras'
  * surroundings without a step of more than 12 cm. */
-#include "benchmarks/lidar_ground.h"
+#include "benchmarks/exporters/lidar_ground.h"
 
 #include <math.h>
 #include <stdbool.h>

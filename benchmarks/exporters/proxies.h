@@ -8,7 +8,7 @@
 #include "synth/stage.h"
 #include "synth/street_labels.h"
 
-#include "benchmarks/glb.h"
+#include "benchmarks/exporters/glb.h"
 #include "cli/common/session.h"
 
 typedef struct pags_proxy_bench {

@@ -5,7 +5,7 @@
  * being the covariance on the picture plane. The areas are summed over the Gaussians whose mean lies in the picture
  * and divided by its number of pixels. An area counts as at most the picture's, but is not clipped at its edges: the
  * parts beyond an edge make up for Gaussians with their mean outside that reach into the picture. */
-#include "benchmarks/modes.h"
+#include "benchmarks/frame/modes.h"
 
 #include <math.h>
 #include <string.h>

@@ -3,8 +3,8 @@
  *
  * Timed frames of the modes take turns, so that disturbances of the machine affect all of them alike, and the
  * speed-up is the median of ratios of frames rendered one after the other. */
-#include "benchmarks/modes.h"
-#include "benchmarks/pool_costs.h"
+#include "benchmarks/frame/modes.h"
+#include "benchmarks/threads/pool_costs.h"
 
 #include <math.h>
 #include <stdbool.h>

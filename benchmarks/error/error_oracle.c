@@ -5,8 +5,8 @@
  * The limits of blending (alpha cut, stop, alpha cap, clamp of the slope) are fixed in the kernels, so the oracle is
  * rendered with and without each. Their gains are ratios of the oracle's time, of which blending is a smaller share
  * than in the engine, so the pair counts next to them tell more. */
-#include "benchmarks/error.h"
-#include "benchmarks/pool_costs.h"
+#include "benchmarks/error/error.h"
+#include "benchmarks/threads/pool_costs.h"
 
 #include <math.h>
 #include <stdbool.h>

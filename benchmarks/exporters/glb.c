@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reads the JSON and the meshes of a GLB file, for pags-bench proxies. */
-#include "benchmarks/glb.h"
+#include "benchmarks/exporters/glb.h"
 
 #include <stdlib.h>
 #include <string.h>

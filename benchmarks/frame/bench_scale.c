@@ -6,7 +6,7 @@
  * the first copy. Each number is measured in two forms: as parts that share one set of rows (memory of one copy,
  * whatever the number, so that only time is measured), and as a packed file that contains every row and is
  * memory-mapped. */
-#include "benchmarks/modes.h"
+#include "benchmarks/frame/modes.h"
 #include "benchmarks/verbs.h"
 #include "cli/common/progress.h"
 #include "cli/common/session.h"

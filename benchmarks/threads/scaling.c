@@ -6,8 +6,8 @@
  * prune, one worker records that one, all cores go on, and one worker records the last steps. A lap over all
  * photographs precedes them, so that none has to be decoded in between. */
 #include "benchmarks/bench.h"
-#include "benchmarks/modes.h"
-#include "benchmarks/scaling_report.h"
+#include "benchmarks/frame/modes.h"
+#include "benchmarks/threads/scaling_report.h"
 #include "benchmarks/verbs.h"
 #include "cli/common/progress.h"
 #include "cli/common/session.h"

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench render: measures rendering speed against error, by mode (early-z, exp degree, SH degree) and by stage;
  * writes a table, JSON and CSV. */
-#include "benchmarks/modes.h"
+#include "benchmarks/frame/modes.h"
 #include "benchmarks/verbs.h"
 #include "cli/common/progress.h"
 #include "cli/common/session.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Functions shared by the parts of pags-bench error: table rows, error sums, picture copies and processor time. */
-#include "benchmarks/error.h"
+#include "benchmarks/error/error.h"
 
 #include <math.h>
 #include <stdlib.h>

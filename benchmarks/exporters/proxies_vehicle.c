@@ -13,7 +13,7 @@
 #include "exporters/proxy/mesh_query.h"
 
 #include "base/memory.h"
-#include "benchmarks/proxies.h"
+#include "benchmarks/exporters/proxies.h"
 
 enum { LATTICE = 64, PROXY_SAMPLES = 6000 };
 /* metres: cell size of the observed points; distance to an observed point within which a true point counts as

@@ -3,7 +3,7 @@
  * a worker that spins (fork) or sleeps (wake), what lies between the last block and the return (join), and how fast
  * many empty blocks are taken. Each is measured many times; the range is from the tenth to the ninetieth of a hundred,
  * or to the median where only that is wanted. */
-#include "benchmarks/pool_costs.h"
+#include "benchmarks/threads/pool_costs.h"
 
 #include <math.h>
 #include <stdlib.h>
