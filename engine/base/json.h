@@ -61,8 +61,8 @@ PAGS_DEFINE_AUTO(pags_json, pags_json_destroy)
 const pags_json_value *pags_json_root(const pags_json *json);
 const char *pags_json_path(const pags_json *json);
 
-/* Returns the member of `object` with that key; NULL if it is missing or `object` is not an object. A member that is
- * null is returned as a value of type PAGS_JSON_NULL. */
+/* Returns the member of `object` with that key; NULL if it is missing or `object` is NULL or not an object. A member
+ * that is null is returned as a value of type PAGS_JSON_NULL. */
 const pags_json_value *pags_json_member(const pags_json_value *object, const char *key);
 
 /* Fails with PAGS_ERROR_FORMAT and the message "path:line: ...", the line being that of `value`. */

@@ -12,7 +12,7 @@ static const char *const type_names[] = {"null", "true or false", "a number", "a
 
 const pags_json_value *pags_json_member(const pags_json_value *object, const char *key) {
   const pags_json_value *found = NULL;
-  if (object->type != PAGS_JSON_OBJECT)
+  if (!object || object->type != PAGS_JSON_OBJECT)
     return NULL;
   for (const pags_json_value *child = object->first; child; child = child->next)
     if (strcmp(child->key, key) == 0)

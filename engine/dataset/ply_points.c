@@ -6,6 +6,7 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "scene/ply_table.h"
 
 #include <math.h>
@@ -98,15 +99,10 @@ static pags_result read_cloud(const ply_table *table, pags_parsed_points *points
 }
 
 pags_result pags_ply_points_read(const char *path, pags_parsed_points *points) {
-  uint8_t *bytes;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
-  ply_table table;
+  PAGS_AUTO(pags_ply_table_close) ply_table table = {0};
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  pags_result result = pags_ply_table_open(&table, path, bytes, size);
-  if (result == PAGS_OK) {
-    result = read_cloud(&table, points);
-    pags_ply_table_close(&table);
-  }
-  free(bytes);
-  return result;
+  PAGS_TRY(pags_ply_table_open(&table, path, bytes, size));
+  return read_cloud(&table, points);
 }

@@ -46,12 +46,8 @@ void pags_axes_signs(int axes, int vector[3], int harmonics[15]) {
   vector[0] = bits & 1 ? 1 : -1;
   vector[1] = bits & 2 ? -1 : 1;
   vector[2] = bits & 4 ? 1 : -1;
-  for (int i = 0; i < 15; i++) {
-    harmonics[i] = 1;
-    for (int k = 0; k < 3; k++)
-      if (odd[i] & 1 << k)
-        harmonics[i] *= vector[k];
-  }
+  for (int i = 0; i < 15; i++)
+    harmonics[i] = (odd[i] & 1 ? vector[0] : 1) * (odd[i] & 2 ? vector[1] : 1) * (odd[i] & 4 ? vector[2] : 1);
 }
 
 static void negate(float *values, int64_t count) {
@@ -95,16 +91,7 @@ static void exchange(pags_gaussians *g) {
     const double product[4] = {q[0] + q[1], q[1] - q[0], q[2] + q[3], q[3] - q[2]};
     for (int k = 0; k < 4; k++)
       pags_plane(g, PAGS_ROTATION + k)[i] = (float)product[k];
-
-    const int rest = pags_sh_coefficients(g->sh_degree) - 1;
-    for (int c = 0; c < 3 && rest; c++) {
-      double values[15];
-      for (int k = 0; k < rest; k++)
-        values[k] = (double)pags_plane(g, PAGS_SH + 3 * (k + 1) + c)[i];
-      pags_sh_rotation_apply(&turn, g->sh_degree, values);
-      for (int k = 0; k < rest; k++)
-        pags_plane(g, PAGS_SH + 3 * (k + 1) + c)[i] = (float)values[k];
-    }
+    pags_sh_rotation_apply_row(&turn, g->sh_degree, g, i);
   }
 }
 

@@ -212,7 +212,7 @@ static pags_result apply_to_model(pags_scene *scene, int64_t model, const rule *
     if (stays)
       index[count++] = i;
   }
-  PAGS_TRY(pags_filter_keep(g, index, count));
+  PAGS_TRY(pags_gaussians_keep(g, index, count));
   for (int64_t i = 0; i < g->count && (r->has_matrix || r->opacity != 1 || r->sh != 1); i++)
     if (r->everything || object_of_row(scene, g, own, i) == r->object)
       look_row(r, g, i);

@@ -30,12 +30,10 @@ typedef struct reader {
 /* Finds the elements and properties of the format in `table` and checks that their rows are all in the file and that
  * there is a chunk for every 256 vertices. */
 static pags_result bind(reader *r, const ply_table *table) {
-  *r = (reader){table,
-                pags_ply_table_find(table, "chunk"),
-                pags_ply_table_find(table, "vertex"),
-                pags_ply_table_find(table, "sh"),
-                {0},
-                {0}};
+  *r = (reader){.table = table,
+                .chunk = pags_ply_table_find(table, "chunk"),
+                .vertex = pags_ply_table_find(table, "vertex"),
+                .sh = pags_ply_table_find(table, "sh")};
   if (!r->chunk)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected an element 'chunk' of a compressed PLY", table->path);
   for (int i = 0; i < BOUNDS; i++) {
@@ -51,28 +49,17 @@ static pags_result bind(reader *r, const ply_table *table) {
   }
   PAGS_TRY(pags_ply_table_need(table, r->chunk));
   PAGS_TRY(pags_ply_table_need(table, r->vertex));
-  int64_t chunks = r->vertex->count / CHUNK_ROWS + (r->vertex->count % CHUNK_ROWS != 0);
+  const int64_t chunks = r->vertex->count / CHUNK_ROWS + (r->vertex->count % CHUNK_ROWS != 0);
   if (r->chunk->count < chunks)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %lld chunks for %lld vertices, found %lld", table->path,
                      (long long)chunks, (long long)r->vertex->count, (long long)r->chunk->count);
-  return PAGS_OK;
-}
-
-/* Derives the SH degree, 0 to 4, from the number of properties of the element "sh": 0 if there is no such element. */
-static pags_result find_degree(const reader *r, int *degree) {
-  *degree = 0;
   if (!r->sh)
     return PAGS_OK;
-  for (*degree = 1; *degree < 4 && r->sh->property_count != 3 * (pags_sh_coefficients(*degree) - 1);)
-    ++*degree;
-  if (r->sh->property_count != 3 * (pags_sh_coefficients(*degree) - 1) || r->sh->count != r->vertex->count)
+  if (pags_ply_degree(r->sh->property_count) < 1 || r->sh->count != r->vertex->count)
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: expected 9, 24, 45 or 72 properties and %lld rows in element 'sh', found %d and %lld",
-                     r->table->path, (long long)r->vertex->count, r->sh->property_count, (long long)r->sh->count);
-  if (*degree > 3)
-    pags_log_message(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept",
-                     r->table->path);
-  return pags_ply_table_need(r->table, r->sh);
+                     table->path, (long long)r->vertex->count, r->sh->property_count, (long long)r->sh->count);
+  return pags_ply_table_need(table, r->sh);
 }
 
 /* Returns bits [shift, shift + bits) of `word` divided by their largest value: 0..1. */
@@ -97,19 +84,16 @@ static void unpack_vector(uint32_t word, const double *lo, const double *hi, int
     pags_plane(out, plane + k)[row] = (float)mix(lo[k], hi[k], unit(word, shifts[k], bits[k]));
 }
 
-/* Unpacks a rotation (see the table above); the largest component follows from the unit length. */
+/* Unpacks a rotation (see the table above). */
 static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
-  int largest = (int)(word >> 30), shift = 20;
-  double sum = 0;
-  for (int k = 0; k < 4; k++) {
-    if (k == largest)
-      continue;
-    double component = (unit(word, shift, 10) - 0.5) * 1.4142135623730951;
-    sum += component * component;
-    shift -= 10;
-    pags_plane(out, PAGS_ROTATION + k)[row] = (float)component;
-  }
-  pags_plane(out, PAGS_ROTATION + largest)[row] = (float)sqrt(fmax(0, 1 - sum));
+  const int largest = (int)(word >> 30);
+  double q[4];
+  for (int k = 0, shift = 20; k < 4; k++)
+    if (k != largest) {
+      q[k] = (unit(word, shift, 10) - 0.5) * 1.4142135623730951;
+      shift -= 10;
+    }
+  pags_splat_put_rotation(q, largest, row, out);
 }
 
 /* Unpacks the coefficients of degrees 1 and above: a byte encodes a value in -4..4, and the order is channel-major
@@ -131,10 +115,8 @@ static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
 
 pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *out, double origin[3]) {
   reader r;
-  int degree;
   PAGS_TRY(bind(&r, table));
-  PAGS_TRY(find_degree(&r, &degree));
-  PAGS_TRY(pags_gaussians_create(out, r.vertex->count, degree > 3 ? 3 : degree));
+  PAGS_TRY(pags_splat_create(table->path, r.vertex->count, r.sh ? pags_ply_degree(r.sh->property_count) : 0, out));
   for (int k = 0; k < 3; k++) /* positions have more digits than the bounds that they lie between */
     origin[k] = pags_ply_origin(table, r.chunk, r.bounds[k]);
   int64_t infinite = 0;

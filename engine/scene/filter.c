@@ -69,17 +69,6 @@ void pags_support_destroy(pags_support *s) {
   *s = (pags_support){0};
 }
 
-pags_result pags_filter_keep(pags_gaussians *g, const int64_t *index, int64_t count) {
-  pags_gaussians kept;
-  if (count == g->count)
-    return PAGS_OK;
-  PAGS_TRY(pags_gaussians_create_like(&kept, count, g));
-  pags_gaussians_gather(g, index, count, &kept);
-  pags_gaussians_destroy(g);
-  *g = kept;
-  return PAGS_OK;
-}
-
 /* Whether the middle of an object's box is in the box and the ball. */
 static bool object_is_within(const pags_scene *scene, int64_t object, const pags_filter *f, double time) {
   const pags_object *o = &scene->objects[object].record;
@@ -107,7 +96,7 @@ static pags_result filter_model(pags_scene *scene, int64_t model, const pags_fil
         (model > 0 || (is_within(f, mean) && (!f->least_views || pags_support_has(s, f->least_views, mean)))))
       index[count++] = i;
   }
-  return pags_filter_keep(g, index, count);
+  return pags_gaussians_keep(g, index, count);
 }
 
 pags_result pags_scene_filter(pags_scene *scene, const pags_filter *filter, double time, uint8_t *chosen,

@@ -35,9 +35,6 @@ pags_result pags_scene_filter(pags_scene *scene, const pags_filter *filter, doub
 /* Whether opacity and size of row i pass. */
 bool pags_filter_fits(const pags_filter *filter, const pags_gaussians *g, int64_t i);
 
-/* Keeps the rows listed in `index`, in this order. PAGS_ERROR_MEMORY. */
-pags_result pags_filter_keep(pags_gaussians *g, const int64_t *index, int64_t count);
-
 /* The cameras of the training views, relative to the scene's origin: the inverse of each pose. Its arrays point into
  * the scene. */
 typedef struct pags_support {

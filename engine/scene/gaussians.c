@@ -232,6 +232,17 @@ void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int
     to->object_id[i] = from->object_id[index[i]];
 }
 
+pags_result pags_gaussians_keep(pags_gaussians *g, const int64_t *index, int64_t count) {
+  pags_gaussians kept;
+  if (count == g->count)
+    return PAGS_OK;
+  PAGS_TRY(pags_gaussians_create_like(&kept, count, g));
+  pags_gaussians_gather(g, index, count, &kept);
+  pags_gaussians_destroy(g);
+  *g = kept;
+  return PAGS_OK;
+}
+
 /* ---- Rows that cannot be drawn ---- */
 
 enum { BLOCK = 256 };

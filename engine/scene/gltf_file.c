@@ -10,6 +10,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/memory.h"
+#include "base/text.h"
 
 enum { GLB_HEADER = 12, CHUNK_HEADER = 8 };
 
@@ -17,12 +18,10 @@ enum { GLB_HEADER = 12, CHUNK_HEADER = 8 };
 
 static pags_result make_list(const gltf_file *f, const char *key, gltf_list *out) {
   const pags_json_value *array = pags_json_member(f->root, key);
-  *out = (gltf_list){0};
   if (!array || array->type != PAGS_JSON_ARRAY)
     return PAGS_OK;
   out->items = calloc((size_t)array->count + 1, sizeof *out->items);
-  if (!out->items)
-    return pags_out_of_memory("%s: '%s'", f->path, key);
+  PAGS_CHECK_MEMORY(out->items, "%s: '%s'", f->path, key);
   for (const pags_json_value *v = array->first; v; v = v->next) {
     PAGS_TRY(pags_json_as_object(f->json, v, key));
     out->items[out->count++] = v;
@@ -30,8 +29,9 @@ static pags_result make_list(const gltf_file *f, const char *key, gltf_list *out
   return PAGS_OK;
 }
 
-pags_result pags_gltf_refer(const gltf_file *f, const pags_json_value *object, const char *key, const gltf_list *list,
+pags_result pags_gltf_refer(const gltf_file *f, const pags_json_value *object, const char *key, gltf_array array,
                             const pags_json_value **out) {
+  const gltf_list *const list = &f->lists[array];
   int64_t index;
   *out = NULL;
   PAGS_TRY(pags_json_integer_or(f->json, object, key, 0, INT32_MAX, -1, &index));
@@ -71,7 +71,9 @@ static pags_result read_chunks(gltf_file *f, const uint8_t *bytes, size_t size, 
   return PAGS_OK;
 }
 
-static pags_result open_document(gltf_file *f, const uint8_t *bytes, size_t size) {
+pags_result pags_gltf_open(const char *path, const uint8_t *bytes, size_t size, gltf_file *f) {
+  static const char *const keys[GLTF_LISTS] = {"nodes", "meshes", "accessors", "bufferViews", "buffers"};
+  *f = (gltf_file){.path = path};
   const char *text = (const char *)bytes;
   size_t length = size;
   if (size >= 4 && memcmp(bytes, "glTF", 4) == 0)
@@ -79,32 +81,20 @@ static pags_result open_document(gltf_file *f, const uint8_t *bytes, size_t size
   PAGS_TRY(pags_json_parse_text(f->path, text, length, &f->json));
   f->root = pags_json_root(f->json);
   PAGS_TRY(pags_json_as_object(f->json, f->root, "a glTF document"));
-  PAGS_TRY(make_list(f, "nodes", &f->nodes));
-  PAGS_TRY(make_list(f, "meshes", &f->meshes));
-  PAGS_TRY(make_list(f, "accessors", &f->accessors));
-  PAGS_TRY(make_list(f, "bufferViews", &f->views));
-  PAGS_TRY(make_list(f, "buffers", &f->buffer_list));
-  f->buffers = calloc((size_t)f->buffer_list.count + 1, sizeof *f->buffers);
-  return f->buffers ? PAGS_OK : pags_out_of_memory("%s", f->path);
-}
-
-pags_result pags_gltf_open(const char *path, const uint8_t *bytes, size_t size, gltf_file *out) {
-  *out = (gltf_file){.path = path};
-  const pags_result result = open_document(out, bytes, size);
-  if (result != PAGS_OK)
-    pags_gltf_close(out);
-  return result;
+  for (int i = 0; i < GLTF_LISTS; i++)
+    PAGS_TRY(make_list(f, keys[i], &f->lists[i]));
+  f->buffers = calloc((size_t)f->lists[GLTF_BUFFERS].count + 1, sizeof *f->buffers);
+  PAGS_CHECK_MEMORY(f->buffers, "%s", path);
+  return PAGS_OK;
 }
 
 void pags_gltf_close(gltf_file *f) {
-  for (int64_t i = 0; f->buffers && i < f->buffer_list.count; i++)
+  for (int64_t i = 0; f->buffers && i < f->lists[GLTF_BUFFERS].count; i++)
     free(f->buffers[i].owned);
   free(f->buffers);
-  const gltf_list *const lists[] = {&f->nodes, &f->meshes, &f->accessors, &f->views, &f->buffer_list};
-  for (size_t i = 0; i < sizeof lists / sizeof lists[0]; i++)
-    free(lists[i]->items);
+  for (int i = 0; i < GLTF_LISTS; i++)
+    free(f->lists[i].items);
   pags_json_destroy(f->json);
-  *f = (gltf_file){0};
 }
 
 /* ---- Buffers ---- */
@@ -121,8 +111,7 @@ static int base64_digit(char c) {
 /* Decodes the text of a data URI behind its comma. */
 static pags_result read_data_uri(const gltf_file *f, const char *text, gltf_buffer *out) {
   out->owned = malloc(strlen(text) / 4 * 3 + 4);
-  if (!out->owned)
-    return pags_out_of_memory("%s: a buffer", f->path);
+  PAGS_CHECK_MEMORY(out->owned, "%s: a buffer", f->path);
   uint32_t bits = 0;
   int held = 0;
   for (; *text && *text != '='; text++) {
@@ -155,37 +144,30 @@ static void unescape(char *text) {
 }
 
 static pags_result read_file_uri(const gltf_file *f, const char *uri, gltf_buffer *out) {
-  char *folder = pags_path_folder(f->path), name[1024];
+  char name[1024];
   snprintf(name, sizeof name, "%s", uri);
   unescape(name);
-  if (!folder)
-    return pags_out_of_memory("%s: a path", f->path);
-  pags_result result =
-      pags_path_is_inside(name) && strlen(uri) < sizeof name
-          ? PAGS_OK
-          : pags_fail(PAGS_ERROR_FORMAT, "%s: expected buffers in files beside it, found '%.80s'", f->path, uri);
-  char *path = result == PAGS_OK ? pags_path_join(folder, name) : NULL;
-  if (result == PAGS_OK && !path)
-    result = pags_out_of_memory("%s: a path", f->path);
-  if (result == PAGS_OK)
-    result = pags_file_read(path, &out->owned, &out->size);
+  if (!pags_path_is_inside(name) || strlen(uri) >= sizeof name)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected buffers in files beside it, found '%.80s'", f->path, uri);
+  PAGS_AUTOFREE char *folder = pags_path_folder(f->path);
+  PAGS_AUTOFREE char *path = folder ? pags_path_join(folder, name) : NULL;
+  PAGS_CHECK_MEMORY(path, "%s: a path", f->path);
+  PAGS_TRY(pags_file_read(path, &out->owned, &out->size));
   out->bytes = out->owned;
-  free(path);
-  free(folder);
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result find_buffer(gltf_file *f, int64_t index, const gltf_buffer **out) {
   gltf_buffer *buffer = &f->buffers[index];
+  const pags_json_value *const value = f->lists[GLTF_BUFFERS].items[index];
   const char *uri;
   *out = buffer;
   if (buffer->bytes)
     return PAGS_OK;
-  PAGS_TRY(pags_json_string_or(f->json, f->buffer_list.items[index], "uri", NULL, &uri));
+  PAGS_TRY(pags_json_string_or(f->json, value, "uri", NULL, &uri));
   if (!uri) {
     if (index > 0 || !f->chunk.bytes)
-      return pags_json_fail(f->json, f->buffer_list.items[index], "buffer %lld has neither a file nor a chunk",
-                            (long long)index);
+      return pags_json_fail(f->json, value, "buffer %lld has neither a file nor a chunk", (long long)index);
     *buffer = f->chunk;
     return PAGS_OK;
   }
@@ -193,7 +175,7 @@ static pags_result find_buffer(gltf_file *f, int64_t index, const gltf_buffer **
     return read_file_uri(f, uri, buffer);
   const char *comma = strstr(uri, ";base64,");
   if (!comma)
-    return pags_json_fail(f->json, f->buffer_list.items[index], "expected a data URI in base64");
+    return pags_json_fail(f->json, value, "expected a data URI in base64");
   return read_data_uri(f, comma + 8, buffer);
 }
 
@@ -210,12 +192,6 @@ typedef struct layout {
 /* Bytes of the component types 5120 to 5126; 5124 is not one. */
 static const size_t component_bytes[7] = {1, 1, 2, 2, 0, 4, 4};
 
-static int components_of(const char *type) {
-  return strcmp(type, "SCALAR") == 0                                                    ? 1
-         : strncmp(type, "VEC", 3) == 0 && type[3] >= '2' && type[3] <= '4' && !type[4] ? type[3] - '0'
-                                                                                        : 0;
-}
-
 /* Finds the accessor's elements and checks that all of them lie in its view and the view in its buffer. */
 static pags_result find_layout(gltf_file *f, const pags_json_value *accessor, layout *out) {
   const pags_json_value *view;
@@ -227,13 +203,14 @@ static pags_result find_layout(gltf_file *f, const pags_json_value *accessor, la
   PAGS_TRY(pags_json_bool_or(f->json, accessor, "normalized", false, &out->normalised));
   PAGS_TRY(pags_json_integer_or(f->json, accessor, "byteOffset", 0, INT64_MAX / 4, 0, &offset));
   out->type = (int)(component - 5120);
-  out->components = components_of(type);
+  static const char *const types[4] = {"SCALAR", "VEC2", "VEC3", "VEC4"};
+  out->components = 1 + pags_text_find(type, types, 4);
   if (!out->components || !component_bytes[out->type])
     return pags_json_fail(f->json, accessor, "expected a scalar or a vector of numbers, found '%.20s' of type %lld",
                           type, (long long)component);
   if (pags_json_member(accessor, "sparse"))
     return pags_json_fail(f->json, accessor, "sparse accessors can't be read: expected one with all its values");
-  PAGS_TRY(pags_gltf_refer(f, accessor, "bufferView", &f->views, &view));
+  PAGS_TRY(pags_gltf_refer(f, accessor, "bufferView", GLTF_VIEWS, &view));
   if (!view)
     return pags_json_fail(f->json, accessor,
                           "expected a 'bufferView': without it all values are zero, or packed by an "
@@ -243,9 +220,9 @@ static pags_result find_layout(gltf_file *f, const pags_json_value *accessor, la
   PAGS_TRY(pags_json_integer(f->json, view, "byteLength", 1, INT64_MAX / 4, &view_length));
   const size_t each = component_bytes[out->type] * (size_t)out->components;
   PAGS_TRY(pags_json_integer_or(f->json, view, "byteStride", 1, 65535, (int64_t)each, &stride));
-  if (buffer_index >= f->buffer_list.count)
-    return pags_json_fail(f->json, view, "expected 'buffer' below %lld, found %lld", (long long)f->buffer_list.count,
-                          (long long)buffer_index);
+  if (buffer_index >= f->lists[GLTF_BUFFERS].count)
+    return pags_json_fail(f->json, view, "expected 'buffer' below %lld, found %lld",
+                          (long long)f->lists[GLTF_BUFFERS].count, (long long)buffer_index);
   const gltf_buffer *buffer;
   PAGS_TRY(find_buffer(f, buffer_index, &buffer));
   out->stride = (size_t)stride;

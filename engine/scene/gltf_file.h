@@ -7,7 +7,10 @@
 
 #include "base/json.h"
 
-/* The children of an array of the document by their index. */
+/* The arrays of the document. */
+typedef enum gltf_array { GLTF_NODES, GLTF_MESHES, GLTF_ACCESSORS, GLTF_VIEWS, GLTF_BUFFERS, GLTF_LISTS } gltf_array;
+
+/* The children of one of them by their index. */
 typedef struct gltf_list {
   int64_t count;
   const pags_json_value **items;
@@ -23,19 +26,20 @@ typedef struct gltf_file {
   const char *path;
   pags_json *json;
   const pags_json_value *root;
-  gltf_list nodes, meshes, accessors, views, buffer_list;
+  gltf_list lists[GLTF_LISTS];
   gltf_buffer *buffers;
   gltf_buffer chunk; /* the binary chunk of a .glb */
 } gltf_file;
 
-/* Opens a .glb, or the JSON of a .gltf. `bytes` and `path` must outlive the file. On failure it is closed already. */
+/* Opens a .glb, or the JSON of a .gltf. `bytes` and `path` must outlive the file, which the caller closes, also on
+ * failure. */
 pags_result pags_gltf_open(const char *path, const uint8_t *bytes, size_t size, gltf_file *out);
 void pags_gltf_close(gltf_file *file);
 
-/* Returns the child that the index `key` of `object` names in `list`; NULL without such a key. An index beyond the list
- * is an error. */
-pags_result pags_gltf_refer(const gltf_file *file, const pags_json_value *object, const char *key,
-                            const gltf_list *list, const pags_json_value **out);
+/* Returns the child that the index `key` of `object` names in an array; NULL without such a key. An index beyond the
+ * array is an error. */
+pags_result pags_gltf_refer(const gltf_file *file, const pags_json_value *object, const char *key, gltf_array array,
+                            const pags_json_value **out);
 
 /* Reads how many elements the accessor has, checked against the bytes that are there. */
 pags_result pags_gltf_accessor_count(gltf_file *file, const pags_json_value *accessor, int64_t *count);

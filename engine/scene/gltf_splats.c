@@ -13,6 +13,8 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/text.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
 #include "scene/gltf_file.h"
@@ -25,9 +27,9 @@ enum { DEEPEST = 200 };
 
 /* A primitive of Gaussians in a node. */
 typedef struct placed {
-  const pags_json_value *primitive, *attributes;
-  double pose[12]; /* file from node, 3x4 row-major: a rotation times `size`, and a translation */
-  double size;
+  const pags_json_value *attributes;
+  double pose[12]; /* file from node, 3x4 row-major: `rotation` times `size`, and a translation */
+  double size, rotation[9];
   bool turned; /* the pose isn't the identity */
   int64_t count;
   int degree;
@@ -42,17 +44,19 @@ typedef struct gltf_splats {
   pags_up up;
   bool up_stated;           /* by the extras of the asset; else the root node of PAGS' own says it */
   int64_t other_primitives; /* meshes and points that are no Gaussians */
-  int64_t logarithms, clamped, without_dc;
-  int linear, kernels, partial;
+  int64_t logarithms, clamped, without_dc, linear, kernels, partial;
 } gltf_splats;
 
 /* ---- Nodes ---- */
 
-static void multiply(const double a[12], const double b[12], double out[12]) {
-  for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 4; j++)
-      out[4 * i + j] =
-          a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j] + (j == 3 ? a[4 * i + 3] : 0);
+/* From the file's axes to PLY's, and to themselves. */
+static const double to_ply[12] = {-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0},
+                    identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+
+/* Reads `count` numbers, unless the key is missing. */
+static pags_result numbers_or(const gltf_file *f, const pags_json_value *object, const char *key, int count,
+                              double *out) {
+  return pags_json_member(object, key) ? pags_json_numbers(f->json, object, key, count, out) : PAGS_OK;
 }
 
 /* The node's own transform, by its matrix or by translation, rotation and scale. */
@@ -66,26 +70,20 @@ static pags_result node_matrix(const gltf_file *f, const pags_json_value *node, 
     return PAGS_OK;
   }
   double t[3] = {0}, q[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1}, r[9];
-  if (pags_json_member(node, "translation"))
-    PAGS_TRY(pags_json_numbers(f->json, node, "translation", 3, t));
-  if (pags_json_member(node, "rotation"))
-    PAGS_TRY(pags_json_numbers(f->json, node, "rotation", 4, q));
-  if (pags_json_member(node, "scale"))
-    PAGS_TRY(pags_json_numbers(f->json, node, "scale", 3, s));
+  PAGS_TRY(numbers_or(f, node, "translation", 3, t));
+  PAGS_TRY(numbers_or(f, node, "rotation", 4, q));
+  PAGS_TRY(numbers_or(f, node, "scale", 3, s));
   pags_rotation_from_quaternion((const double[4]){q[3], q[0], q[1], q[2]}, r);
-  for (int i = 0; i < 3; i++) {
-    for (int j = 0; j < 3; j++)
-      out[4 * i + j] = r[3 * i + j] * s[j];
-    out[4 * i + 3] = t[i];
-  }
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 4; j++)
+      out[4 * i + j] = j < 3 ? r[3 * i + j] * s[j] : t[i];
   return PAGS_OK;
 }
 
-/* Sets size and turned of an item by its pose, which may scale evenly only: a Gaussian that is stretched unevenly has
- * other axes, and colours that don't turn. */
+/* Sets size, rotation and turned of an item by its pose, which may scale evenly only: a Gaussian that is stretched
+ * unevenly has other axes, and colours that don't turn. */
 static pags_result check_pose(const gltf_file *f, const pags_json_value *node, placed *item) {
   const double *m = item->pose;
-  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   double length[3], worst = 0, finite = 0;
   for (int j = 0; j < 3; j++)
     length[j] = sqrt(m[j] * m[j] + m[4 + j] * m[4 + j] + m[8 + j] * m[8 + j]);
@@ -103,44 +101,26 @@ static pags_result check_pose(const gltf_file *f, const pags_json_value *node, p
                           "expected a node of Gaussians that is moved, turned and scaled evenly, found one of "
                           "scale %.4g, %.4g, %.4g%s",
                           length[0], length[1], length[2], turn < 0 ? ", mirrored" : "");
-  item->turned = memcmp(m, identity, sizeof identity) != 0;
+  for (int k = 0; k < 12; k++)
+    item->turned = item->turned || m[k] != identity[k];
+  for (int k = 0; k < 9; k++)
+    item->rotation[k] = m[4 * (k / 3) + k % 3] / item->size;
   return PAGS_OK;
 }
 
-static pags_result add_item(gltf_splats *s, const placed *item) {
-  if (s->count == s->capacity) {
-    const int64_t capacity = 2 * s->capacity + 8;
-    placed *grown = realloc(s->items, (size_t)capacity * sizeof *grown);
-    if (!grown)
-      return pags_out_of_memory("%s: its nodes", s->file.path);
-    s->items = grown;
-    s->capacity = capacity;
-  }
-  s->items[s->count++] = *item;
-  return PAGS_OK;
-}
-
-/* Returns the name of a compression that the extension object or the primitive names, or NULL. */
-static const char *compression_of(const pags_json_value *primitive, const pags_json_value *extension) {
+/* Checks kernel and colour space of the extension object, and that neither it nor the primitive names a compression. */
+static pags_result check_extension(gltf_splats *s, const pags_json_value *primitive, const pags_json_value *extension) {
+  const gltf_file *f = &s->file;
+  const char *kernel, *space;
   const pags_json_value *const places[] = {pags_json_member(extension, "extensions"),
                                            pags_json_member(primitive, "extensions")};
   for (int i = 0; i < 2; i++)
     for (const pags_json_value *v = places[i] ? places[i]->first : NULL; v; v = v->next)
       if (v->key && (strstr(v->key, "compression") || strstr(v->key, "draco") || strstr(v->key, "L-GSC")))
-        return v->key;
-  return NULL;
-}
-
-/* Checks kernel and colour space of the extension object. */
-static pags_result check_extension(gltf_splats *s, const pags_json_value *primitive, const pags_json_value *extension) {
-  const gltf_file *f = &s->file;
-  const char *kernel, *space;
-  const char *compression = compression_of(primitive, extension);
-  if (compression)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                     "%s:%d: its Gaussians are packed by '%.60s', which PAGS can't read: expected "
-                     "plain attributes, or the .spz file itself",
-                     f->path, primitive->line, compression);
+        return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                         "%s:%d: its Gaussians are packed by '%.60s', which PAGS can't read: expected "
+                         "plain attributes, or the .spz file itself",
+                         f->path, primitive->line, v->key);
   PAGS_TRY(pags_json_as_object(f->json, extension, EXTENSION));
   PAGS_TRY(pags_json_string_or(f->json, extension, "kernel", "ellipse", &kernel));
   PAGS_TRY(pags_json_string_or(f->json, extension, "colorSpace", "srgb_rec709_display", &space));
@@ -149,13 +129,19 @@ static pags_result check_extension(gltf_splats *s, const pags_json_value *primit
   return PAGS_OK;
 }
 
+enum { NAME_SIZE = 64 };
+
+static void name_harmonic(int degree, int n, char name[NAME_SIZE]) {
+  snprintf(name, NAME_SIZE, EXTENSION ":SH_DEGREE_%d_COEF_%d", degree, n);
+}
+
 /* The SH degree whose coefficients are all there; some of a higher degree are counted as partial. */
 static int degree_of(gltf_splats *s, const pags_json_value *attributes) {
-  char name[64];
+  char name[NAME_SIZE];
   for (int degree = 1; degree <= 3; degree++) {
     int found = 0;
     for (int n = 0; n <= 2 * degree; n++) {
-      snprintf(name, sizeof name, EXTENSION ":SH_DEGREE_%d_COEF_%d", degree, n);
+      name_harmonic(degree, n, name);
       found += pags_json_member(attributes, name) != NULL;
     }
     if (found <= 2 * degree) {
@@ -172,33 +158,39 @@ static pags_result add_mesh(gltf_splats *s, const pags_json_value *node, const p
   gltf_file *f = &s->file;
   PAGS_TRY(pags_json_array(f->json, mesh, "primitives", &primitives));
   for (const pags_json_value *p = primitives->first; p; p = p->next) {
-    const pags_json_value *extensions = pags_json_member(p, "extensions");
-    const pags_json_value *extension = extensions ? pags_json_member(extensions, EXTENSION) : NULL;
-    placed item = {.primitive = p};
+    const pags_json_value *extension = pags_json_member(pags_json_member(p, "extensions"), EXTENSION);
+    placed item = {0};
     if (!extension) {
       s->other_primitives++;
       continue;
     }
     PAGS_TRY(check_extension(s, p, extension));
     PAGS_TRY(pags_json_object(f->json, p, "attributes", &item.attributes));
-    PAGS_TRY(pags_gltf_refer(f, item.attributes, "POSITION", &f->accessors, &position));
+    PAGS_TRY(pags_gltf_refer(f, item.attributes, "POSITION", GLTF_ACCESSORS, &position));
     if (!position)
       return pags_json_fail(f->json, item.attributes, "expected the attribute POSITION");
     PAGS_TRY(pags_gltf_accessor_count(f, position, &item.count));
     memcpy(item.pose, pose, sizeof item.pose);
     PAGS_TRY(check_pose(f, node, &item));
     item.degree = degree_of(s, item.attributes);
-    PAGS_TRY(add_item(s, &item));
+    PAGS_CHECK_MEMORY(pags_grow(&s->items, s->count + 1, &s->capacity, sizeof *s->items), "%s: its nodes", f->path);
+    s->items[s->count++] = item;
   }
   return PAGS_OK;
 }
 
-static pags_result add_node(gltf_splats *s, int64_t index, const double parent[12], int depth) {
+/* Adds the node that an element of the list `key` names, and its children. */
+static pags_result add_node(gltf_splats *s, const pags_json_value *number, const char *key, const double parent[12],
+                            int depth) {
   gltf_file *f = &s->file;
-  if (index < 0 || index >= f->nodes.count || depth > DEEPEST || s->visited[index])
+  const gltf_list *const nodes = &f->lists[GLTF_NODES];
+  double value;
+  PAGS_TRY(pags_json_as_number(f->json, number, key, &value));
+  const int64_t index = value >= 0 && value < 1e9 ? (int64_t)value : -1;
+  if (index < 0 || index >= nodes->count || depth > DEEPEST || s->visited[index])
     return pags_fail(PAGS_ERROR_FORMAT, "%s: node %lld: expected a tree of %lld nodes, at most %d deep", f->path,
-                     (long long)index, (long long)f->nodes.count, DEEPEST);
-  const pags_json_value *node = f->nodes.items[index], *mesh, *children = pags_json_member(node, "children");
+                     (long long)index, (long long)nodes->count, DEEPEST);
+  const pags_json_value *node = nodes->items[index], *mesh, *children = pags_json_member(node, "children");
   const char *name;
   double own[12], pose[12];
   s->visited[index] = 1;
@@ -209,23 +201,17 @@ static pags_result add_node(gltf_splats *s, int64_t index, const double parent[1
     s->up = s->up_stated ? s->up : own[9] < -0.5 ? PAGS_UP_Z : PAGS_UP_MINUS_Y;
     memcpy(pose, parent, sizeof pose);
   } else
-    multiply(parent, own, pose);
-  PAGS_TRY(pags_gltf_refer(f, node, "mesh", &f->meshes, &mesh));
+    pags_rigid_multiply(parent, own, pose);
+  PAGS_TRY(pags_gltf_refer(f, node, "mesh", GLTF_MESHES, &mesh));
   if (mesh)
     PAGS_TRY(add_mesh(s, node, mesh, pose));
-  for (const pags_json_value *v = children ? children->first : NULL; v; v = v->next) {
-    double child;
-    PAGS_TRY(pags_json_as_number(f->json, v, "children", &child));
-    PAGS_TRY(add_node(s, child >= 0 && child < 1e9 ? (int64_t)child : -1, pose, depth + 1));
-  }
+  for (const pags_json_value *v = children ? children->first : NULL; v; v = v->next)
+    PAGS_TRY(add_node(s, v, "children", pose, depth + 1));
   return PAGS_OK;
 }
 
 /* Walks through the nodes of the scene that the file shows first. */
 static pags_result add_nodes(gltf_splats *s) {
-  /* From the file's axes to PLY's. */
-  static const double turn[12] = {-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0},
-                      none[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   gltf_file *f = &s->file;
   const pags_json_value *scenes = pags_json_member(f->root, "scenes"), *scene = scenes ? scenes->first : NULL, *nodes;
   int64_t chosen;
@@ -235,11 +221,8 @@ static pags_result add_nodes(gltf_splats *s) {
   if (!scene)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a scene with nodes, found none", f->path);
   PAGS_TRY(pags_json_array(f->json, scene, "nodes", &nodes));
-  for (const pags_json_value *v = nodes->first; v; v = v->next) {
-    double index;
-    PAGS_TRY(pags_json_as_number(f->json, v, "nodes", &index));
-    PAGS_TRY(add_node(s, index >= 0 && index < 1e9 ? (int64_t)index : -1, s->own ? none : turn, 0));
-  }
+  for (const pags_json_value *v = nodes->first; v; v = v->next)
+    PAGS_TRY(add_node(s, v, "nodes", s->own ? identity : to_ply, 0));
   return PAGS_OK;
 }
 
@@ -248,7 +231,7 @@ static pags_result add_nodes(gltf_splats *s) {
 /* Reads an attribute; one that is missing is an error. */
 static pags_result read_attribute(gltf_splats *s, const placed *item, const char *name, int components, float *out) {
   const pags_json_value *accessor;
-  PAGS_TRY(pags_gltf_refer(&s->file, item->attributes, name, &s->file.accessors, &accessor));
+  PAGS_TRY(pags_gltf_refer(&s->file, item->attributes, name, GLTF_ACCESSORS, &accessor));
   if (!accessor)
     return pags_json_fail(s->file.json, item->attributes,
                           "expected the attribute %s; drafts of the extension had others: "
@@ -264,8 +247,7 @@ static double display(double v) {
 }
 
 static pags_result read_shape(gltf_splats *s, const placed *item, float *values, pags_gaussians *out, int64_t first) {
-  const double *m = item->pose;
-  double turn[9], t[4];
+  double t[4];
   PAGS_TRY(read_attribute(s, item, EXTENSION ":SCALE", 3, values));
   /* The drafts before March 2026 stored logarithms; sigma is never negative. */
   bool logarithms = false;
@@ -281,9 +263,7 @@ static pags_result read_shape(gltf_splats *s, const placed *item, float *values,
     }
 
   PAGS_TRY(read_attribute(s, item, EXTENSION ":ROTATION", 4, values));
-  for (int k = 0; k < 9; k++)
-    turn[k] = m[4 * (k / 3) + k % 3] / item->size;
-  pags_quaternion_from_rotation(turn, t);
+  pags_quaternion_from_rotation(item->rotation, t);
   for (int64_t i = 0; i < item->count; i++) {
     const float *v = values + 4 * i;
     const double q[4] = {(double)v[3], (double)v[0], (double)v[1], (double)v[2]};
@@ -311,7 +291,8 @@ static pags_result read_opacity(gltf_splats *s, const placed *item, float *value
 /* Reads the harmonics, turned with the node. Without a constant term, COLOR_0, which is linear light, replaces it. */
 static pags_result read_colours(gltf_splats *s, const placed *item, float *values, pags_gaussians *out, int64_t first) {
   const pags_json_value *attributes = item->attributes;
-  char name[64] = EXTENSION ":SH_DEGREE_0_COEF_0";
+  char name[NAME_SIZE];
+  name_harmonic(0, 0, name);
   const bool fallback = !pags_json_member(attributes, name) && pags_json_member(attributes, "COLOR_0");
   PAGS_TRY(read_attribute(s, item, fallback ? "COLOR_0" : name, 3, values));
   s->without_dc += fallback;
@@ -322,7 +303,7 @@ static pags_result read_colours(gltf_splats *s, const placed *item, float *value
     }
   for (int degree = 1, k = 1; degree <= item->degree; degree++)
     for (int n = 0; n <= 2 * degree; ++n, ++k) {
-      snprintf(name, sizeof name, EXTENSION ":SH_DEGREE_%d_COEF_%d", degree, n);
+      name_harmonic(degree, n, name);
       PAGS_TRY(read_attribute(s, item, name, 3, values));
       for (int64_t i = 0; i < item->count; i++)
         for (int c = 0; c < 3; c++)
@@ -331,19 +312,9 @@ static pags_result read_colours(gltf_splats *s, const placed *item, float *value
   if (!item->turned || item->degree == 0)
     return PAGS_OK;
   pags_sh_rotation turn;
-  double rotation[9], rest[15];
-  for (int k = 0; k < 9; k++)
-    rotation[k] = item->pose[4 * (k / 3) + k % 3] / item->size;
-  pags_sh_rotation_make(rotation, &turn);
-  const int terms = pags_sh_coefficients(item->degree) - 1;
+  pags_sh_rotation_make(item->rotation, &turn);
   for (int64_t i = first; i < first + item->count; i++)
-    for (int c = 0; c < 3; c++) {
-      for (int k = 0; k < terms; k++)
-        rest[k] = (double)pags_plane(out, PAGS_SH + 3 * (k + 1) + c)[i];
-      pags_sh_rotation_apply(&turn, item->degree, rest);
-      for (int k = 0; k < terms; k++)
-        pags_plane(out, PAGS_SH + 3 * (k + 1) + c)[i] = (float)rest[k];
-    }
+    pags_sh_rotation_apply_row(&turn, item->degree, out, i);
   return PAGS_OK;
 }
 
@@ -353,15 +324,15 @@ static pags_result read_positions(gltf_splats *s, const placed *item, float *val
                                   double origin[3]) {
   const double *m = item->pose;
   PAGS_TRY(read_attribute(s, item, "POSITION", 3, values));
+  for (int k = 0; k < 3 && first == 0; k++)
+    origin[k] = fabs(m[4 * k + 3]) > 1e4 ? floor(m[4 * k + 3]) : 0;
   for (int64_t i = 0; i < item->count; i++) {
     const float *v = values + 3 * i;
-    for (int k = 0; k < 3; k++) {
-      const double p =
-          m[4 * k] * (double)v[0] + m[4 * k + 1] * (double)v[1] + m[4 * k + 2] * (double)v[2] + m[4 * k + 3];
-      if (first + i == 0 && fabs(m[4 * k + 3]) > 1e4)
-        origin[k] = floor(m[4 * k + 3]);
-      pags_plane(out, PAGS_MEAN + k)[first + i] = item->turned || origin[k] != 0 ? (float)(p - origin[k]) : v[k];
-    }
+    double local[3], p[3];
+    pags_widen3(v, local);
+    pags_rigid_point(m, local, p);
+    for (int k = 0; k < 3; k++)
+      pags_plane(out, PAGS_MEAN + k)[first + i] = item->turned || origin[k] != 0 ? (float)(p[k] - origin[k]) : v[k];
   }
   return PAGS_OK;
 }
@@ -374,22 +345,17 @@ static pags_result read_items(gltf_splats *s, pags_gaussians *out, double origin
     most = s->items[i].count > most ? s->items[i].count : most;
     degree = s->items[i].degree > degree ? s->items[i].degree : degree;
   }
-  float *values = malloc(((size_t)most * 4 + 1) * sizeof *values);
-  if (!values)
-    return pags_out_of_memory("%s: %lld Gaussians", s->file.path, (long long)total);
-  pags_result result = pags_gaussians_create(out, total, degree);
-  for (int64_t i = 0; i < s->count && result == PAGS_OK; first += s->items[i++].count) {
+  PAGS_AUTOFREE float *values = malloc(((size_t)most * 4 + 1) * sizeof *values);
+  PAGS_CHECK_MEMORY(values, "%s: %lld Gaussians", s->file.path, (long long)total);
+  PAGS_TRY(pags_gaussians_create(out, total, degree));
+  for (int64_t i = 0; i < s->count; first += s->items[i++].count) {
     const placed *item = &s->items[i];
-    result = read_positions(s, item, values, out, first, origin);
-    if (result == PAGS_OK)
-      result = read_shape(s, item, values, out, first);
-    if (result == PAGS_OK)
-      result = read_opacity(s, item, values, out, first);
-    if (result == PAGS_OK)
-      result = read_colours(s, item, values, out, first);
+    PAGS_TRY(read_positions(s, item, values, out, first, origin));
+    PAGS_TRY(read_shape(s, item, values, out, first));
+    PAGS_TRY(read_opacity(s, item, values, out, first));
+    PAGS_TRY(read_colours(s, item, values, out, first));
   }
-  free(values);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- The file ---- */
@@ -410,8 +376,7 @@ static pags_result read_asset(gltf_splats *s, pags_splat_facts *facts) {
     return PAGS_OK;
   PAGS_TRY(pags_json_bool_or(f->json, extras, "antialiased", false, &antialiased));
   facts->antialiased = antialiased;
-  if (pags_json_member(extras, "origin"))
-    PAGS_TRY(pags_json_numbers(f->json, extras, "origin", 3, facts->origin));
+  PAGS_TRY(numbers_or(f, extras, "origin", 3, facts->origin));
   PAGS_TRY(pags_json_number_or(f->json, extras, "converted_from_alpha_min", 0, &converted_from));
   facts->converted_from = (float)converted_from;
   PAGS_TRY(pags_json_string_or(f->json, extras, "up", "", &up));
@@ -421,15 +386,12 @@ static pags_result read_asset(gltf_splats *s, pags_splat_facts *facts) {
 
 /* Fails for an extension that the file can't be read without. */
 static pags_result check_required(const gltf_file *f) {
-  static const char *const known[] = {EXTENSION, "KHR_mesh_quantization", "KHR_node_visibility", "MSFT_lod", NULL};
+  static const char *const known[] = {EXTENSION, "KHR_mesh_quantization", "KHR_node_visibility", "MSFT_lod"};
   const pags_json_value *required = pags_json_member(f->root, "extensionsRequired");
   for (const pags_json_value *v = required ? required->first : NULL; v; v = v->next) {
     const char *name;
     PAGS_TRY(pags_json_as_string(f->json, v, "extensionsRequired", &name));
-    int k = 0;
-    while (known[k] && strcmp(known[k], name) != 0)
-      k++;
-    if (!known[k])
+    if (pags_text_find(name, known, 4) < 0)
       return pags_fail(PAGS_ERROR_UNSUPPORTED,
                        "%s:%d: needs the extension '%.60s', which PAGS can't read: expected "
                        "Gaussians as plain attributes",
@@ -440,6 +402,16 @@ static pags_result check_required(const gltf_file *f) {
 
 /* Logs ignored and guessed properties. */
 static void say(const gltf_splats *s) {
+  const struct {
+    int64_t primitives;
+    const char *what;
+  } guessed[] = {
+      {s->logarithms, "have negative scales: taken as logarithms, as drafts of the extension had them"},
+      {s->linear, "have colours in linear light, drawn as display values: too dark"},
+      {s->kernels, "have another kernel than 'ellipse', drawn as ellipses"},
+      {s->partial, "have a degree of harmonics with terms missing, which is dropped"},
+      {s->without_dc, "have no SH_DEGREE_0_COEF_0; COLOR_0, as linear light, stands for it"},
+  };
   const char *path = s->file.path;
   const pags_json_value *animations = pags_json_member(s->file.root, "animations");
   if (s->other_primitives)
@@ -448,66 +420,39 @@ static void say(const gltf_splats *s) {
   if (animations && animations->count)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld animations aren't read: everything stands where its node does", path,
                      (long long)animations->count);
-  if (s->logarithms)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld primitives have negative scales: taken as logarithms, as drafts of "
-                     "the extension had them",
-                     path, (long long)s->logarithms, (long long)s->count);
-  if (s->linear)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %d of %lld primitives have colours in linear light, drawn as display values: "
-                     "too dark",
-                     path, s->linear, (long long)s->count);
-  if (s->kernels)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %d of %lld primitives have another kernel than 'ellipse', drawn as ellipses", path,
-                     s->kernels, (long long)s->count);
-  if (s->partial)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %d of %lld primitives have a degree of harmonics with terms missing, which is "
-                     "dropped",
-                     path, s->partial, (long long)s->count);
-  if (s->without_dc)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld primitives have no SH_DEGREE_0_COEF_0; COLOR_0, as linear light, "
-                     "stands for it",
-                     path, (long long)s->without_dc, (long long)s->count);
+  for (size_t i = 0; i < sizeof guessed / sizeof *guessed; i++)
+    if (guessed[i].primitives)
+      pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld primitives %s", path, (long long)guessed[i].primitives,
+                       (long long)s->count, guessed[i].what);
   if (s->clamped)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld opacities are outside of 0..1 and clamped", path,
                      (long long)s->clamped);
 }
 
-static pags_result decode(gltf_splats *s, pags_gaussians *out, pags_splat_facts *facts) {
-  PAGS_TRY(read_asset(s, facts));
-  PAGS_TRY(check_required(&s->file));
-  s->visited = calloc((size_t)s->file.nodes.count + 1, 1);
-  if (!s->visited)
-    return pags_out_of_memory("%s: its nodes", s->file.path);
-  PAGS_TRY(add_nodes(s));
-  if (!s->count)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a glTF without Gaussians (%s), with %lld other primitives: expected a splat "
-                     "file",
-                     s->file.path, EXTENSION, (long long)s->other_primitives);
-  PAGS_TRY(read_items(s, out, facts->taken_off));
-  for (int k = 0; k < 3; k++)
-    facts->origin[k] += facts->taken_off[k];
-  say(s);
-  return pags_splat_accept(s->file.path, out);
+static void destroy(gltf_splats *s) {
+  pags_gltf_close(&s->file);
+  free(s->visited);
+  free(s->items);
 }
 
 pags_result pags_gltf_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
                              pags_splat_facts *facts) {
-  gltf_splats s = {0};
-  *out = (pags_gaussians){0};
-  PAGS_TRY(pags_gltf_open(path, bytes, size, &s.file));
-  const pags_result result = decode(&s, out, facts);
+  PAGS_AUTO(destroy) gltf_splats s = {0};
   facts->kind = "glTF";
+  PAGS_TRY(pags_gltf_open(path, bytes, size, &s.file));
+  PAGS_TRY(read_asset(&s, facts));
+  PAGS_TRY(check_required(&s.file));
+  s.visited = calloc((size_t)s.file.lists[GLTF_NODES].count + 1, 1);
+  PAGS_CHECK_MEMORY(s.visited, "%s: its nodes", path);
+  PAGS_TRY(add_nodes(&s));
+  if (!s.count)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: a glTF without Gaussians (%s), with %lld other primitives: expected a splat "
+                     "file",
+                     path, EXTENSION, (long long)s.other_primitives);
+  PAGS_TRY(read_items(&s, out, facts->taken_off));
   facts->up = s.up;
-  pags_gltf_close(&s.file);
-  free(s.visited);
-  free(s.items);
-  if (result != PAGS_OK)
-    pags_gaussians_destroy(out);
-  return result;
+  pags_add3(facts->origin, facts->taken_off, facts->origin);
+  say(&s);
+  return PAGS_OK;
 }

@@ -15,14 +15,11 @@
 #include "base/text.h"
 #include "scene/splat_formats.h"
 
-static const struct {
-  const char *name;
-  ply_type type;
-} type_names[] = {{"char", PLY_CHAR},   {"int8", PLY_CHAR},     {"uchar", PLY_UCHAR},   {"uint8", PLY_UCHAR},
-                  {"short", PLY_SHORT}, {"int16", PLY_SHORT},   {"ushort", PLY_USHORT}, {"uint16", PLY_USHORT},
-                  {"int", PLY_INT},     {"int32", PLY_INT},     {"uint", PLY_UINT},     {"uint32", PLY_UINT},
-                  {"float", PLY_FLOAT}, {"float32", PLY_FLOAT}, {"double", PLY_DOUBLE}, {"float64", PLY_DOUBLE}};
-
+/* Two names of each ply_type. */
+enum { TYPE_NAMES = 16 };
+static const char *const type_names[TYPE_NAMES] = {"char",   "int8",    "uchar",  "uint8",  "short", "int16",
+                                                   "ushort", "uint16",  "int",    "int32",  "uint",  "uint32",
+                                                   "float",  "float32", "double", "float64"};
 static const int type_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
 enum { MAX_PROPERTIES = 4096, MAX_WORDS = 6 };
@@ -45,43 +42,28 @@ static int split(char *line, char *words[MAX_WORDS]) {
   return count;
 }
 
-static bool parse_type(const char *name, ply_type *type) {
-  for (size_t i = 0; i < sizeof type_names / sizeof *type_names; i++) {
-    if (strcmp(type_names[i].name, name) == 0) {
-      *type = type_names[i].type;
-      return true;
-    }
-  }
-  return false;
-}
-
 /* Parses a line "property TYPE NAME" and appends the property to the last element. */
 static pags_result parse_property(ply_table *t, int line, int words, char *word[]) {
-  ply_type type;
   if (t->element_count == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: a property before any element", t->path, line);
+  ply_element *element = &t->elements[t->element_count - 1];
   if (words == 5 && strcmp(word[1], "list") == 0) {
-    t->elements[t->element_count - 1].has_list = true;
+    element->has_list = true;
     return PAGS_OK;
   }
-  if (words != 3 || !parse_type(word[1], &type))
+  const int named = words == 3 ? pags_text_find(word[1], type_names, TYPE_NAMES) : -1;
+  if (named < 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected 'property', a type and a name", t->path, line);
 
   /* Appends the property at the end of the element's row. */
-  ply_element *element = &t->elements[t->element_count - 1];
   if (t->property_count == MAX_PROPERTIES)
     return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: more than %d properties", t->path, line, MAX_PROPERTIES);
   if (pags_ply_property_find(t, element, word[2]))
     return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: a second property '%s'", t->path, line, word[2]);
-  if (t->property_count == t->property_capacity) {
-    int capacity = t->property_capacity ? 2 * t->property_capacity : 64;
-    ply_property *grown = realloc(t->properties, (size_t)capacity * sizeof *grown);
-    if (!grown)
-      return pags_out_of_memory("%s:%d: the header", t->path, line);
-    t->properties = grown;
-    t->property_capacity = capacity;
-  }
+  PAGS_CHECK_MEMORY(pags_grow(&t->properties, t->property_count + 1, &t->property_capacity, sizeof *t->properties),
+                    "%s:%d: the header", t->path, line);
   const bool position = word[2][0] && strchr("xyz", word[2][0]) && !word[2][1];
+  ply_type type = (ply_type)(named / 2);
   if (t->ascii && type == PLY_FLOAT && position) /* text has all the digits that were written */
     type = PLY_DOUBLE;
   t->properties[t->property_count++] = (ply_property){word[2], type, element->stride};
@@ -118,13 +100,6 @@ static void parse_vertical_axis(const char *path, int words, char *value[], pags
                      up[0], up[1], up[2]);
 }
 
-static void parse_alpha_min(ply_table *t, double value) {
-  const bool sound = value >= (double)PAGS_LEAST_ALPHA_MIN && value < 1;
-  t->alpha_min = sound ? (float)value : 0.0f;
-  if (!sound)
-    pags_log_message(PAGS_LOG_WARNING, "%s: its alpha_min, %g, isn't from 1/255 to 1 and is not used", t->path, value);
-}
-
 /* Reads the metadata that programs write as comments, in any case, with or without a colon: "SplatRenderMode: mip"
  * (Brush, gsplat, splat-transform, PAGS), "antialiased 1" (Postshot), "train_flags antialiasing" (proposed to INRIA);
  * "Vertical axis"; "offset X Y Z", which was taken off all positions; "alpha_min A" and "converted_from_alpha_min A"
@@ -148,9 +123,13 @@ static void parse_comment(ply_table *t, int words, char *word[]) {
     facts->antialiased = strncasecmp(value, "antialias", 9) == 0;
   else if (strcasecmp(key, "Vertical") == 0 && strcasecmp(value, "axis") == 0)
     parse_vertical_axis(t->path, words - 3, word + 3, facts);
-  else if (strcasecmp(key, "alpha_min") == 0 && parse_numbers(word + 2, 1, offset))
-    parse_alpha_min(t, offset[0]);
-  else if (strcasecmp(key, "converted_from_alpha_min") == 0 && parse_numbers(word + 2, 1, offset))
+  else if (strcasecmp(key, "alpha_min") == 0 && parse_numbers(word + 2, 1, offset)) {
+    const bool sound = offset[0] >= (double)PAGS_LEAST_ALPHA_MIN && offset[0] < 1;
+    t->alpha_min = sound ? (float)offset[0] : 0.0f;
+    if (!sound)
+      pags_log_message(PAGS_LOG_WARNING, "%s: its alpha_min, %g, isn't from 1/255 to 1 and is not used", t->path,
+                       offset[0]);
+  } else if (strcasecmp(key, "converted_from_alpha_min") == 0 && parse_numbers(word + 2, 1, offset))
     facts->converted_from = (float)offset[0];
   else if (strcasecmp(key, "offset") == 0 && words == 5 && parse_numbers(word + 2, 3, offset))
     memcpy(facts->origin, offset, sizeof offset);
@@ -215,8 +194,7 @@ static size_t header_length(const uint8_t *bytes, size_t size) {
 /* Copies the header of `length` bytes, cuts it into lines and parses them. Fails if no line gives the format. */
 static pags_result parse_header(ply_table *t, size_t length) {
   t->header = malloc(length + 1);
-  if (!t->header)
-    return pags_out_of_memory("%s: the header", t->path);
+  PAGS_CHECK_MEMORY(t->header, "%s: the header", t->path);
   memcpy(t->header, t->bytes, length);
   t->header[length] = 0;
   bool has_format = false;
@@ -246,8 +224,7 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
   if (e->property_count == 0 || (uint64_t)e->count > left / 2 / (uint64_t)e->property_count + 1)
     return PAGS_OK;
   uint8_t *rows = malloc((size_t)(e->count * e->stride) + 1);
-  if (!rows)
-    return pags_out_of_memory("%s: %lld rows of '%s'", t->path, (long long)e->count, e->name);
+  PAGS_CHECK_MEMORY(rows, "%s: %lld rows of '%s'", t->path, (long long)e->count, e->name);
   t->converted[index] = rows;
   for (int64_t row = 0; row < e->count; row++) {
     for (int k = 0; k < e->property_count; k++) {
@@ -270,13 +247,11 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
         default: {
           /* A value outside of -2^31..2^32 - 1 becomes 0, since converting it to an integer type could be
            * undefined. */
-          int64_t whole = value >= -2147483648.0 && value <= 4294967295.0 ? (int64_t)value : 0;
-          uint8_t word[4];
-          pags_store_u32(word, (uint32_t)whole);
-          memcpy(out, word, (size_t)type_sizes[property->type]);
+          const int64_t whole = value >= -2147483648.0 && value <= 4294967295.0 ? (int64_t)value : 0;
+          for (int i = 0; i < type_sizes[property->type]; i++)
+            out[i] = (uint8_t)((uint64_t)whole >> 8 * i);
         }
       }
-
       *at = end;
     }
   }
@@ -308,19 +283,26 @@ static pags_result find_rows(ply_table *t, size_t header) {
   return PAGS_OK;
 }
 
+bool pags_ply_is(const uint8_t *bytes, size_t size) {
+  return size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r');
+}
+
+int pags_ply_degree(int properties) {
+  for (int degree = 0; degree <= 4; degree++)
+    if (properties == 3 * (pags_sh_coefficients(degree) - 1))
+      return degree;
+  return -1;
+}
+
 pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_t *bytes, size_t size) {
   *table = (ply_table){.path = path, .bytes = bytes, .size = size};
-  if (size < 4 || memcmp(bytes, "ply", 3) != 0 || (bytes[3] != '\n' && bytes[3] != '\r'))
+  if (!pags_ply_is(bytes, size))
     return pags_fail(PAGS_ERROR_FORMAT, "%s:1: expected 'ply'", path);
   size_t header = header_length(bytes, size);
   if (header == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'end_header' within its %zu bytes", path, size);
-  pags_result result = parse_header(table, header);
-  if (result == PAGS_OK)
-    result = find_rows(table, header);
-  if (result != PAGS_OK)
-    pags_ply_table_close(table);
-  return result;
+  PAGS_TRY(parse_header(table, header));
+  return find_rows(table, header);
 }
 
 void pags_ply_table_close(ply_table *table) {
@@ -361,9 +343,10 @@ pags_result pags_ply_table_need(const ply_table *table, const ply_element *eleme
 }
 
 const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property) {
+  const ply_property *const first = table->properties + element->first_property;
   for (int i = 0; i < element->property_count; i++)
-    if (strcmp(table->properties[element->first_property + i].name, property) == 0)
-      return &table->properties[element->first_property + i];
+    if (strcmp(first[i].name, property) == 0)
+      return &first[i];
   return NULL;
 }
 

@@ -37,14 +37,21 @@ typedef struct ply_table {
   bool ascii, big_endian;
   pags_splat_facts facts; /* what the comments say: antialiased, up, offset */
   float alpha_min;        /* likewise; 0 if they don't say it */
-  int element_count, property_count, property_capacity;
+  int element_count, property_count;
+  int64_t property_capacity;
   ply_element elements[PLY_MAX_ELEMENTS];
   ply_property *properties;
   uint8_t *converted[PLY_MAX_ELEMENTS]; /* rows of a text file, converted to binary; NULL for a binary file */
 } ply_table;
 
+/* Whether the bytes begin as a PLY file does. */
+bool pags_ply_is(const uint8_t *bytes, size_t size);
+
+/* Returns the SH degree, 0 to 4, of so many f_rest properties; -1 for other numbers. */
+int pags_ply_degree(int properties);
+
 /* Parses the header and finds the rows of each element. `bytes` must be terminated by a zero byte that `size` doesn't
- * count. `bytes` and `path` must outlive the table. */
+ * count. `bytes` and `path` must outlive the table, which the caller closes, also on failure. */
 pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_t *bytes, size_t size);
 void pags_ply_table_close(ply_table *table);
 

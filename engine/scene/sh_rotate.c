@@ -75,27 +75,29 @@ static void turn_degree(const double rotation[9], int degree, double out[7][7]) 
 }
 
 void pags_sh_rotation_make(const double rotation[9], pags_sh_rotation *out) {
-  double m[7][7];
-  turn_degree(rotation, 1, m);
-  for (int a = 0; a < 3; a++)
-    memcpy(out->m1[a], m[a], sizeof out->m1[a]);
-  turn_degree(rotation, 2, m);
-  for (int a = 0; a < 5; a++)
-    memcpy(out->m2[a], m[a], sizeof out->m2[a]);
-  turn_degree(rotation, 3, m);
-  memcpy(out->m3, m, sizeof out->m3);
+  for (int l = 1; l <= 3; l++)
+    turn_degree(rotation, l, out->m[l - 1]);
 }
 
 void pags_sh_rotation_apply(const pags_sh_rotation *turn, int degree, double *rest) {
-  const double *const rows[3] = {turn->m1[0], turn->m2[0], turn->m3[0]};
   for (int l = 1; l <= degree; l++) {
-    int n = 2 * l + 1;
-    double *band = rest + l * l - 1, turned[7];
-    for (int a = 0; a < n; a++) {
-      turned[a] = 0;
+    const int n = 2 * l + 1;
+    double *const band = rest + l * l - 1, turned[7] = {0};
+    for (int a = 0; a < n; a++)
       for (int b = 0; b < n; b++)
-        turned[a] += rows[l - 1][a * n + b] * band[b];
-    }
+        turned[a] += turn->m[l - 1][a][b] * band[b];
     memcpy(band, turned, (size_t)n * sizeof *turned);
+  }
+}
+
+void pags_sh_rotation_apply_row(const pags_sh_rotation *turn, int degree, pags_gaussians *g, int64_t row) {
+  const int terms = pags_sh_coefficients(degree) - 1;
+  for (int c = 0; c < 3; c++) {
+    double rest[15];
+    for (int k = 0; k < terms; k++)
+      rest[k] = (double)pags_plane(g, PAGS_SH + 3 * (k + 1) + c)[row];
+    pags_sh_rotation_apply(turn, degree, rest);
+    for (int k = 0; k < terms; k++)
+      pags_plane(g, PAGS_SH + 3 * (k + 1) + c)[row] = (float)rest[k];
   }
 }

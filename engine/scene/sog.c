@@ -20,6 +20,7 @@
 #include "base/json.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "base/zip.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
@@ -45,14 +46,12 @@ typedef struct sog_scale {
 typedef struct sog_file {
   sog_source source;
   pags_json *json;
-  int version, sh_degree, antialiased;
+  int version, sh_degree;
   int64_t count, palette; /* Gaussians; entries of the palette */
   double mins[3], maxs[3];
   sog_scale scales, sh0, shn;
-  pags_up up;                     /* as PAGS writes it; unknown in other files */
-  double origin[3], taken_off[3]; /* as in pags_splat_facts, apart from each other */
-  int lossy;                      /* pictures that are not lossless */
-  char first_lossy[MOST_NAME];
+  pags_splat_facts *facts; /* while it is decoded, the origin is without what was taken off */
+  pags_tally lossy;        /* pictures that are not lossless */
 } sog_file;
 
 /* ---- meta.json ---- */
@@ -143,7 +142,7 @@ static pags_result read_model(sog_file *f) {
   bool antialias;
   PAGS_TRY(pags_json_bool_or(f->json, root, "antialias", false, &antialias));
   PAGS_TRY(pags_json_string_or(f->json, root, "model", "default", &model));
-  f->antialiased = antialias || strcmp(model, "antialiased") == 0;
+  f->facts->antialiased = antialias || strcmp(model, "antialiased") == 0;
   if (strcmp(model, "2dgs") == 0)
     pags_log_message(PAGS_LOG_WARNING, "%s: 'model' is 2dgs: flat discs, which PAGS draws as thin ellipsoids",
                      f->source.path);
@@ -157,15 +156,14 @@ static pags_result read_model(sog_file *f) {
 static pags_result read_asset(sog_file *f) {
   const pags_json_value *asset = pags_json_member(pags_json_root(f->json), "asset");
   const char *generator, *up;
-  f->up = PAGS_UP_UNKNOWN;
   if (!asset || asset->type != PAGS_JSON_OBJECT)
     return PAGS_OK;
   PAGS_TRY(pags_json_string_or(f->json, asset, "generator", "", &generator));
   if (strncmp(generator, "pags ", 5) != 0)
     return PAGS_OK;
   PAGS_TRY(pags_json_string_or(f->json, asset, "up", "", &up));
-  pags_up_from_code(up, &f->up); /* of another name it stays unknown */
-  return pags_json_member(asset, "origin") ? pags_json_numbers(f->json, asset, "origin", 3, f->origin) : PAGS_OK;
+  pags_up_from_code(up, &f->facts->up); /* of another name it stays unknown */
+  return pags_json_member(asset, "origin") ? pags_json_numbers(f->json, asset, "origin", 3, f->facts->origin) : PAGS_OK;
 }
 
 static pags_result read_meta(sog_file *f) {
@@ -208,20 +206,15 @@ static pags_result read_meta(sog_file *f) {
 
 /* Reads the file `name`: *bytes is freed by the caller. */
 static pags_result fetch(const sog_source *s, const char *name, char shown[MOST_SHOWN], uint8_t **bytes, size_t *size) {
-  *bytes = NULL;
-  *size = 0;
   snprintf(shown, MOST_SHOWN, "%.300s: %.299s%.299s", s->path, s->inner, name);
   if (!pags_path_is_inside(name))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected names of files beside meta.json, found '%.80s'", s->path, name);
   if (s->folder) {
-    char *path = pags_path_join(s->folder, name);
-    if (!path)
-      return pags_out_of_memory("%s: a path", s->path);
-    pags_result result = pags_file_exists(path)
-                             ? pags_file_read(path, bytes, size)
-                             : pags_fail(PAGS_ERROR_IO, "%s: names '%.80s', which isn't beside it", s->path, name);
-    free(path);
-    return result;
+    PAGS_AUTOFREE char *path = pags_path_join(s->folder, name);
+    PAGS_CHECK_MEMORY(path, "%s: a path", s->path);
+    if (!pags_file_exists(path))
+      return pags_fail(PAGS_ERROR_IO, "%s: names '%.80s', which isn't beside it", s->path, name);
+    return pags_file_read(path, bytes, size);
   }
   char full[2 * MOST_NAME];
   snprintf(full, sizeof full, "%s%.299s", s->inner, name);
@@ -240,9 +233,8 @@ static pags_result read_picture(sog_file *f, const char *attribute, int index, i
   const pags_json_value *object, *files;
   const char *name;
   char shown[MOST_SHOWN];
-  uint8_t *bytes;
-  size_t size;
-  *out = (pags_webp){0};
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
+  size_t size = 0;
   PAGS_TRY(member(f, attribute, &object));
   PAGS_TRY(pags_json_array(f->json, object, "files", &files));
   const pags_json_value *v = files->first;
@@ -252,16 +244,14 @@ static pags_result read_picture(sog_file *f, const char *attribute, int index, i
     return pags_json_fail(f->json, files, "expected %d names in 'files' of '%s', found %lld", index + 1, attribute,
                           (long long)files->count);
   PAGS_TRY(pags_json_as_string(f->json, v, "files", &name));
-  pags_result result = fetch(&f->source, name, shown, &bytes, &size);
-  if (result == PAGS_OK && index == 0 && strcmp(attribute, "means") == 0 && least / 1024 > (int64_t)size)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: %zu bytes are no picture of %lld Gaussians", shown, size,
-                       (long long)f->count);
-  if (result == PAGS_OK)
-    result = pags_webp_decode(shown, bytes, size, least, most, out);
-  free(bytes);
-  if (result == PAGS_OK && out->lossy && f->lossy++ == 0)
-    snprintf(f->first_lossy, sizeof f->first_lossy, "%.299s", name);
-  return result;
+  PAGS_TRY(fetch(&f->source, name, shown, &bytes, &size));
+  if (index == 0 && strcmp(attribute, "means") == 0 && least / 1024 > (int64_t)size)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %zu bytes are no picture of %lld Gaussians", shown, size,
+                     (long long)f->count);
+  PAGS_TRY(pags_webp_decode(shown, bytes, size, least, most, out));
+  if (out->lossy)
+    pags_tally_add(&f->lossy, "%.299s", name);
+  return PAGS_OK;
 }
 
 /* The same for an attribute with a pixel for each Gaussian; rows or columns may be left over. */
@@ -269,11 +259,11 @@ static pags_result read_rows(sog_file *f, const char *attribute, int index, pags
   return read_picture(f, attribute, index, f->count, 4 * f->count + (1 << 16), out);
 }
 
-/* Fails if a byte of the first `channels` channels is no index of the codebook. */
+/* Fails if a byte of R, G or B is no index of the codebook. */
 static pags_result check_indices(const sog_file *f, const char *attribute, const sog_scale *scale,
-                                 const pags_webp *picture, int64_t pixels, int channels) {
+                                 const pags_webp *picture, int64_t pixels) {
   for (int64_t i = 0; scale->size && i < pixels; i++)
-    for (int c = 0; c < channels; c++)
+    for (int c = 0; c < 3; c++)
       if (picture->rgba[4 * i + c] >= scale->size)
         return pags_fail(PAGS_ERROR_FORMAT,
                          "%s: '%s': pixel %lld: expected an index of the %d values of its codebook, "
@@ -294,76 +284,65 @@ static double mean_of(const sog_file *f, const pags_webp *low, const pags_webp *
 static pags_result decode_means(sog_file *f, pags_gaussians *out) {
   enum { MOST = 1024 };
   double values[MOST];
-  pags_webp low, high;
+  PAGS_AUTO(pags_webp_destroy) pags_webp low = {0}, high = {0};
   PAGS_TRY(read_rows(f, "means", 0, &low));
-  pags_result result = read_rows(f, "means", 1, &high);
-  if (result == PAGS_OK)
-    result = pags_gaussians_create(out, f->count, f->sh_degree);
-  for (int k = 0; k < 3 && result == PAGS_OK; k++) {
-    const int count = f->count < MOST ? (int)f->count : MOST;
+  PAGS_TRY(read_rows(f, "means", 1, &high));
+  PAGS_TRY(pags_gaussians_create(out, f->count, f->sh_degree));
+  const int count = f->count < MOST ? (int)f->count : MOST;
+  for (int k = 0; k < 3; k++) {
     for (int i = 0; i < count; i++)
       values[i] = mean_of(f, &low, &high, (int64_t)((double)f->count / count * i), k);
-    f->taken_off[k] = pags_large_origin(values, count);
+    const double off = f->facts->taken_off[k] = pags_large_origin(values, count);
     for (int64_t i = 0; i < f->count; i++)
-      pags_plane(out, PAGS_MEAN + k)[i] = (float)(mean_of(f, &low, &high, i, k) - f->taken_off[k]);
+      pags_plane(out, PAGS_MEAN + k)[i] = (float)(mean_of(f, &low, &high, i, k) - off);
   }
-  free(low.rgba);
-  free(high.rgba);
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result decode_quats(sog_file *f, pags_gaussians *out) {
-  pags_webp picture;
+  PAGS_AUTO(pags_webp_destroy) pags_webp picture = {0};
   int64_t without = 0, first = 0;
   PAGS_TRY(read_rows(f, "quats", 0, &picture));
   for (int64_t i = 0; i < f->count; i++) {
     const uint8_t *pixel = picture.rgba + 4 * i;
     const int largest = pixel[3] - 252;
-    double q[4] = {1, 0, 0, 0}, sum = 0;
+    double q[4] = {0};
     if (largest < 0)
       first = without++ ? first : i;
     for (int k = 0, from = 0; k < 4 && largest >= 0; k++)
-      if (k != largest) {
+      if (k != largest)
         q[k] = (pixel[from++] / 127.5 - 1) * 0.70710678118654752;
-        sum += q[k] * q[k];
-      }
-    if (largest >= 0)
-      q[largest] = sqrt(fmax(0, 1 - sum));
-    for (int k = 0; k < 4; k++)
-      pags_plane(out, PAGS_ROTATION + k)[i] = (float)q[k];
+    pags_splat_put_rotation(q, largest < 0 ? 0 : largest, i, out);
   }
   if (without)
     pags_log_message(PAGS_LOG_WARNING,
                      "%s: %lld of %lld quaternions don't name their largest component, the first is "
                      "that of Gaussian %lld; taken as no rotation",
                      f->source.path, (long long)without, (long long)f->count, (long long)first);
-  free(picture.rgba);
   return PAGS_OK;
 }
 
 static pags_result decode_scales(sog_file *f, pags_gaussians *out) {
-  pags_webp picture;
+  PAGS_AUTO(pags_webp_destroy) pags_webp picture = {0};
   PAGS_TRY(read_rows(f, "scales", 0, &picture));
-  pags_result result = check_indices(f, "scales", &f->scales, &picture, f->count, 3);
-  for (int64_t i = 0; i < f->count && result == PAGS_OK; i++)
+  PAGS_TRY(check_indices(f, "scales", &f->scales, &picture, f->count));
+  for (int64_t i = 0; i < f->count; i++)
     for (int k = 0; k < 3; k++)
       pags_plane(out, PAGS_SCALE + k)[i] = f->scales.book[k][picture.rgba[4 * i + k]];
-  free(picture.rgba);
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result decode_sh0(sog_file *f, pags_gaussians *out) {
-  pags_webp picture;
+  PAGS_AUTO(pags_webp_destroy) pags_webp picture = {0};
   PAGS_TRY(read_rows(f, "sh0", 0, &picture));
-  pags_result result = check_indices(f, "sh0", &f->sh0, &picture, f->count, 3);
-  for (int64_t i = 0; i < f->count && result == PAGS_OK; i++) {
+  PAGS_TRY(check_indices(f, "sh0", &f->sh0, &picture, f->count));
+  for (int64_t i = 0; i < f->count; i++) {
     const uint8_t *pixel = picture.rgba + 4 * i;
     for (int k = 0; k < 3; k++)
       pags_plane(out, PAGS_SH + k)[i] = f->sh0.book[k][pixel[k]];
     pags_plane(out, PAGS_OPACITY)[i] = f->version == 2 ? pags_logit_of_byte(pixel[3]) : f->sh0.book[3][pixel[3]];
   }
-  free(picture.rgba);
-  return result;
+  return PAGS_OK;
 }
 
 /* Reads the palette's picture: rows of 64 entries, a pixel for each coefficient. In version 1 its size says the degree
@@ -382,12 +361,12 @@ static pags_result read_palette(sog_file *f, pags_webp *out) {
                      f->source.path, PALETTE_ROW * terms, f->sh_degree, out->width, out->height);
   if (f->palette > (int64_t)PALETTE_ROW * out->height)
     f->palette = (int64_t)PALETTE_ROW * out->height; /* splat-transform counts entries that it didn't need */
-  return check_indices(f, "shN", &f->shn, out, f->palette * terms, 3);
+  return check_indices(f, "shN", &f->shn, out, f->palette * terms);
 }
 
 static pags_result decode_shn(sog_file *f, const pags_webp *palette, pags_gaussians *out) {
   const int terms = pags_sh_coefficients(f->sh_degree) - 1;
-  pags_webp labels;
+  PAGS_AUTO(pags_webp_destroy) pags_webp labels = {0};
   int64_t without = 0, first = 0;
   PAGS_TRY(read_rows(f, "shN", 1, &labels));
   for (int64_t i = 0; i < f->count; i++) {
@@ -406,69 +385,48 @@ static pags_result decode_shn(sog_file *f, const pags_webp *palette, pags_gaussi
                      "%s: %lld of %lld Gaussians name no entry of the palette of %lld, the first is "
                      "Gaussian %lld; they get no colour that changes with the view",
                      f->source.path, (long long)without, (long long)f->count, (long long)f->palette, (long long)first);
-  free(labels.rgba);
   return PAGS_OK;
 }
 
 static pags_result decode_all(sog_file *f, pags_gaussians *out) {
-  pags_webp palette = {0};
+  PAGS_AUTO(pags_webp_destroy) pags_webp palette = {0};
   PAGS_TRY(read_meta(f));
-  pags_result result = f->sh_degree ? read_palette(f, &palette) : PAGS_OK;
-  if (result == PAGS_OK)
-    result = decode_means(f, out);
-  if (result == PAGS_OK)
-    result = decode_quats(f, out);
-  if (result == PAGS_OK)
-    result = decode_scales(f, out);
-  if (result == PAGS_OK)
-    result = decode_sh0(f, out);
-  if (result == PAGS_OK && f->sh_degree)
-    result = decode_shn(f, &palette, out);
-  free(palette.rgba);
-  if (result == PAGS_OK && f->lossy)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %d pictures are lossy WebP, the first is %s: their values aren't exact",
-                     f->source.path, f->lossy, f->first_lossy);
-  return result;
+  if (f->sh_degree)
+    PAGS_TRY(read_palette(f, &palette));
+  PAGS_TRY(decode_means(f, out));
+  PAGS_TRY(decode_quats(f, out));
+  PAGS_TRY(decode_scales(f, out));
+  PAGS_TRY(decode_sh0(f, out));
+  if (f->sh_degree)
+    PAGS_TRY(decode_shn(f, &palette, out));
+  if (f->lossy.count)
+    pags_log_message(PAGS_LOG_WARNING, "%s: %lld pictures are lossy WebP, the first is %s: their values aren't exact",
+                     f->source.path, (long long)f->lossy.count, f->lossy.first);
+  return PAGS_OK;
 }
 
 static pags_result decode(const sog_source *source, const uint8_t *meta, size_t size, pags_gaussians *out,
                           pags_splat_facts *facts) {
-  sog_file *f = calloc(1, sizeof *f);
-  *out = (pags_gaussians){0};
-  if (!f)
-    return pags_out_of_memory("%s", source->path);
+  PAGS_AUTOFREE sog_file *f = calloc(1, sizeof *f);
+  PAGS_CHECK_MEMORY(f, "%s", source->path);
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_TRY(pags_json_parse_text(source->path, (const char *)meta, size, &json));
   f->source = *source;
-  pags_result result = pags_json_parse_text(source->path, (const char *)meta, size, &f->json);
-  if (result == PAGS_OK)
-    result = decode_all(f, out);
-  if (result == PAGS_OK)
-    result = pags_splat_accept(source->path, out);
+  f->json = json;
+  f->facts = facts;
+  PAGS_TRY(decode_all(f, out));
   facts->kind = f->version == 2 ? "SOG v2" : "SOG v1";
-  facts->antialiased = f->antialiased;
-  facts->up = f->up;
-  for (int k = 0; k < 3; k++) {
-    facts->origin[k] = f->origin[k] + f->taken_off[k];
-    facts->taken_off[k] = f->taken_off[k];
-  }
-  pags_json_destroy(f->json);
-  free(f);
-  if (result != PAGS_OK)
-    pags_gaussians_destroy(out);
-  return result;
+  pags_add3(facts->origin, facts->taken_off, facts->origin);
+  return PAGS_OK;
 }
 
 /* ---- Folder and archive ---- */
 
 pags_result pags_sog_decode(const char *path, const uint8_t *meta, size_t size, pags_gaussians *out,
                             pags_splat_facts *facts) {
-  *out = (pags_gaussians){0};
-  char *folder = pags_path_folder(path);
-  if (!folder)
-    return pags_out_of_memory("%s: a path", path);
-  const sog_source source = {.path = path, .folder = folder};
-  const pags_result result = decode(&source, meta, size, out, facts);
-  free(folder);
-  return result;
+  PAGS_AUTOFREE char *folder = pags_path_folder(path);
+  PAGS_CHECK_MEMORY(folder, "%s: a path", path);
+  return decode(&(sog_source){.path = path, .folder = folder}, meta, size, out, facts);
 }
 
 /* Finds meta.json: at the top of the archive, or in the only folder that has one. */
@@ -487,20 +445,16 @@ static const pags_zip_member *find_meta(const pags_zip *zip, sog_source *source)
 
 pags_result pags_sog_decode_zip(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
                                 pags_splat_facts *facts) {
-  pags_zip zip;
-  uint8_t *meta = NULL;
-  *out = (pags_gaussians){0};
+  PAGS_AUTO(pags_zip_close) pags_zip zip = {0};
+  PAGS_AUTOFREE uint8_t *meta = NULL;
   PAGS_TRY(pags_zip_open(bytes, size, path, &zip));
   sog_source source = {.path = path, .zip = &zip};
   const pags_zip_member *found = find_meta(&zip, &source);
-  pags_result result = found ? pags_zip_read(&zip, found, &meta)
-                             : pags_fail(PAGS_ERROR_FORMAT,
-                                         "%s: a zip archive without meta.json, so no SOG: expected a "
-                                         "splat file; unpack other archives first",
-                                         path);
-  if (result == PAGS_OK)
-    result = decode(&source, meta, found->size, out, facts);
-  free(meta);
-  pags_zip_close(&zip);
-  return result;
+  if (!found)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: a zip archive without meta.json, so no SOG: expected a "
+                     "splat file; unpack other archives first",
+                     path);
+  PAGS_TRY(pags_zip_read(&zip, found, &meta));
+  return decode(&source, meta, found->size, out, facts);
 }

@@ -3,7 +3,6 @@
  * signature, by the extension. */
 #include <stdbool.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
@@ -14,21 +13,13 @@
 #include "base/json.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "base/zip.h"
 #include "scene/axes.h"
 #include "scene/other_formats.h"
 #include "scene/splat_formats.h"
 
 /* ---- Other files with the names of splat files, or found next to them ---- */
-
-/* Whether the first bytes are text: no control characters but blanks. */
-static bool is_text(const uint8_t *bytes, size_t size) {
-  enum { LOOKED_AT = 256 };
-  for (size_t i = 0; i < size && i < LOOKED_AT; i++)
-    if ((bytes[i] < ' ' && !strchr("\t\r\n\f", bytes[i])) || !bytes[i])
-      return false;
-  return true;
-}
 
 static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
   const size_t blanks = strspn((const char *)bytes, " \t\r\n");
@@ -42,8 +33,11 @@ static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
     return pags_fail(PAGS_ERROR_FORMAT, "%s: a web page or other XML: expected a splat file", path);
   if (blanks == size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: empty: expected a splat file", path);
+  bool text = true; /* no control characters but blanks in the first bytes */
+  for (size_t i = 0; i < size && i < 256; i++)
+    text = text && (bytes[i] >= ' ' || (bytes[i] && strchr("\t\r\n\f", bytes[i])));
   char found[32] = "text";
-  if (!is_text(bytes, size))
+  if (!text)
     snprintf(found, sizeof found, "bytes %02x %02x %02x %02x", bytes[0], size > 1 ? bytes[1] : 0,
              size > 2 ? bytes[2] : 0, size > 3 ? bytes[3] : 0);
   return pags_fail(
@@ -54,51 +48,56 @@ static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
 
 /* ---- Loading ---- */
 
-/* Reads a JSON file: a SOG's meta.json, or a .gltf. */
-static pags_result decode_json(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
-                               pags_splat_facts *facts) {
-  pags_json *json;
-  PAGS_TRY(pags_json_parse_text(path, (const char *)bytes, size, &json));
-  const pags_json_value *root = pags_json_root(json);
-  const bool sog = pags_json_member(root, "means") && pags_json_member(root, "quats");
-  const bool gltf = pags_json_member(root, "asset") && pags_json_member(root, "buffers");
-  const pags_result known = sog || gltf ? PAGS_OK : pags_unsupported_splats_check(path, NULL, 0, root);
-  pags_json_destroy(json);
-  PAGS_TRY(known);
-  if (sog)
-    return pags_sog_decode(path, bytes, size, out, facts);
-  if (gltf)
-    return pags_gltf_decode(path, bytes, size, out, facts);
-  return refuse(path, bytes, size);
+static bool begins_with(const uint8_t *bytes, size_t size, const char four[4]) {
+  return size >= 4 && memcmp(bytes, four, 4) == 0;
 }
 
-static pags_result decode(const char *path, const uint8_t *bytes, size_t size, int axes, pags_gaussians *out,
-                          pags_splat_facts *facts) {
+/* Finds the decoder of a JSON file: a SOG's meta.json, or a .gltf. */
+static pags_result find_json_decoder(const char *path, const uint8_t *bytes, size_t size, pags_splat_decoder **out) {
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_TRY(pags_json_parse_text(path, (const char *)bytes, size, &json));
+  const pags_json_value *root = pags_json_root(json);
+  if (pags_json_member(root, "means") && pags_json_member(root, "quats"))
+    *out = pags_sog_decode;
+  else if (pags_json_member(root, "asset") && pags_json_member(root, "buffers"))
+    *out = pags_gltf_decode;
+  else {
+    PAGS_TRY(pags_unsupported_splats_check(path, NULL, 0, root));
+    return refuse(path, bytes, size);
+  }
+  return PAGS_OK;
+}
+
+static pags_result find_decoder(const char *path, const uint8_t *bytes, size_t size, pags_splat_decoder **out) {
   size_t blanks = 0;
   while (blanks < size && bytes[blanks] && strchr(" \t\r\n\xef\xbb\xbf", bytes[blanks]))
     blanks++;
-  if (size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r'))
-    PAGS_TRY(pags_ply_decode(path, bytes, size, out, facts));
-  else if (size >= 4 && (memcmp(bytes, "NGSP", 4) == 0 || (bytes[0] == 0x1f && bytes[1] == 0x8b)))
-    PAGS_TRY(pags_spz_decode(path, bytes, size, out, facts));
-  else if (strcasecmp(pags_path_extension(path), ".splat") == 0) {
-    /* A .splat file has no signature and is recognised by its extension. */
-    facts->kind = "splat";
-    PAGS_TRY(pags_splat_decode(path, bytes, size, out));
-  } else if (size >= 4 && memcmp(bytes, "glTF", 4) == 0)
-    PAGS_TRY(pags_gltf_decode(path, bytes, size, out, facts));
+  if (pags_ply_is(bytes, size))
+    *out = pags_ply_decode;
+  else if (begins_with(bytes, size, "NGSP") || (size >= 4 && bytes[0] == 0x1f && bytes[1] == 0x8b))
+    *out = pags_spz_decode;
+  else if (strcasecmp(pags_path_extension(path), ".splat") == 0) /* it has no signature */
+    *out = pags_splat_decode;
+  else if (begins_with(bytes, size, "glTF"))
+    *out = pags_gltf_decode;
   else if (blanks < size && bytes[blanks] == '{')
-    PAGS_TRY(decode_json(path, bytes, size, out, facts));
+    return find_json_decoder(path, bytes, size, out);
   else {
     PAGS_TRY(pags_unsupported_splats_check(path, bytes, size, NULL));
     if (!pags_zip_is(bytes, size))
       return refuse(path, bytes, size);
-    PAGS_TRY(pags_sog_decode_zip(path, bytes, size, out, facts));
+    *out = pags_sog_decode_zip;
   }
-  if (axes != PAGS_AXES_UNKNOWN && strcmp(facts->kind, "glTF") == 0) {
-    pags_gaussians_destroy(out);
+  return PAGS_OK;
+}
+
+static pags_result decode(const char *path, const uint8_t *bytes, size_t size, int axes, pags_gaussians *out,
+                          pags_splat_facts *facts) {
+  pags_splat_decoder *decoder = NULL;
+  PAGS_TRY(find_decoder(path, bytes, size, &decoder));
+  PAGS_TRY(pags_splat_run(decoder, path, bytes, size, out, facts));
+  if (axes != PAGS_AXES_UNKNOWN && decoder == pags_gltf_decode)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a glTF's axes are known: expected no other ones", path);
-  }
   if (axes != PAGS_AXES_UNKNOWN) {
     facts->axes = axes;
     facts->axes_from = "option";
@@ -112,7 +111,7 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
         path, pags_axes_name(facts->axes));
   if (facts->axes != PAGS_AXES_UNKNOWN) {
     pags_gaussians_turn(out, facts->axes);
-    if (strncmp(facts->kind, "SPZ", 3) != 0) /* whose record has the origin in PLY's axes */
+    if (decoder != pags_spz_decode) /* whose record has the origin in PLY's axes */
       pags_axes_turn_point(facts->axes, facts->origin);
     pags_axes_turn_point(facts->axes, facts->taken_off);
   }
@@ -125,41 +124,32 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
   return PAGS_OK;
 }
 
-static pags_result load_packed(const char *path, pags_gaussians *out, pags_splat_facts *facts) {
-  pags_packed packed;
-  PAGS_TRY(pags_packed_open(path, &packed));
-  facts->kind = "packed";
-  facts->antialiased = packed.antialiased;
-  facts->up = (pags_up)packed.up;
-  memcpy(facts->origin, packed.origin, sizeof facts->origin);
-  const pags_result result = pags_packed_unpack(&packed, out);
-  pags_packed_destroy(&packed);
-  return result;
-}
-
 static pags_result read_file(const char *path, int axes, pags_gaussians *out, pags_splat_facts *facts) {
-  uint8_t *bytes;
+  if (pags_packed_is_file(path)) {
+    if (axes != PAGS_AXES_UNKNOWN)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file's axes are known: expected no other ones", path);
+    PAGS_AUTO(pags_packed_destroy) pags_packed packed = {0};
+    PAGS_TRY(pags_packed_open(path, &packed));
+    *facts = (pags_splat_facts){.kind = "packed", .antialiased = packed.antialiased, .up = (pags_up)packed.up};
+    pags_copy3(packed.origin, facts->origin);
+    return pags_packed_unpack(&packed, out);
+  }
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
-  const bool packed = pags_packed_is_file(path);
-  if (packed && axes != PAGS_AXES_UNKNOWN)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file's axes are known: expected no other ones", path);
-  if (packed)
-    return load_packed(path, out, facts);
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  const pags_result result = decode(path, bytes, size, axes, out, facts);
-  free(bytes);
-  return result;
+  return decode(path, bytes, size, axes, out, facts);
 }
 
 pags_result pags_splat_read(const char *path, int axes, pags_gaussians *out, pags_splat_facts *facts) {
   pags_splat_facts found = {0};
   *out = (pags_gaussians){0};
-  char *const meta = pags_dir_exists(path) ? pags_path_join(path, "meta.json") : NULL; /* a SOG in a folder */
-  if (pags_dir_exists(path) && !meta)
-    return pags_out_of_memory("%s: a path", path);
-  const pags_result result = read_file(meta ? meta : path, axes, out, &found);
-  free(meta);
-  if (result == PAGS_OK && facts)
+  const bool folder = pags_dir_exists(path); /* a SOG in a folder */
+  PAGS_AUTOFREE char *meta = folder ? pags_path_join(path, "meta.json") : NULL;
+  PAGS_CHECK_MEMORY(meta || !folder, "%s: a path", path);
+  const pags_result result = read_file(folder ? meta : path, axes, out, &found);
+  if (result != PAGS_OK)
+    pags_gaussians_destroy(out);
+  else if (facts)
     *facts = found;
   return result;
 }

@@ -16,18 +16,23 @@ float pags_logit_of_byte(uint8_t alpha) {
   return (float)pags_log(p / (1 - p));
 }
 
-/* The parameter of row `i` with the first value that isn't finite. */
-static const char *bad_parameter(const pags_gaussians *g, int64_t i) {
-  int plane = 0;
-  while (plane < pags_plane_count(g->sh_degree) && isfinite(pags_plane(g, plane)[i]))
-    plane++;
-  return plane == pags_plane_count(g->sh_degree) ? "colour over time"
-         : plane < PAGS_SCALE                    ? "position"
-         : plane < PAGS_ROTATION                 ? "scale"
-         : plane < PAGS_OPACITY                  ? "rotation"
-         : plane < PAGS_SH                       ? "opacity"
-                                                 : "colour";
+void pags_splat_put_rotation(double q[4], int largest, int64_t i, pags_gaussians *out) {
+  double sum = 0;
+  q[largest] = 0;
+  for (int k = 0; k < 4; k++)
+    sum += q[k] * q[k];
+  q[largest] = sqrt(fmax(0, 1 - sum));
+  for (int k = 0; k < 4; k++)
+    pags_plane(out, PAGS_ROTATION + k)[i] = (float)q[k];
 }
+
+pags_result pags_splat_create(const char *path, int64_t count, int stored_degree, pags_gaussians *out) {
+  if (stored_degree > 3)
+    pags_log_message(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
+  return pags_gaussians_create(out, count, stored_degree > 3 ? 3 : stored_degree);
+}
+
+/* ---- The check of decoded Gaussians ---- */
 
 /* Replaces all-zero quaternions by the identity. Returns how many. */
 static int64_t fix_rotations(pags_gaussians *g) {
@@ -35,12 +40,11 @@ static int64_t fix_rotations(pags_gaussians *g) {
   float *q[4];
   for (int k = 0; k < 4; k++)
     q[k] = pags_plane(g, PAGS_ROTATION + k);
-  for (int64_t i = 0; i < g->count; i++) {
+  for (int64_t i = 0; i < g->count; i++)
     if (q[0][i] == 0 && q[1][i] == 0 && q[2][i] == 0 && q[3][i] == 0) {
       q[0][i] = 1;
       fixed++;
     }
-  }
   return fixed;
 }
 
@@ -48,15 +52,13 @@ static int64_t fix_rotations(pags_gaussians *g) {
 static int64_t take_limits(pags_gaussians *g) {
   int64_t taken = 0;
   for (int64_t i = 0; i < g->count; i++) {
-    bool limit = false;
     float *const opacity = pags_plane(g, PAGS_OPACITY) + i;
-    if (isinf(*opacity)) {
-      *opacity = *opacity > 0 ? PAGS_MOST_OPACITY : -PAGS_MOST_OPACITY;
-      limit = true;
-    }
+    bool limit = isinf(*opacity);
+    if (limit)
+      *opacity = copysignf(PAGS_MOST_OPACITY, *opacity);
     for (int k = 0; k < 3; k++) {
       float *const scale = pags_plane(g, PAGS_SCALE + k) + i;
-      if (isinf(*scale) && *scale < 0) {
+      if (*scale == -INFINITY) {
         *scale = PAGS_LEAST_SCALE;
         limit = true;
       }
@@ -68,34 +70,33 @@ static int64_t take_limits(pags_gaussians *g) {
 
 /* Leaves out the `bad` rows that aren't finite. */
 static pags_result leave_out(const char *path, pags_gaussians *g, int64_t bad) {
-  int64_t *const good = malloc((size_t)g->count * sizeof *good);
-  if (!good)
-    return pags_out_of_memory("%s: %lld Gaussians", path, (long long)g->count);
+  PAGS_AUTOFREE int64_t *good = malloc((size_t)g->count * sizeof *good);
+  PAGS_CHECK_MEMORY(good, "%s: %lld Gaussians", path, (long long)g->count);
   pags_gaussians_find_bad(g, good);
   int64_t first = 0;
   while (first < g->count - bad && good[first] == first)
     first++;
-  const char *const name = bad_parameter(g, first);
-  pags_gaussians kept = {0};
-  pags_result result =
-      bad < g->count
-          ? pags_gaussians_create_like(&kept, g->count - bad, g)
-          : pags_fail(PAGS_ERROR_FORMAT,
-                      "%s: Gaussian %lld: expected finite numbers for its %s, found none in any of %lld Gaussians",
-                      path, (long long)first, name, (long long)g->count);
-  if (result == PAGS_OK) {
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld Gaussians are left out, since a value isn't finite; the first is %lld (its %s)",
-                     path, (long long)bad, (long long)g->count, (long long)first, name);
-    pags_gaussians_gather(g, good, kept.count, &kept);
-    pags_gaussians_destroy(g);
-    *g = kept;
-  }
-  free(good);
-  return result;
+  const int planes = pags_plane_count(g->sh_degree);
+  int plane = 0; /* with the first value that isn't finite */
+  while (plane < planes && isfinite(pags_plane(g, plane)[first]))
+    plane++;
+  const char *const name = plane == planes         ? "colour over time"
+                           : plane < PAGS_SCALE    ? "position"
+                           : plane < PAGS_ROTATION ? "scale"
+                           : plane < PAGS_OPACITY  ? "rotation"
+                           : plane < PAGS_SH       ? "opacity"
+                                                   : "colour";
+  if (bad == g->count)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: Gaussian %lld: expected finite numbers for its %s, found none in any of %lld Gaussians", path,
+                     (long long)first, name, (long long)g->count);
+  pags_log_message(PAGS_LOG_WARNING,
+                   "%s: %lld of %lld Gaussians are left out, since a value isn't finite; the first is %lld (its %s)",
+                   path, (long long)bad, (long long)g->count, (long long)first, name);
+  return pags_gaussians_keep(g, good, g->count - bad);
 }
 
-pags_result pags_splat_accept(const char *path, pags_gaussians *g) {
+static pags_result accept(const char *path, pags_gaussians *g) {
   if (g->count == 0 || pags_gaussians_find_bad(g, NULL) == 0)
     return PAGS_OK;
   const int64_t limits = take_limits(g), fixed = fix_rotations(g), bad = pags_gaussians_find_bad(g, NULL);
@@ -105,6 +106,19 @@ pags_result pags_splat_accept(const char *path, pags_gaussians *g) {
   if (fixed)
     pags_log_message(PAGS_LOG_WARNING, "%s: %lld all-zero quaternions taken as no rotation", path, (long long)fixed);
   return bad ? leave_out(path, g, bad) : PAGS_OK;
+}
+
+pags_result pags_splat_run(pags_splat_decoder *decoder, const char *path, const uint8_t *bytes, size_t size,
+                           pags_gaussians *out, pags_splat_facts *facts) {
+  *out = (pags_gaussians){0};
+  pags_result result = decoder(path, bytes, size, out, facts);
+  facts->left_out = out->count;
+  if (result == PAGS_OK)
+    result = accept(path, out);
+  if (result != PAGS_OK)
+    pags_gaussians_destroy(out);
+  facts->left_out -= out->count;
+  return result;
 }
 
 /* ---- Large positions ---- */

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The decoders of the splat formats, and what they share: large positions, missing values, extension records. Each
- * decoder decodes the bytes of a whole file and creates `out`, in the file's axes; on failure `out` is zeroed. `facts`,
- * zeroed before, receives what the file says. */
+/* The decoders of the splat formats, and what they share: large positions, missing values, extension records. */
 #ifndef PAGS_SCENE_SPLAT_FORMATS_H
 #define PAGS_SCENE_SPLAT_FORMATS_H
 
@@ -11,36 +9,43 @@
 
 #include "scene/ply_table.h"
 
+/* Decodes the bytes of a whole file and creates `out`, in the file's axes; the caller destroys it, also on failure.
+ * `out` and `facts`, which receives what the file says, are zeroed before. */
+typedef pags_result pags_splat_decoder(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
+                                       pags_splat_facts *facts);
+
 /* `bytes` must end with a zero byte that `size` doesn't count, as pags_file_read returns it. */
-pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
-                            pags_splat_facts *facts);
+pags_splat_decoder pags_ply_decode;
+pags_splat_decoder pags_spz_decode;
+pags_splat_decoder pags_splat_decode; /* antimatter15's .splat */
+/* SOG: the meta.json at `path`, whose pictures lie in the same folder; and a zip archive of both. */
+pags_splat_decoder pags_sog_decode, pags_sog_decode_zip;
+/* glTF with KHR_gaussian_splatting: a .glb, or the JSON of a .gltf, whose buffers lie in the same folder. The Gaussians
+ * are in PLY's axes; those of a file written by PAGS, in the axes of its scene. */
+pags_splat_decoder pags_gltf_decode;
+
+/* Calls a decoder and checks what it has decoded. Infinite opacities and scales of -inf get PAGS_MOST_OPACITY and
+ * PAGS_LEAST_SCALE. Other Gaussians with a value that is not finite are left out, with a warning; if all are, that is
+ * an error. All-zero quaternions become the identity, with a warning. On failure `out` is zeroed. */
+pags_result pags_splat_run(pags_splat_decoder *decoder, const char *path, const uint8_t *bytes, size_t size,
+                           pags_gaussians *out, pags_splat_facts *facts);
+
+/* For decoders: creates Gaussians of a file with harmonics of degree 0 to 4; those of degree 4 are dropped, with a
+ * warning. */
+pags_result pags_splat_create(const char *path, int64_t count, int stored_degree, pags_gaussians *out);
+
 /* Refuses names that end in .compressed.ply, by which other programs know a form of PLY that isn't written. */
 pags_result pags_ply_check_name(const char *path);
 /* `origin` receives the origin subtracted from all positions. */
 pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *out, double origin[3]);
-pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out);
-pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
-                            pags_splat_facts *facts);
-
-/* SOG: the meta.json at `path`, whose pictures lie in the same folder; and a zip archive of both. */
-pags_result pags_sog_decode(const char *path, const uint8_t *meta, size_t size, pags_gaussians *out,
-                            pags_splat_facts *facts);
-pags_result pags_sog_decode_zip(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
-                                pags_splat_facts *facts);
-/* glTF with KHR_gaussian_splatting: a .glb, or the JSON of a .gltf, whose buffers lie in the same folder. The Gaussians
- * are in PLY's axes; those of a file written by PAGS, in the axes of its scene. */
-pags_result pags_gltf_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out,
-                             pags_splat_facts *facts);
 
 /* ln sigma, in metres, of an axis that has vanished: sigma is a thousandth of a nanometre. */
 #define PAGS_LEAST_SCALE (-27.631021115928547f)
 /* The logit of opacity 1, negated for 0: its sigmoid rounds to them. */
 #define PAGS_MOST_OPACITY 20.0f
 
-/* Checks what a decoder has decoded; every decoder ends with it. Infinite opacities and scales of -inf get the two
- * values above. Other Gaussians with a value that is not finite are left out, with a warning; if all are, that is an
- * error. All-zero quaternions become the identity, with a warning. */
-pags_result pags_splat_accept(const char *path, pags_gaussians *g);
+/* Completes a unit quaternion by its component `largest` and stores it as the rotation of row `i`. */
+void pags_splat_put_rotation(double q[4], int largest, int64_t i, pags_gaussians *out);
 
 /* Returns the logit of the opacity alpha / 255. 0 and 255 are taken as 1e-6 and 1 - 1e-6, whose logits are finite. */
 float pags_logit_of_byte(uint8_t alpha);

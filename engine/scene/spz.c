@@ -18,6 +18,7 @@
 #include "base/bytes.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "scene/splat_formats.h"
 
 enum { GZIP_HEADER = 16, V4_HEADER = 32, FLAG_ANTIALIASED = 1, FLAG_EXTENSIONS = 2, STREAMS = 6, SH_STREAM = 5 };
@@ -35,11 +36,6 @@ typedef struct spz_header {
 
 /* ---- Header and attributes ---- */
 
-/* Returns the number of SH coefficients per channel besides the constant one. */
-static int rest_coefficients(int degree) {
-  return (degree + 1) * (degree + 1) - 1;
-}
-
 /* Parses and checks the first 16 bytes of the header, which are the same in all versions, and computes h->sizes. */
 static pags_result read_header(const char *path, const uint8_t *bytes, spz_header *h) {
   if (memcmp(bytes, "NGSP", 4) != 0)
@@ -56,7 +52,7 @@ static pags_result read_header(const char *path, const uint8_t *bytes, spz_heade
   if (h->fractional_bits > 24)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 13: expected at most 24 fractional bits, found %d", path,
                      h->fractional_bits);
-  int bytes_each[STREAMS] = {9, 1, 3, 3, h->version == 2 ? 3 : 4, 3 * rest_coefficients(h->sh_degree)};
+  int bytes_each[STREAMS] = {9, 1, 3, 3, h->version == 2 ? 3 : 4, 3 * (pags_sh_coefficients(h->sh_degree) - 1)};
   for (int i = 0; i < STREAMS; i++)
     h->sizes[i] = (uint64_t)h->count * (uint64_t)bytes_each[i];
   return PAGS_OK;
@@ -92,27 +88,20 @@ static void decode_scales(const spz_header *h, const uint8_t *bytes, pags_gaussi
       pags_plane(out, PAGS_SCALE + k)[i] = (float)(bytes[3 * i + k] / 16.0 - 10.0);
 }
 
-/* Unpacks a quaternion of version 2: x, y, z as bytes over -1..1; w follows from the unit length. */
-static void unpack_first_three(const uint8_t *bytes, double xyzw[4]) {
-  double sum = 0;
-  for (int k = 0; k < 3; k++) {
-    xyzw[k] = bytes[k] / 127.5 - 1.0;
-    sum += xyzw[k] * xyzw[k];
-  }
-  xyzw[3] = sqrt(fmax(0, 1 - sum));
-}
-
 static void decode_rotations(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
   for (int64_t i = 0; i < out->count; i++) {
-    double q[4];
-    if (h->version == 2)
-      unpack_first_three(bytes + 3 * i, q);
-    else {
+    double q[4], sum = 0;  /* x, y, z, w */
+    if (h->version == 2) { /* x, y and z are bytes over -1..1 */
+      for (int k = 0; k < 3; k++) {
+        q[k] = bytes[3 * i + k] / 127.5 - 1.0;
+        sum += q[k] * q[k];
+      }
+      q[3] = sqrt(fmax(0, 1 - sum));
+    } else {
       /* Versions 3 and 4: the top two bits are the index of the largest component. The other three have ten bits
        * each, the last one lowest: nine bits of magnitude, in units of 1/sqrt 2 / 511, and a sign. */
       uint32_t word = pags_load_u32(bytes + 4 * i);
       int largest = (int)(word >> 30);
-      double sum = 0;
       for (int k = 3; k >= 0; k--) {
         if (k == largest)
           continue;
@@ -123,15 +112,14 @@ static void decode_rotations(const spz_header *h, const uint8_t *bytes, pags_gau
       }
       q[largest] = sqrt(fmax(0, 1 - sum));
     }
-    pags_plane(out, PAGS_ROTATION)[i] = (float)q[3];
-    pags_plane(out, PAGS_ROTATION + 1)[i] = (float)q[0];
-    pags_plane(out, PAGS_ROTATION + 2)[i] = (float)q[1];
-    pags_plane(out, PAGS_ROTATION + 3)[i] = (float)q[2];
+    for (int k = 0; k < 4; k++)
+      pags_plane(out, PAGS_ROTATION + (k + 1) % 4)[i] = (float)q[k];
   }
 }
 
 static void decode_sh(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
-  int stride = 3 * rest_coefficients(h->sh_degree), used = 3 * rest_coefficients(out->sh_degree);
+  const int stride = 3 * (pags_sh_coefficients(h->sh_degree) - 1),
+            used = 3 * (pags_sh_coefficients(out->sh_degree) - 1);
   for (int64_t i = 0; i < out->count; i++)
     for (int k = 0; k < used; k++)
       pags_plane(out, PAGS_SH + 3 + k)[i] = (float)((bytes[i * stride + k] - 128) / 128.0);
@@ -146,18 +134,13 @@ static decode_fn *const decoders[STREAMS] = {decode_positions, decode_opacities,
 /* Takes PAGS' own record. */
 static void read_scene_record(const char *path, const uint8_t *data, spz_header *h) {
   const uint32_t up = pags_load_u32(data);
-  bool good = up <= PAGS_UP_Y;
-  double origin[3];
-  for (int k = 0; k < 3; k++) {
-    origin[k] = pags_load_f64(data + 4 + 8 * k);
-    good = good && isfinite(origin[k]);
-  }
-  if (good) {
-    h->facts.up = (pags_up)up;
-    memcpy(h->facts.origin, origin, sizeof origin);
-  } else {
+  const double origin[3] = {pags_load_f64(data + 4), pags_load_f64(data + 12), pags_load_f64(data + 20)};
+  if (up > PAGS_UP_Y || !isfinite(origin[0]) || !isfinite(origin[1]) || !isfinite(origin[2])) {
     pags_log_message(PAGS_LOG_WARNING, "%s: the record of the origin and the up axis is damaged and left out", path);
+    return;
   }
+  h->facts.up = (pags_up)up;
+  pags_copy3(origin, h->facts.origin);
 }
 
 /* Reads the records in `size` bytes: a type, a length and as many bytes each. The coordinate system and PAGS' own
@@ -201,13 +184,6 @@ static void read_records(const char *path, const uint8_t *bytes, size_t size, sp
                      (long long)skipped, first);
 }
 
-/* Creates the Gaussians that the header describes, and logs the parts of the file that are not read. */
-static pags_result create(const char *path, const spz_header *h, pags_gaussians *out) {
-  if (h->sh_degree > 3)
-    pags_log_message(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
-  return pags_gaussians_create(out, h->count, h->sh_degree > 3 ? 3 : h->sh_degree);
-}
-
 /* ---- Versions 2 and 3: gzip ---- */
 
 /* Returns the next larger capacity of a buffer for decompressed data, in bytes: at first (capacity 0) eight times the
@@ -245,8 +221,7 @@ static pags_result inflate_growing(const char *path, z_stream *stream, uint64_t 
   for (uint64_t have = 0; have < size || !*out; have = capacity) {
     capacity = next_capacity(capacity, file_size, size);
     uint8_t *grown = realloc(*out, (size_t)capacity + 1);
-    if (!grown)
-      return pags_out_of_memory("%s: %llu bytes", path, (unsigned long long)capacity);
+    PAGS_CHECK_MEMORY(grown, "%s: %llu bytes", path, (unsigned long long)capacity);
     *out = grown;
     PAGS_TRY(inflate_exactly(path, stream, grown + have, capacity - have));
   }
@@ -262,9 +237,8 @@ static pags_result inflate_rest(const char *path, z_stream *stream, spz_header *
   uint8_t scratch[4096];
   uint64_t extra = 0, limit = extensions ? 1u << 24 : 0;
   int code = Z_OK;
-  uint8_t *const records = extensions ? malloc(RECORDS) : NULL;
-  if (extensions && !records)
-    return pags_out_of_memory("%s: the records", path);
+  PAGS_AUTOFREE uint8_t *records = extensions ? malloc(RECORDS) : NULL;
+  PAGS_CHECK_MEMORY(records || !extensions, "%s: the records", path);
   while (code == Z_OK && extra <= limit) {
     stream->next_out = scratch;
     stream->avail_out = sizeof scratch;
@@ -274,14 +248,12 @@ static pags_result inflate_rest(const char *path, z_stream *stream, spz_header *
       memcpy(records + extra, scratch, got < RECORDS - extra ? got : RECORDS - (size_t)extra);
     extra += got;
   }
-  pags_result result = PAGS_OK;
   if (code != Z_STREAM_END || extra > limit)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected the end of the gzip data after the Gaussians", path,
-                       (unsigned long long)stream->total_in);
-  else if (records)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected the end of the gzip data after the Gaussians", path,
+                     (unsigned long long)stream->total_in);
+  if (records)
     read_records(path, records, extra < RECORDS ? (size_t)extra : RECORDS, h);
-  free(records);
-  return result;
+  return PAGS_OK;
 }
 
 /* Decodes the gzip stream of versions 2 and 3; `file_size` is its compressed size in bytes. */
@@ -299,17 +271,14 @@ static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_s
   if (total / 1032 > file_size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld Gaussians can't be in %zu bytes", path, (long long)h->count,
                      file_size);
-  uint8_t *plain = NULL;
-  pags_result result = inflate_growing(path, stream, file_size, total, &plain);
-  if (result == PAGS_OK)
-    result = inflate_rest(path, stream, h);
-  if (result == PAGS_OK)
-    result = create(path, h, out);
+  PAGS_AUTOFREE uint8_t *plain = NULL;
+  PAGS_TRY(inflate_growing(path, stream, file_size, total, &plain));
+  PAGS_TRY(inflate_rest(path, stream, h));
+  PAGS_TRY(pags_splat_create(path, h->count, h->sh_degree, out));
   const uint8_t *at = plain;
-  for (int i = 0; i < STREAMS && result == PAGS_OK; at += h->sizes[i++])
+  for (int i = 0; i < STREAMS; at += h->sizes[i++])
     decoders[i](h, at, out);
-  free(plain);
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t size, spz_header *h,
@@ -333,32 +302,28 @@ static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t 
  * `offset` of the file. The first attribute creates `out`. */
 static pags_result decode_stream(const char *path, const spz_header *h, int index, const uint8_t *bytes,
                                  uint64_t packed, uint64_t offset, pags_gaussians *out) {
-  uint64_t size = h->sizes[index], capacity = 0;
-  uint8_t *plain = NULL;
+  const uint64_t size = h->sizes[index];
+  uint64_t capacity = 0;
+  PAGS_AUTOFREE uint8_t *plain = NULL;
   size_t got = 0;
-  pags_result result = PAGS_OK;
   do { /* the size that the file gives may be wrong and must not cause a large allocation: start small and grow */
     free(plain);
     capacity = next_capacity(capacity, packed, size);
     plain = malloc((size_t)capacity + 1);
-    if (!plain)
-      return pags_out_of_memory("%s: %llu bytes", path, (unsigned long long)capacity);
+    PAGS_CHECK_MEMORY(plain, "%s: %llu bytes", path, (unsigned long long)capacity);
     got = ZSTD_decompress(plain, (size_t)capacity, bytes, (size_t)packed);
   } while (ZSTD_getErrorCode(got) == ZSTD_error_dstSize_tooSmall && capacity < size);
-  if (ZSTD_getErrorCode(got) == ZSTD_error_memory_allocation)
-    result = pags_out_of_memory("%s", path);
-  else if (ZSTD_isError(got))
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the zstd data of the %s are damaged: %s", path,
-                       (unsigned long long)offset, stream_names[index], ZSTD_getErrorName(got));
-  else if (got != size)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s, found %zu", path,
-                       (unsigned long long)offset, (unsigned long long)size, stream_names[index], got);
-  else if (index == 0) /* as many positions as the header gives Gaussians were there: allocate them now */
-    result = create(path, h, out);
-  if (result == PAGS_OK)
-    decoders[index](h, plain, out);
-  free(plain);
-  return result;
+  PAGS_CHECK_MEMORY(ZSTD_getErrorCode(got) != ZSTD_error_memory_allocation, "%s", path);
+  if (ZSTD_isError(got))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the zstd data of the %s are damaged: %s", path,
+                     (unsigned long long)offset, stream_names[index], ZSTD_getErrorName(got));
+  if (got != size)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s, found %zu", path,
+                     (unsigned long long)offset, (unsigned long long)size, stream_names[index], got);
+  if (index == 0) /* as many positions as the header gives Gaussians were there: allocate them now */
+    PAGS_TRY(pags_splat_create(path, h->count, h->sh_degree, out));
+  decoders[index](h, plain, out);
+  return PAGS_OK;
 }
 
 /* Checks the table of sizes of version 4, before anything is allocated: the plain sizes must be those that the count
@@ -401,7 +366,7 @@ static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size
   if (h->flags & FLAG_EXTENSIONS && table > V4_HEADER && table <= size)
     read_records(path, bytes + V4_HEADER, (size_t)table - V4_HEADER, h);
   if (h->count == 0)
-    return create(path, h, out); /* a file without Gaussians has no streams */
+    return pags_splat_create(path, 0, h->sh_degree, out); /* a file without Gaussians has no streams */
   if (streams != expected)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 15: expected %d streams for SH degree %d, found %d", path, expected,
                      h->sh_degree, streams);
@@ -419,15 +384,8 @@ pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size,
                             pags_splat_facts *facts) {
   static const char *const kinds[] = {"SPZ v2", "SPZ v3", "SPZ v4"};
   spz_header h = {0};
-  *out = (pags_gaussians){0};
-  pags_result result = size >= 2 && bytes[0] == 0x1f && bytes[1] == 0x8b ? decode_legacy(path, bytes, size, &h, out)
-                                                                         : decode_v4(path, bytes, size, &h, out);
-  if (result == PAGS_OK)
-    result = pags_splat_accept(path, out);
-  if (result != PAGS_OK) {
-    pags_gaussians_destroy(out);
-    return result;
-  }
+  PAGS_TRY(size >= 2 && bytes[0] == 0x1f && bytes[1] == 0x8b ? decode_legacy(path, bytes, size, &h, out)
+                                                             : decode_v4(path, bytes, size, &h, out));
   *facts = h.facts;
   facts->kind = kinds[h.version - 2];
   facts->antialiased = h.flags & FLAG_ANTIALIASED;

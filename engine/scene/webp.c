@@ -2,7 +2,6 @@
 /* WebP pictures through libwebp; the only file that includes its headers. */
 #include "scene/webp.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 #ifdef PAGS_WITH_WEBP
@@ -23,14 +22,11 @@ pags_result pags_webp_decode(const char *path, const uint8_t *bytes, size_t size
   if (pixels < least || pixels > most)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %lld to %lld pixels, found %d x %d", path, (long long)least,
                      (long long)most, features.width, features.height);
-  uint8_t *rgba = malloc(4 * (size_t)pixels);
-  if (!rgba)
-    return pags_out_of_memory("%s: %d x %d pixels", path, features.width, features.height);
-  if (!WebPDecodeRGBAInto(bytes, size, rgba, 4 * (size_t)pixels, 4 * features.width)) {
-    free(rgba);
+  PAGS_AUTOFREE uint8_t *rgba = malloc(4 * (size_t)pixels);
+  PAGS_CHECK_MEMORY(rgba, "%s: %d x %d pixels", path, features.width, features.height);
+  if (!WebPDecodeRGBAInto(bytes, size, rgba, 4 * (size_t)pixels, 4 * features.width))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the WebP picture is damaged or cut off", path);
-  }
-  *out = (pags_webp){features.width, features.height, features.format == 1, rgba};
+  *out = (pags_webp){features.width, features.height, features.format == 1, pags_take(&rgba)};
   return PAGS_OK;
 }
 

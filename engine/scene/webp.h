@@ -4,6 +4,7 @@
 #define PAGS_SCENE_WEBP_H
 
 #include <stdbool.h>
+#include <stdlib.h>
 
 #include <pags/base.h>
 
@@ -14,8 +15,13 @@ extern "C" {
 typedef struct pags_webp {
   int width, height;
   bool lossy;    /* its values have been changed by compression */
-  uint8_t *rgba; /* 4 * width * height bytes, row by row from the top; freed by the caller */
+  uint8_t *rgba; /* 4 * width * height bytes, row by row from the top */
 } pags_webp;
+
+/* Frees the pixels; a zeroed struct is allowed. */
+static inline void pags_webp_destroy(pags_webp *picture) {
+  free(picture->rgba);
+}
 
 /* Decodes a picture of `least` to `most` pixels, exactly as it was stored: colours aren't touched by alpha. `path`
  * names it in messages. PAGS_ERROR_FORMAT, _LIMIT, _UNSUPPORTED or _MEMORY; then `out` is zeroed. */

@@ -33,7 +33,8 @@ static int run_ply(const uint8_t *data, size_t size) {
   uint8_t *const bytes = terminated(data, size);
   /* The format check by which loaders choose the reader. */
   const int is_ply = size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r');
-  const int accepted = is_ply && fuzz_gaussians(pags_ply_decode("a.ply", bytes, size, &g, &facts), &g, "a.ply");
+  const int accepted =
+      is_ply && fuzz_gaussians(pags_splat_run(pags_ply_decode, "a.ply", bytes, size, &g, &facts), &g, "a.ply");
   free(bytes);
   return accepted;
 }
@@ -80,7 +81,7 @@ static const fuzz_target compressed = {
 static int run_spz(const uint8_t *data, size_t size) {
   pags_gaussians g;
   pags_splat_facts facts = {0};
-  return fuzz_gaussians(pags_spz_decode("a.spz", data, size, &g, &facts), &g, "a.spz");
+  return fuzz_gaussians(pags_splat_run(pags_spz_decode, "a.spz", data, size, &g, &facts), &g, "a.spz");
 }
 
 /* Appends the records of a coordinate system and of a scene behind the attributes, where versions 2 and 3 have them;

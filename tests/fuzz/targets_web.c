@@ -63,7 +63,7 @@ static const fuzz_target sog = {.name = "sog",
 static int run_sog_zip(const uint8_t *data, size_t size) {
   pags_gaussians g;
   pags_splat_facts facts = {0};
-  return fuzz_gaussians(pags_sog_decode_zip("a.sog", data, size, &g, &facts), &g, "a.sog");
+  return fuzz_gaussians(pags_splat_run(pags_sog_decode_zip, "a.sog", data, size, &g, &facts), &g, "a.sog");
 }
 
 static void seed_sog_zip(void) {
@@ -85,7 +85,7 @@ static const fuzz_target sog_zip = {
 static int run_gltf(const uint8_t *data, size_t size) {
   pags_gaussians g;
   pags_splat_facts facts = {0};
-  return fuzz_gaussians(pags_gltf_decode("a.glb", data, size, &g, &facts), &g, "a.glb");
+  return fuzz_gaussians(pags_splat_run(pags_gltf_decode, "a.glb", data, size, &g, &facts), &g, "a.glb");
 }
 
 static void seed_gltf(void) {

@@ -100,6 +100,9 @@ PAGS_API pags_result pags_gaussians_add_object_id(pags_gaussians *g);
 PAGS_API void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count,
                                     pags_gaussians *to);
 
+/* Keeps the rows listed in `index`, in this order; with all of them, `g` isn't changed. PAGS_ERROR_MEMORY. */
+PAGS_API pags_result pags_gaussians_keep(pags_gaussians *g, const int64_t *index, int64_t count);
+
 /* The colour over time of Street Gaussians (Yan et al. 2024). With u = (t - t0) / (t1 - t0) over the time t0..t1 of
  * the track, 0 if t1 = t0, the constant colour term (dc) of a Gaussian at time t is
  *
