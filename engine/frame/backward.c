@@ -47,25 +47,6 @@ static const float *tile_gradient(const pags_frame *f, const float *plane, int64
   return NULL;
 }
 
-/* Sets the planes and entries of the worker's next tile, which the kernel prefetches. */
-static void name_next(const backward_context *c, int64_t tile, pags_raster_back *in) {
-  const pags_frame *const f = c->frame;
-  const pags_picture_gradient *const g = c->gradient;
-  const float *const planes[PAGS_BACK_PLANES] = {frame_plane(f, PLANE_R),
-                                                 frame_plane(f, PLANE_G),
-                                                 frame_plane(f, PLANE_B),
-                                                 frame_plane(f, PLANE_T),
-                                                 g->rgb[0],
-                                                 g->rgb[1],
-                                                 g->rgb[2],
-                                                 g->transmittance,
-                                                 g->depth_sum,
-                                                 g->depth_sum ? frame_plane(f, PLANE_DEPTH_SUM) : NULL};
-  in->next_count = f->tile_start[tile + 1] - f->tile_start[tile];
-  for (int k = 0; k < PAGS_BACK_PLANES; k++)
-    in->next[k] = at_tile(planes[k], frame_tile_offset(f, tile));
-}
-
 /* Block function: the backward pass of the rasteriser over tiles [begin, end). */
 static void tiles_backward(void *context, int64_t begin, int64_t end, int worker) {
   const backward_context *const c = context;
@@ -80,8 +61,22 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
                            .depth_gradient = tile_gradient(f, c->gradient->depth_sum, at)};
     for (int k = 0; k < 3; k++)
       in.rgb_gradient[k] = c->gradient->rgb[k] + at;
-    if (tile + 1 < end)
-      name_next(c, tile + 1, &in);
+    if (tile + 1 < end) { /* the worker's next tile, which the kernel prefetches */
+      const pags_picture_gradient *const g = c->gradient;
+      const float *const planes[PAGS_BACK_PLANES] = {frame_plane(f, PLANE_R),
+                                                     frame_plane(f, PLANE_G),
+                                                     frame_plane(f, PLANE_B),
+                                                     frame_plane(f, PLANE_T),
+                                                     g->rgb[0],
+                                                     g->rgb[1],
+                                                     g->rgb[2],
+                                                     g->transmittance,
+                                                     g->depth_sum,
+                                                     g->depth_sum ? frame_plane(f, PLANE_DEPTH_SUM) : NULL};
+      in.next_count = f->tile_start[tile + 2] - f->tile_start[tile + 1];
+      for (int k = 0; k < PAGS_BACK_PLANES; k++)
+        in.next[k] = at_tile(planes[k], frame_tile_offset(f, tile + 1));
+    }
     f->kernels->raster_backward(&in);
   }
 }
@@ -133,11 +128,9 @@ pags_result pags_stage_raster_backward(pags_frame *frame, const pags_picture_gra
   const double t0 = pags_clock_ms();
   pags_tasks_mark(frame->tasks, NULL, "raster backward");
   backward_context c = {.frame = frame, .gradient = gradient};
-  c.written =
-      pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SLOT_FLOATS, sizeof *c.written, "gradient slots");
+  PAGS_TRY(pags_frame_alloc(frame, &c.written, frame->stats.pairs_binned * PAGS_SLOT_FLOATS, sizeof *c.written,
+                            "gradient slots"));
   *slots = c.written;
-  if (!c.written)
-    return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, tiles_backward, &c));
   if (frame->has_sky && gradient->sky)
     PAGS_TRY(pags_frame_sky_backward(frame, gradient));
@@ -152,12 +145,10 @@ pags_result pags_stage_project_backward(pags_frame *frame, int first_part, const
   pags_tasks_mark(frame->tasks, NULL, "project backward");
   backward_context c = {.frame = frame, .slots = slots, .first_part = first_part, .receive = receive, .user = user};
   atomic_init(&c.bad_rows, 0);
-  c.scratch =
-      pags_frame_alloc(frame, (int64_t)workers * SCRATCH_PLANES * MOST_MEMBERS, sizeof *c.scratch, "gradient rows");
-  c.drawn = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "drawn flags");
-  c.bad = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "flags of gradients");
-  if (!c.scratch || !c.drawn || !c.bad)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &c.scratch, (int64_t)workers * SCRATCH_PLANES * MOST_MEMBERS, sizeof *c.scratch,
+                            "gradient rows"));
+  PAGS_TRY(pags_frame_alloc(frame, &c.drawn, (int64_t)workers * MOST_MEMBERS, 1, "drawn flags"));
+  PAGS_TRY(pags_frame_alloc(frame, &c.bad, (int64_t)workers * MOST_MEMBERS, 1, "flags of gradients"));
   PAGS_TRY(pags_frame_reserve_members(frame, &c.members));
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 4, clusters_backward, &c));
   frame->stats.ms_project_backward = pags_clock_ms() - t0;

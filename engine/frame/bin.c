@@ -31,9 +31,7 @@ typedef struct list_context {
 /* Runs `count` over blocks of LISTED dense indices, then turns the counts into exclusive prefix sums; *sum: total. */
 static pags_result count_dense(list_context *c, pags_block_fn *count, int64_t *sum) {
   const int64_t dense = c->frame->dense_count, blocks = (dense + LISTED - 1) / LISTED;
-  c->place = pags_frame_alloc(c->frame, blocks, sizeof *c->place, "counts of members");
-  if (!c->place)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(c->frame, &c->place, blocks, sizeof *c->place, "counts of members"));
   PAGS_TRY(pags_frame_for(c->frame, dense, LISTED, count, c));
   *sum = 0;
   for (int64_t b = 0; b < blocks; b++) {
@@ -78,8 +76,8 @@ pags_result pags_stage_list(pags_frame *frame) {
   list_context c = {.frame = frame};
   PAGS_TRY(count_dense(&c, count_drawn, &frame->drawn_count));
   frame->stats.shaded = frame->drawn_count;
-  frame->drawn = pags_frame_alloc(frame, frame->drawn_count, sizeof *frame->drawn, "list of what is drawn");
-  return frame->drawn ? pags_frame_for(frame, frame->dense_count, LISTED, list_drawn, &c) : PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &frame->drawn, frame->drawn_count, sizeof *frame->drawn, "list of what is drawn"));
+  return pags_frame_for(frame, frame->dense_count, LISTED, list_drawn, &c);
 }
 
 typedef struct bin_context {
@@ -150,9 +148,7 @@ static void place_tiles(void *context, int64_t begin, int64_t end, int worker) {
 static pags_result place_lists(bin_context *c) {
   const int64_t ranges = (c->tiles + SUMMED - 1) / SUMMED;
   int64_t pairs = 0;
-  c->place = pags_frame_alloc(c->frame, ranges, sizeof *c->place, "tile counts");
-  if (!c->place)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(c->frame, &c->place, ranges, sizeof *c->place, "tile counts"));
   PAGS_TRY(pags_frame_for(c->frame, c->tiles, SUMMED, sum_tiles, c));
   for (int64_t r = 0; r < ranges; r++) {
     const int64_t n = c->place[r];
@@ -199,9 +195,8 @@ static void fill_slots(void *context, int64_t begin, int64_t end, int worker) {
  * cluster are contiguous. */
 pags_result pags_frame_place_slots(pags_frame *frame) {
   list_context c = {.frame = frame};
-  frame->slot_start = pags_frame_alloc(frame, frame->dense_count + 1, sizeof *frame->slot_start, "slot places");
-  if (!frame->slot_start)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(
+      pags_frame_alloc(frame, &frame->slot_start, frame->dense_count + 1, sizeof *frame->slot_start, "slot places"));
   PAGS_TRY(count_dense(&c, count_slots, frame->slot_start + frame->dense_count));
   return pags_frame_for(frame, frame->dense_count, LISTED, fill_slots, &c);
 }
@@ -214,19 +209,15 @@ pags_result pags_stage_bin(pags_frame *frame) {
   c.grain = (frame->drawn_count + most - 1) / most;
   c.grain = c.grain < LEAST_SPLATS ? LEAST_SPLATS : c.grain;
   const int64_t blocks = c.blocks = (frame->drawn_count + c.grain - 1) / c.grain;
-  c.counts = pags_frame_alloc(frame, blocks * c.tiles, sizeof *c.counts, "tile counts");
-  c.offsets = pags_frame_alloc(frame, (blocks > 0 ? blocks : 1) * c.tiles, sizeof *c.offsets, "tile offsets");
-  frame->tile_start = pags_frame_alloc(frame, c.tiles + 1, sizeof *frame->tile_start, "tile lists");
-  if (!c.counts || !c.offsets || !frame->tile_start)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &c.counts, blocks * c.tiles, sizeof *c.counts, "tile counts"));
+  PAGS_TRY(pags_frame_alloc(frame, &c.offsets, (blocks > 0 ? blocks : 1) * c.tiles, sizeof *c.offsets, "tile offsets"));
+  PAGS_TRY(pags_frame_alloc(frame, &frame->tile_start, c.tiles + 1, sizeof *frame->tile_start, "tile lists"));
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, count_block, &c));
 
   PAGS_TRY(place_lists(&c));
   const int64_t pairs = frame->tile_start[c.tiles];
   frame->stats.pairs_binned += pairs;
-  frame->entries = pags_frame_alloc(frame, pairs, sizeof *frame->entries, "tile lists");
-  if (!frame->entries)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &frame->entries, pairs, sizeof *frame->entries, "tile lists"));
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, fill_block, &c));
   for (int64_t b = 0; b < blocks; b++) {
     frame->stats.binned += c.binned[b];
@@ -234,8 +225,6 @@ pags_result pags_stage_bin(pags_frame *frame) {
   }
   if (!frame_keeps_lists(frame))
     return PAGS_OK;
-  frame->block_masks = pags_frame_alloc(frame, pairs, sizeof *frame->block_masks, "block masks");
-  if (!frame->block_masks)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &frame->block_masks, pairs, sizeof *frame->block_masks, "block masks"));
   return frame->options.keep_for_backward ? pags_frame_place_slots(frame) : PAGS_OK;
 }

@@ -51,44 +51,42 @@ static void copy_part(const pags_part *part, pags_gaussians *out) {
   }
 }
 
-static pags_result create_like(const pags_composition *composition, const shape *s, pags_gaussians *out) {
-  PAGS_TRY(pags_gaussians_create(out, pags_composition_gaussian_count(composition), s->sh_degree));
-  out->alpha_min = s->alpha_min;
-  if (s->s_sem)
-    PAGS_TRY(pags_gaussians_add_s_sem(out));
-  if (s->fourier)
-    PAGS_TRY(pags_gaussians_add_fourier(out));
-  if (s->object_id)
-    PAGS_TRY(pags_gaussians_add_object_id(out));
-  if (out->object_id)
-    pags_composition_objects(composition, out->object_id);
-  return PAGS_OK;
+/* The parts of one object, -1 for the background, in its own frame. */
+static pags_result object_parts(pags_composition *composition, int64_t object, const pags_part **parts, int *count) {
+  const pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  return pags_compose_placed(composition, (double)NAN, &placement, 1, parts, count);
 }
 
 pags_result pags_composition_gaussians(pags_composition *composition, pags_gaussians *out) {
   const int64_t objects = pags_composition_scene(composition)->object_count;
+  const pags_part *parts;
+  int count;
   shape s = {0};
-  pags_result result = PAGS_OK;
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians all = {0};
   *out = (pags_gaussians){0};
-  for (int pass = 0; pass < 2 && result == PAGS_OK; pass++) {
-    for (int64_t object = -1; object < objects && result == PAGS_OK; object++) {
-      const pags_part *parts;
-      int count;
-      const pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-      result = pags_compose_placed(composition, (double)NAN, &placement, 1, &parts, &count);
-      for (int p = 0; p < count && result == PAGS_OK; p++) {
-        if (pass == 0)
-          widen(&s, &parts[p]);
-        else
-          copy_part(&parts[p], out);
-      }
-    }
-    if (pass == 0 && result == PAGS_OK)
-      result = create_like(composition, &s, out);
+  for (int64_t object = -1; object < objects; object++) {
+    PAGS_TRY(object_parts(composition, object, &parts, &count));
+    for (int p = 0; p < count; p++)
+      widen(&s, &parts[p]);
   }
-  if (result != PAGS_OK)
-    pags_gaussians_destroy(out);
-  return result;
+  PAGS_TRY(pags_gaussians_create(&all, pags_composition_gaussian_count(composition), s.sh_degree));
+  all.alpha_min = s.alpha_min;
+  if (s.s_sem)
+    PAGS_TRY(pags_gaussians_add_s_sem(&all));
+  if (s.fourier)
+    PAGS_TRY(pags_gaussians_add_fourier(&all));
+  if (s.object_id) {
+    PAGS_TRY(pags_gaussians_add_object_id(&all));
+    pags_composition_objects(composition, all.object_id);
+  }
+  for (int64_t object = -1; object < objects; object++) {
+    PAGS_TRY(object_parts(composition, object, &parts, &count));
+    for (int p = 0; p < count; p++)
+      copy_part(&parts[p], &all);
+  }
+  *out = all;
+  all = (pags_gaussians){0};
+  return PAGS_OK;
 }
 
 /* ---- Gradients ---- */
@@ -109,23 +107,17 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   }
 }
 
-/* Two parts with the same Gaussians would write their gradients to the same rows. */
-static pags_result check_parts(const pags_frame *frame) {
-  for (int a = 0; a < frame->part_count; a++)
-    for (int b = 0; b < a; b++)
-      if (frame->parts[a].clusters == frame->parts[b].clusters)
-        return pags_fail(PAGS_ERROR_ARGUMENT,
-                         "gradients: the same Gaussians were drawn twice: expected each part once");
-  return PAGS_OK;
-}
-
 pags_result pags_frame_gradients(pags_frame *frame, const pags_picture_gradient *gradient, int64_t count,
                                  pags_gaussians *out, int64_t *bad_rows) {
   int degree = 0;
   for (int p = 0; p < frame->part_count; p++)
     degree = frame->parts[p].gaussians->sh_degree > degree ? frame->parts[p].gaussians->sh_degree : degree;
   *out = (pags_gaussians){0};
-  PAGS_TRY(check_parts(frame));
+  for (int a = 0; a < frame->part_count; a++) /* they would write their gradients to the same rows */
+    for (int b = 0; b < a; b++)
+      if (frame->parts[a].clusters == frame->parts[b].clusters)
+        return pags_fail(PAGS_ERROR_ARGUMENT,
+                         "gradients: the same Gaussians were drawn twice: expected each part once");
   PAGS_TRY(pags_gaussians_create(out, count, degree));
   receiver r = {.parts = frame->parts, .out = out};
   const pags_result result = pags_frame_backward(frame, gradient, receive, &r, bad_rows);

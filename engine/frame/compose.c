@@ -15,7 +15,8 @@
 #include <string.h>
 
 #include "base/json.h"
-#include "base/memory.h"
+#include "base/vec3.h"
+#include "frame/owners.h"
 #include "maths/maths.h"
 #include "port/port.h"
 #include "scene/packed_rows.h"
@@ -54,43 +55,23 @@ struct pags_composition {
   bool borrowed; /* borrowed: the scene and the groups' Gaussians and clusters belong to another composition */
 };
 
-static pags_result out_of_memory(const pags_composition *c) {
-  return pags_out_of_memory("preparing %lld Gaussians for rendering", (long long)c->gaussian_count);
-}
+/* What memory is needed for, with the number of Gaussians. */
+static const char preparing[] = "preparing %lld Gaussians for rendering";
 
 /* ---- Sorting a scene's Gaussians into groups ---- */
 
 /* Appends an empty group and returns it; NULL if out of memory. */
 static group *next_group(pags_composition *c) {
-  if (c->group_count == c->group_capacity) {
-    int64_t capacity = 2 * c->group_capacity + 16;
-    group *grown = realloc(c->groups, (size_t)capacity * sizeof *grown);
-    if (!grown)
-      return NULL;
-    c->groups = grown;
-    c->group_capacity = capacity;
-  }
+  if (!pags_grow(&c->groups, c->group_count + 1, &c->group_capacity, sizeof *c->groups))
+    return NULL;
   group *next = &c->groups[c->group_count++];
   *next = (group){.object = -1, .dc_time = (double)NAN};
   return next;
 }
 
-/* The bucket of sort_by_object: object + 1, or 0 where object_id names no object of the scene. */
+/* The bucket of a row in split_by_object: object + 1, or 0 where object_id names no object of the scene. */
 static int64_t bucket_of(int32_t object_id, int64_t object_count) {
   return object_id >= 0 && object_id < object_count ? object_id + 1 : 0;
-}
-
-/* Stable counting sort of the rows in `order` by object: bucket o + 1 holds the rows of object o, bucket 0 those
- * without an object. `end` has object_count + 2 entries, zeros on entry; on return it holds the end of each bucket in
- * `sorted`. */
-static void sort_by_object(const int32_t *object_id, const int64_t *order, int64_t count, int64_t object_count,
-                           int64_t *end, int64_t *sorted) {
-  for (int64_t i = 0; i < count; i++)
-    ++end[bucket_of(object_id[i], object_count) + 1];
-  for (int64_t b = 1; b < object_count + 2; b++)
-    end[b] += end[b - 1];
-  for (int64_t i = 0; i < count; i++)
-    sorted[end[bucket_of(object_id[order[i]], object_count)]++] = order[i];
 }
 
 /* Allocates a group's colours at one time, if they change with time. */
@@ -99,8 +80,7 @@ static pags_result add_dc(const pags_composition *c, group *g) {
   if (!g->gaussians.fourier)
     return PAGS_OK;
   g->dc = pags_port_aligned_alloc(ALIGNMENT, bytes);
-  if (!g->dc)
-    return out_of_memory(c);
+  PAGS_CHECK_MEMORY(g->dc, preparing, (long long)c->gaussian_count);
   memset(g->dc, 0, bytes);
   return PAGS_OK;
 }
@@ -109,16 +89,13 @@ static pags_result add_dc(const pags_composition *c, group *g) {
 static pags_result add_one_group(pags_composition *c, const pags_gaussians *model, int32_t first_id,
                                  const int64_t *index, int64_t count, int64_t object, bool tracked) {
   group *added = next_group(c);
-  if (!added)
-    return out_of_memory(c);
+  PAGS_CHECK_MEMORY(added, preparing, (long long)c->gaussian_count);
   added->object = object;
   added->tracked = tracked;
-
   PAGS_TRY(pags_gaussians_create_like(&added->gaussians, count, model));
   pags_gaussians_gather(model, index, count, &added->gaussians);
   added->id = malloc((size_t)(count + 1) * sizeof *added->id);
-  if (!added->id)
-    return out_of_memory(c);
+  PAGS_CHECK_MEMORY(added->id, preparing, (long long)c->gaussian_count);
   for (int64_t i = 0; i < count; i++)
     added->id[i] = first_id + (int32_t)index[i];
   PAGS_TRY(add_dc(c, added));
@@ -127,39 +104,24 @@ static pags_result add_one_group(pags_composition *c, const pags_gaussians *mode
   return PAGS_OK;
 }
 
-/* Appends one group for each object that occurs in the model's object_id, and one for the rows without an object. */
+/* Appends one group for each object that occurs in the model's object_id, and one for the rows without an object, by a
+ * stable counting sort of the rows in `order`: bucket o + 1 holds the rows of object o, bucket 0 those without one. */
 static pags_result split_by_object(pags_composition *c, const pags_gaussians *model, int32_t first_id,
                                    const int64_t *order) {
-  int64_t objects = c->scene.object_count, begin = 0;
-  int64_t *end = calloc((size_t)objects + 2, sizeof *end);
-  int64_t *sorted = malloc((size_t)(model->count + 1) * sizeof *sorted);
-  pags_result result = end && sorted ? PAGS_OK : out_of_memory(c);
-  if (result == PAGS_OK)
-    sort_by_object(model->object_id, order, model->count, objects, end, sorted);
-  for (int64_t b = 0; b <= objects && result == PAGS_OK; b++) {
-    if (end[b] > begin)
-      result = add_one_group(c, model, first_id, sorted + begin, end[b] - begin, b - 1, false);
-    begin = end[b];
-  }
-  free(end);
-  free(sorted);
-  return result;
-}
-
-/* Adds a model's Gaussians in Morton order: the model of an object (`object` >= 0) as one group, the background split
- * by object. */
-static pags_result add_model(pags_composition *c, const pags_model *model, int32_t first_id, int64_t object) {
-  const pags_gaussians *g = &model->gaussians;
-  int64_t *order = malloc((size_t)(g->count + 1) * sizeof *order);
-  if (!order)
-    return out_of_memory(c);
-  pags_result result = pags_gaussians_morton_order(g, order);
-  if (result == PAGS_OK && object < 0 && g->object_id && c->scene.object_count)
-    result = split_by_object(c, g, first_id, order);
-  else if (result == PAGS_OK)
-    result = add_one_group(c, g, first_id, order, g->count, object, object >= 0);
-  free(order);
-  return result;
+  const int64_t objects = c->scene.object_count, count = model->count;
+  PAGS_AUTOFREE int64_t *end = calloc((size_t)objects + 2, sizeof *end);
+  PAGS_AUTOFREE int64_t *sorted = malloc((size_t)(count + 1) * sizeof *sorted);
+  PAGS_CHECK_MEMORY(end && sorted, preparing, (long long)c->gaussian_count);
+  for (int64_t i = 0; i < count; i++)
+    ++end[bucket_of(model->object_id[i], objects) + 1];
+  for (int64_t b = 1; b < objects + 2; b++)
+    end[b] += end[b - 1];
+  for (int64_t i = 0; i < count; i++)
+    sorted[end[bucket_of(model->object_id[order[i]], objects)]++] = order[i];
+  for (int64_t b = 0, first = 0; b <= objects; first = end[b++])
+    if (end[b] > first)
+      PAGS_TRY(add_one_group(c, model, first_id, sorted + first, end[b] - first, b - 1, false));
+  return PAGS_OK;
 }
 
 /* Per model: the index of the object whose model it is, -1 for the background. NULL if out of memory. */
@@ -180,29 +142,34 @@ static pags_result too_many(int64_t count) {
                    (long long)count);
 }
 
-/* Moves the scene's Gaussians into groups, model by model, and frees the models' own copies. */
+/* Moves the scene's Gaussians into groups in Morton order, model by model, the background's split by object, and frees
+ * the models' own copies. */
 static pags_result build(pags_composition *c) {
   c->gaussian_count = pags_scene_gaussian_count(&c->scene);
   if (c->gaussian_count > MOST_GAUSSIANS)
     return too_many(c->gaussian_count);
-  int64_t *object_of = objects_of_models(&c->scene);
-  pags_result result = object_of ? PAGS_OK : out_of_memory(c);
+  PAGS_AUTOFREE int64_t *object_of = objects_of_models(&c->scene);
+  PAGS_CHECK_MEMORY(object_of, preparing, (long long)c->gaussian_count);
   int32_t first_id = 0;
-  for (int64_t m = 0; m < c->scene.model_count && result == PAGS_OK; m++) {
-    pags_model *model = &c->scene.models[m];
-    int32_t count = (int32_t)model->gaussians.count;
-    result = add_model(c, model, first_id, object_of[m]);
-    pags_gaussians_destroy(&model->gaussians);
-    first_id += count;
+  for (int64_t m = 0; m < c->scene.model_count; m++) {
+    pags_gaussians *const g = &c->scene.models[m].gaussians;
+    const int64_t object = object_of[m], count = g->count;
+    PAGS_AUTOFREE int64_t *order = malloc((size_t)(count + 1) * sizeof *order);
+    PAGS_CHECK_MEMORY(order, preparing, (long long)c->gaussian_count);
+    PAGS_TRY(pags_gaussians_morton_order(g, order));
+    PAGS_TRY(object < 0 && g->object_id && c->scene.object_count
+                 ? split_by_object(c, g, first_id, order)
+                 : add_one_group(c, g, first_id, order, count, object, object >= 0));
+    pags_gaussians_destroy(g);
+    first_id += (int32_t)count;
   }
-  free(object_of);
-  return result == PAGS_OK ? pags_composition_edit(c, NULL, 0) : result;
+  return pags_composition_edit(c, NULL, 0);
 }
 
 /* ---- Creating and describing a composition ---- */
 
 pags_result pags_composition_create(pags_scene *scene, pags_composition **out) {
-  pags_composition *c = calloc(1, sizeof *c);
+  PAGS_AUTO(pags_composition_destroy_auto) pags_composition *c = calloc(1, sizeof *c);
   *out = NULL;
   if (!c) {
     pags_scene_destroy(scene);
@@ -210,45 +177,34 @@ pags_result pags_composition_create(pags_scene *scene, pags_composition **out) {
   }
   c->scene = *scene;
   *scene = (pags_scene){0};
-  pags_result result = build(c);
-  if (result == PAGS_OK)
-    *out = c;
-  else
-    pags_composition_destroy(c);
-  return result;
+  PAGS_TRY(build(c));
+  *out = pags_take(&c);
+  return PAGS_OK;
 }
 
 pags_result pags_composition_borrow(const pags_scene *scene, const pags_clusters *const *clusters,
                                     pags_composition **out) {
-  pags_composition *c = calloc(1, sizeof *c);
+  PAGS_AUTO(pags_composition_destroy_auto) pags_composition *c = calloc(1, sizeof *c);
   *out = NULL;
-  if (!c)
-    return pags_out_of_memory("a scene");
+  PAGS_CHECK_MEMORY(c, "a scene");
   c->borrowed = true;
   c->scene = *scene;
-  int64_t *object_of = objects_of_models(scene);
-  pags_result result = object_of ? PAGS_OK : out_of_memory(c);
-  for (int64_t m = 0; m < scene->model_count && result == PAGS_OK; m++) {
+  PAGS_AUTOFREE int64_t *object_of = objects_of_models(scene);
+  PAGS_CHECK_MEMORY(object_of, preparing, (long long)c->gaussian_count);
+  for (int64_t m = 0; m < scene->model_count; m++) {
     group *added = next_group(c);
-    result = added ? PAGS_OK : out_of_memory(c);
-    if (!added)
-      break;
+    PAGS_CHECK_MEMORY(added, preparing, (long long)c->gaussian_count);
     added->gaussians = scene->models[m].gaussians;
     added->clusters = *clusters[m];
     added->first_id = (int32_t)c->gaussian_count;
     added->object = object_of[m];
     added->tracked = added->object >= 0;
     c->gaussian_count += added->gaussians.count;
-    result = add_dc(c, added);
+    PAGS_TRY(add_dc(c, added));
   }
-  free(object_of);
-  if (result == PAGS_OK)
-    result = pags_composition_edit(c, NULL, 0);
-  if (result == PAGS_OK)
-    *out = c;
-  else
-    pags_composition_destroy(c);
-  return result;
+  PAGS_TRY(pags_composition_edit(c, NULL, 0));
+  *out = pags_take(&c);
+  return PAGS_OK;
 }
 
 pags_result pags_composition_load(const char *path, pags_composition **out) {
@@ -264,13 +220,14 @@ void pags_composition_destroy(pags_composition *composition) {
   if (!composition)
     return;
   for (int64_t i = 0; i < composition->group_count; i++) {
+    group *const g = &composition->groups[i];
     if (!composition->borrowed) {
-      pags_gaussians_destroy(&composition->groups[i].gaussians);
-      pags_clusters_destroy(&composition->groups[i].clusters);
+      pags_gaussians_destroy(&g->gaussians);
+      pags_clusters_destroy(&g->clusters);
     }
-    pags_packed_destroy(&composition->groups[i].packed);
-    free(composition->groups[i].id);
-    pags_port_aligned_free(composition->groups[i].dc);
+    pags_packed_destroy(&g->packed);
+    free(g->id);
+    pags_port_aligned_free(g->dc);
   }
   free(composition->groups);
   free(composition->additions);
@@ -302,32 +259,26 @@ size_t pags_composition_bytes(const pags_composition *composition) {
   return bytes;
 }
 
-/* Takes near_plane and low_pass from the scene's training configuration, if they are there, since a scene must be
- * drawn with the values that it was trained with. A configuration that another program wrote is no error; the
- * defaults stay. */
-static void read_config(const pags_scene *scene, pags_frame_options *options) {
-  pags_json *json;
-  double value;
-  if (!scene->config || pags_json_parse_text("config", scene->config, strlen(scene->config), &json) != PAGS_OK)
-    return;
-  const pags_json_value *root = pags_json_root(json);
-  if (pags_json_number_or(json, root, "near_plane", (double)options->near_plane, &value) == PAGS_OK && value > 0)
-    options->near_plane = (float)value;
-  if (pags_json_number_or(json, root, "low_pass", (double)options->low_pass, &value) == PAGS_OK && value >= 0)
-    options->low_pass = (float)value;
-  pags_json_destroy(json);
-}
-
 pags_frame_options pags_composition_options(const pags_composition *composition) {
   const pags_scene *scene = &composition->scene;
   pags_frame_options options = pags_frame_options_default();
-  for (int i = 0; i < 3; i++) {
-    options.origin[i] = scene->origin[i];
-    options.background[i] = scene->background[i];
-  }
+  pags_copy3(scene->origin, options.origin);
+  pags_copy3f(scene->background, options.background);
   options.sky = scene->sky.size > 0 ? &scene->sky : NULL;
   options.antialiased = scene->antialiased;
-  read_config(scene, &options);
+
+  /* near_plane and low_pass as in the scene's training configuration, if they are there, since a scene must be drawn
+   * with the values that it was trained with. A configuration that another program wrote is no error; the defaults
+   * stay. */
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  double value;
+  if (!scene->config || pags_json_parse_text("config", scene->config, strlen(scene->config), &json) != PAGS_OK)
+    return options;
+  const pags_json_value *root = pags_json_root(json);
+  if (pags_json_number_or(json, root, "near_plane", (double)options.near_plane, &value) == PAGS_OK && value > 0)
+    options.near_plane = (float)value;
+  if (pags_json_number_or(json, root, "low_pass", (double)options.low_pass, &value) == PAGS_OK && value >= 0)
+    options.low_pass = (float)value;
   return options;
 }
 
@@ -339,16 +290,11 @@ static bool follows_edits(const pags_composition *c, const group *g, int64_t obj
   return g->object == object && g->tracked == (c->scene.objects[object].model >= 0);
 }
 
-/* The motion D of an edit: [Rz(yaw) | translation], 3x4. */
-static void edit_motion(const pags_edit *edit, double out[12]) {
-  double angle = edit->yaw * (3.14159265358979323846 / 180), c = pags_cos(angle), s = pags_sin(angle);
-  const double motion[12] = {c, -s, 0, edit->translation[0], s, c, 0, edit->translation[1],
-                             0, 0,  1, edit->translation[2]};
-  memcpy(out, motion, sizeof motion);
-}
-
 /* Marks the groups that the edit hides or moves, and appends the groups that it adds to `additions`. */
 static void apply_edit(pags_composition *c, const pags_edit *edit) {
+  const double angle = edit->yaw * (3.14159265358979323846 / 180), cosine = pags_cos(angle), sine = pags_sin(angle);
+  const double motion[12] = {cosine, -sine, 0, edit->translation[0], sine, cosine, 0, edit->translation[1],
+                             0,      0,     1, edit->translation[2]}; /* D = [Rz(yaw) | translation] */
   for (int64_t i = 0; i < c->group_count; i++) {
     group *g = &c->groups[i];
     if (edit->kind == PAGS_EDIT_HIDE) {
@@ -356,7 +302,7 @@ static void apply_edit(pags_composition *c, const pags_edit *edit) {
     } else if (follows_edits(c, g, edit->object)) {
       if (edit->kind == PAGS_EDIT_ADD)
         c->additions[c->addition_count].group = i;
-      edit_motion(edit, edit->kind == PAGS_EDIT_ADD ? c->additions[c->addition_count++].motion : g->motion);
+      memcpy(edit->kind == PAGS_EDIT_ADD ? c->additions[c->addition_count++].motion : g->motion, motion, sizeof motion);
       g->moved = g->moved || edit->kind == PAGS_EDIT_MOVE;
     }
   }
@@ -378,17 +324,13 @@ pags_result pags_composition_edit(pags_composition *composition, const pags_edit
   for (int64_t i = 0; i < count; i++)
     for (int64_t g = 0; edits[i].kind == PAGS_EDIT_ADD && g < composition->group_count; g++)
       additions += follows_edits(composition, &composition->groups[g], edits[i].object);
-  addition *list = malloc((size_t)(additions + 1) * sizeof *list);
-  pags_part *parts = calloc((size_t)(composition->group_count + additions) + 1, sizeof *parts);
-  if (!list || !parts) {
-    free(list);
-    free(parts);
-    return out_of_memory(composition);
-  }
+  PAGS_AUTOFREE addition *list = malloc((size_t)(additions + 1) * sizeof *list);
+  PAGS_AUTOFREE pags_part *parts = calloc((size_t)(composition->group_count + additions) + 1, sizeof *parts);
+  PAGS_CHECK_MEMORY(list && parts, preparing, (long long)composition->gaussian_count);
   free(composition->additions);
   free(composition->parts);
-  composition->additions = list;
-  composition->parts = parts;
+  composition->additions = pags_take(&list);
+  composition->parts = pags_take(&parts);
   composition->addition_count = 0;
 
   for (int64_t i = 0; i < composition->group_count; i++)
@@ -422,32 +364,13 @@ static bool place(const pags_composition *c, const group *g, const double *motio
       return false;
     nearest_pose(object, time, box);
   }
-  for (int k = 0; k < 3; k++)
-    box[4 * k + 3] -= c->scene.origin[k];
+  pags_pose_subtract(box, c->scene.origin);
   pags_rigid_multiply(box, motion ? motion : identity, out);
   if (!g->tracked) {
     pags_rigid_inverse(box, back);
     pags_rigid_multiply(out, back, out);
   }
   return true;
-}
-
-/* `time` as a fraction 0..1 of the object's track, or of the scene's time span for a group without an object. */
-static double phase(const pags_scene *scene, const group *g, double time) {
-  if (g->object < 0)
-    return pags_fourier_phase(scene->time_begin, scene->time_end, time);
-  const pags_object *object = &scene->objects[g->object].record;
-  return pags_fourier_phase(object->keyframes[0].time, object->keyframes[object->keyframe_count - 1].time, time);
-}
-
-/* Evaluates the group's Fourier series of the constant SH term at `time`, unless dc holds that time already. */
-static void evaluate_dc(const pags_scene *scene, group *g, double time) {
-  double basis[5];
-  if (g->dc_time == time)
-    return;
-  pags_fourier_basis(phase(scene, g, time), basis);
-  pags_fourier_colour(&g->gaussians, basis, 0, g->gaussians.count, g->dc);
-  g->dc_time = time;
 }
 
 static int64_t group_rows(const group *g) {
@@ -461,8 +384,16 @@ static float priority_of_object(const pags_composition *c, const group *g) {
 
 /* Fills in all members of a part but world_from_model, for drawing the group at `time`. */
 static void fill_part(pags_composition *c, group *g, double time, pags_part *part) {
-  if (g->dc)
-    evaluate_dc(&c->scene, g, time);
+  if (g->dc &&
+      g->dc_time != time) { /* the Fourier series of the constant SH term over the object's track or the scene */
+    double basis[5];
+    const pags_object *const object = g->object < 0 ? NULL : &c->scene.objects[g->object].record;
+    const double begin = object ? object->keyframes[0].time : c->scene.time_begin,
+                 end = object ? object->keyframes[object->keyframe_count - 1].time : c->scene.time_end;
+    pags_fourier_basis(pags_fourier_phase(begin, end, time), basis);
+    pags_fourier_colour(&g->gaussians, basis, 0, g->gaussians.count, g->dc);
+    g->dc_time = time;
+  }
   const bool packed = g->packed.shape.count > 0;
   part->gaussians = packed ? &g->packed.shape : &g->gaussians;
   part->clusters = packed ? &g->packed.clusters : &g->clusters;
@@ -537,25 +468,6 @@ static bool is_placed_by(const pags_composition *c, const group *g, int64_t obje
   return object < 0 ? g->object < 0 || !follows_edits(c, g, g->object) : follows_edits(c, g, object);
 }
 
-/* Grows placed_parts to the number of parts that the placements need. */
-static pags_result reserve_placed(pags_composition *c, const pags_placement *placements, int64_t count) {
-  int64_t needed = 0;
-  for (int64_t i = 0; i < count; i++)
-    for (int64_t g = 0; g < c->group_count; g++)
-      needed += is_placed_by(c, &c->groups[g], placements[i].object);
-  if (needed > INT32_MAX)
-    return pags_fail(PAGS_ERROR_LIMIT, "%lld parts are more than can be drawn at once", (long long)needed);
-  if (needed <= c->placed_capacity)
-    return PAGS_OK;
-  pags_part *parts = calloc((size_t)needed, sizeof *parts);
-  if (!parts)
-    return out_of_memory(c);
-  free(c->placed_parts);
-  c->placed_parts = parts;
-  c->placed_capacity = needed;
-  return PAGS_OK;
-}
-
 /* Computes world_from_model, relative to the scene's origin, of a group that a placement draws; the placement has
  * passed pags_compose_placed's checks. A parked object's group is carried from the object's rest pose to the
  * placement. */
@@ -566,14 +478,12 @@ static void place_at(const pags_composition *c, const group *g, const pags_place
   for (int k = 0; k < 3; k++)
     for (int j = 0; placement->object < 0 && j < 3; j++) /* the background's p becomes A (p + origin) + t - origin */
       there[4 * k + 3] += there[4 * k + j] * c->scene.origin[j];
-  for (int k = 0; k < 3; k++)
-    there[4 * k + 3] -= c->scene.origin[k];
+  pags_pose_subtract(there, c->scene.origin);
   memcpy(out, there, sizeof there);
   if (placement->object < 0 || g->tracked)
     return;
   pags_composition_rest_pose(c, g->object, rest);
-  for (int k = 0; k < 3; k++)
-    rest[4 * k + 3] -= c->scene.origin[k];
+  pags_pose_subtract(rest, c->scene.origin);
   pags_rigid_inverse(rest, back);
   pags_rigid_multiply(there, back, out);
 }
@@ -598,7 +508,19 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
     PAGS_TRY(pags_affine_check(pose, what));
   }
 
-  PAGS_TRY(reserve_placed(c, placements, count));
+  int64_t needed = 0;
+  for (int64_t i = 0; i < count; i++)
+    for (int64_t g = 0; g < c->group_count; g++)
+      needed += is_placed_by(c, &c->groups[g], placements[i].object);
+  if (needed > INT32_MAX)
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld parts are more than can be drawn at once", (long long)needed);
+  if (needed > c->placed_capacity) {
+    pags_part *grown = calloc((size_t)needed, sizeof *grown);
+    PAGS_CHECK_MEMORY(grown, preparing, (long long)c->gaussian_count);
+    free(c->placed_parts);
+    c->placed_parts = grown;
+    c->placed_capacity = needed;
+  }
   for (int64_t i = 0; i < count; i++)
     for (int64_t k = 0; k < c->group_count; k++) {
       group *g = &c->groups[k];
@@ -665,33 +587,22 @@ pags_result pags_composition_pack(pags_composition *composition) {
 }
 
 pags_result pags_composition_open_packed(const char *path, pags_composition **out) {
-  pags_packed packed;
+  PAGS_AUTO(pags_packed_destroy) pags_packed packed = {0};
   *out = NULL;
   PAGS_TRY(pags_packed_open(path, &packed));
-  if (packed.shape.count > MOST_GAUSSIANS) {
-    pags_result result = too_many(packed.shape.count);
-    pags_packed_destroy(&packed);
-    return result;
-  }
-  pags_composition *c = calloc(1, sizeof *c);
+  if (packed.shape.count > MOST_GAUSSIANS)
+    return too_many(packed.shape.count);
+  PAGS_AUTO(pags_composition_destroy_auto) pags_composition *c = calloc(1, sizeof *c);
   group *g = c ? next_group(c) : NULL;
-  if (!g) {
-    pags_packed_destroy(&packed);
-    pags_composition_destroy(c);
-    return pags_out_of_memory("%s: a scene", path);
-  }
-  g->packed = packed;
+  PAGS_CHECK_MEMORY(g, "%s: a scene", path);
   c->gaussian_count = packed.shape.count;
   c->scene.up = (pags_up)packed.up;
   c->scene.antialiased = packed.antialiased;
-  for (int i = 0; i < 3; i++) {
-    c->scene.origin[i] = packed.origin[i];
-    c->scene.background[i] = packed.background[i];
-  }
-  const pags_result result = pags_composition_edit(c, NULL, 0);
-  if (result == PAGS_OK)
-    *out = c;
-  else
-    pags_composition_destroy(c);
-  return result;
+  pags_copy3(packed.origin, c->scene.origin);
+  pags_copy3f(packed.background, c->scene.background);
+  g->packed = packed;
+  packed = (pags_packed){0};
+  PAGS_TRY(pags_composition_edit(c, NULL, 0));
+  *out = pags_take(&c);
+  return PAGS_OK;
 }

@@ -43,13 +43,9 @@ float pags_cryptomatte_value(uint32_t hash) {
 
 /* ---- Lists of names ---- */
 
-static int compare_texts(const void *a, const void *b) {
-  return strcmp(*(const char *const *)a, *(const char *const *)b);
-}
-
 /* Writes the manifest: a JSON object with each name and its hash in eight hexadecimal digits. */
 static pags_result put_manifest(pags_matte_names *names) {
-  pags_json_writer writer;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {0};
   pags_json_writer_init(&writer, 0);
   pags_json_begin_object(&writer, NULL);
   for (int32_t i = 0; i < names->count; i++) {
@@ -58,48 +54,40 @@ static pags_result put_manifest(pags_matte_names *names) {
     pags_json_put_string(&writer, names->names[i], hash);
   }
   pags_json_end_object(&writer);
-  pags_result result = pags_json_writer_finish(&writer);
-  names->manifest = result == PAGS_OK ? pags_text_copy(writer.data) : NULL;
-  pags_json_writer_destroy(&writer);
-  if (result == PAGS_OK && !names->manifest)
-    result = pags_out_of_memory("%d names", names->count);
-  if (result == PAGS_OK)
-    names->manifest[strcspn(names->manifest, "\n")] = '\0';
-  return result;
+  PAGS_TRY(pags_json_writer_finish(&writer));
+  names->manifest = pags_text_copy(writer.data);
+  PAGS_CHECK_MEMORY(names->manifest, "%d names", names->count);
+  names->manifest[strcspn(names->manifest, "\n")] = '\0';
+  return PAGS_OK;
 }
 
 pags_result pags_matte_names_create(const char *const *labels, int64_t label_count, pags_matte_names *out) {
   const size_t room = (size_t)label_count + 1;
-  *out = (pags_matte_names){.label_count = label_count};
-  out->names = calloc(room, sizeof *out->names);
-  out->values = calloc(room, sizeof *out->values);
-  out->name_of_label = calloc(room, sizeof *out->name_of_label);
-  const char **const sorted = calloc(room, sizeof *sorted);
-  pags_result result = out->names && out->values && out->name_of_label && sorted
-                           ? PAGS_OK
-                           : pags_out_of_memory("%lld names", (long long)label_count);
-  for (int64_t i = 0; i < label_count && result == PAGS_OK; i++)
+  PAGS_AUTO(pags_matte_names_destroy) pags_matte_names all = {.label_count = label_count};
+  *out = (pags_matte_names){0};
+  all.names = calloc(room, sizeof *all.names);
+  all.values = calloc(room, sizeof *all.values);
+  all.name_of_label = calloc(room, sizeof *all.name_of_label);
+  PAGS_AUTOFREE const char **sorted = calloc(room, sizeof *sorted);
+  PAGS_CHECK_MEMORY(all.names && all.values && all.name_of_label && sorted, "%lld names", (long long)label_count);
+  for (int64_t i = 0; i < label_count; i++)
     sorted[i] = labels[i];
-  if (result == PAGS_OK)
-    qsort(sorted, (size_t)label_count, sizeof *sorted, compare_texts);
-  for (int64_t i = 0; i < label_count && result == PAGS_OK; i++) {
+  qsort(sorted, (size_t)label_count, sizeof *sorted, pags_text_compare);
+  for (int64_t i = 0; i < label_count; i++) {
     if (i > 0 && strcmp(sorted[i], sorted[i - 1]) == 0)
       continue;
-    out->names[out->count] = pags_text_copy(sorted[i]);
-    out->values[out->count] = pags_cryptomatte_value(pags_cryptomatte_hash(sorted[i], strlen(sorted[i])));
-    if (!out->names[out->count++])
-      result = pags_out_of_memory("%lld names", (long long)label_count);
+    all.names[all.count] = pags_text_copy(sorted[i]);
+    PAGS_CHECK_MEMORY(all.names[all.count], "%lld names", (long long)label_count);
+    all.values[all.count++] = pags_cryptomatte_value(pags_cryptomatte_hash(sorted[i], strlen(sorted[i])));
   }
-  for (int64_t i = 0; i < label_count && result == PAGS_OK; i++) {
-    char **const found = bsearch(&labels[i], out->names, (size_t)out->count, sizeof *out->names, compare_texts);
-    out->name_of_label[i] = (int32_t)(found - out->names);
+  for (int64_t i = 0; i < label_count; i++) {
+    char **const found = bsearch(&labels[i], all.names, (size_t)all.count, sizeof *all.names, pags_text_compare);
+    all.name_of_label[i] = (int32_t)(found - all.names);
   }
-  free(sorted);
-  if (result == PAGS_OK)
-    result = put_manifest(out);
-  if (result != PAGS_OK)
-    pags_matte_names_destroy(out);
-  return result;
+  PAGS_TRY(put_manifest(&all));
+  *out = all;
+  all = (pags_matte_names){0};
+  return PAGS_OK;
 }
 
 void pags_matte_names_destroy(pags_matte_names *names) {
@@ -113,14 +101,11 @@ void pags_matte_names_destroy(pags_matte_names *names) {
 }
 
 pags_result pags_matte_names_of_scene(const pags_scene *scene, int classes, pags_matte_names *out) {
-  const char **const labels = calloc((size_t)scene->object_count + 1, sizeof *labels);
+  PAGS_AUTOFREE const char **labels = calloc((size_t)scene->object_count + 1, sizeof *labels);
   *out = (pags_matte_names){0};
-  if (!labels)
-    return pags_out_of_memory("%lld names", (long long)scene->object_count);
+  PAGS_CHECK_MEMORY(labels, "%lld names", (long long)scene->object_count);
   for (int64_t i = 0; i < scene->object_count; i++)
     labels[i] = classes ? scene->objects[i].record.class_name : scene->objects[i].record.id;
   labels[scene->object_count] = "background";
-  const pags_result result = pags_matte_names_create(labels, scene->object_count + 1, out);
-  free(labels);
-  return result;
+  return pags_matte_names_create(labels, scene->object_count + 1, out);
 }

@@ -93,25 +93,23 @@ static void motion_bound(const pags_scan *s, const float centre[3], const float 
   }
 }
 
-/* The most by which the pose's stretch exceeds `stretch`, its value at mid-exposure. */
-static float turn_bound(const pags_scan *s, float stretch) {
+/* The factors by which the shear and the turn of a rolling shutter widen Gaussians along x and y at most; lo, hi
+ * and z0: the box of their means in camera space. */
+static void shear_bound(const cull_context *c, const float lo[3], const float hi[3], float z0, const float speed[3],
+                        float widened[2]) {
+  const pags_projection *const v = c->view;
   float first = 0.0f, second = 0.0f;
   for (int k = 0; k < 9; k++) {
-    first += s->r1[k] * s->r1[k];
-    second += s->r2[k] * s->r2[k];
+    first += v->scan->r1[k] * v->scan->r1[k];
+    second += v->scan->r2[k] * v->scan->r2[k];
   }
-  return 1.0001f + 1.0001f * (sqrtf(first) + sqrtf(second)) / stretch;
-}
-
-/* The factors by which the shear of a rolling shutter widens Gaussians along x and y at most, if the pose does by
- * `turned`; lo, hi and z0: the box of their means in camera space. */
-static void shear_bound(const pags_projection *v, const float lo[3], const float hi[3], float z0, const float speed[3],
-                        float lim2_x, float lim2_y, float turned, float widened[2]) {
+  /* The most by which the pose's stretch exceeds its value at mid-exposure. */
+  const float turned = 1.0001f + 1.0001f * (sqrtf(first) + sqrtf(second)) / c->stretch;
   const float x = fmaxf(fabsf(lo[0]), fabsf(hi[0])) / z0, y = fmaxf(fabsf(lo[1]), fabsf(hi[1])) / z0;
   const float across = fabsf(v->scan->x), down = fabsf(v->scan->y), most = 1.0001f * PAGS_SCAN_MOST / (across + down);
   const float drift[2] = {fminf(most, v->fx / z0 * (speed[0] + x * speed[2])),
                           fminf(most, v->fy / z0 * (speed[1] + y * speed[2]))};
-  const float row[2] = {v->fx * sqrtf(lim2_x), v->fy * sqrtf(lim2_y)};
+  const float row[2] = {v->fx * sqrtf(c->lim2_x), v->fy * sqrtf(c->lim2_y)};
   const float q = fmaxf(PAGS_SCAN_LEAST, 1.0f - across * drift[0] - down * drift[1]);
   for (int i = 0; i < 2; i++)
     widened[i] = turned * (1.0f + drift[i] / q * (across * row[0] + down * row[1]) / row[i]);
@@ -156,7 +154,7 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
   if (!(z0 > 0.0f))
     return false;
   if (v->scan)
-    shear_bound(v, lo, hi, z0, speed, c->lim2_x, c->lim2_y, turn_bound(v->scan, c->stretch), widened);
+    shear_bound(c, lo, hi, z0, speed, widened);
   const float sigma = k->sigma[i] * c->stretch;
   const interval x =
       axis_reach(lo[0], hi[0], z0, z1, v->fx, v->cx, widened[0] * sigma, c->lim2_x, v->low_pass, c->reach_max);
@@ -172,23 +170,6 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
 
 /* ---- Culling the clusters ---- */
 
-/* Tests clusters [begin, end) of a part, whole runs first. */
-static void cull_clusters(const cull_context *c, int64_t begin, int64_t end) {
-  cluster_bound bound;
-  for (int64_t i = begin; i < end; i++) {
-    if (c->clusters->runs && i % RUN == 0 && i + RUN <= end && cluster_outside(c, c->clusters->runs, i / RUN, &bound)) {
-      memset(c->seen + i, 0, RUN);
-      i += RUN - 1;
-      continue;
-    }
-    c->seen[i] = !cluster_outside(c, c->clusters, i, &bound) ? SEEN : 0;
-    if (c->seams && c->seen[i] && bound.seam)
-      c->seen[i] = SEAM;
-    if (c->bounds && c->seen[i])
-      c->bounds[i] = bound;
-  }
-}
-
 /* The parts, cut into blocks of CULLED_AT_A_TIME clusters; a part's first block, and the number of all of them. A scene
  * may have many small parts: all are culled in one loop. */
 typedef struct cull_parts {
@@ -196,16 +177,31 @@ typedef struct cull_parts {
   const int64_t *first_block;
 } cull_parts;
 
-/* Block function: culls the blocks [begin, end). */
+/* Block function: culls the blocks [begin, end), whole runs of clusters first. */
 static void cull_blocks(void *context, int64_t begin, int64_t end, int worker) {
-  const cull_parts *const c = context;
+  const cull_parts *const all = context;
+  cluster_bound bound;
   int part = 0;
   (void)worker;
   for (int64_t block = begin; block < end; block++) {
-    while (c->first_block[part + 1] <= block)
+    while (all->first_block[part + 1] <= block)
       part++;
-    const int64_t first = (block - c->first_block[part]) * CULLED_AT_A_TIME, all = c->parts[part].clusters->count;
-    cull_clusters(c->parts + part, first, all - first < CULLED_AT_A_TIME ? all : first + CULLED_AT_A_TIME);
+    const cull_context *const c = all->parts + part;
+    const int64_t first = (block - all->first_block[part]) * CULLED_AT_A_TIME, left = c->clusters->count - first,
+                  last = first + (left < CULLED_AT_A_TIME ? left : CULLED_AT_A_TIME);
+    for (int64_t i = first; i < last; i++) {
+      if (c->clusters->runs && i % RUN == 0 && i + RUN <= last &&
+          cluster_outside(c, c->clusters->runs, i / RUN, &bound)) {
+        memset(c->seen + i, 0, RUN);
+        i += RUN - 1;
+        continue;
+      }
+      c->seen[i] = !cluster_outside(c, c->clusters, i, &bound) ? SEEN : 0;
+      if (c->seams && c->seen[i] && bound.seam)
+        c->seen[i] = SEAM;
+      if (c->bounds && c->seen[i])
+        c->bounds[i] = bound;
+    }
   }
 }
 
@@ -220,14 +216,6 @@ static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
   for (int64_t i = begin; i < end; i++)
     if (!c->frame->clusters[i].turned)
       c->touch(c->user, c->frame->clusters[i].part, c->frame->clusters[i].cluster, worker);
-}
-
-/* reach_max of a part: log2(o / a)/k, plus the kernel's slack, for the part's largest opacity o and least alpha a;
- * k = log2(e)/2. With antialiasing a may be as low as 1/255 (simd/projection.h). */
-static float largest_reach(const pags_part *part, const pags_projection *view) {
-  const bool boosted = part->opacity_factor && part->opacity_factor_most > 1.0f;
-  const float deepest = view->antialiased ? PAGS_LOG2_255 : view->alpha.lift - view->alpha.cut;
-  return (deepest + PAGS_CUT_SLACK + (boosted ? pags_log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
 }
 
 static float largest_square(float a, float b) {
@@ -259,38 +247,50 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
   int64_t all = 0, blocks = 0;
   for (int p = 0; p < frame->part_count; p++)
     all += frame->parts[p].clusters->count;
-  cull_context *const parts = pags_frame_alloc(frame, frame->part_count, sizeof *parts, "parts");
-  int64_t *const first_block = pags_frame_alloc(frame, frame->part_count + 1, sizeof *first_block, "parts");
-  uint8_t *const seen = pags_frame_alloc(frame, all, 1, "cluster flags");
-  cluster_bound *const bounds = bounded ? pags_frame_alloc(frame, all, sizeof *bounds, "cluster bounds") : NULL;
   /* The gradients of a cluster are handed over once, so it is drawn once. */
-  const bool seams = frame->lens && frame->lens->turn > 0 && !frame->options.keep_for_backward,
-             counted = frame->scans || frame->lens;
+  const bool seams = frame->lens && frame->lens->turn > 0 && !frame->options.keep_for_backward;
   const int64_t most = seams ? 2 * all : all;
-  frame->clusters = pags_frame_alloc(frame, most, sizeof *frame->clusters, "clusters in view");
-  frame->bounds = bounded ? pags_frame_alloc(frame, most, sizeof *frame->bounds, "cluster bounds") : NULL;
-  frame->held = counted ? pags_frame_alloc(frame, most, sizeof *frame->held, "clusters in view") : NULL;
-  if (!parts || !first_block || !seen || !frame->clusters || (bounded && (!bounds || !frame->bounds)) ||
-      (counted && !frame->held))
-    return PAGS_ERROR_MEMORY;
-  if (frame->held)
+  cull_context *parts;
+  int64_t *first_block;
+  uint8_t *seen;
+  cluster_bound *bounds = NULL;
+  PAGS_TRY(pags_frame_alloc(frame, &parts, frame->part_count, sizeof *parts, "parts"));
+  PAGS_TRY(pags_frame_alloc(frame, &first_block, frame->part_count + 1, sizeof *first_block, "parts"));
+  PAGS_TRY(pags_frame_alloc(frame, &seen, all, 1, "cluster flags"));
+  PAGS_TRY(pags_frame_alloc(frame, &frame->clusters, most, sizeof *frame->clusters, "clusters in view"));
+  frame->bounds = NULL;
+  frame->held = NULL;
+  if (bounded) {
+    PAGS_TRY(pags_frame_alloc(frame, &bounds, all, sizeof *bounds, "cluster bounds"));
+    PAGS_TRY(pags_frame_alloc(frame, &frame->bounds, most, sizeof *frame->bounds, "cluster bounds"));
+  }
+  if (frame->scans || frame->lens) {
+    PAGS_TRY(pags_frame_alloc(frame, &frame->held, most, sizeof *frame->held, "clusters in view"));
     memset(frame->held, 0, (size_t)most * sizeof *frame->held);
+  }
   frame->cluster_count = frame->dense_count = 0;
   for (int64_t p = 0, at = 0; p < frame->part_count; p++) {
+    const pags_part *const part = frame->parts + p;
     const pags_projection *const view = frame->projections + p;
-    parts[p] = (cull_context){frame,
-                              frame->parts[p].clusters,
-                              view,
-                              seen + at,
-                              seams,
-                              bounded ? bounds + at : NULL,
-                              (float)pags_affine_stretch(frame->parts[p].world_from_model),
-                              largest_square(view->lim_x0, view->lim_x1),
-                              largest_square(view->lim_y0, view->lim_y1),
-                              largest_reach(frame->parts + p, view)};
-    at += parts[p].clusters->count;
+    /* The largest distance of a member: log2(o / a)/k, plus the kernel's slack, for the part's largest opacity o and
+     * least alpha a; k = log2(e)/2. With antialiasing a may be as low as 1/255 (simd/projection.h). */
+    const bool boosted = part->opacity_factor && part->opacity_factor_most > 1.0f;
+    const float deepest = view->antialiased ? PAGS_LOG2_255 : view->alpha.lift - view->alpha.cut;
+    parts[p] = (cull_context){
+        .frame = frame,
+        .clusters = part->clusters,
+        .view = view,
+        .seen = seen + at,
+        .seams = seams,
+        .bounds = bounded ? bounds + at : NULL,
+        .stretch = (float)pags_affine_stretch(part->world_from_model),
+        .lim2_x = largest_square(view->lim_x0, view->lim_x1),
+        .lim2_y = largest_square(view->lim_y0, view->lim_y1),
+        .reach_max =
+            (deepest + PAGS_CUT_SLACK + (boosted ? pags_log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f};
+    at += part->clusters->count;
     first_block[p] = blocks;
-    blocks += (parts[p].clusters->count + CULLED_AT_A_TIME - 1) / CULLED_AT_A_TIME;
+    blocks += (part->clusters->count + CULLED_AT_A_TIME - 1) / CULLED_AT_A_TIME;
   }
   first_block[frame->part_count] = blocks;
   PAGS_TRY(pags_frame_for(frame, blocks, 1, cull_blocks, &(cull_parts){parts, first_block}));

@@ -9,9 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "frame/owners.h"
 #include "frame/stages.h"
-
-#include "base/memory.h"
 #include "maths/maths.h"
 
 /* ---- The steps ---- */
@@ -31,17 +30,6 @@ static const double first_shares[PAGS_DEADLINE_STEPS] = {1.0,  0.95, 0.9,  0.87,
 
 const pags_deadline_step *pags_deadline_steps(void) {
   return steps;
-}
-
-/* The camera of a smaller picture with the same field of view. */
-static pags_camera smaller_camera(const pags_camera *camera, double divisor) {
-  pags_camera out = *camera;
-  out.width = (int)fmax(floor(camera->width / divisor + 0.5), 1);
-  out.height = (int)fmax(floor(camera->height / divisor + 0.5), 1);
-  const double across = (double)out.width / camera->width, down = (double)out.height / camera->height;
-  out.fx *= across, out.cx *= across;
-  out.fy *= down, out.cy *= down;
-  return out;
 }
 
 /* ---- The controller ---- */
@@ -85,9 +73,14 @@ static void learn(pags_deadline_controller *c, double ms) {
   }
 }
 
-/* Updates the expected time of a frame at step 0: a rise counts immediately, a fall gradually, an outlier not at all.
- * A long time at a new step is not an outlier, since the cost of that step may be a wrong guess. */
-static void expect(pags_deadline_controller *c, double ms) {
+void pags_deadline_controller_tell(pags_deadline_controller *c, double ms) {
+  if (!(ms > 0.0) || !isfinite(ms))
+    return;
+  const bool first = c->last_step < 0;
+  learn(c, ms);
+
+  /* The expected time of a frame at step 0: a rise counts immediately, a fall gradually, an outlier not at all. A long
+   * time at a new step is not an outlier, since the cost of that step may be a wrong guess. */
   const double now = ms / c->share[c->step];
   const bool outlier = now > OUTLIER * c->full && c->step == c->last_step;
   if (!outlier)
@@ -95,20 +88,10 @@ static void expect(pags_deadline_controller *c, double ms) {
   else if (c->last_full > OUTLIER * c->full)
     c->full = fmin(now, c->last_full);
   c->last_full = now;
-}
 
-static bool keeps(const pags_deadline_controller *c, int step) {
-  return c->full * c->share[step] * (step < c->step ? RISE_MARGIN : MARGIN) <= c->target * c->haste;
-}
-
-void pags_deadline_controller_tell(pags_deadline_controller *c, double ms) {
-  if (!(ms > 0.0) || !isfinite(ms))
-    return;
-  const bool first = c->last_step < 0;
-  learn(c, ms);
-  expect(c, ms);
   int next = c->first;
-  while (next < c->last && !keeps(c, next))
+  while (next < c->last &&
+         !(c->full * c->share[next] * (next < c->step ? RISE_MARGIN : MARGIN) <= c->target * c->haste))
     next++;
   c->last_step = c->step;
   c->last_ms = ms;
@@ -134,17 +117,11 @@ struct pags_deadline {
 pags_result pags_deadline_create(pags_tasks *tasks, const float *priority, int64_t count, pags_deadline **out) {
   assert(count >= 0);
   *out = NULL;
-  pags_deadline *const d = calloc(1, sizeof *d);
-  if (!d)
-    return pags_out_of_memory("a frame");
-  pags_result result = pags_deadline_set_priorities(d, priority, count);
-  if (result == PAGS_OK)
-    result = pags_frame_create(tasks, &d->frame);
-  if (result != PAGS_OK) {
-    pags_deadline_destroy(d);
-    return result;
-  }
-  *out = d;
+  PAGS_AUTO(pags_deadline_destroy_auto) pags_deadline *d = calloc(1, sizeof *d);
+  PAGS_CHECK_MEMORY(d, "a frame");
+  PAGS_TRY(pags_deadline_set_priorities(d, priority, count));
+  PAGS_TRY(pags_frame_create(tasks, &d->frame));
+  *out = pags_take(&d);
   return PAGS_OK;
 }
 
@@ -152,8 +129,7 @@ pags_result pags_deadline_set_priorities(pags_deadline *d, const float *priority
   if (!d->critical || count > d->room) {
     const int64_t room = count + (d->critical ? count / 4 : 0) + 1;
     uint8_t *const grown = realloc(d->critical, (size_t)room);
-    if (!grown)
-      return pags_out_of_memory("the priorities of %lld Gaussians", (long long)count);
+    PAGS_CHECK_MEMORY(grown, "the priorities of %lld Gaussians", (long long)count);
     d->critical = grown;
     d->room = room;
   }
@@ -183,7 +159,14 @@ pags_result pags_deadline_render_step(pags_deadline *d, int step, const pags_par
   const double begun = pags_clock_ms();
   const pags_deadline_step *const s = steps + step;
   frame_variable_rate rate = {.critical = d->critical, .count = d->count, .full_tiles = 1.0};
-  const pags_camera smaller = s->divisor > 1 ? smaller_camera(camera, s->divisor) : *camera;
+  pags_camera smaller = *camera; /* with the same field of view */
+  if (s->divisor > 1) {
+    smaller.width = (int)fmax(floor(camera->width / s->divisor + 0.5), 1);
+    smaller.height = (int)fmax(floor(camera->height / s->divisor + 0.5), 1);
+    const double across = (double)smaller.width / camera->width, down = (double)smaller.height / camera->height;
+    smaller.fx *= across, smaller.cx *= across;
+    smaller.fy *= down, smaller.cy *= down;
+  }
   pags_frame_options reduced = *options;
   if (s->eps > 0.0f && !options->keep_for_passes) {
     reduced.early_z_eps = options->early_z == PAGS_EARLY_Z_BOUNDED ? fmaxf(options->early_z_eps, s->eps) : s->eps;

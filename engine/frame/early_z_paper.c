@@ -33,13 +33,6 @@ typedef struct paper {
 
 /* ---- Finding occluders and drawing their depth ---- */
 
-/* Whether a projected member of a cluster is an occluder. */
-static bool is_occluder(const pags_frame *f, const view_cluster *c, int member) {
-  const float opacity = f->splats[c->base + member].log2_opacity - f->projections[c->part].alpha.lift;
-  return f->keys[c->base + member] != UINT32_MAX && opacity >= OCCLUDER_LOG2 &&
-         frame_is_critical(f->parts + c->part, c->first + member);
-}
-
 /* Reads and projects cluster i, and finds the tiles of its members. */
 static void load(const paper *p, int64_t i, int worker) {
   const view_cluster *const c = p->frame->clusters + i;
@@ -68,11 +61,13 @@ static void find_occluders(void *context, int64_t begin, int64_t end, int worker
       memset(keys, 0xFF, (size_t)padded * sizeof *keys);
     memcpy(p->all_keys + c->base, keys, (size_t)padded * sizeof *keys);
     p->occluders[i] = 0;
-    for (int k = 0; k < c->count; k++)
-      if (is_occluder(f, c, k))
+    for (int k = 0; k < c->count; k++) {
+      const float opacity = f->splats[c->base + k].log2_opacity - f->projections[c->part].alpha.lift;
+      if (keys[k] != UINT32_MAX && opacity >= OCCLUDER_LOG2 && frame_is_critical(f->parts + c->part, c->first + k))
         p->occluders[i]++;
       else
         keys[k] = UINT32_MAX;
+    }
   }
 }
 
@@ -103,22 +98,6 @@ static void draw_depth(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 /* ---- Testing against the depth pyramid ---- */
-
-/* Allocates the levels of the depth pyramid, down to one cell. */
-static pags_result make_pyramid(paper *p) {
-  pags_frame *const f = p->frame;
-  for (int l = 0; l < LEVELS; l++) {
-    p->width[l] = l ? (p->width[l - 1] + 1) / 2 : SIDE * f->tiles_x;
-    p->height[l] = l ? (p->height[l - 1] + 1) / 2 : SIDE * f->tiles_y;
-    p->level[l] = pags_frame_alloc(f, (int64_t)p->width[l] * p->height[l], sizeof(float), "depth pyramid");
-    if (!p->level[l])
-      return PAGS_ERROR_MEMORY;
-    p->levels = l + 1;
-    if (p->width[l] == 1 && p->height[l] == 1)
-      break;
-  }
-  return PAGS_OK;
-}
 
 /* Whether depth z lies behind the occluders' depth at all blocks of `r`. The test is made on the pyramid level on
  * which `r` covers at most 2 x 2 cells. */
@@ -162,21 +141,22 @@ static void choose_members(void *context, int64_t begin, int64_t end, int worker
 static pags_result allocate(paper *p) {
   pags_frame *const f = p->frame;
   const int64_t clusters = f->cluster_count, dense = f->dense_count, tiles = (int64_t)f->tiles_x * f->tiles_y;
-  p->loaded = pags_frame_alloc(f, clusters, 1, "cluster flags");
-  p->hidden = pags_frame_alloc(f, clusters, 1, "cluster flags");
-  p->dropped = pags_frame_alloc(f, clusters, sizeof *p->dropped, "cluster counts");
-  p->occluders = pags_frame_alloc(f, clusters, sizeof *p->occluders, "cluster counts");
-  p->all_keys = pags_frame_alloc(f, dense, sizeof *p->all_keys, "depth keys");
-  p->reaches = pags_frame_alloc(f, dense, sizeof *p->reaches, "reaches");
-  p->limits = pags_frame_alloc(f, tiles, sizeof *p->limits, "tile depths");
-  f->splats = pags_frame_alloc(f, dense, sizeof *f->splats, "projected Gaussians");
-  f->keys = pags_frame_alloc(f, dense, sizeof *f->keys, "depth keys");
-  f->boxes = pags_frame_alloc(f, dense, sizeof *f->boxes, "tiles of Gaussians");
-  f->hard = pags_frame_alloc(f, f->plane_size, sizeof *f->hard, "occluders' depth");
-  if (!p->loaded || !p->hidden || !p->dropped || !p->occluders || !p->all_keys || !p->reaches || !p->limits ||
-      !f->splats || !f->keys || !f->boxes || !f->hard)
-    return PAGS_ERROR_MEMORY;
-  return make_pyramid(p);
+  PAGS_TRY(pags_frame_alloc(f, &p->loaded, clusters, 1, "cluster flags"));
+  PAGS_TRY(pags_frame_alloc(f, &p->hidden, clusters, 1, "cluster flags"));
+  PAGS_TRY(pags_frame_alloc(f, &p->dropped, clusters, sizeof *p->dropped, "cluster counts"));
+  PAGS_TRY(pags_frame_alloc(f, &p->occluders, clusters, sizeof *p->occluders, "cluster counts"));
+  PAGS_TRY(pags_frame_alloc(f, &p->all_keys, dense, sizeof *p->all_keys, "depth keys"));
+  PAGS_TRY(pags_frame_alloc(f, &p->reaches, dense, sizeof *p->reaches, "reaches"));
+  PAGS_TRY(pags_frame_alloc(f, &p->limits, tiles, sizeof *p->limits, "tile depths"));
+  PAGS_TRY(pags_frame_alloc(f, &f->hard, f->plane_size, sizeof *f->hard, "occluders' depth"));
+  PAGS_TRY(pags_frame_reserve_splats(f));
+  do { /* the depth pyramid, down to one cell */
+    const int l = p->levels++;
+    p->width[l] = l ? (p->width[l - 1] + 1) / 2 : SIDE * f->tiles_x;
+    p->height[l] = l ? (p->height[l - 1] + 1) / 2 : SIDE * f->tiles_y;
+    PAGS_TRY(pags_frame_alloc(f, &p->level[l], (int64_t)p->width[l] * p->height[l], sizeof(float), "depth pyramid"));
+  } while (p->levels < LEVELS && (p->width[p->levels - 1] > 1 || p->height[p->levels - 1] > 1));
+  return PAGS_OK;
 }
 
 /* The depth pre-pass: finds the occluders, bins them, draws their depth, and builds the depth pyramid from it. */
@@ -216,12 +196,11 @@ pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, vo
   const double t1 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 8, choose_members, &p));
 
-  /* Sums the statistics of the clusters. */
-  pags_frame *const f = p.frame;
-  for (int64_t i = 0; i < f->cluster_count; i++) {
-    f->stats.clusters_hidden += p.hidden[i] && !p.loaded[i];
-    f->stats.loaded += p.loaded[i] ? f->clusters[i].count : 0;
-    f->stats.hidden += p.dropped[i];
+  pags_frame_stats *const s = &frame->stats;
+  for (int64_t i = 0; i < frame->cluster_count; i++) {
+    s->clusters_hidden += p.hidden[i] && !p.loaded[i];
+    s->loaded += p.loaded[i] ? frame->clusters[i].count : 0;
+    s->hidden += p.dropped[i];
   }
 
   const double t2 = pags_clock_ms();
@@ -234,7 +213,6 @@ pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, vo
   PAGS_TRY(pags_stage_sort(frame));
   const double t5 = pags_clock_ms();
   PAGS_TRY(pags_stage_raster(frame));
-  pags_frame_stats *const s = &frame->stats;
   s->ms_occlude = t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3, s->ms_sort = t5 - t4;
   s->ms_raster = pags_clock_ms() - t5;
   s->slabs = 1;

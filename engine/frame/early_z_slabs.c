@@ -78,56 +78,25 @@ static bool is_open(const saturation *f, pags_reach r) {
   return false;
 }
 
-static uint32_t bits_of(float z) {
-  uint32_t bits;
-  memcpy(&bits, &z, sizeof bits);
-  return bits;
-}
-
-/* Sorts the clusters in view by the lower bound of their members' depth. */
-static pags_result order_clusters(slabs *s) {
-  pags_frame *const f = s->frame;
-  s->order = pags_frame_alloc(f, f->cluster_count, sizeof *s->order, "cluster order");
-  depth_key *const spare = pags_frame_alloc(f, f->cluster_count, sizeof *spare, "cluster order");
-  if (!s->order || !spare)
-    return PAGS_ERROR_MEMORY;
-  for (int64_t i = 0; i < f->cluster_count; i++)
-    s->order[i] = (depth_key){.key = bits_of(f->bounds[i].near), .splat = (uint32_t)i};
-  s->order = pags_frame_sort_keys(s->order, spare, f->cluster_count);
-  return PAGS_OK;
-}
-
-/* Allocates what all slabs share, marks all blocks as unsaturated, and orders the clusters. */
+/* Allocates what all slabs share, marks all blocks as unsaturated, and sorts the clusters in view by the lower bound of
+ * their members' depth. */
 static pags_result begin(slabs *s) {
   pags_frame *const f = s->frame;
+  const int64_t clusters = f->cluster_count, words = clusters / 64 + 1;
+  depth_key *spare;
   PAGS_TRY(pags_frame_saturation_begin(f));
-  PAGS_TRY(order_clusters(s));
-  const int64_t words = f->cluster_count / 64 + 1;
-  s->taken = pags_frame_alloc(f, words, sizeof *s->taken, "cluster flags");
-  if (!s->taken)
-    return PAGS_ERROR_MEMORY;
-  memset(s->taken, 0, (size_t)words * sizeof *s->taken);
-  s->active = pags_frame_alloc(f, f->cluster_count, sizeof *s->active, "clusters at work");
-  s->reaches = pags_frame_alloc(f, f->dense_count, sizeof *s->reaches, "reaches");
-  f->splats = pags_frame_alloc(f, f->dense_count, sizeof *f->splats, "projected Gaussians");
-  f->keys = pags_frame_alloc(f, f->dense_count, sizeof *f->keys, "depth keys");
-  f->boxes = pags_frame_alloc(f, f->dense_count, sizeof *f->boxes, "tiles of Gaussians");
-  return s->active && s->reaches && f->splats && f->keys && f->boxes ? PAGS_OK : PAGS_ERROR_MEMORY;
-}
-
-/* Makes the clusters marked in `taken` active, in memory order, since that is the best order to read them in. Their
- * members follow each other in the dense arrays in the same order. */
-static void activate_taken(slabs *s) {
-  pags_frame *const f = s->frame;
-  for (int64_t word = 0; word * 64 < f->cluster_count; word++) {
-    for (uint64_t bits = s->taken[word]; bits; bits &= bits - 1) {
-      const int64_t i = word * 64 + __builtin_ctzll(bits);
-      f->clusters[i].base = s->dense_next;
-      s->dense_next += (f->clusters[i].count + GROUP - 1) / GROUP * GROUP;
-      s->active[s->active_count++] = (active_cluster){.view = i, .fresh = true};
-    }
-    s->taken[word] = 0;
+  PAGS_TRY(pags_frame_alloc(f, &s->order, clusters, sizeof *s->order, "cluster order"));
+  PAGS_TRY(pags_frame_alloc(f, &spare, clusters, sizeof *spare, "cluster order"));
+  for (int64_t i = 0; i < clusters; i++) {
+    s->order[i] = (depth_key){.splat = (uint32_t)i};
+    memcpy(&s->order[i].key, &f->bounds[i].near, sizeof s->order[i].key);
   }
+  s->order = pags_frame_sort_keys(s->order, spare, clusters);
+  PAGS_TRY(pags_frame_alloc(f, &s->taken, words, sizeof *s->taken, "cluster flags"));
+  memset(s->taken, 0, (size_t)words * sizeof *s->taken);
+  PAGS_TRY(pags_frame_alloc(f, &s->active, clusters, sizeof *s->active, "clusters at work"));
+  PAGS_TRY(pags_frame_alloc(f, &s->reaches, f->dense_count, sizeof *s->reaches, "reaches"));
+  return pags_frame_reserve_splats(f);
 }
 
 /* Takes clusters into the slab until they have `most` Gaussians in all, leaving out clusters that only reach
@@ -144,7 +113,17 @@ static void take_clusters(slabs *s, int64_t most) {
     s->taken[i / 64] |= UINT64_C(1) << i % 64;
     taken += f->clusters[i].count;
   }
-  activate_taken(s);
+  /* They become active in memory order, since that is the best order to read them in. Their members follow each other
+   * in the dense arrays in the same order. */
+  for (int64_t word = 0; word * 64 < f->cluster_count; word++) {
+    for (uint64_t bits = s->taken[word]; bits; bits &= bits - 1) {
+      const int64_t i = word * 64 + __builtin_ctzll(bits);
+      f->clusters[i].base = s->dense_next;
+      s->dense_next += (f->clusters[i].count + GROUP - 1) / GROUP * GROUP;
+      s->active[s->active_count++] = (active_cluster){.view = i, .fresh = true};
+    }
+    s->taken[word] = 0;
+  }
   f->stats.loaded += taken;
   f->last_slab = s->next == f->cluster_count;
   s->limit = f->last_slab ? UINT32_MAX : s->order[s->next].key;
@@ -179,17 +158,6 @@ static void choose_members(const slabs *s, active_cluster *a) {
   }
 }
 
-/* Projects a cluster that has just been taken; the members that pass the projection wait to be drawn. */
-static void project_fresh(const slabs *s, active_cluster *a) {
-  const pags_frame *const f = s->frame;
-  const view_cluster *const c = f->clusters + a->view;
-  pags_frame_project_cluster(f, c, false, s->reaches + c->base);
-  for (int k = 0; k < c->count; k++)
-    if (f->keys[c->base + k] != UINT32_MAX)
-      a->waiting[k / GROUP] = (uint16_t)(a->waiting[k / GROUP] | 1u << k % GROUP);
-  a->fresh = false;
-}
-
 /* Block function: projects the fresh ones of the active clusters, and chooses the members to draw in this slab. */
 static void project_active(void *context, int64_t begin, int64_t end, int worker) {
   const slabs *const s = context;
@@ -199,8 +167,13 @@ static void project_active(void *context, int64_t begin, int64_t end, int worker
     const view_cluster *const c = f->clusters + a->view;
     if (a->fresh && s->touch)
       s->touch(s->user, c->part, c->cluster, worker);
-    if (a->fresh)
-      project_fresh(s, a);
+    if (a->fresh) { /* the members that pass the projection wait to be drawn */
+      pags_frame_project_cluster(f, c, false, s->reaches + c->base);
+      for (int k = 0; k < c->count; k++)
+        if (f->keys[c->base + k] != UINT32_MAX)
+          a->waiting[k / GROUP] = (uint16_t)(a->waiting[k / GROUP] | 1u << k % GROUP);
+      a->fresh = false;
+    }
     choose_members(s, a);
   }
 }
@@ -235,18 +208,17 @@ static void shade_groups(const slabs *s, active_cluster *a) {
 static void shade_active(void *context, int64_t begin, int64_t end, int worker) {
   const slabs *const s = context;
   (void)worker;
-  for (int64_t i = begin; i < end; i++)
-    if (s->active[i].ready_count) {
-      shade_groups(s, s->active + i);
-
-      /* Lists the ready members from the cluster's place on. */
-      const active_cluster *a = s->active + i;
-      const view_cluster *const c = s->frame->clusters + a->view;
-      uint32_t *out = s->frame->drawn + a->place;
-      for (int first = 0; first < c->count; first += GROUP)
-        for (unsigned ready = a->ready[first / GROUP]; ready; ready &= ready - 1)
-          *out++ = (uint32_t)(c->base + first + __builtin_ctz(ready));
-    }
+  for (int64_t i = begin; i < end; i++) {
+    active_cluster *const a = s->active + i;
+    const view_cluster *const c = s->frame->clusters + a->view;
+    if (!a->ready_count)
+      continue;
+    shade_groups(s, a);
+    uint32_t *out = s->frame->drawn + a->place;
+    for (int first = 0; first < c->count; first += GROUP)
+      for (unsigned ready = a->ready[first / GROUP]; ready; ready &= ready - 1)
+        *out++ = (uint32_t)(c->base + first + __builtin_ctz(ready));
+  }
 }
 
 /* Projects, selects and shades the slab's Gaussians and lists them in `drawn`; then drops clusters that have no
@@ -261,9 +233,7 @@ static pags_result select_and_shade(slabs *s) {
     f->drawn_count += s->active[i].ready_count;
     f->stats.hidden += s->active[i].hidden_count;
   }
-  f->drawn = pags_frame_alloc(f, f->drawn_count, sizeof *f->drawn, "list of what is drawn");
-  if (!f->drawn)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(f, &f->drawn, f->drawn_count, sizeof *f->drawn, "list of what is drawn"));
   const double t1 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, shade_active, s));
 
@@ -284,39 +254,6 @@ static pags_result select_and_shade(slabs *s) {
 
 /* ---- Drawing the slabs ---- */
 
-static pags_result draw_slab(slabs *s, int64_t most) {
-  pags_frame *const f = s->frame;
-  pags_frame_stats *const stats = &f->stats;
-  const double t0 = pags_clock_ms();
-  take_clusters(s, most);
-  stats->ms_occlude += pags_clock_ms() - t0;
-  PAGS_TRY(select_and_shade(s));
-  const double t1 = pags_clock_ms();
-  PAGS_TRY(pags_stage_bin(f));
-  const double t2 = pags_clock_ms();
-  PAGS_TRY(pags_stage_sort(f));
-  const double t3 = pags_clock_ms();
-  PAGS_TRY(pags_stage_raster(f));
-  const double t4 = pags_clock_ms();
-  if (!f->last_slab)
-    pags_frame_saturation_update(f);
-  stats->ms_bin += t2 - t1, stats->ms_sort += t3 - t2, stats->ms_raster += t4 - t3;
-  stats->ms_occlude += pags_clock_ms() - t4;
-  stats->slabs++;
-  return PAGS_OK;
-}
-
-/* Gaussians per slab: options.slab_size if set, else a quarter of the Gaussians that are likely to be read, by the
- * last frame's hidden fraction, but at least 4096. With four slabs, most of what is hidden lies behind a slab that
- * has been drawn. */
-static int64_t slab_size(const pags_frame *f) {
-  enum { SLABS = 4, LEAST = 4096 };
-  const double read = (1.0 - f->hiding) * (double)f->stats.in_view;
-  if (f->options.slab_size > 0)
-    return f->options.slab_size;
-  return read > SLABS * (double)LEAST ? (int64_t)(read / SLABS) : LEAST;
-}
-
 /* The fraction of the Gaussians that would have been shaded without Early-Z that were hidden. In clusters that were
  * never read, as many are assumed to pass the projection as in those that were. */
 static double hidden_share(const pags_frame_stats *stats) {
@@ -328,22 +265,45 @@ static double hidden_share(const pags_frame_stats *stats) {
 }
 
 pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, void *user) {
+  enum { SLABS = 4, LEAST = 4096 };
   slabs s = {.frame = frame, .touch = touch, .user = user};
-  const pags_frame_stats *const stats = &frame->stats;
-  const double t0 = pags_clock_ms();
+  pags_frame_stats *const stats = &frame->stats;
+  const double begun = pags_clock_ms();
   PAGS_TRY(begin(&s));
-  frame->stats.ms_occlude = pags_clock_ms() - t0;
-  const int64_t most = slab_size(frame);
+  stats->ms_occlude = pags_clock_ms() - begun;
+
+  /* Gaussians per slab: options.slab_size if set, else a quarter of the Gaussians that are likely to be read, by the
+   * last frame's hidden fraction, but at least 4096. With four slabs, most of what is hidden lies behind a slab that
+   * has been drawn. */
+  const double read = (1.0 - frame->hiding) * (double)stats->in_view;
+  const int64_t most = frame->options.slab_size > 0   ? frame->options.slab_size
+                       : read > SLABS * (double)LEAST ? (int64_t)(read / SLABS)
+                                                      : LEAST;
   do {
     const pags_arena_mark mark = pags_arena_save(frame->arena);
-    PAGS_TRY(draw_slab(&s, most));
+    const double t0 = pags_clock_ms();
+    take_clusters(&s, most);
+    stats->ms_occlude += pags_clock_ms() - t0;
+    PAGS_TRY(select_and_shade(&s));
+    const double t1 = pags_clock_ms();
+    PAGS_TRY(pags_stage_bin(frame));
+    const double t2 = pags_clock_ms();
+    PAGS_TRY(pags_stage_sort(frame));
+    const double t3 = pags_clock_ms();
+    PAGS_TRY(pags_stage_raster(frame));
+    const double t4 = pags_clock_ms();
+    if (!frame->last_slab)
+      pags_frame_saturation_update(frame);
+    stats->ms_bin += t2 - t1, stats->ms_sort += t3 - t2, stats->ms_raster += t4 - t3;
+    stats->ms_occlude += pags_clock_ms() - t4;
+    stats->slabs++;
     pags_arena_release(frame->arena, mark);
   } while (!frame->last_slab && frame->full->tiles_full < stats->tiles);
-  frame->stats.tiles_full = frame->full->tiles_full;
+  stats->tiles_full = frame->full->tiles_full;
   /* The clusters that no slab has taken are hidden too: all tiles were saturated before. */
-  frame->stats.clusters_hidden += frame->cluster_count - s.next;
+  stats->clusters_hidden += frame->cluster_count - s.next;
   for (int64_t i = 0; i < s.active_count; i++)
-    frame->stats.hidden += s.active[i].waiting_count;
+    stats->hidden += s.active[i].waiting_count;
   frame->hiding = hidden_share(stats);
   return PAGS_OK;
 }

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "frame/lens_view.h"
 #include "maths/maths.h"
 #include "port/port.h"
@@ -37,21 +38,6 @@ pags_alpha_cut pags_frame_alpha_cut(float alpha_min) {
                           .lift = (float)-pags_log2(1.0 - least)};
 }
 
-/* Takes the planes of the options to camera space. local: world_from_camera with the world's origin at
- * options->origin. */
-static void take_clips(const pags_frame_options *options, const double local[12], pags_projection *v) {
-  v->clip_count = options->clip_count;
-  for (int i = 0; i < options->clip_count; i++) {
-    const double *const p = options->clips[i];
-    double d = p[3];
-    for (int k = 0; k < 3; k++) {
-      v->clips[i][k] = (float)(p[0] * local[k] + p[1] * local[4 + k] + p[2] * local[8 + k]);
-      d += p[k] * (local[4 * k + 3] + options->origin[k]);
-    }
-    v->clips[i][3] = (float)d;
-  }
-}
-
 /* The projection of a part: camera_from_model and the intrinsics as floats. All differences of large world
  * coordinates are taken here, in double. */
 static pags_projection make_projection(const pags_camera *camera, const pags_frame_options *options,
@@ -65,15 +51,23 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
                        .near_plane = options->near_plane,
                        .low_pass = part->low_pass > 0 ? part->low_pass : options->low_pass,
                        .alpha = pags_frame_alpha_cut(part->gaussians->alpha_min),
-                       .antialiased = part->antialiased ? part->antialiased > 0 : options->antialiased};
+                       .antialiased = part->antialiased ? part->antialiased > 0 : options->antialiased,
+                       .clip_count = options->clip_count};
   v.sh_degree = options->sh_degree < part->gaussians->sh_degree ? options->sh_degree : part->gaussians->sh_degree;
   /* The float positions of a part are relative to the scene's origin or, where it follows a track, in the object's
    * frame; world_from_model takes either of them to the world relative to the origin. */
   double local[12], camera_from_model[12], model_from_camera[12];
   memcpy(local, camera->world_from_camera, sizeof local);
-  for (int k = 0; k < 3; k++)
-    local[4 * k + 3] -= options->origin[k];
-  take_clips(options, local, &v);
+  pags_pose_subtract(local, options->origin);
+  for (int i = 0; i < options->clip_count; i++) { /* planes, to camera space */
+    const double *const p = options->clips[i];
+    double d = p[3];
+    for (int k = 0; k < 3; k++) {
+      v.clips[i][k] = (float)(p[0] * local[k] + p[1] * local[4 + k] + p[2] * local[8 + k]);
+      d += p[k] * (local[4 * k + 3] + options->origin[k]);
+    }
+    v.clips[i][3] = (float)d;
+  }
   pags_frame_pose(camera->world_from_camera, options->origin, part->world_from_model, camera_from_model,
                   model_from_camera);
   for (int i = 0; i < 3; i++) {
@@ -105,14 +99,6 @@ pags_result pags_frame_draw_projected(pags_frame *frame) {
   return PAGS_OK;
 }
 
-pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
-  const double t0 = pags_clock_ms();
-  PAGS_TRY(pags_stage_touch(frame, touch, user));
-  frame->stats.ms_cull += pags_clock_ms() - t0;
-  PAGS_TRY(pags_stage_project(frame));
-  return pags_frame_draw_projected(frame);
-}
-
 /* Whether drawing all of the scene's Gaussians in view at once might take more than two gigabytes of memory. */
 static bool is_large(const pags_frame *frame) {
   return frame->stats.gaussians > 8000000;
@@ -142,10 +128,8 @@ pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part
   memset(&frame->stats, 0, sizeof frame->stats);
   pags_arena_reset(frame->arena);
   frame->part_count = part_count;
-  frame->parts = pags_frame_alloc(frame, part_count, sizeof *parts, "parts");
-  frame->projections = pags_frame_alloc(frame, part_count, sizeof *frame->projections, "parts");
-  if (!frame->parts || !frame->projections)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &frame->parts, part_count, sizeof *parts, "parts"));
+  PAGS_TRY(pags_frame_alloc(frame, &frame->projections, part_count, sizeof *frame->projections, "parts"));
   frame->ids_ascend = true;
   int64_t next_id = 0;
   for (int p = 0; p < part_count; p++) {
@@ -179,7 +163,7 @@ void pags_frame_show(pags_frame *frame, pags_picture *out) {
     out->depth_sum = frame_plane(frame, PLANE_DEPTH_SUM);
   if (frame->options.extra_channels) {
     out->depth = frame_plane(frame, PLANE_DEPTH);
-    out->id = (const int32_t *)(const void *)frame_plane(frame, PLANE_ID);
+    out->id = frame_ids(frame);
   }
 }
 
@@ -208,12 +192,17 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
     PAGS_TRY(pags_stage_touch(frame, touch, user));
     touch = NULL;
   }
-  if (paper)
+  if (paper) {
     PAGS_TRY(pags_frame_early_z_paper(frame, touch, user));
-  else if (slabs)
+  } else if (slabs) {
     PAGS_TRY(pags_frame_early_z_slabs(frame, touch, user));
-  else
-    PAGS_TRY(pags_frame_draw(frame, touch, user));
+  } else {
+    const double t1 = pags_clock_ms();
+    PAGS_TRY(pags_stage_touch(frame, touch, user));
+    frame->stats.ms_cull += pags_clock_ms() - t1;
+    PAGS_TRY(pags_stage_project(frame));
+    PAGS_TRY(pags_frame_draw_projected(frame));
+  }
 
   /* The estimate for the next frame: of a frame drawn at once, the fraction of the (Gaussian, tile) pairs that the
    * rasteriser did not reach because their tiles were saturated. */

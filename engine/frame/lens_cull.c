@@ -10,26 +10,13 @@
  * For a lens that clamps, |J| <= L / (least z), since a clamped direction is nearer to the axis and as far along it. */
 #include <math.h>
 
+#include "base/vec3.h"
 #include "frame/lens_view.h"
 #include "maths/maths.h"
 
 typedef struct ball {
   double middle[3], distance, radius;
 } ball;
-
-static ball ball_of(const float lo[3], const float hi[3]) {
-  ball b;
-  double along = 0, half = 0;
-  for (int k = 0; k < 3; k++) {
-    const double side = 0.5 * ((double)hi[k] - (double)lo[k]);
-    b.middle[k] = 0.5 * ((double)lo[k] + (double)hi[k]);
-    along += b.middle[k] * b.middle[k];
-    half += side * side;
-  }
-  b.distance = sqrt(along);
-  b.radius = 1.000001 * sqrt(half) + 1e-6 * b.distance;
-  return b;
-}
 
 /* The angle whose sine is `ratio` < 1. */
 static double angle_of_sine(double ratio) {
@@ -56,7 +43,14 @@ static bool find_blocks(double middle, double aside, float size, uint16_t *first
 
 bool pags_frame_lens_misses(const struct frame_lens *l, const pags_projection *v, const float lo[3], const float hi[3],
                             float sigma, float reach_max, cluster_bound *bound) {
-  const ball b = ball_of(lo, hi);
+  ball b;
+  double half[3];
+  for (int k = 0; k < 3; k++) {
+    half[k] = 0.5 * ((double)hi[k] - (double)lo[k]);
+    b.middle[k] = 0.5 * ((double)lo[k] + (double)hi[k]);
+  }
+  b.distance = pags_length3(b.middle);
+  b.radius = 1.000001 * pags_length3(half) + 1e-6 * b.distance;
   const double nearest = fmax(b.distance - b.radius, (double)v->near_plane);
   bound->near = (float)(0.999999 * nearest);
   bound->seam = l->sphere && meets_seam(l, v, b, sigma, reach_max);

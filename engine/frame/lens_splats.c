@@ -14,6 +14,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "frame/lens_view.h"
 #include "maths/maths.h"
 
@@ -50,14 +51,12 @@ static void find_rotation(const float *data, int64_t stride, lens_projection *s)
 /* Computes the mean in camera space and in pixels, and J. */
 static cull_result find_mean(const struct frame_lens *l, const pags_projection *v, const float *data, int64_t stride,
                              lens_projection *s) {
-  double square = 0;
   for (int i = 0; i < 3; i++) {
     s->p[i] = (double)v->t[i];
     for (int k = 0; k < 3; k++)
       s->p[i] += (double)v->r[3 * i + k] * (double)data[(PAGS_MEAN + k) * stride];
-    square += s->p[i] * s->p[i];
   }
-  s->distance = sqrt(square);
+  s->distance = pags_length3(s->p);
   if (!(s->distance > (double)v->near_plane && s->distance < 1e18)) /* false for NaN */
     return CULLED_NEAR;
   if (!l->sphere && !(pags_lens_angle(s->p) <= l->farthest))
@@ -99,11 +98,11 @@ static cull_result project_row(const struct frame_lens *l, const pags_projection
   s->minor[0] = m[0] * m[4] - m[1] * m[3];
   s->minor[1] = m[0] * m[5] - m[2] * m[3];
   s->minor[2] = m[1] * m[5] - m[2] * m[4];
-  const double a0 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2], c0 = m[3] * m[3] + m[4] * m[4] + m[5] * m[5];
+  const double a0 = pags_dot3(m, m), c0 = pags_dot3(m + 3, m + 3);
   s->a = a0 + low;
-  s->b = m[0] * m[3] + m[1] * m[4] + m[2] * m[5];
+  s->b = pags_dot3(m, m + 3);
   s->c = c0 + low;
-  s->d0 = s->minor[0] * s->minor[0] + s->minor[1] * s->minor[1] + s->minor[2] * s->minor[2];
+  s->d0 = pags_dot3(s->minor, s->minor);
   s->d = s->d0 + low * (a0 + c0) + low * low;
 
   const double fade = pags_exp(-(double)data[PAGS_OPACITY * stride]), raw = 1 / (1 + fade);
@@ -113,28 +112,17 @@ static cull_result project_row(const struct frame_lens *l, const pags_projection
   return NOT_CULLED;
 }
 
-/* Where the splat's box begins and ends along an axis, in blocks; a little larger, for the rounding of floats. */
-static void find_blocks(double mean, double extent, double size, uint16_t *first, uint16_t *end) {
-  lens_blocks(mean, extent * 1.00001 + fabs(mean) * 1e-6 + 1e-3, size, first, end);
-}
-
-/* The cut of a part with antialiasing, as project_cuts of simd/projection.h. */
-static pags_alpha_cut cut_of(const pags_projection *v, double compensation) {
-  pags_alpha_cut cut = v->alpha;
-  if (!v->antialiased || cut.floor == 0.0f)
-    return cut;
-  const double scale = fmax(compensation, (double)(PAGS_ALPHA_MIN / cut.least));
-  cut.least = (float)((double)cut.least * scale);
-  cut.cut = (float)((double)cut.cut + pags_log2(scale));
-  cut.floor = (float)((double)cut.floor * scale);
-  return cut;
-}
-
 /* Writes the splat, the box's extent and *reach of a Gaussian; returns its key, UINT32_MAX if it isn't drawn.
  * `across`: px by which it is moved, for its second place over the seam. */
 static uint32_t write_splat(const pags_projection *v, const lens_projection *s, double factor, bool factored,
                             double across, pags_splat *out, pags_tile_box *box, pags_reach *reach) {
-  const pags_alpha_cut cut = cut_of(v, s->compensation);
+  pags_alpha_cut cut = v->alpha;
+  if (v->antialiased && cut.floor != 0.0f) { /* as project_cuts of simd/project.c */
+    const double scale = fmax(s->compensation, (double)(PAGS_ALPHA_MIN / cut.least));
+    cut.least = (float)((double)cut.least * scale);
+    cut.cut = (float)((double)cut.cut + pags_log2(scale));
+    cut.floor = (float)((double)cut.floor * scale);
+  }
   const double opacity = s->opacity * factor, x = s->at[0] + across, y = s->at[1];
   const double raw = pags_log2(fmax(opacity, 1e-30)), l = (factored ? raw : fmin(raw, 0)) + (double)v->alpha.lift;
   const double square = (l - (double)cut.cut) / half_log2e;
@@ -161,10 +149,11 @@ static uint32_t write_splat(const pags_projection *v, const lens_projection *s, 
                       .cut = cut.cut,
                       .floor = cut.floor};
   box->extent[0] = (float)half[0], box->extent[1] = (float)half[1];
-  if (reach) {
+  if (reach) { /* a little larger than the splat's box, for the rounding of floats */
     const double wide = (l + (double)PAGS_CUT_SLACK - (double)cut.cut) / half_log2e;
-    find_blocks(x, sqrt(fmax(wide * s->a, 0)), (double)v->width, &reach->x0, &reach->x1);
-    find_blocks(y, sqrt(fmax(wide * s->c, 0)), (double)v->height, &reach->y0, &reach->y1);
+    const double wide_x = sqrt(fmax(wide * s->a, 0)), wide_y = sqrt(fmax(wide * s->c, 0));
+    lens_blocks(x, wide_x * 1.00001 + fabs(x) * 1e-6 + 1e-3, (double)v->width, &reach->x0, &reach->x1);
+    lens_blocks(y, wide_y * 1.00001 + fabs(y) * 1e-6 + 1e-3, (double)v->height, &reach->y0, &reach->y1);
   }
   uint32_t key;
   memcpy(&key, &out->z, sizeof key);
@@ -238,16 +227,16 @@ static void quaternion_backward(const lens_projection *s, const double gr[9], do
 /* Adds to gp what dL/dJ = g gives: the derivative of each row of J along its row of g. */
 static void jacobian_backward(const struct frame_lens *l, const lens_projection *s, const double g[6], double gp[3]) {
   double by_q[3] = {0, 0, 0}, unused[2];
-  const double length = sqrt(s->q[0] * s->q[0] + s->q[1] * s->q[1] + s->q[2] * s->q[2]);
+  const double length = pags_length3(s->q);
   for (int i = 0; i < 2; i++) {
     const double *const along = g + 3 * i;
-    const double size = sqrt(along[0] * along[0] + along[1] * along[1] + along[2] * along[2]);
+    const double size = pags_length3(along);
     if (!(size > 0))
       continue;
     const double step = 1e-4 * length / size;
     double before[3], after[3], low[6], high[6];
-    for (int k = 0; k < 3; k++)
-      before[k] = s->q[k] - step * along[k], after[k] = s->q[k] + step * along[k];
+    pags_along3(s->q, -step, along, before);
+    pags_along3(s->q, step, along, after);
     pags_frame_lens_see(l, before, unused, low);
     pags_frame_lens_see(l, after, unused, high);
     for (int k = 0; k < 3; k++)
@@ -258,8 +247,7 @@ static void jacobian_backward(const struct frame_lens *l, const lens_projection 
       by_q[2] += by_q[i] * s->q[i] / s->q[2];
       by_q[i] = 0;
     }
-  for (int k = 0; k < 3; k++)
-    gp[k] += by_q[k];
+  pags_add3(gp, by_q, gp);
 }
 
 /* Adds the gradients of row k by its place and shape; the planes hold those by its colour. */
@@ -285,8 +273,8 @@ static void shape_backward(const struct frame_lens *l, const pags_projection *v,
     gm[i] *= s->sigma[i % 3];
   for (int i = 0; i < 3; i++) {
     const double *const r = s->rotation + 3 * i;
-    gt[i] = gm[0] * r[0] + gm[1] * r[1] + gm[2] * r[2];
-    gt[3 + i] = gm[3] * r[0] + gm[4] * r[1] + gm[5] * r[2];
+    gt[i] = pags_dot3(gm, r);
+    gt[3 + i] = pags_dot3(gm + 3, r);
     for (int n = 0; n < 3; n++)
       gr[3 * i + n] = s->t[i] * gm[n] + s->t[3 + i] * gm[3 + n];
   }
@@ -310,25 +298,12 @@ static void shape_backward(const struct frame_lens *l, const pags_projection *v,
   out->radius[k] = (float)(3 * sqrt(middle + sqrt(fmax(0.1, middle * middle - s->d))));
 }
 
-/* Sets a row with a value that isn't finite to zero, and returns whether it had one. */
-static bool guard_row(int planes, int k, const pags_row_gradient *out) {
-  int p = 0;
-  while (p < planes && fabsf(out->data[p * out->stride + k]) < 3e38f)
-    p++;
-  if (p == planes)
-    return false;
-  out->bad[k] = (uint8_t)(p + 1);
-  for (p = 0; p < planes; p++)
-    out->data[p * out->stride + k] = 0.0f;
-  out->mean2d[k] = 0.0f;
-  return true;
-}
-
 int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *c, const frame_members *members,
                              const float *slots, const pags_row_gradient *out) {
   const pags_projection *const v = frame->projections + c->part;
   const pags_gaussians *const g = frame->parts[c->part].gaussians;
   const uint32_t *const keys = members->keys;
+  const int planes = pags_plane_count(v->sh_degree);
   double sums[MOST_MEMBERS][PAGS_SLOT_FLOATS];
   float colours[MOST_MEMBERS * PAGS_SLOT_FLOATS] = {0.0f};
   pags_splat splats[MOST_MEMBERS];
@@ -361,7 +336,18 @@ int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *c, con
     if (project_row(frame->lens, v, g->data + c->first + k, g->stride, &s) != NOT_CULLED)
       continue;
     shape_backward(frame->lens, v, &s, sums[k], k, out);
-    bad += guard_row(pags_plane_count(v->sh_degree), k, out);
+
+    /* A row with a value that isn't finite is set to zero. */
+    int p = 0;
+    while (p < planes && fabsf(out->data[p * out->stride + k]) < 3e38f)
+      p++;
+    if (p == planes)
+      continue;
+    out->bad[k] = (uint8_t)(p + 1);
+    for (p = 0; p < planes; p++)
+      out->data[p * out->stride + k] = 0.0f;
+    out->mean2d[k] = 0.0f;
+    bad++;
   }
   return bad;
 }

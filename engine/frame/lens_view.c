@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 #include "port/port.h"
 #include "scene/lens.h"
@@ -56,13 +57,6 @@ static void look_at_border(const pags_camera *c, double *angle, double least[2],
   }
 }
 
-/* The largest singular value of a 2x3 matrix. */
-static double largest_stretch(const double j[6]) {
-  const double a = j[0] * j[0] + j[1] * j[1] + j[2] * j[2], b = j[0] * j[3] + j[1] * j[4] + j[2] * j[5],
-               c = j[3] * j[3] + j[4] * j[4] + j[5] * j[5];
-  return sqrt(0.5 * (a + c + sqrt((a - c) * (a - c) + 4 * b * b)));
-}
-
 /* Samples the derivatives in rings around the axis; 5 % are added for what lies in between. */
 static void find_reach(struct frame_lens *l) {
   enum { ROUND = 32 };
@@ -74,7 +68,8 @@ static void find_reach(struct frame_lens *l) {
       const double v[3] = {pags_sin(angle) * pags_cos(turn), pags_sin(angle) * pags_sin(turn), pags_cos(angle)};
       double at[2], j[6];
       pags_frame_lens_see(l, v, at, j);
-      most = fmax(most, largest_stretch(j));
+      const double a = pags_dot3(j, j), b = pags_dot3(j, j + 3), c = pags_dot3(j + 3, j + 3);
+      most = fmax(most, sqrt(0.5 * (a + c + sqrt((a - c) * (a - c) + 4 * b * b)))); /* the largest singular value */
     }
     l->reach[i] = (float)(1.05 * most);
   }
@@ -113,22 +108,19 @@ static void find_rows(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-static bool same_lens(const pags_camera *a, const pags_camera *b) {
-  return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy && a->cx == b->cx &&
-         a->cy == b->cy && a->lens.kind == b->lens.kind && memcmp(a->lens.k, b->lens.k, sizeof a->lens.k) == 0 &&
-         memcmp(a->lens.d, b->lens.d, sizeof a->lens.d) == 0 && memcmp(a->lens.p, b->lens.p, sizeof a->lens.p) == 0 &&
-         memcmp(a->lens.s, b->lens.s, sizeof a->lens.s) == 0 && a->lens.field == b->lens.field;
-}
-
 static pags_result find_rays(pags_frame *f, const pags_camera *camera) {
-  if (f->lens_rays && same_lens(&f->lens_camera, camera))
+  const pags_camera *const a = &f->lens_camera, *const b = camera;
+  if (f->lens_rays && a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
+      a->cx == b->cx && a->cy == b->cy && a->lens.kind == b->lens.kind &&
+      memcmp(a->lens.k, b->lens.k, sizeof a->lens.k) == 0 && memcmp(a->lens.d, b->lens.d, sizeof a->lens.d) == 0 &&
+      memcmp(a->lens.p, b->lens.p, sizeof a->lens.p) == 0 && memcmp(a->lens.s, b->lens.s, sizeof a->lens.s) == 0 &&
+      a->lens.field == b->lens.field)
     return PAGS_OK;
   pags_port_aligned_free(f->lens_rays);
   const size_t bytes = (size_t)f->plane_size * 3 * sizeof *f->lens_rays;
   f->lens_rays = pags_port_aligned_alloc(64, bytes);
   f->plane_calls++;
-  if (!f->lens_rays)
-    return pags_out_of_memory("the directions of %d x %d pixels", camera->width, camera->height);
+  PAGS_CHECK_MEMORY(f->lens_rays, "the directions of %d x %d pixels", camera->width, camera->height);
   memset(f->lens_rays, 0, bytes);
   f->lens_camera = (pags_camera){0};
   const rays_context c = {camera, f->lens_rays, f->lens_rays + f->plane_size, f->lens_rays + 2 * f->plane_size,
@@ -142,9 +134,8 @@ pags_result pags_frame_prepare_lens(pags_frame *f) {
   f->lens = NULL;
   if (!pags_camera_bends(&f->camera))
     return PAGS_OK;
-  struct frame_lens *const l = pags_frame_alloc(f, 1, sizeof *l, "lens");
-  if (!l)
-    return PAGS_ERROR_MEMORY;
+  struct frame_lens *l;
+  PAGS_TRY(pags_frame_alloc(f, &l, 1, sizeof *l, "lens"));
   *l = (struct frame_lens){.camera = f->camera};
   PAGS_TRY(pags_lens_model_check(&l->camera.lens, "the camera's lens"));
   if (pags_camera_rolls(&f->camera))
@@ -185,7 +176,7 @@ void pags_frame_mask_lens(const pags_frame *f, int64_t tile) {
         frame_plane(f, PLANE_DEPTH_SUM)[at + i] = 0.0f;
       if (f->options.extra_channels) {
         frame_plane(f, PLANE_DEPTH)[at + i] = 0.0f;
-        ((int32_t *)(void *)frame_plane(f, PLANE_ID))[at + i] = -1;
+        frame_ids(f)[at + i] = -1;
       }
     }
 }

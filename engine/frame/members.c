@@ -20,8 +20,7 @@ pags_result pags_frame_reserve_members(pags_frame *frame, member_scratch **out) 
   *out = NULL;
   if (!frame->member_flags)
     return PAGS_OK;
-  *out = pags_frame_alloc(frame, pags_tasks_workers(frame->tasks), sizeof **out, "splats of a cluster");
-  return *out ? PAGS_OK : PAGS_ERROR_MEMORY;
+  return pags_frame_alloc(frame, out, pags_tasks_workers(frame->tasks), sizeof **out, "splats of a cluster");
 }
 
 frame_members pags_frame_members(const pags_frame *frame, const view_cluster *c, member_scratch *workers, int worker) {

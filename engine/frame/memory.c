@@ -3,7 +3,7 @@
  * and the planes of the picture. From the third frame of the same kind on, no heap call is made. */
 #include <stdlib.h>
 
-#include "base/memory.h"
+#include "frame/owners.h"
 #include "frame/stages.h"
 #include "port/port.h"
 
@@ -13,16 +13,11 @@ pags_result pags_frame_create(pags_tasks *tasks, pags_frame **out) {
   const pags_kernels *const kernels = pags_kernels_get(&why);
   if (!kernels)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
-  pags_frame *const frame = calloc(1, sizeof *frame);
-  pags_arena *const arena = frame ? pags_arena_create() : NULL;
-  if (!arena) {
-    free(frame);
-    return pags_out_of_memory("a frame");
-  }
-  frame->tasks = tasks;
-  frame->arena = arena;
-  frame->kernels = kernels;
-  *out = frame;
+  PAGS_AUTO(pags_frame_destroy_auto) pags_frame *frame = calloc(1, sizeof *frame);
+  PAGS_CHECK_MEMORY(frame, "a frame");
+  *frame = (pags_frame){.tasks = tasks, .arena = pags_arena_create(), .kernels = kernels};
+  PAGS_CHECK_MEMORY(frame->arena, "a frame");
+  *out = pags_take(&frame);
   return PAGS_OK;
 }
 
@@ -35,11 +30,11 @@ void pags_frame_destroy(pags_frame *frame) {
   free(frame);
 }
 
-void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what) {
+pags_result pags_frame_alloc(pags_frame *frame, void *array, int64_t count, size_t size, const char *what) {
   void *const block = pags_arena_alloc(frame->arena, (size_t)(count > 0 ? count : 1), size);
-  if (!block)
-    pags_out_of_memory("the %s of a frame (%lld x %zu bytes)", what, (long long)count, size);
-  return block;
+  PAGS_CHECK_MEMORY(block, "the %s of a frame (%lld x %zu bytes)", what, (long long)count, size);
+  memcpy(array, &block, sizeof block);
+  return PAGS_OK;
 }
 
 pags_result pags_frame_for(pags_frame *frame, int64_t count, int64_t grain, pags_block_fn *fn, void *context) {

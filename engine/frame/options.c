@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/text.h"
 #include "frame/stages.h"
 
 static const char *const names[] = {"off", "lossless", "bounded", "paper"};
@@ -25,7 +26,7 @@ pags_result pags_early_z_parse(const char *text, pags_frame_options *options) {
   const size_t length = equals ? (size_t)(equals - text) : strlen(text);
   float eps = pags_frame_options_default().early_z_eps;
   int mode = 0;
-  while (mode < MODES && (strlen(names[mode]) != length || strncmp(names[mode], text, length) != 0))
+  while (mode < MODES && !pags_text_is(text, length, names[mode]))
     mode++;
   if (mode == MODES || (equals && mode != PAGS_EARLY_Z_BOUNDED))
     return not_understood(text);

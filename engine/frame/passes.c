@@ -10,6 +10,7 @@
 #include <pags/passes.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "frame/stages.h"
 
 enum { RUN = 32, PIXELS = PAGS_TILE_PIXELS, MOTIONS = 4 };
@@ -33,7 +34,7 @@ typedef struct pass_scratch { /* of a worker; the arrays over names are those of
   float transmittance[PIXELS] __attribute__((aligned(64)));
   float normal[3][PIXELS], weight[PIXELS], motion[MOTIONS][PIXELS], pairs[2][PIXELS];
   uint16_t blended[RUN];
-  struct {
+  struct tile_matte {
     int32_t *slot; /* per name: its plane in `sums`; -1: none */
     int32_t *used; /* names that have a plane */
     float *sums;   /* planes of PIXELS floats */
@@ -53,26 +54,17 @@ typedef struct pass_context {
 
 /* ---- Normals of Gaussians ---- */
 
-/* The map of normals from a part's axes to the world's: the transpose of the inverse of its pose, by which a disc's
- * normal stays one where the pose stretches; of a rigid pose, its rotation. */
-static void normal_map(const pags_part *part, double out[9]) {
-  double inverse[12];
-  pags_affine_inverse(part->world_from_model, inverse);
-  for (int k = 0; k < 3; k++)
-    for (int j = 0; j < 3; j++)
-      out[3 * k + j] = inverse[4 * j + k];
-}
-
-/* The normal of row `i` in world axes, facing the camera. */
-static void normal_of(const double map[9], const pags_projection *view, const float *rows, int64_t stride, int i,
-                      float out[3]) {
+/* The normal of row `i` in world axes, facing the camera. It is taken to the world by the transpose of the inverse of
+ * the part's pose, by which a disc's normal stays one where the pose stretches. */
+static void normal_of(const double model_from_world[12], const pags_projection *view, const float *rows, int64_t stride,
+                      int i, float out[3]) {
   double n[3], mapped[3], away = 0.0;
   pags_gaussian_normal(rows, stride, i, n);
   for (int k = 0; k < 3; k++) {
     away += n[k] * ((double)rows[(PAGS_MEAN + k) * stride + i] - (double)view->eye[k]);
-    mapped[k] = map[3 * k] * n[0] + map[3 * k + 1] * n[1] + map[3 * k + 2] * n[2];
+    mapped[k] = model_from_world[k] * n[0] + model_from_world[4 + k] * n[1] + model_from_world[8 + k] * n[2];
   }
-  const double length = sqrt(mapped[0] * mapped[0] + mapped[1] * mapped[1] + mapped[2] * mapped[2]);
+  const double length = pags_length3(mapped);
   for (int k = 0; k < 3; k++)
     out[k] = (float)((away > 0.0 ? -1.0 : 1.0) * mapped[k] / length);
 }
@@ -87,11 +79,11 @@ static void find_normals(void *context, int64_t begin, int64_t end, int worker) 
     row_scratch scratch;
     int64_t stride;
     const float *const rows = pags_frame_geometry(f->parts + v->part, v, &scratch, &stride);
-    double map[9];
-    normal_map(f->parts + v->part, map);
+    double model_from_world[12];
+    pags_affine_inverse(f->parts[v->part].world_from_model, model_from_world);
     for (int k = 0; k < v->count; k++)
       if (f->keys[v->base + k] != UINT32_MAX)
-        normal_of(map, f->projections + v->part, rows, stride, k, c->normals + 3 * (v->base + k));
+        normal_of(model_from_world, f->projections + v->part, rows, stride, k, c->normals + 3 * (v->base + k));
   }
 }
 
@@ -136,10 +128,8 @@ static void fill_carriers(const pags_frame *f, const pags_moment *moment, carrie
   double now[12], then[12], then_from_world[12];
   memcpy(now, f->camera.world_from_camera, sizeof now);
   memcpy(then, moment->camera.world_from_camera, sizeof then);
-  for (int k = 0; k < 3; k++) {
-    now[4 * k + 3] -= f->options.origin[k];
-    then[4 * k + 3] -= f->options.origin[k];
-  }
+  pags_pose_subtract(now, f->options.origin);
+  pags_pose_subtract(then, f->options.origin);
   pags_rigid_inverse(then, then_from_world);
   const pags_camera *const a = &f->camera, *const b = &moment->camera;
   const bool rests =
@@ -188,25 +178,26 @@ static void block_centres(int x0, int y0, int block, float px[16], float py[16])
   }
 }
 
-/* The plane of the sums of a name in this tile. */
-static float *sums_of(pass_scratch *s, int m, int32_t name) {
-  if (s->matte[m].slot[name] < 0) {
-    s->matte[m].slot[name] = s->matte[m].used_count;
-    memset(s->matte[m].sums + (int64_t)s->matte[m].used_count * PIXELS, 0, PIXELS * sizeof(float));
-    s->matte[m].used[s->matte[m].used_count++] = name;
-  }
-  return s->matte[m].sums + (int64_t)s->matte[m].slot[name] * PIXELS;
-}
-
 /* Adds what one entry of the list, with weights[PIXELS], is worth. */
 static void add_entry(const pass_context *c, pass_scratch *s, const float *weights, unsigned blended, uint32_t splat,
                       int x0, int y0) {
   const int32_t part = c->part_of[splat / 16];
   const float z = c->frame->splats[splat].z;
-  float *sums[2] = {NULL, NULL};
-  for (int m = 0; m < 2; m++)
-    if (c->request->matte[m] && blended && c->request->matte[m]->name_of_part[part] >= 0)
-      sums[m] = sums_of(s, m, c->request->matte[m]->name_of_part[part]);
+  float *sums[2] = {NULL, NULL}; /* of the part's name in this tile */
+  for (int m = 0; m < 2; m++) {
+    const int32_t name = c->request->matte[m] && blended ? c->request->matte[m]->name_of_part[part] : -1;
+    if (name < 0)
+      continue;
+    struct tile_matte *const matte = &s->matte[m];
+    const bool first = matte->slot[name] < 0;
+    if (first) {
+      matte->slot[name] = matte->used_count;
+      matte->used[matte->used_count++] = name;
+    }
+    sums[m] = matte->sums + (int64_t)matte->slot[name] * PIXELS;
+    if (first)
+      memset(sums[m], 0, PIXELS * sizeof *sums[m]);
+  }
   for (; blended; blended &= blended - 1) {
     const int b = __builtin_ctz(blended), at = 16 * b;
     const float *const w = weights + at;
@@ -228,17 +219,6 @@ static void add_entry(const pass_context *c, pass_scratch *s, const float *weigh
   }
 }
 
-/* Counts one entry of the list: blended where it has a weight, computed in the blocks of its mask. */
-static void count_entry(pass_scratch *s, const float *weights, unsigned blended, unsigned computed) {
-  for (; computed; computed &= computed - 1) {
-    const int b = __builtin_ctz(computed), at = 16 * b;
-    for (int k = 0; k < 16; k++) {
-      s->pairs[0][at + k] += (blended >> b & 1) && weights[at + k] > 0.0f ? 1.0f : 0.0f;
-      s->pairs[1][at + k] += 1.0f;
-    }
-  }
-}
-
 /* Writes a tile's plane of sums, which is in the order of blocks, to the picture's plane at the tile's first pixel. */
 static void put_plane(const float *sums, float *plane, int64_t stride) {
   for (int i = 0; i < PIXELS; i++)
@@ -248,8 +228,9 @@ static void put_plane(const float *sums, float *plane, int64_t stride) {
 /* Finds the largest sums of each pixel and writes values and sums to the matte's planes. Names are looked at in
  * ascending order, so that the smaller of two with equal sums comes first. */
 static void put_matte(const pass_context *c, pass_scratch *s, int m, int64_t at) {
-  const int32_t count = s->matte[m].used_count;
-  int32_t *const used = s->matte[m].used;
+  struct tile_matte *const matte = &s->matte[m];
+  const int32_t count = matte->used_count;
+  int32_t *const used = matte->used;
   for (int32_t i = 1; i < count; i++) { /* sorted by insertion: a tile shows few names */
     const int32_t name = used[i];
     int32_t k = i;
@@ -260,7 +241,7 @@ static void put_matte(const pass_context *c, pass_scratch *s, int m, int64_t at)
   float best[PAGS_MATTE_PLANES][PIXELS];
   memset(best, 0, sizeof best);
   for (int32_t i = 0; i < count; i++) {
-    const float *const sums = s->matte[m].sums + (int64_t)s->matte[m].slot[used[i]] * PIXELS;
+    const float *const sums = matte->sums + (int64_t)matte->slot[used[i]] * PIXELS;
     for (int p = 0; p < PIXELS; p++) {
       int rank = PAGS_MATTE_RANKS;
       while (rank > 0 && sums[p] > best[2 * rank - 1][p])
@@ -278,8 +259,8 @@ static void put_matte(const pass_context *c, pass_scratch *s, int m, int64_t at)
   for (int k = 0; k < PAGS_MATTE_PLANES; k++)
     put_plane(best[k], c->planes[m * PAGS_MATTE_PLANES + k] + at, c->frame->stride);
   for (int32_t i = 0; i < count; i++)
-    s->matte[m].slot[used[i]] = -1;
-  s->matte[m].used_count = 0;
+    matte->slot[used[i]] = -1;
+  matte->used_count = 0;
 }
 
 /* Adds the motion of what is infinitely far, by the transmittance that is left. */
@@ -305,26 +286,32 @@ static void pass_tile(const pass_context *c, int64_t tile, pass_scratch *s) {
   memset(s->weight, 0, sizeof s->weight);
   memset(s->motion, 0, sizeof s->motion);
   memset(s->pairs, 0, sizeof s->pairs);
-  for (int64_t i = start; i < end; i += RUN) {
-    const int64_t count = end - i < RUN ? end - i : RUN;
+  for (int64_t run = start; run < end; run += RUN) {
+    const int64_t count = end - run < RUN ? end - run : RUN;
     const pags_raster_weights in = {.splats = f->splats,
-                                    .entries = f->entries + i,
-                                    .block_masks = f->block_masks + i,
+                                    .entries = f->entries + run,
+                                    .block_masks = f->block_masks + run,
                                     .count = count,
                                     .x0 = x0,
                                     .y0 = y0,
                                     .width = f->camera.width,
                                     .height = f->camera.height,
                                     .exp_degree = f->options.exp_degree,
-                                    .first = i == start,
+                                    .first = run == start,
                                     .transmittance = s->transmittance,
                                     .weights = s->weights,
                                     .blended = s->blended};
     f->kernels->raster_weights(&in);
     for (int64_t k = 0; k < count; k++)
-      add_entry(c, s, s->weights + k * PIXELS, s->blended[k], f->entries[i + k].splat, x0, y0);
+      add_entry(c, s, s->weights + k * PIXELS, s->blended[k], f->entries[run + k].splat, x0, y0);
     for (int64_t k = 0; k < count && c->request->pairs; k++)
-      count_entry(s, s->weights + k * PIXELS, s->blended[k], in.block_masks[k]);
+      for (unsigned computed = in.block_masks[k]; computed; computed &= computed - 1) {
+        const int b = __builtin_ctz(computed);
+        for (int i = 16 * b; i < 16 * b + 16; i++) { /* blended where it has a weight */
+          s->pairs[0][i] += (s->blended[k] >> b & 1) && s->weights[k * PIXELS + i] > 0.0f ? 1.0f : 0.0f;
+          s->pairs[1][i] += 1.0f;
+        }
+      }
   }
   for (int m = 0; m < 2; m++)
     if (c->request->matte[m])
@@ -350,55 +337,40 @@ static void pass_tiles(void *context, int64_t begin, int64_t end, int worker) {
 
 /* ---- Memory ---- */
 
-static pags_result reserve_mattes(pass_context *c, int workers) {
-  for (int m = 0; m < 2; m++) {
-    const int64_t names = c->request->matte[m] ? c->request->matte[m]->name_count : 0;
-    for (int w = 0; w < workers; w++) {
-      pass_scratch *const s = c->scratch + w;
-      s->matte[m].used_count = 0;
-      if (names == 0)
-        continue;
-      s->matte[m].slot = pags_frame_alloc(c->frame, names, sizeof *s->matte[m].slot, "names of a tile");
-      s->matte[m].used = pags_frame_alloc(c->frame, names, sizeof *s->matte[m].used, "names of a tile");
-      s->matte[m].sums = pags_frame_alloc(c->frame, names * PIXELS, sizeof *s->matte[m].sums, "names of a tile");
-      if (!s->matte[m].slot || !s->matte[m].used || !s->matte[m].sums)
-        return PAGS_ERROR_MEMORY;
-      memset(s->matte[m].slot, 0xFF, (size_t)names * sizeof *s->matte[m].slot); /* -1 */
-    }
-  }
-  return PAGS_OK;
-}
-
 static pags_result reserve(pass_context *c, int32_t **part_of) {
   pags_frame *const f = c->frame;
   const int workers = pags_tasks_workers(f->tasks);
-  const bool motion = c->request->motion != 0;
-  c->scratch = pags_frame_alloc(f, workers, sizeof *c->scratch, "pass sums");
-  *part_of = pags_frame_alloc(f, f->dense_count / 16, sizeof **part_of, "parts of what is drawn");
-  c->normals =
-      c->request->normal ? pags_frame_alloc(f, 3 * f->dense_count, sizeof *c->normals, "normals of Gaussians") : NULL;
-  for (int side = 0; side < 2; side++)
-    c->carriers[side] = motion ? pags_frame_alloc(f, f->part_count + 1, sizeof *c->carriers[side], "motions") : NULL;
-  if (!c->scratch || !*part_of || (c->request->normal && !c->normals) ||
-      (motion && (!c->carriers[0] || !c->carriers[1])))
-    return PAGS_ERROR_MEMORY;
-  for (int k = 0; k < PASS_PLANES; k++) {
-    const bool wanted = k < NORMAL_PLANE   ? c->request->matte[k / PAGS_MATTE_PLANES] != NULL
-                        : k < MOTION_PLANE ? c->request->normal != 0
-                        : k < PAIR_PLANE   ? motion
-                                           : c->request->pairs != 0;
-    c->planes[k] = wanted ? pags_frame_alloc(f, f->plane_size, sizeof *c->planes[k], "planes of passes") : NULL;
-    if (wanted && !c->planes[k])
-      return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(f, &c->scratch, workers, sizeof *c->scratch, "pass sums"));
+  PAGS_TRY(pags_frame_alloc(f, part_of, f->dense_count / 16, sizeof **part_of, "parts of what is drawn"));
+  if (c->request->normal)
+    PAGS_TRY(pags_frame_alloc(f, &c->normals, 3 * f->dense_count, sizeof *c->normals, "normals of Gaussians"));
+  for (int side = 0; side < 2 && c->request->motion; side++)
+    PAGS_TRY(pags_frame_alloc(f, &c->carriers[side], f->part_count + 1, sizeof *c->carriers[side], "motions"));
+  for (int k = 0; k < PASS_PLANES; k++)
+    if (k < NORMAL_PLANE   ? c->request->matte[k / PAGS_MATTE_PLANES] != NULL
+        : k < MOTION_PLANE ? c->request->normal != 0
+        : k < PAIR_PLANE   ? c->request->motion != 0
+                           : c->request->pairs != 0)
+      PAGS_TRY(pags_frame_alloc(f, &c->planes[k], f->plane_size, sizeof *c->planes[k], "planes of passes"));
+  for (int i = 0; i < 2 * workers; i++) {
+    struct tile_matte *const matte = &c->scratch[i / 2].matte[i % 2];
+    const int64_t names = c->request->matte[i % 2] ? c->request->matte[i % 2]->name_count : 0;
+    matte->used_count = 0;
+    if (names == 0)
+      continue;
+    PAGS_TRY(pags_frame_alloc(f, &matte->slot, names, sizeof *matte->slot, "names of a tile"));
+    PAGS_TRY(pags_frame_alloc(f, &matte->used, names, sizeof *matte->used, "names of a tile"));
+    PAGS_TRY(pags_frame_alloc(f, &matte->sums, names * PIXELS, sizeof *matte->sums, "names of a tile"));
+    memset(matte->slot, 0xFF, (size_t)names * sizeof *matte->slot); /* -1 */
   }
-  return reserve_mattes(c, workers);
+  return PAGS_OK;
 }
 
 pags_result pags_frame_passes(pags_frame *frame, const pags_pass_request *request, pags_passes *out) {
   assert(frame->rendered && frame->options.keep_for_passes);
   pass_context c = {.frame = frame, .request = request};
   int32_t *part_of;
-  memset(out, 0, sizeof *out);
+  *out = (pags_passes){0};
   if (frame->lens && request->motion)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "motion vectors are those of a pinhole; this camera has a lens");
   PAGS_TRY(reserve(&c, &part_of));

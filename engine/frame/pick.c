@@ -16,6 +16,7 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "frame/stages.h"
 #include "maths/maths.h"
 #include "scene/packed_rows.h"
@@ -23,6 +24,7 @@
 enum { RUN = 64 }; /* clusters that one entry of pags_clusters.runs bounds */
 
 static const double most_alpha = 0.99; /* as in the rasteriser */
+static const char picking_among[] = "picking among %lld";
 
 /* The least alpha of a part before its cut (pags_gaussians.alpha_min). */
 static double least_alpha(const pags_part *part) {
@@ -56,28 +58,7 @@ pags_pick_options pags_pick_options_default(void) {
   return (pags_pick_options){.farthest = HUGE_VAL, .blocked = 0.5};
 }
 
-/* Grows a list of `count` items of `size` bytes where it has no room for one more. */
-static pags_result reserve(void **list, int64_t count, int64_t *capacity, size_t size) {
-  if (count < *capacity)
-    return PAGS_OK;
-  int64_t wider = 2 * *capacity + 256;
-  void *grown = realloc(*list, (size_t)wider * size);
-  if (!grown)
-    return pags_out_of_memory("picking among %lld", (long long)wider);
-  *list = grown;
-  *capacity = wider;
-  return PAGS_OK;
-}
-
 /* ---- Clusters that the ray enters ---- */
-
-/* The largest distance from a mean, in sigmas, at which a Gaussian of the part can have its least alpha; negative:
- * its opacity is below that. */
-static double reach_of(const pags_part *part) {
-  double most = part->opacity_factor ? (double)part->opacity_factor_most : 1;
-  most /= least_alpha(part);
-  return most > 1 ? sqrt(2 * pags_log(most)) : -1;
-}
 
 /* The ray parameter at which the ray enters the box of cluster or run i, widened by `reach` sigmas; -1 where it
  * misses the box between options.nearest and options.farthest. A small margin covers the rounding of the float
@@ -105,8 +86,11 @@ static double enter(const picking *self, const pags_clusters *clusters, int64_t 
 static pags_result find_entries(picking *self) {
   const pags_part *part = &self->parts[self->part];
   const pags_clusters *clusters = part->clusters;
-  double reach = reach_of(part);
-  for (int64_t i = 0; i < clusters->count && reach >= 0; i++) {
+  const double most = (part->opacity_factor ? (double)part->opacity_factor_most : 1) / least_alpha(part);
+  if (!(most > 1)) /* no Gaussian of the part can have its least alpha */
+    return PAGS_OK;
+  const double reach = sqrt(2 * pags_log(most)); /* the largest distance from a mean, in sigmas, at which one can */
+  for (int64_t i = 0; i < clusters->count; i++) {
     if (clusters->runs && i % RUN == 0 && enter(self, clusters->runs, i / RUN, reach) < 0) {
       i += RUN - 1;
       continue;
@@ -114,10 +98,8 @@ static pags_result find_entries(picking *self) {
     double t = enter(self, clusters, i, reach);
     if (t < 0)
       continue;
-    void *list = self->entries;
-    pags_result result = reserve(&list, self->entry_count, &self->entry_capacity, sizeof *self->entries);
-    self->entries = list;
-    PAGS_TRY(result);
+    PAGS_CHECK_MEMORY(pags_grow(&self->entries, self->entry_count + 1, &self->entry_capacity, sizeof *self->entries),
+                      picking_among, (long long)self->entry_count);
     self->entries[self->entry_count++] = (entry){t, i, self->part};
   }
   return PAGS_OK;
@@ -125,11 +107,9 @@ static pags_result find_entries(picking *self) {
 
 static int compare_entries(const void *left, const void *right) {
   const entry *a = left, *b = right;
-  if (a->t != b->t)
-    return a->t < b->t ? -1 : 1;
-  if (a->part != b->part)
-    return a->part < b->part ? -1 : 1;
-  return a->cluster < b->cluster ? -1 : a->cluster > b->cluster;
+  return a->t != b->t         ? (a->t < b->t ? -1 : 1)
+         : a->part != b->part ? (a->part < b->part ? -1 : 1)
+                              : (a->cluster > b->cluster) - (a->cluster < b->cluster);
 }
 
 /* Makes `part` the current part and transforms the ray into its frame. */
@@ -184,11 +164,9 @@ static double meet(const picking *self, const float *planes, int64_t stride, int
 
 static int compare_meetings(const void *left, const void *right) {
   const meeting *a = left, *b = right;
-  if (a->t != b->t)
-    return a->t < b->t ? -1 : 1;
-  if (a->id != b->id)
-    return a->id < b->id ? -1 : 1;
-  return a->part < b->part ? -1 : a->part > b->part;
+  return a->t != b->t     ? (a->t < b->t ? -1 : 1)
+         : a->id != b->id ? (a->id < b->id ? -1 : 1)
+                          : (a->part > b->part) - (a->part < b->part);
 }
 
 /* Sorts the meetings and returns the one by which at least options.blocked of the ray is blocked, of those at t <
@@ -236,10 +214,9 @@ static pags_result walk(picking *self, const double origin[3], const double dire
                                   : meet(self, part->gaussians->data, part->gaussians->stride, row, factor, &t);
       if (alpha <= 0)
         continue;
-      void *list = self->meetings;
-      pags_result result = reserve(&list, self->meeting_count, &self->meeting_capacity, sizeof *self->meetings);
-      self->meetings = list;
-      PAGS_TRY(result);
+      PAGS_CHECK_MEMORY(
+          pags_grow(&self->meetings, self->meeting_count + 1, &self->meeting_capacity, sizeof *self->meetings),
+          picking_among, (long long)self->meeting_count);
       self->meetings[self->meeting_count++] = (meeting){t, alpha, row, part_id(part, row), self->entries[i].part};
     }
   }
@@ -249,41 +226,39 @@ static pags_result walk(picking *self, const double origin[3], const double dire
 
 /* ---- Picking ---- */
 
+static void release(picking *self) {
+  free(self->entries);
+  free(self->meetings);
+}
+
 pags_result pags_pick(const pags_part *parts, int part_count, const double origin[3], const double direction[3],
                       const pags_pick_options *options, pags_picked *out) {
   const pags_pick_options fallback = pags_pick_options_default();
-  picking self = {.parts = parts, .options = options ? options : &fallback, .part = -1};
+  PAGS_AUTO(release) picking self = {.parts = parts, .options = options ? options : &fallback, .part = -1};
   double length = 0, blocked = 0;
   *out = (pags_picked){.part = -1, .id = -1, .object = -1};
   for (int k = 0; k < 3; k++)
     length += direction[k] * direction[k] + 0 * origin[k];
   if (!(length > 0 && isfinite(length)))
     return pags_fail(PAGS_ERROR_ARGUMENT, "a ray: expected finite numbers and a direction of some length");
-  pags_result result = PAGS_OK;
-  for (int i = 0; i < part_count && result == PAGS_OK; i++) {
+  for (int i = 0; i < part_count; i++) {
     enter_part(&self, i, origin, direction);
-    result = find_entries(&self);
+    PAGS_TRY(find_entries(&self));
   }
   const meeting *found = NULL;
-  if (result == PAGS_OK)
-    result = walk(&self, origin, direction, &found, &blocked);
-  if (found) {
-    /* Fills in the result, in world coordinates. */
-    const pags_gaussians *g = self.parts[found->part].gaussians;
-    out->part = found->part;
-    out->row = found->row;
-    out->id = found->id;
-    out->depth = found->t;
-    out->alpha = found->alpha;
-    out->blocked = blocked;
-    for (int k = 0; k < 3; k++)
-      out->point[k] = origin[k] + found->t * direction[k];
-    if (g->object_id && !self.parts[found->part].packed)
-      out->object = g->object_id[found->row];
-  }
-  free(self.entries);
-  free(self.meetings);
-  return result;
+  PAGS_TRY(walk(&self, origin, direction, &found, &blocked));
+  if (!found)
+    return PAGS_OK;
+  const pags_gaussians *g = parts[found->part].gaussians;
+  *out = (pags_picked){.part = found->part,
+                       .row = found->row,
+                       .id = found->id,
+                       .depth = found->t,
+                       .alpha = found->alpha,
+                       .blocked = blocked,
+                       .object = g->object_id && !parts[found->part].packed ? g->object_id[found->row] : -1};
+  pags_along3(origin, found->t, direction, out->point);
+  return PAGS_OK;
 }
 
 pags_result pags_composition_pick(const pags_composition *composition, const pags_part *parts, int part_count,

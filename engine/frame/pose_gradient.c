@@ -78,15 +78,6 @@ static void add_motion(const float *data, int64_t stride, const pags_gaussians *
   }
 }
 
-/* Whether all six numbers are finite. A row with a parameter that isn't finite has a gradient of zero, but their
- * product is NaN, which must not get into the pose's gradient. */
-static bool is_finite(const double own[6]) {
-  double sum = 0.0;
-  for (int k = 0; k < 6; k++)
-    sum += own[k] * 0.0;
-  return sum == 0.0;
-}
-
 void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians, int64_t first,
                         int count, double out[6]) {
   for (int start = 0; start < count; start += ROWS) {
@@ -96,9 +87,12 @@ void pags_pose_gradient(const float *data, int64_t stride, int planes, const pag
     for (int i = 0; i < rows; i++) {
       double own[6] = {(double)turned[0][i], (double)turned[1][i], (double)turned[2][i], 0.0, 0.0, 0.0};
       add_motion(data + start + i, stride, gaussians, first + start + i, own);
-      if (!is_finite(own))
-        continue;
+      /* A row with a parameter that isn't finite has a gradient of zero, but their product is NaN, which must not get
+       * into the pose's gradient. */
+      double check = 0.0;
       for (int k = 0; k < 6; k++)
+        check += own[k] * 0.0;
+      for (int k = 0; k < 6 && check == 0.0; k++)
         out[k] += own[k];
     }
   }
@@ -106,12 +100,10 @@ void pags_pose_gradient(const float *data, int64_t stride, int planes, const pag
 
 /* A motion (w, v) of the world is R^T (w, v + w x t) in the frame of a part with the pose [R|t]. */
 void pags_pose_gradient_by_world(const double world_from_model[12], const double by_pose[6], double by_world[6]) {
-  const double place[3] = {world_from_model[3], world_from_model[7], world_from_model[11]};
-  double turn[3], push[3], lever[3];
-  for (int k = 0; k < 3; k++) {
-    turn[k] = pags_dot3(world_from_model + 4 * k, by_pose);
-    push[k] = pags_dot3(world_from_model + 4 * k, by_pose + 3);
-  }
+  double place[3], turn[3], push[3], lever[3];
+  pags_pose_position(world_from_model, place);
+  pags_rotate3(world_from_model, by_pose, turn);
+  pags_rotate3(world_from_model, by_pose + 3, push);
   pags_cross3(place, push, lever);
   for (int k = 0; k < 3; k++) {
     by_world[k] += turn[k] + lever[k];

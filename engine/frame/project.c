@@ -19,17 +19,6 @@ static float exp2_about(float x) {
   return power * (1.0f + f * (0.6565f + 0.3435f * f));
 }
 
-/* Drops the cluster's Gaussians that aren't critical and whose opacity times area on the picture, px, is below
- * options.rest_cut. With k = log2(e) / 2: area = 2 pi sqrt(det),  p w = k / sqrt(det). */
-static void cut_rest(const pags_frame *frame, const view_cluster *c, const pags_splat *splats, uint32_t *keys) {
-  const pags_part *const part = frame->parts + c->part;
-  for (int k = 0; k < c->count; k++)
-    if (keys[k] != UINT32_MAX &&
-        exp2_about(splats[k].log2_opacity) * 4.5323601f / (splats[k].p * splats[k].w) < frame->options.rest_cut &&
-        !frame_is_critical(part, c->first + k))
-      keys[k] = UINT32_MAX;
-}
-
 void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, bool tiles, pags_reach *reaches) {
   const pags_part *const part = frame->parts + c->part;
   pags_splat *const splats = frame->splats + c->base;
@@ -49,13 +38,18 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
   }
   if (frame->held)
     frame->held[c - frame->clusters] = held;
-  if (frame->options.rest_cut > 0.0f)
-    cut_rest(frame, c, splats, keys);
+  /* Drops Gaussians that aren't critical and whose opacity times area on the picture, px, is below options.rest_cut.
+   * With k = log2(e) / 2: area = 2 pi sqrt(det),  p w = k / sqrt(det). */
+  for (int k = 0; k < c->count && frame->options.rest_cut > 0.0f; k++)
+    if (keys[k] != UINT32_MAX &&
+        exp2_about(splats[k].log2_opacity) * 4.5323601f / (splats[k].p * splats[k].w) < frame->options.rest_cut &&
+        !frame_is_critical(part, c->first + k))
+      keys[k] = UINT32_MAX;
   for (int k = 0; k < c->count; k++)
     if (keys[k] != UINT32_MAX)
       splats[k].id = part_id(part, c->first + k);
-  if (frame->options.order ==
-      PAGS_ORDER_PAPER) /* the sign bit, unused since z > 0, sorts the others behind critical ones */
+  /* In the paper's order the sign bit, unused since z > 0, sorts the others behind critical ones. */
+  if (frame->options.order == PAGS_ORDER_PAPER)
     for (int k = 0; k < c->count; k++)
       if (keys[k] != UINT32_MAX && !frame_is_critical(part, c->first + k))
         keys[k] |= UINT32_C(1) << 31;
@@ -69,24 +63,14 @@ void pags_frame_box_members(const pags_frame *frame, int64_t first, int count) {
 }
 
 pags_result pags_frame_reserve_splats(pags_frame *frame) {
-  frame->splats = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->splats, "projected Gaussians");
-  frame->keys = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->keys, "depth keys");
-  frame->boxes = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->boxes, "tiles of Gaussians");
-  return frame->splats && frame->keys && frame->boxes ? PAGS_OK : PAGS_ERROR_MEMORY;
-}
-
-static bool is_any_drawn(const uint32_t *keys, int count) {
-  for (int k = 0; k < count; k++)
-    if (keys[k] != UINT32_MAX)
-      return true;
-  return false;
+  PAGS_TRY(pags_frame_alloc(frame, &frame->splats, frame->dense_count, sizeof *frame->splats, "projected Gaussians"));
+  PAGS_TRY(pags_frame_alloc(frame, &frame->keys, frame->dense_count, sizeof *frame->keys, "depth keys"));
+  return pags_frame_alloc(frame, &frame->boxes, frame->dense_count, sizeof *frame->boxes, "tiles of Gaussians");
 }
 
 pags_projection pags_frame_shading(const pags_frame *frame, const view_cluster *c) {
   pags_projection view = frame->projections[c->part];
-  if (frame->options.rest_sh_less == 0)
-    return view;
-  for (int k = 0; k < c->count; k++)
+  for (int k = 0; k < c->count && frame->options.rest_sh_less; k++)
     if (frame_is_critical(frame->parts + c->part, c->first + k))
       return view;
   view.sh_degree = view.sh_degree > frame->options.rest_sh_less ? view.sh_degree - frame->options.rest_sh_less : 0;
@@ -102,7 +86,10 @@ static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
     const pags_part *const part = frame->parts + c->part;
     row_scratch scratch;
     int64_t stride;
-    if (part->packed && !is_any_drawn(frame->keys + c->base, c->count))
+    int k = 0;
+    while (part->packed && k < c->count && frame->keys[c->base + k] == UINT32_MAX)
+      k++;
+    if (k == c->count) /* nothing to unpack */
       continue;
     const pags_projection view = pags_frame_shading(frame, c);
     const float *const rows = pags_frame_colours(part, c, view.sh_degree, &scratch, &stride);
@@ -148,10 +135,9 @@ pags_result pags_stage_project(pags_frame *frame) {
   pags_tasks_mark(frame->tasks, NULL, "project");
   const double t0 = pags_clock_ms();
   const int workers = pags_tasks_workers(frame->tasks);
-  project_context p = {frame, pags_frame_alloc(frame, workers, sizeof *p.ms, "times")};
+  project_context p = {.frame = frame};
+  PAGS_TRY(pags_frame_alloc(frame, &p.ms, workers, sizeof *p.ms, "times"));
   PAGS_TRY(pags_frame_reserve_splats(frame));
-  if (!p.ms)
-    return PAGS_ERROR_MEMORY;
   memset(p.ms, 0, (size_t)workers * sizeof *p.ms);
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, CLUSTERS_AT_A_TIME, project_block, &p));
 
@@ -167,22 +153,18 @@ pags_result pags_stage_project(pags_frame *frame) {
 
 const float *pags_frame_geometry(const pags_part *part, const view_cluster *cluster, row_scratch *scratch,
                                  int64_t *stride) {
-  if (!part->packed) {
-    *stride = part->gaussians->stride;
+  *stride = part->packed ? PAGS_PACKED_ROWS : part->gaussians->stride;
+  if (!part->packed)
     return part->gaussians->data + cluster->first;
-  }
-  *stride = PAGS_PACKED_ROWS;
   pags_packed_geometry(part->packed, cluster->cluster, scratch->planes);
   return scratch->planes;
 }
 
 const float *pags_frame_colours(const pags_part *part, const view_cluster *cluster, int sh_degree, row_scratch *scratch,
                                 int64_t *stride) {
-  if (!part->packed) {
-    *stride = part->gaussians->stride;
+  *stride = part->packed ? PAGS_PACKED_ROWS : part->gaussians->stride;
+  if (!part->packed)
     return part->gaussians->data + cluster->first;
-  }
-  *stride = PAGS_PACKED_ROWS;
   pags_packed_means(part->packed, cluster->cluster, scratch->planes);
   pags_packed_colours(part->packed, cluster->cluster, sh_degree, scratch->planes + PAGS_SH * PAGS_PACKED_ROWS);
   return scratch->planes;

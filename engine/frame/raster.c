@@ -31,17 +31,9 @@ static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
   if (frame->options.extra_channels) {
     out.depth = frame_plane(frame, PLANE_DEPTH) + at;
     out.best = frame_plane(frame, PLANE_BEST) + at;
-    out.id = (int32_t *)(void *)frame_plane(frame, PLANE_ID) + at;
+    out.id = frame_ids(frame) + at;
   }
   return out;
-}
-
-/* Whether the raster stage can leave the tile out: it isn't wanted, it is saturated, or this slab put nothing into
- * its list and isn't the last. */
-static bool tile_rests(const pags_frame *f, int64_t tile) {
-  if (f->wanted && !f->wanted[tile])
-    return true;
-  return f->full && (f->full->limits[tile] < 0.0f || (!f->last_slab && f->tile_start[tile + 1] == f->tile_start[tile]));
 }
 
 /* The kernel's input for a tile. `goes_on`: the same worker draws the next tile after this one, so that tile's splats
@@ -102,9 +94,14 @@ static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int
 
 static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) {
   const raster_context *const c = context;
-  for (int64_t tile = begin; tile < end; tile++)
-    if (!tile_rests(c->frame, tile))
+  const pags_frame *const f = c->frame;
+  for (int64_t tile = begin; tile < end; tile++) {
+    /* Saturated, or this slab put nothing into the tile's list and isn't the last. */
+    const bool rests =
+        f->full && (f->full->limits[tile] < 0.0f || (!f->last_slab && f->tile_start[tile + 1] == f->tile_start[tile]));
+    if ((!f->wanted || f->wanted[tile]) && !rests)
       raster_tile(c, tile, tile + 1 < end, worker);
+  }
 }
 
 /* Block function: blends tiles [begin, end) at their 4 x 4 samples, for variable-rate shading. */
@@ -134,11 +131,8 @@ static pags_result run_tiles(pags_frame *frame, const frame_samples *samples, pa
   pags_tasks_mark(frame->tasks, NULL, "raster");
   raster_context c = {.frame = frame, .samples = samples};
   const int workers = pags_tasks_workers(frame->tasks);
-  c.counts = pags_frame_alloc(frame, workers, sizeof *c.counts, "pair counts");
-  if (!c.counts)
-    return PAGS_ERROR_MEMORY;
-  for (int w = 0; w < workers; w++)
-    memset(c.counts[w], 0, sizeof c.counts[w]);
+  PAGS_TRY(pags_frame_alloc(frame, &c.counts, workers, sizeof *c.counts, "pair counts"));
+  memset(c.counts, 0, (size_t)workers * sizeof *c.counts);
   PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, fn, &c));
   for (int w = 0; w < workers; w++) {
     frame->stats.pairs_evaluated += c.counts[w][0];
@@ -156,26 +150,20 @@ pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples) {
   return run_tiles(frame, samples, sample_tiles);
 }
 
-/* Applies vignetting and response of the camera to the colours of a tile. */
-static void apply_photometric(const pags_frame *frame, int64_t tile) {
-  const pags_photometric *const calibration = &frame->options.photometric;
+void pags_frame_expose(const pags_frame *frame, int64_t tile) {
   const int64_t at = frame_tile_offset(frame, tile);
-  const int64_t left = at % frame->stride, top = at / frame->stride;
-  for (int y = 0; y < PAGS_TILE; y++)
-    for (int x = 0; x < PAGS_TILE; x++) {
-      const double q = pags_photometric_radius2(&frame->camera, (double)(left + x) + 0.5, (double)(top + y) + 0.5);
+  const pags_photometric *const calibration = &frame->options.photometric;
+  if (!pags_photometric_is_identity(calibration))
+    for (int i = 0; i < PAGS_TILE_PIXELS; i++) { /* vignetting and response */
+      const int x = i % PAGS_TILE, y = i / PAGS_TILE;
+      const double q = pags_photometric_radius2(&frame->camera, (double)(frame_tile_x(frame, tile) + x) + 0.5,
+                                                (double)(frame_tile_y(frame, tile) + y) + 0.5);
       const double bright = pags_photometric_vignetting(calibration, q);
       for (int c = 0; c < 3; c++) {
         float *const value = frame_plane(frame, PLANE_R + c) + at + y * frame->stride + x;
         *value = (float)pags_photometric_response(calibration, bright * (double)*value, NULL);
       }
     }
-}
-
-void pags_frame_expose(const pags_frame *frame, int64_t tile) {
-  const int64_t at = frame_tile_offset(frame, tile);
-  if (!pags_photometric_is_identity(&frame->options.photometric))
-    apply_photometric(frame, tile);
   for (int c = 0; c < 3; c++) {
     const float gain = frame->options.gain[c], offset = frame->options.offset[c];
     float *row = frame_plane(frame, PLANE_R + c) + at;

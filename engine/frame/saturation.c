@@ -10,7 +10,7 @@ enum { BLOCK_SIDE = 4, BLOCKS = PAGS_TILE / BLOCK_SIDE, WORD = 64 };
 
 /* Builds the bitmap of unsaturated blocks from the tiles' masks (four bits of a tile's mask go into each of four rows
  * of blocks), and counts the saturated tiles. */
-static void spread(const pags_frame *frame) {
+void pags_frame_saturation_update(pags_frame *frame) {
   saturation *const f = frame->full;
   memset(f->open, 0, (size_t)(f->rows * f->words) * sizeof *f->open);
   f->tiles_full = 0;
@@ -27,24 +27,20 @@ static void spread(const pags_frame *frame) {
 
 pags_result pags_frame_saturation_begin(pags_frame *frame) {
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
-  saturation *const f = frame->full = pags_frame_alloc(frame, 1, sizeof *f, "saturated tiles");
-  if (!f)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &frame->full, 1, sizeof *frame->full, "saturated tiles"));
+  saturation *const f = frame->full;
   f->words = (BLOCKS * frame->tiles_x + WORD - 1) / WORD;
   f->rows = BLOCKS * frame->tiles_y;
-  f->limits = pags_frame_alloc(frame, tiles, sizeof *f->limits, "saturated tiles");
-  f->tile_begun = pags_frame_alloc(frame, tiles, sizeof *f->tile_begun, "saturated tiles");
-  f->tile_open = pags_frame_alloc(frame, tiles, sizeof *f->tile_open, "saturated tiles");
-  f->open = pags_frame_alloc(frame, (int64_t)f->rows * f->words, sizeof *f->open, "saturated tiles");
-  if (!f->limits || !f->tile_begun || !f->tile_open || !f->open)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &f->limits, tiles, sizeof *f->limits, "saturated tiles"));
+  PAGS_TRY(pags_frame_alloc(frame, &f->tile_begun, tiles, sizeof *f->tile_begun, "saturated tiles"));
+  PAGS_TRY(pags_frame_alloc(frame, &f->tile_open, tiles, sizeof *f->tile_open, "saturated tiles"));
+  PAGS_TRY(pags_frame_alloc(frame, &f->open, (int64_t)f->rows * f->words, sizeof *f->open, "saturated tiles"));
   memset(f->tile_begun, 0, (size_t)tiles);
   for (int64_t tile = 0; tile < tiles; tile++) {
     f->limits[tile] = INFINITY;
 
     /* Blocks of 4x4 pixels that lie wholly in the padding count as saturated from the beginning. */
-    int x0 = frame_tile_x(frame, tile);
-    int y0 = frame_tile_y(frame, tile);
+    const int x0 = frame_tile_x(frame, tile), y0 = frame_tile_y(frame, tile);
     unsigned inside = 0;
     for (int b = 0; b < PAGS_TILE_BLOCKS; b++)
       if (x0 + BLOCK_SIDE * (b % BLOCKS) < frame->camera.width && y0 + BLOCK_SIDE * (b / BLOCKS) < frame->camera.height)
@@ -52,10 +48,6 @@ pags_result pags_frame_saturation_begin(pags_frame *frame) {
     f->tile_open[tile] = (uint16_t)inside;
   }
   frame->tile_limits = f->limits;
-  spread(frame);
+  pags_frame_saturation_update(frame);
   return PAGS_OK;
-}
-
-void pags_frame_saturation_update(pags_frame *frame) {
-  spread(frame);
 }

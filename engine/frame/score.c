@@ -84,19 +84,18 @@ pags_result pags_stage_score(pags_frame *frame, const pags_score_planes *planes,
   assert(planes->counted && planes->critical && !(planes->rgb[0] && planes->overlap));
   pags_tasks_mark(frame->tasks, NULL, "scores");
   score_context c = {.frame = frame, .planes = planes};
-  c.written = pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SCORE_SUMS, sizeof *c.written, "score slots");
+  PAGS_TRY(pags_frame_alloc(frame, &c.written, frame->stats.pairs_binned * PAGS_SCORE_SUMS, sizeof *c.written,
+                            "score slots"));
   *slots = c.written;
-  return c.written ? pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, tiles_score, &c)
-                   : PAGS_ERROR_MEMORY;
+  return pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, tiles_score, &c);
 }
 
 pags_result pags_stage_receive_scores(pags_frame *frame, const float *slots, const pags_splat_scores *sums,
                                       pags_score_fn *receive, void *user) {
   const int workers = pags_tasks_workers(frame->tasks);
   score_context c = {.frame = frame, .slots = slots, .sums = sums, .receive = receive, .user = user};
-  c.scratch = pags_frame_alloc(frame, (int64_t)workers * PAGS_SCORE_SUMS * MOST_MEMBERS, sizeof *c.scratch, "scores");
-  if (!c.scratch)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &c.scratch, (int64_t)workers * PAGS_SCORE_SUMS * MOST_MEMBERS, sizeof *c.scratch,
+                            "scores"));
   PAGS_TRY(pags_frame_reserve_members(frame, &c.members));
   return pags_frame_for(frame, frame->cluster_count, 4, clusters_score, &c);
 }

@@ -4,14 +4,14 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "frame/stages.h"
 
 void pags_frame_pose(const double world_from_camera[12], const double origin[3], const double world_from_model[12],
                      double camera_from_model[12], double model_from_camera[12]) {
   double local[12], camera_from_world[12];
   memcpy(local, world_from_camera, sizeof local);
-  for (int k = 0; k < 3; k++)
-    local[4 * k + 3] -= origin[k];
+  pags_pose_subtract(local, origin);
   pags_rigid_inverse(local, camera_from_world);
   pags_rigid_multiply(camera_from_world, world_from_model, camera_from_model);
   pags_affine_inverse(camera_from_model, model_from_camera);
@@ -24,8 +24,7 @@ static void pose_at(const pags_frame *f, const pags_part *part, double seconds, 
   pags_rigid_move(f->camera.world_from_camera, f->camera.shutter.velocity, seconds, camera);
   pags_rigid_move(part->world_from_model, part->velocity, seconds, model);
   pags_frame_pose(camera, f->options.origin, model, camera_from_model, model_from_camera);
-  for (int k = 0; k < 3; k++)
-    eye[k] = model_from_camera[4 * k + 3];
+  pags_pose_position(model_from_camera, eye);
 }
 
 /* The coefficients of u and u^2 of the parabola with these values at -1/2, 0 and 1/2. */
@@ -57,9 +56,7 @@ pags_result pags_frame_scan(pags_frame *frame) {
   frame->held = NULL;
   if (!pags_camera_rolls(&frame->camera))
     return PAGS_OK;
-  frame->scans = pags_frame_alloc(frame, frame->part_count, sizeof *frame->scans, "parts");
-  if (!frame->scans)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &frame->scans, frame->part_count, sizeof *frame->scans, "parts"));
   for (int p = 0; p < frame->part_count; p++) {
     scan_part(frame, frame->parts + p, frame->scans + p);
     frame->projections[p].scan = frame->scans + p;
@@ -81,7 +78,7 @@ pags_sky_rays pags_frame_rays(const pags_frame *frame, int64_t tile) {
   double m[12];
   pags_rigid_move(c->world_from_camera, c->shutter.velocity, pags_camera_read_at(c, x, y), m);
   for (int k = 0; k < 3; k++) {
-    const double *const r = m + 4 * k, rate = r[0] * turned[0] + r[1] * turned[1] + r[2] * turned[2];
+    const double *const r = m + 4 * k, rate = pags_dot3(r, turned);
     const double across = r[0] / c->fx + rate * c->shutter.across / c->width,
                  down = r[1] / c->fy + rate * c->shutter.down / c->height;
     rays.across[k] = (float)across;

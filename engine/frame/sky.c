@@ -278,21 +278,13 @@ static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
   return tile;
 }
 
-/* Prefetches the rows of a tile's planes. They lie a picture's width apart, too far for the hardware prefetcher. */
-static void fetch_tile(const sky_context *c, int64_t tile) {
-  const pags_frame *const f = c->frame;
-  const int64_t at = frame_tile_offset(f, tile);
-  const float *const planes[] = {frame_plane(f, PLANE_T), c->gradient->rgb[0], c->gradient->rgb[1],
-                                 c->gradient->rgb[2]};
-  for (int y = 0; y < PAGS_TILE; y++)
-    for (int k = 0; k < 4; k++)
-      __builtin_prefetch(planes[k] + at + y * f->stride);
-}
-
 /* Adds up the gradient of run `index` over all tiles that see it, and calls the receiver if any does. */
 static void add_run(const sky_context *c, int64_t index, int worker) {
-  const int64_t tiles = (int64_t)c->frame->tiles_x * c->frame->tiles_y, texels = (int64_t)1 << c->run_bits;
-  const texel_run run = {(int32_t)(index * texels), (int32_t)((index + 1) * texels), c->frame->rays.size,
+  const pags_frame *const f = c->frame;
+  const float *const planes[] = {frame_plane(f, PLANE_T), c->gradient->rgb[0], c->gradient->rgb[1],
+                                 c->gradient->rgb[2]};
+  const int64_t tiles = (int64_t)f->tiles_x * f->tiles_y, texels = (int64_t)1 << c->run_bits;
+  const texel_run run = {(int32_t)(index * texels), (int32_t)((index + 1) * texels), f->rays.size,
                          c->runs + 3 * texels * worker, c->seen + texels / PAGS_SKY_BLOCK * worker};
   int64_t tile = next_tile(c, 0, index);
   if (tile == tiles)
@@ -300,11 +292,12 @@ static void add_run(const sky_context *c, int64_t index, int worker) {
   memset(run.seen, 0, (size_t)(texels / PAGS_SKY_BLOCK));
   for (int64_t next; tile < tiles; tile = next) {
     next = next_tile(c, tile + 1, index);
-    if (next < tiles)
-      fetch_tile(c, next);
+    /* Prefetches the rows of its planes. They lie a picture's width apart, too far for the hardware prefetcher. */
+    for (int y = 0; y < PAGS_TILE && next < tiles; y++)
+      for (int k = 0; k < 4; k++)
+        __builtin_prefetch(planes[k] + frame_tile_offset(f, next) + y * f->stride);
 
     /* Adds the tile's pixels, without rows at its top and bottom that show no sky. */
-    const pags_frame *const f = c->frame;
     const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), width = f->camera.width - x0,
               height = f->camera.height - y0;
     pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
@@ -342,11 +335,9 @@ pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradie
   const int64_t most = workers > FEW_WORKERS ? MOST_RUNS : FEW_RUNS;
   while (texels > most << c.run_bits)
     c.run_bits++;
-  c.runs_seen = pags_frame_alloc(frame, tiles, sizeof *c.runs_seen, "sky's tiles");
-  c.runs = pags_frame_alloc(frame, 3 * workers << c.run_bits, sizeof *c.runs, "sky's gradient");
-  c.seen = pags_frame_alloc(frame, (workers << c.run_bits) / PAGS_SKY_BLOCK, 1, "sky's blocks");
-  if (!c.runs_seen || !c.runs || !c.seen)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &c.runs_seen, tiles, sizeof *c.runs_seen, "sky's tiles"));
+  PAGS_TRY(pags_frame_alloc(frame, &c.runs, 3 * workers << c.run_bits, sizeof *c.runs, "sky's gradient"));
+  PAGS_TRY(pags_frame_alloc(frame, &c.seen, (workers << c.run_bits) / PAGS_SKY_BLOCK, 1, "sky's blocks"));
   PAGS_TRY(pags_frame_for(frame, tiles, 16, find_runs, &c));
   return pags_frame_for(frame, ((texels - 1) >> c.run_bits) + 1, 1, add_runs, &c);
 }

@@ -145,7 +145,7 @@ pags_result pags_stage_sort(pags_frame *frame) {
     longest = count > longest ? count : longest;
   }
   sort_context c = {.frame = frame, .stretch = workers * longest < pairs ? longest : 0};
-  c.scratch =
-      pags_frame_alloc(frame, 2 * (c.stretch ? workers * c.stretch : pairs), sizeof *c.scratch, "lists to sort");
-  return c.scratch ? pags_frame_for(frame, tiles, 1, sort_tiles, &c) : PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_alloc(frame, &c.scratch, 2 * (c.stretch ? workers * c.stretch : pairs), sizeof *c.scratch,
+                            "lists to sort"));
+  return pags_frame_for(frame, tiles, 1, sort_tiles, &c);
 }

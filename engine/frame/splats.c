@@ -9,15 +9,13 @@
 
 enum { MEMBERS = 256 }; /* a worker's block of splats */
 
-/* ---- Owners ---- */
+/* Both kinds of splats begin with the same floats, x to slope. */
+enum { SENT_FLOATS = 11 };
+static_assert(offsetof(pags_sent_splat, slope) == offsetof(pags_splat, slope) &&
+                  offsetof(pags_splat, slope) == sizeof(float[SENT_FLOATS - 1]),
+              "a sent splat begins as a splat does");
 
-static pags_result project(pags_frame *frame) {
-  frame->extents = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->extents, "extents of splats");
-  if (!frame->extents)
-    return PAGS_ERROR_MEMORY;
-  PAGS_TRY(pags_stage_project(frame));
-  return pags_frame_place_slots(frame);
-}
+/* ---- Owners ---- */
 
 pags_result pags_frame_project(pags_frame *frame, pags_frame *lender, const pags_part *parts, int part_count,
                                const pags_camera *camera, const pags_frame_options *options, pags_touch_fn *touch,
@@ -31,27 +29,16 @@ pags_result pags_frame_project(pags_frame *frame, pags_frame *lender, const pags
   lender->rendered = false;
   pags_arena_reset(lender->arena);
   frame->arena = lender->arena;
-  const pags_result result = project(frame);
+  pags_result result =
+      pags_frame_alloc(frame, &frame->extents, frame->dense_count, sizeof *frame->extents, "extents of splats");
+  if (result == PAGS_OK)
+    result = pags_stage_project(frame);
+  if (result == PAGS_OK)
+    result = pags_frame_place_slots(frame);
   frame->arena = own;
   PAGS_TRY(result);
   *count = frame->slot_start[frame->dense_count];
   return PAGS_OK;
-}
-
-static pags_sent_splat sent(const pags_splat *s, const float extent[2]) {
-  return (pags_sent_splat){.x = s->x,
-                           .y = s->y,
-                           .p = s->p,
-                           .h = s->h,
-                           .w = s->w,
-                           .log2_opacity = s->log2_opacity,
-                           .r = s->r,
-                           .g = s->g,
-                           .b = s->b,
-                           .z = s->z,
-                           .slope = s->slope,
-                           .id = s->id,
-                           .extent = {extent[0], extent[1]}};
 }
 
 typedef struct taking {
@@ -68,17 +55,21 @@ static void take(void *context, int64_t begin, int64_t end, int worker) {
     t->flags[i] = 0;
     if (f->slot_start[i] == f->slot_start[i + 1])
       continue;
-    t->out[f->slot_start[i]] = sent(f->splats + i, f->extents[i]);
+    const pags_splat *const s = f->splats + i;
+    pags_sent_splat *const to = t->out + f->slot_start[i];
+    memcpy(to, s, sizeof(float[SENT_FLOATS]));
+    to->id = s->id;
+    memcpy(to->extent, f->extents[i], sizeof to->extent);
     t->flags[i] = (uint8_t)(MEMBER_DRAWN | f->splats[i].clamped);
   }
 }
 
 pags_result pags_frame_take_splats(pags_frame *frame, pags_sent_splat *out) {
   assert(!frame->member_flags);
-  uint8_t *const flags = pags_frame_alloc(frame, frame->dense_count, 1, "flags of splats");
-  int64_t *const slots = pags_frame_alloc(frame, frame->cluster_count + 1, sizeof *slots, "slots of clusters");
-  if (!flags || !slots)
-    return PAGS_ERROR_MEMORY;
+  uint8_t *flags;
+  PAGS_TRY(pags_frame_alloc(frame, &flags, frame->dense_count, 1, "flags of splats"));
+  int64_t *slots;
+  PAGS_TRY(pags_frame_alloc(frame, &slots, frame->cluster_count + 1, sizeof *slots, "slots of clusters"));
   PAGS_TRY(pags_frame_for(frame, frame->dense_count, MEMBERS, take, &(taking){frame, out, flags}));
   for (int64_t c = 0; c < frame->cluster_count; c++)
     slots[c] = frame->slot_start[frame->clusters[c].base];
@@ -130,20 +121,8 @@ static void arrive(void *context, int64_t begin, int64_t end, int worker) {
       continue;
     }
     const pags_sent_splat *const s = a->splats + i;
-    f->splats[i] = (pags_splat){.x = s->x,
-                                .y = s->y,
-                                .p = s->p,
-                                .h = s->h,
-                                .w = s->w,
-                                .log2_opacity = s->log2_opacity,
-                                .r = s->r,
-                                .g = s->g,
-                                .b = s->b,
-                                .z = s->z,
-                                .slope = s->slope,
-                                .cut = a->cut.cut,
-                                .floor = a->cut.floor,
-                                .id = s->id};
+    f->splats[i] = (pags_splat){.cut = a->cut.cut, .floor = a->cut.floor, .id = s->id};
+    memcpy(f->splats + i, s, sizeof(float[SENT_FLOATS]));
     memcpy(f->keys + i, &s->z, sizeof *f->keys);
     memcpy(f->boxes[i].extent, s->extent, sizeof s->extent);
   }

@@ -131,6 +131,9 @@ enum { PLANE_R, PLANE_G, PLANE_B, PLANE_T, PLANE_DEPTH, PLANE_DEPTH_SUM, PLANE_B
 static inline float *frame_plane(const pags_frame *frame, int plane) {
   return frame->planes + plane * frame->plane_size;
 }
+static inline int32_t *frame_ids(const pags_frame *frame) {
+  return (int32_t *)(void *)frame_plane(frame, PLANE_ID);
+}
 /* A tile's top left pixel: its x and y, and its offset in a plane. */
 static inline int frame_tile_x(const pags_frame *frame, int64_t tile) {
   return (int)(tile % frame->tiles_x) * PAGS_TILE;
@@ -220,8 +223,6 @@ pags_result pags_frame_reserve_splats(pags_frame *frame);
 pags_result pags_frame_place_slots(pags_frame *frame);
 /* The stages from list to raster, timed. */
 pags_result pags_frame_draw_projected(pags_frame *frame);
-/* All stages after culling, over the whole frame at once. */
-pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user);
 /* The PAGS paper's two passes after culling: a depth pre-pass of occluders, then colour (early_z_paper.c). */
 pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, void *user);
 /* All stages after culling, one slab of depth after another, front to back (early_z_slabs.c). */
@@ -278,8 +279,8 @@ const float *pags_frame_geometry(const pags_part *part, const view_cluster *clus
 const float *pags_frame_colours(const pags_part *part, const view_cluster *cluster, int sh_degree, row_scratch *scratch,
                                 int64_t *stride);
 
-/* Allocates count * size bytes from the frame's arena. Returns NULL after pags_fail if out of memory. */
-void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what);
+/* Allocates `count` items of `size` bytes from the frame's arena. `array`: the address of the pointer to them. */
+pags_result pags_frame_alloc(pags_frame *frame, void *array, int64_t count, size_t size, const char *what);
 /* pags_parallel_for over [0, count) that returns PAGS_OK, or PAGS_CANCELLED after pags_fail. */
 pags_result pags_frame_for(pags_frame *frame, int64_t count, int64_t grain, pags_block_fn *fn, void *context);
 

@@ -11,11 +11,6 @@
 enum { TILE_SAMPLES = PAGS_TILE / SAMPLE_SIDE }; /* along a tile's side */
 #define SHOWS 0.125f /* a sample shows critical Gaussians if the sum of their weights is at least this */
 
-/* Allocates a plane of samples, padded to whole tiles. */
-static float *sample_plane(pags_frame *f, const frame_samples *s) {
-  return pags_frame_alloc(f, (int64_t)s->stride * (f->rows / SAMPLE_SIDE), sizeof(float), "samples");
-}
-
 /* The two rows of samples a and b that a row of pixels lies between, and b's weight t in the linear interpolation.
  * Pixels beyond the outermost rows of samples take the outermost row. */
 typedef struct between {
@@ -49,18 +44,6 @@ static void interpolate_row(const float *plane, int64_t stride, int first, int s
   }
 }
 
-/* Sets depth, depth sum and id of a row of 16 pixels of a tile to those of the nearest sample, in whose 4 x 4 pixels
- * each pixel lies. */
-static void take_nearest(const pags_frame *f, const frame_samples *s, int x0, int y) {
-  int32_t *const ids = (int32_t *)(void *)frame_plane(f, PLANE_ID);
-  for (int x = x0; x < x0 + PAGS_TILE; x++) {
-    const int64_t from = (int64_t)(y / SAMPLE_SIDE) * s->stride + x / SAMPLE_SIDE, to = (int64_t)y * f->stride + x;
-    frame_plane(f, PLANE_DEPTH)[to] = s->depth[from];
-    frame_plane(f, PLANE_DEPTH_SUM)[to] = s->depth_sum[from];
-    ids[to] = s->id[from];
-  }
-}
-
 typedef struct enlarging {
   const pags_frame *frame;
   const frame_samples *samples;
@@ -69,61 +52,58 @@ typedef struct enlarging {
 /* Block function: interpolates those of tiles [begin, end) that were not rasterised, and adds sky and exposure. */
 static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker) {
   const enlarging *const e = context;
+  const pags_frame *const f = e->frame;
+  const frame_samples *const s = e->samples;
   (void)worker;
-  for (int64_t tile = begin; tile < end; tile++)
-    if (!e->frame->wanted[tile]) {
-      /* Interpolates colour and transmittance row by row; depth and ids are the nearest sample's. */
-      const int x0 = frame_tile_x(e->frame, tile), y0 = frame_tile_y(e->frame, tile);
-      const int64_t at = frame_tile_offset(e->frame, tile);
-      const int first = x0 / SAMPLE_SIDE;
-      for (int y = 0; y < PAGS_TILE; y++) {
-        const between v = between_at(y0 + y, e->samples->height);
-        const int64_t row = at + (int64_t)y * e->frame->stride;
-        for (int k = 0; k < 3; k++)
-          interpolate_row(e->samples->rgb[k], e->samples->stride, first, e->samples->width, v,
-                          frame_plane(e->frame, PLANE_R + k) + row);
-        interpolate_row(e->samples->transmittance, e->samples->stride, first, e->samples->width, v,
-                        frame_plane(e->frame, PLANE_T) + row);
-        if (e->frame->options.extra_channels)
-          take_nearest(e->frame, e->samples, x0, y0 + y);
+  for (int64_t tile = begin; tile < end; tile++) {
+    if (f->wanted[tile])
+      continue;
+    const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), first = x0 / SAMPLE_SIDE;
+    for (int y = y0; y < y0 + PAGS_TILE; y++) {
+      const between v = between_at(y, s->height);
+      const int64_t row = (int64_t)y * f->stride + x0;
+      for (int k = 0; k < 3; k++)
+        interpolate_row(s->rgb[k], s->stride, first, s->width, v, frame_plane(f, PLANE_R + k) + row);
+      interpolate_row(s->transmittance, s->stride, first, s->width, v, frame_plane(f, PLANE_T) + row);
+
+      /* Depth and id are those of the nearest sample, in whose 4 x 4 pixels each pixel lies. */
+      const int64_t samples = (int64_t)(y / SAMPLE_SIDE) * s->stride + first;
+      for (int x = 0; x < PAGS_TILE && f->options.extra_channels; x++) {
+        frame_plane(f, PLANE_DEPTH)[row + x] = s->depth[samples + x / SAMPLE_SIDE];
+        frame_plane(f, PLANE_DEPTH_SUM)[row + x] = s->depth_sum[samples + x / SAMPLE_SIDE];
+        frame_ids(f)[row + x] = s->id[samples + x / SAMPLE_SIDE];
       }
-      /* Less sky than 1/512 isn't visible: that is under half a grey level, if it isn't made brighter. */
-      if (e->frame->has_sky && pags_frame_tile_shows(e->frame, tile, 1.0f / 512.0f / e->frame->enlargement)) {
-        pags_sky_tile sky;
-        pags_frame_find_sky(e->frame, tile, &sky);
-        pags_frame_blend_sky(e->frame, tile, &sky);
-      }
-      if (e->frame->options.exposed)
-        pags_frame_expose(e->frame, tile);
-      if (e->frame->lens)
-        pags_frame_mask_lens(e->frame, tile);
     }
+    /* Less sky than 1/512 isn't visible: that is under half a grey level, if it isn't made brighter. */
+    if (f->has_sky && pags_frame_tile_shows(f, tile, 1.0f / 512.0f / f->enlargement)) {
+      pags_sky_tile sky;
+      pags_frame_find_sky(f, tile, &sky);
+      pags_frame_blend_sky(f, tile, &sky);
+    }
+    if (f->options.exposed)
+      pags_frame_expose(f, tile);
+    if (f->lens)
+      pags_frame_mask_lens(f, tile);
+  }
 }
 
 pags_result pags_stage_variable_rate(pags_frame *frame) {
-  frame_samples samples;
-
-  /* Allocates the planes of samples; depth and ids only with extra channels. */
-  frame_samples *s = &samples;
-  *s = (frame_samples){.width = (frame->camera.width + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
-                       .height = (frame->camera.height + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
-                       .stride = frame->stride / SAMPLE_SIDE};
-  float **const planes[] = {&s->rgb[0],   &s->rgb[1], &s->rgb[2],   &s->transmittance,
-                            &s->critical, &s->depth,  &s->depth_sum};
-  const int count = frame->options.extra_channels ? 7 : 5;
+  frame_samples samples = {.width = (frame->camera.width + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
+                           .height = (frame->camera.height + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
+                           .stride = frame->stride / SAMPLE_SIDE};
+  /* The planes of samples, padded to whole tiles; depth and ids only with extra channels. */
+  void *const planes[] = {&samples.rgb[0],   &samples.rgb[1], &samples.rgb[2],    &samples.transmittance,
+                          &samples.critical, &samples.depth,  &samples.depth_sum, &samples.id};
+  const int count = frame->options.extra_channels ? 8 : 5;
   for (int k = 0; k < count; k++)
-    if (!(*planes[k] = sample_plane(frame, s)))
-      return PAGS_ERROR_MEMORY;
-  if (frame->options.extra_channels && !(s->id = (int32_t *)(void *)sample_plane(frame, s)))
-    return PAGS_ERROR_MEMORY;
-
+    PAGS_TRY(pags_frame_alloc(frame, planes[k], (int64_t)samples.stride * (frame->rows / SAMPLE_SIDE), sizeof(float),
+                              "samples"));
   PAGS_TRY(pags_stage_sample(frame, &samples));
 
   /* Marks the tiles to rasterise at every pixel: those around samples that show critical Gaussians. */
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
-  uint8_t *const wanted = pags_frame_alloc(frame, tiles, 1, "tiles that are drawn in full");
-  if (!wanted)
-    return PAGS_ERROR_MEMORY;
+  uint8_t *wanted;
+  PAGS_TRY(pags_frame_alloc(frame, &wanted, tiles, 1, "tiles that are drawn in full"));
   memset(wanted, 0, (size_t)tiles);
   for (int y = 0; y < samples.height; y++)
     for (int x = 0; x < samples.width; x++)
@@ -143,5 +123,5 @@ pags_result pags_stage_variable_rate(pags_frame *frame) {
 
   PAGS_TRY(pags_stage_raster(frame));
   enlarging e = {frame, &samples};
-  return pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 16, enlarge_tiles, &e);
+  return pags_frame_for(frame, tiles, 16, enlarge_tiles, &e);
 }
