@@ -21,6 +21,7 @@ PAGS_API void pags_log_set(pags_log_fn *receiver, void *user);
 
 /* Logs one line, formatted as by printf and cut off after 1023 bytes. */
 void pags_log_message(pags_log_level level, const char *format, ...) PAGS_PRINTF(2, 3);
+#define PAGS_WARN(...) pags_log_message(PAGS_LOG_WARNING, __VA_ARGS__)
 
 /* Counts findings of one kind, for one line with their number and the name of the first. */
 typedef struct pags_tally {
