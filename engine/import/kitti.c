@@ -4,18 +4,17 @@
  * The world frame is east, north, up in metres; its origin is the position of the Velodyne LiDAR in frame 0 of the
  * sequence, whichever frames are imported. The ego frame is that of the Velodyne, so that sweeps are copied
  * unchanged. Poses are computed from oxts as in KITTI's development kit and then transformed by Tr_imu_to_velo. */
-#include <assert.h>
 #include <math.h>
 #include <pags/image.h>
 #include <pags/import.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/parallel.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "dataset/driving/motion.h"
 #include "dataset/driving/writer.h"
 #include "import/kitti_files.h"
@@ -65,46 +64,24 @@ static pags_result no_memory(const importer *im) {
 
 /* ---- Poses ---- */
 
-static pags_result read_raw_row(const importer *im, int64_t frame, double out[PAGS_KITTI_OXTS]) {
-  pags_kitti_table table;
-  char *path = pags_kitti_oxts_path(&im->tree, frame);
-  if (!path)
-    return no_memory(im);
-  pags_result result = pags_kitti_table_read(path, PAGS_KITTI_OXTS, &table);
-  if (result == PAGS_OK && table.rows != 1)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected one line, found %lld", path, (long long)table.rows);
-  if (result == PAGS_OK)
-    memcpy(out, table.values, PAGS_KITTI_OXTS * sizeof *out);
-  pags_kitti_table_destroy(&table);
-  free(path);
-  return result;
-}
-
-static pags_result read_rows(const importer *im, double first[PAGS_KITTI_OXTS]) {
-  pags_kitti_table table;
-  char *path = pags_kitti_oxts_path(&im->tree, 0);
-  if (!path)
-    return no_memory(im);
-  pags_result result = pags_kitti_table_read(path, PAGS_KITTI_OXTS, &table);
-  if (result == PAGS_OK && table.rows < im->tree.frames)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a line for each of %lld frames, found %lld", path,
-                       (long long)im->tree.frames, (long long)table.rows);
-  if (result == PAGS_OK) {
-    memcpy(first, table.values, PAGS_KITTI_OXTS * sizeof *first);
-    memcpy(im->oxts, table.values + im->tree.first * PAGS_KITTI_OXTS,
-           (size_t)im->count * PAGS_KITTI_OXTS * sizeof *first);
-  }
-  pags_kitti_table_destroy(&table);
-  free(path);
-  return result;
-}
-
+/* Reads the row of the sequence's first frame, and those of the imported frames to im->oxts: in the tracking benchmark
+ * from the file of all frames, in raw recordings from a file per frame. */
 static pags_result read_oxts(importer *im, double first[PAGS_KITTI_OXTS]) {
-  if (!im->tree.raw)
-    return read_rows(im, first);
-  PAGS_TRY(read_raw_row(im, 0, first));
-  for (int64_t t = 0; t < im->count; t++)
-    PAGS_TRY(read_raw_row(im, im->tree.first + t, im->oxts + t * PAGS_KITTI_OXTS));
+  const bool raw = im->tree.raw;
+  const size_t size = PAGS_KITTI_OXTS * sizeof *first;
+  for (int64_t t = -1; t < (raw ? im->count : 0); t++) {
+    PAGS_AUTO(pags_kitti_table_destroy) pags_kitti_table table = {0};
+    PAGS_AUTOFREE char *path = pags_kitti_oxts_path(&im->tree, t < 0 ? 0 : im->tree.first + t);
+    PAGS_TRY(path ? pags_kitti_table_read(path, PAGS_KITTI_OXTS, &table) : no_memory(im));
+    if (raw && table.rows != 1)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected one line, found %lld", path, (long long)table.rows);
+    if (!raw && table.rows < im->tree.frames)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a line for each of %lld frames, found %lld", path,
+                       (long long)im->tree.frames, (long long)table.rows);
+    memcpy(t < 0 ? first : im->oxts + t * PAGS_KITTI_OXTS, table.values, size);
+    if (!raw)
+      memcpy(im->oxts, table.values + im->tree.first * PAGS_KITTI_OXTS, (size_t)im->count * size);
+  }
   return PAGS_OK;
 }
 
@@ -138,19 +115,16 @@ static pags_result compute_poses(importer *im) {
 /* Computes the velocity of the Velodyne at frame t, linear along world axes, angular along its own: the velocity of
  * the IMU plus angular velocity x lever arm from the IMU to the Velodyne. */
 static void compute_velocity(const importer *im, int64_t t, double out[6]) {
-  const double *row = im->oxts + t * PAGS_KITTI_OXTS, *velo_from_imu = im->calib.velo_from_imu;
-  double imu_from_velo[12], pose[12];
-  pags_rigid_inverse(velo_from_imu, imu_from_velo);
-  pags_kitti_oxts_pose(row, 1, pose);
-  const double w[3] = {row[PAGS_OXTS_WX], row[PAGS_OXTS_WY], row[PAGS_OXTS_WZ]};
-  const double lever[3] = {imu_from_velo[3], imu_from_velo[7], imu_from_velo[11]};
-  const double turn[3] = {w[1] * lever[2] - w[2] * lever[1], w[2] * lever[0] - w[0] * lever[2],
-                          w[0] * lever[1] - w[1] * lever[0]};
+  const double *row = im->oxts + t * PAGS_KITTI_OXTS, *w = row + PAGS_OXTS_WX;
   const double v[3] = {row[PAGS_OXTS_VE], row[PAGS_OXTS_VN], row[PAGS_OXTS_VU]};
-  for (int i = 0; i < 3; i++) {
+  double imu_from_velo[12], pose[12], lever[3], turn[3];
+  pags_rigid_inverse(im->calib.velo_from_imu, imu_from_velo);
+  pags_kitti_oxts_pose(row, 1, pose);
+  pags_pose_position(imu_from_velo, lever);
+  pags_cross3(w, lever, turn);
+  for (int i = 0; i < 3; i++)
     out[i] = v[i] + pose[4 * i] * turn[0] + pose[4 * i + 1] * turn[1] + pose[4 * i + 2] * turn[2];
-    out[3 + i] = velo_from_imu[4 * i] * w[0] + velo_from_imu[4 * i + 1] * w[1] + velo_from_imu[4 * i + 2] * w[2];
-  }
+  pags_rotate3(im->calib.velo_from_imu, w, out + 3);
 }
 
 /* ---- Times ---- */
@@ -182,47 +156,24 @@ static int64_t fill_times(double *times, int64_t count) {
  * must be there, but for empty lines, which are filled in; those of lost sweeps may be missing and are NaN. */
 static pags_result read_times(const importer *im, const char *name, bool sweeps, double *out, int stride) {
   int64_t count;
-  double *all = NULL;
-  char *path = pags_kitti_times_path(&im->tree, name);
-  if (!path)
-    return no_memory(im);
-  pags_result result = pags_kitti_times_read(path, &count, &all);
-  if (result == PAGS_OK && !sweeps) {
-    int64_t lost = 0, known = 0;
+  PAGS_AUTOFREE double *all = NULL;
+  PAGS_AUTOFREE char *path = pags_path_join(im->tree.root, name);
+  PAGS_TRY(path ? pags_kitti_times_read(path, &count, &all) : no_memory(im));
+  if (!sweeps) {
+    int64_t lost = 0;
     for (int64_t t = 0; t < count; t++)
-      *(isnan(all[t]) ? &lost : &known) += 1;
-    const int64_t first = fill_times(all, count);
+      lost += isnan(all[t]) ? 1 : 0;
+    const int64_t known = count - lost, first = fill_times(all, count);
     if (count < im->tree.frames || (lost && known < 2))
-      result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a time for each of %lld frames, found %lld", path,
-                         (long long)im->tree.frames, (long long)known);
-    else if (lost)
-      pags_log_message(PAGS_LOG_WARNING,
-                       "%s: %lld of %lld times are empty lines and were filled in; the first is frame %lld's", path,
-                       (long long)lost, (long long)count, (long long)first);
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a time for each of %lld frames, found %lld", path,
+                       (long long)im->tree.frames, (long long)known);
+    if (lost)
+      PAGS_WARN("%s: %lld of %lld times are empty lines and were filled in; the first is frame %lld's", path,
+                (long long)lost, (long long)count, (long long)first);
   }
-  for (int64_t t = 0; result == PAGS_OK && t < im->count; t++)
+  for (int64_t t = 0; t < im->count; t++)
     out[t * stride] = im->tree.first + t < count ? all[im->tree.first + t] : (double)NAN;
-  free(all);
-  free(path);
-  return result;
-}
-
-static bool has_times(const importer *im, const char *name) {
-  char *path = pags_kitti_times_path(&im->tree, name);
-  const bool there = path && pags_file_exists(path);
-  free(path);
-  return there;
-}
-
-static pags_result read_sweep_times(importer *im) {
-  static const char *const names[2] = {"velodyne_points/timestamps_start.txt", "velodyne_points/timestamps_end.txt"};
-  if (!im->tree.has_points || !has_times(im, names[0]) || !has_times(im, names[1]))
-    return PAGS_OK;
-  im->sweep_times = malloc((size_t)im->count * 2 * sizeof *im->sweep_times);
-  if (!im->sweep_times)
-    return no_memory(im);
-  PAGS_TRY(read_times(im, names[0], true, im->sweep_times, 2));
-  return read_times(im, names[1], true, im->sweep_times + 1, 2);
+  return PAGS_OK;
 }
 
 /* Sets the times of frames, photographs and sweeps. The time of a frame is that of its first camera's photograph; the
@@ -249,30 +200,33 @@ static pags_result set_times(importer *im) {
     if (!(im->times[t] > im->times[t - 1]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s/image_%02d/timestamps.txt:%lld: expected a time after the line before",
                        im->tree.root, im->tree.cameras[0] + 2, (long long)(im->tree.first + t + 1));
-  return read_sweep_times(im);
+  static const char *const sweeps[2] = {"velodyne_points/timestamps_start.txt", "velodyne_points/timestamps_end.txt"};
+  if (!im->tree.has_points || !pags_folder_has(im->tree.root, sweeps[0]) || !pags_folder_has(im->tree.root, sweeps[1]))
+    return PAGS_OK;
+  im->sweep_times = malloc((size_t)im->count * 2 * sizeof *im->sweep_times);
+  PAGS_TRY(im->sweep_times ? read_times(im, sweeps[0], true, im->sweep_times, 2) : no_memory(im));
+  return read_times(im, sweeps[1], true, im->sweep_times + 1, 2);
 }
 
 /* Warns of poses that no car takes, and of positions that the receiver itself calls rough: 5 m and more. */
 static void check_motion(const importer *im) {
-  enum { ACCURACY = 23 }; /* column of the accuracy of the position, m */
   pags_tally rough = {0};
   const long long first = (long long)im->tree.first, count = (long long)im->count;
   const pags_leaps leaps = pags_find_leaps((const double(*)[12])im->world_from_velo, im->times, im->count);
   for (int64_t t = 0; t < im->count; t++) {
-    const double accuracy = im->oxts[t * PAGS_KITTI_OXTS + ACCURACY];
+    const double accuracy = im->oxts[t * PAGS_KITTI_OXTS + PAGS_OXTS_ACCURACY];
     if (accuracy >= 5)
       pags_tally_add(&rough, "frame %lld, %g m", first + (long long)t, accuracy);
   }
   if (leaps.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld steps between poses leap (oxts may be wrong there); the first is from frame "
-                     "%lld to %lld, %.2f m and %.1f degrees off in %.2f s",
-                     im->tree.root, (long long)leaps.count, count - 1, first + (long long)leaps.first,
-                     first + (long long)leaps.first + 1, leaps.metres, leaps.degrees, leaps.seconds);
+    PAGS_WARN(
+        "%s: %lld of %lld steps between poses leap (oxts may be wrong there); the first is from frame %lld to "
+        "%lld, %.2f m and %.1f degrees off in %.2f s",
+        im->tree.root, (long long)leaps.count, count - 1, first + (long long)leaps.first,
+        first + (long long)leaps.first + 1, leaps.metres, leaps.degrees, leaps.seconds);
   if (rough.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: oxts says of %lld of %lld frames that the position is known to 5 m or worse; the first is %s",
-                     im->tree.root, (long long)rough.count, count, rough.first);
+    PAGS_WARN("%s: oxts says of %lld of %lld frames that the position is known to 5 m or worse; the first is %s",
+              im->tree.root, (long long)rough.count, count, rough.first);
 }
 
 /* ---- Sweeps ---- */
@@ -280,49 +234,45 @@ static void check_motion(const importer *im) {
 /* Finds the form of the sweeps by the first and the last one that have points. The last one is the farther from the
  * world's origin, where the world's axes show. */
 static pags_result find_form(importer *im) {
-  pags_kitti_form last;
   pags_tally empty = {0};
-  char *ends[2] = {NULL, NULL};
-  pags_result result = PAGS_OK;
-  for (int64_t frame = im->tree.first; im->tree.has_points && frame <= im->tree.last && result == PAGS_OK; frame++) {
+  PAGS_AUTOFREE char *first = NULL;
+  PAGS_AUTOFREE char *last = NULL;
+  for (int64_t frame = im->tree.first; im->tree.has_points && frame <= im->tree.last; frame++) {
     uint64_t size = 0;
-    char *path = pags_kitti_points_path(&im->tree, frame);
-    result = path ? PAGS_OK : no_memory(im);
-    const bool there = path && pags_file_exists(path);
-    if (there)
-      result = pags_file_size(path, &size);
-    if (there && size == 0)
-      pags_tally_add(&empty, "%s", path);
-    if (size == 0) {
-      free(path);
+    PAGS_AUTOFREE char *path = pags_kitti_points_path(&im->tree, frame);
+    PAGS_TRY(path ? PAGS_OK : no_memory(im));
+    if (!pags_file_exists(path))
       continue;
+    PAGS_TRY(pags_file_size(path, &size));
+    char **end = first ? &last : &first;
+    if (size == 0)
+      pags_tally_add(&empty, "%s", path);
+    else {
+      free(*end);
+      *end = pags_take(&path);
     }
-    char **end = &ends[ends[0] != NULL];
-    free(*end);
-    *end = path;
   }
-  if (result == PAGS_OK && ends[0])
-    result = pags_kitti_form_find(ends[0], &im->form);
-  if (result == PAGS_OK && ends[1])
-    result = pags_kitti_form_find(ends[1], &last);
-  if (result == PAGS_OK && ends[1] &&
-      (last.columns != im->form.columns || last.width != im->form.width || last.scale != im->form.scale))
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: has rows of another form than %s", ends[1], ends[0]);
-  if (result == PAGS_OK && ends[0] && !pags_kitti_form_is_usual(&im->form))
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: taken for rows of %d %s in %s, as all other sweeps; KITTI's have 4 floats in metres", ends[0],
-                     im->form.columns, im->form.width == 8 ? "doubles" : "floats",
-                     im->form.scale == 1 ? "metres" : "millimetres");
-  if (result == PAGS_OK && empty.count && !ends[0])
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: %lld sweeps in these frames, but all are empty files; the first is %s",
-                       im->tree.root, (long long)empty.count, empty.first);
   pags_account_leave_out(&im->tree.account, "sweeps", &empty, "the files are empty");
   if (empty.count)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are empty files and are left out; the first is %s",
-                     im->tree.root, (long long)empty.count, (long long)im->count, empty.first);
-  free(ends[0]);
-  free(ends[1]);
-  return result;
+    PAGS_WARN("%s: %lld of %lld sweeps are empty files and are left out; the first is %s", im->tree.root,
+              (long long)empty.count, (long long)im->count, empty.first);
+  if (!first)
+    return !empty.count ? PAGS_OK
+                        : pags_fail(PAGS_ERROR_FORMAT,
+                                    "%s: %lld sweeps in these frames, but all are empty files; the first is %s",
+                                    im->tree.root, (long long)empty.count, empty.first);
+  PAGS_TRY(pags_kitti_form_find(first, &im->form));
+  if (last) {
+    pags_kitti_form other;
+    PAGS_TRY(pags_kitti_form_find(last, &other));
+    if (other.columns != im->form.columns || other.width != im->form.width || other.scale != im->form.scale)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: has rows of another form than %s", last, first);
+  }
+  if (!pags_kitti_form_is_usual(&im->form))
+    PAGS_WARN("%s: taken for rows of %d %s in %s, as all other sweeps; KITTI's have 4 floats in metres", first,
+              im->form.columns, im->form.width == 8 ? "doubles" : "floats",
+              im->form.scale == 1 ? "metres" : "millimetres");
+  return PAGS_OK;
 }
 
 /* ---- Cameras, boxes and the description of the set ---- */
@@ -354,12 +304,9 @@ static pags_result set_cameras(importer *im) {
     double pose[12];
     PAGS_TRY(pags_kitti_camera(&im->calib, number + 2, camera->intrinsics, pose));
     pags_rigid_multiply(velo_from_cam0, pose, im->velo_from_camera[c]);
-    char *path = pags_kitti_image_path(&im->tree, number, im->tree.first);
-    pags_result result = path ? pags_image_size(path, &camera->width, &camera->height) : no_memory(im);
-    if (result == PAGS_OK)
-      result = check_size(im, camera, path);
-    free(path);
-    PAGS_TRY(result);
+    PAGS_AUTOFREE char *path = pags_kitti_image_path(&im->tree, number, im->tree.first);
+    PAGS_TRY(path ? pags_image_size(path, &camera->width, &camera->height) : no_memory(im));
+    PAGS_TRY(check_size(im, camera, path));
   }
   return PAGS_OK;
 }
@@ -370,32 +317,22 @@ static pags_result read_tracks(importer *im) {
       &im->tree.account};
   if (!im->tree.has_labels)
     return PAGS_OK;
-  char *path = pags_kitti_labels_path(&im->tree);
-  pags_result result = path ? PAGS_OK : no_memory(im);
-  if (result == PAGS_OK && im->tree.raw) {
-    pags_kitti_tracklets tracklets;
-    result = pags_kitti_tracklets_read(path, &tracklets);
-    if (result == PAGS_OK)
-      result = pags_kitti_tracks_from_tracklets(path, &tracklets, &span, &im->tracks);
-    pags_kitti_tracklets_destroy(&tracklets);
-  } else if (result == PAGS_OK) {
-    pags_kitti_labels labels;
-    result = pags_kitti_labels_read(path, true, &labels);
-    if (result == PAGS_OK)
-      result = pags_kitti_tracks_from_labels(path, &labels, im->calib.cam0_from_velo, &span, &im->tracks);
-    pags_kitti_labels_destroy(&labels);
+  PAGS_AUTO(pags_kitti_tracklets_destroy) pags_kitti_tracklets tracklets = {0};
+  PAGS_AUTO(pags_kitti_labels_destroy) pags_kitti_labels labels = {0};
+  PAGS_AUTOFREE char *path = pags_kitti_labels_path(&im->tree);
+  PAGS_TRY(path ? PAGS_OK : no_memory(im));
+  if (im->tree.raw) {
+    PAGS_TRY(pags_kitti_tracklets_read(path, &tracklets));
+    return pags_kitti_tracks_from_tracklets(path, &tracklets, &span, &im->tracks);
   }
-  free(path);
-  return result;
+  PAGS_TRY(pags_kitti_labels_read(path, true, &labels));
+  return pags_kitti_tracks_from_labels(path, &labels, im->calib.cam0_from_velo, &span, &im->tracks);
 }
 
 static pags_result set_info(importer *im) {
-  char *full = pags_port_real_path(im->tree.root);
-  const size_t size = full ? strlen(full) + strlen(im->tree.sequence) + 32 : 0;
-  im->source = full ? malloc(size) : NULL;
-  if (im->source)
-    snprintf(im->source, size, im->tree.raw ? "%s" : "%s, sequence %s", full, im->tree.sequence);
-  free(full);
+  PAGS_AUTOFREE char *full = pags_port_real_path(im->tree.root);
+  if (full)
+    im->source = pags_text_format(im->tree.raw ? "%s" : "%s, sequence %s", full, im->tree.sequence);
   if (!im->source)
     return no_memory(im);
   const int64_t steps = im->count - 1;
@@ -411,25 +348,16 @@ static pags_result set_info(importer *im) {
   return PAGS_OK;
 }
 
-static pags_result read_calib(importer *im) {
-  char *path = pags_kitti_calib_path(&im->tree);
-  if (!path)
-    return no_memory(im);
-  const pags_result result =
-      im->tree.raw ? pags_kitti_calib_read_raw(path, &im->calib) : pags_kitti_calib_read(path, &im->calib);
-  free(path);
-  return result;
-}
-
 static pags_result prepare(importer *im) {
   im->count = im->tree.last - im->tree.first + 1;
   im->oxts = malloc((size_t)im->count * PAGS_KITTI_OXTS * sizeof *im->oxts);
   im->world_from_velo = malloc((size_t)im->count * sizeof *im->world_from_velo);
   im->times = malloc((size_t)im->count * sizeof *im->times);
   im->exposures = malloc((size_t)(im->count * im->tree.camera_count) * sizeof *im->exposures);
-  if (!im->oxts || !im->world_from_velo || !im->times || !im->exposures)
+  PAGS_AUTOFREE char *calib = pags_kitti_calib_path(&im->tree);
+  if (!im->oxts || !im->world_from_velo || !im->times || !im->exposures || !calib)
     return no_memory(im);
-  PAGS_TRY(read_calib(im));
+  PAGS_TRY(im->tree.raw ? pags_kitti_calib_read_raw(calib, &im->calib) : pags_kitti_calib_read(calib, &im->calib));
   PAGS_TRY(compute_poses(im));
   PAGS_TRY(set_times(im));
   check_motion(im);
@@ -443,16 +371,13 @@ static pags_result prepare(importer *im) {
 
 static pags_result put_image(const importer *im, int64_t t, int c) {
   const pags_layout_camera *camera = &im->cameras[c];
-  char *path = pags_kitti_image_path(&im->tree, camera->number, im->tree.first + t);
+  PAGS_AUTOFREE char *path = pags_kitti_image_path(&im->tree, camera->number, im->tree.first + t);
   int width = 0, height = 0;
-  pags_result result = path ? pags_image_size(path, &width, &height) : no_memory(im);
-  if (result == PAGS_OK && (width != camera->width || height != camera->height))
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: has %d x %d pixels, the first photograph of this camera %d x %d", path,
-                       width, height, camera->width, camera->height);
-  if (result == PAGS_OK)
-    result = pags_layout_copy_image(&im->layout, t, camera->number, path);
-  free(path);
-  PAGS_TRY(result);
+  PAGS_TRY(path ? pags_image_size(path, &width, &height) : no_memory(im));
+  if (width != camera->width || height != camera->height)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: has %d x %d pixels, the first photograph of this camera %d x %d", path,
+                     width, height, camera->width, camera->height);
+  PAGS_TRY(pags_layout_copy_image(&im->layout, t, camera->number, path));
   if (!im->tree.has_labels)
     return PAGS_OK;
   const double *k = camera->intrinsics;
@@ -469,68 +394,30 @@ static pags_result put_image(const importer *im, int64_t t, int c) {
 
 static pags_result put_sweep(const importer *im, int64_t t) {
   int64_t count;
-  float *points = NULL;
+  PAGS_AUTOFREE float *points = NULL;
   if (!im->tree.has_points || pags_layout_has(&im->layout, "lidar", t, -1, ".bin"))
     return PAGS_OK;
-  char *path = pags_kitti_points_path(&im->tree, im->tree.first + t);
-  pags_result result = path ? PAGS_OK : no_memory(im);
-  if (result == PAGS_OK && pags_file_exists(path)) {
-    result = pags_kitti_points_read(path, &im->form, &count, &points);
-    if (result == PAGS_OK && count)
-      result = pags_layout_put_lidar(&im->layout, t, count, points);
-  }
-  free(points);
-  free(path);
-  return result;
+  PAGS_AUTOFREE char *path = pags_kitti_points_path(&im->tree, im->tree.first + t);
+  PAGS_TRY(path ? PAGS_OK : no_memory(im));
+  if (!pags_file_exists(path))
+    return PAGS_OK;
+  PAGS_TRY(pags_kitti_points_read(path, &im->form, &count, &points));
+  return count ? pags_layout_put_lidar(&im->layout, t, count, points) : PAGS_OK;
 }
-
-static pags_result put_frame(const importer *im, int64_t t) {
-  PAGS_TRY(pags_layout_put_ego_pose(&im->layout, t, im->world_from_velo[t]));
-  for (int c = 0; c < im->tree.camera_count; c++)
-    PAGS_TRY(put_image(im, t, c));
-  return put_sweep(im, t);
-}
-
-enum { BATCH = 8 }; /* frames per worker between two calls of the progress function */
-
-typedef struct outcome {
-  pags_result result;
-  char message[1024]; /* the error message, copied because it is local to the worker's thread */
-} outcome;
 
 typedef struct batch {
   const importer *im;
   int64_t first;
-  outcome *outcomes;
 } batch;
 
-static void run_batch(void *context, int64_t begin, int64_t end, int worker) {
-  const batch *b = context;
+static pags_result put_frame(void *context, int64_t item, int worker) {
   (void)worker;
-  for (int64_t i = begin; i < end; i++) {
-    outcome *o = &b->outcomes[i];
-    o->result = put_frame(b->im, b->first + i);
-    if (o->result != PAGS_OK)
-      snprintf(o->message, sizeof o->message, "%s", pags_error_message());
-  }
-}
-
-static pags_result put_frames(const importer *im, pags_tasks *tasks, pags_progress_fn *progress, void *user) {
-  const int64_t size = BATCH * (int64_t)pags_tasks_workers(tasks);
-  batch b = {im, 0, calloc((size_t)size, sizeof *b.outcomes)};
-  pags_result result = b.outcomes ? PAGS_OK : no_memory(im);
-  for (; result == PAGS_OK && b.first < im->count; b.first += size) {
-    const int64_t left = im->count - b.first < size ? im->count - b.first : size;
-    if (progress && !progress(user, (double)b.first / (double)im->count, "frames"))
-      result = pags_fail(PAGS_CANCELLED, "import cancelled");
-    else if (!pags_parallel_for(tasks, left, 1, run_batch, &b))
-      result = pags_fail(PAGS_CANCELLED, "import cancelled");
-    for (int64_t i = 0; i < left && result == PAGS_OK; i++)
-      if (b.outcomes[i].result != PAGS_OK)
-        result = pags_fail(b.outcomes[i].result, "%s", b.outcomes[i].message);
-  }
-  free(b.outcomes);
-  return result;
+  const batch *b = context;
+  const int64_t t = b->first + item;
+  PAGS_TRY(pags_layout_put_ego_pose(&b->im->layout, t, b->im->world_from_velo[t]));
+  for (int c = 0; c < b->im->tree.camera_count; c++)
+    PAGS_TRY(put_image(b->im, t, c));
+  return put_sweep(b->im, t);
 }
 
 static pags_result run(importer *im, const char *folder, bool overwrite, pags_tasks *tasks, pags_progress_fn *progress,
@@ -541,7 +428,14 @@ static pags_result run(importer *im, const char *folder, bool overwrite, pags_ta
     return PAGS_OK;
   for (int c = 0; c < im->tree.camera_count; c++)
     PAGS_TRY(pags_layout_put_extrinsics(&im->layout, -1, im->cameras[c].number, im->velo_from_camera[c]));
-  PAGS_TRY(put_frames(im, tasks, progress, user));
+  enum { BATCH = 8 }; /* frames per worker between two calls of the progress function */
+  const int64_t size = BATCH * (int64_t)pags_tasks_workers(tasks);
+  for (batch b = {.im = im}; b.first < im->count; b.first += size) {
+    const int64_t left = im->count - b.first < size ? im->count - b.first : size;
+    if (progress && !progress(user, (double)b.first / (double)im->count, "frames"))
+      return pags_fail(PAGS_CANCELLED, "import cancelled");
+    PAGS_TRY(pags_parallel_try(tasks, left, put_frame, &b, "import cancelled"));
+  }
   if (im->tree.has_labels)
     PAGS_TRY(pags_layout_put_instances(&im->layout, im->tracks.items, im->tracks.count));
   PAGS_TRY(pags_layout_put_account(&im->layout, &im->tree.account, im->tracks.items, im->tracks.count));
@@ -553,14 +447,9 @@ static pags_result run(importer *im, const char *folder, bool overwrite, pags_ta
 
 pags_result pags_import_kitti(const char *source, const char *folder, const pags_import_options *options,
                               pags_tasks *tasks, pags_progress_fn *progress, void *user) {
-  importer im = {0};
-  const pags_import_options standard = pags_import_options_default();
-  const pags_import_options *chosen = options ? options : &standard;
-  pags_result result = pags_kitti_tree_open(source, chosen, &im.tree);
-  if (result == PAGS_OK)
-    result = prepare(&im);
-  if (result == PAGS_OK)
-    result = run(&im, folder, chosen->overwrite, tasks, progress, user);
-  destroy(&im);
-  return result;
+  PAGS_AUTO(destroy) importer im = {0};
+  const pags_import_options chosen = options ? *options : pags_import_options_default();
+  PAGS_TRY(pags_kitti_tree_open(source, &chosen, &im.tree));
+  PAGS_TRY(prepare(&im));
+  return run(&im, folder, chosen.overwrite, tasks, progress, user);
 }

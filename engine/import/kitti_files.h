@@ -15,6 +15,12 @@
 extern "C" {
 #endif
 
+/* ---- Words of a text ---- */
+
+/* Parse a whole word as a finite number, or as an integer of lo..hi; false if it is not. */
+bool pags_word_number(const char *word, double *out);
+bool pags_word_integer(const char *word, int64_t lo, int64_t hi, int64_t *out);
+
 /* ---- Rows of numbers: oxts, poses, unlabelled calibrations ---- */
 
 typedef struct pags_kitti_table {
@@ -58,6 +64,7 @@ enum { PAGS_OXTS_LAT, PAGS_OXTS_LON, PAGS_OXTS_ALT };                           
 enum { PAGS_OXTS_ROLL = 3, PAGS_OXTS_PITCH, PAGS_OXTS_YAW };                       /* radians */
 enum { PAGS_OXTS_VN = 6, PAGS_OXTS_VE, PAGS_OXTS_VF, PAGS_OXTS_VL, PAGS_OXTS_VU }; /* m/s */
 enum { PAGS_OXTS_WX = 17, PAGS_OXTS_WY, PAGS_OXTS_WZ };                            /* rad/s */
+enum { PAGS_OXTS_ACCURACY = 23 };                                                  /* of the position, m */
 
 /* Computes the pose of the IMU in east, north, up with the Mercator projection of KITTI's development kit; `scale` =
  * cos(latitude of the sequence's first row). */

@@ -58,20 +58,23 @@ static double plausible_share(const pags_kitti_form *form, const uint8_t *bytes,
   return count ? (double)good / count : 0;
 }
 
-static pags_result find_form(const char *path, const uint8_t *bytes, size_t size, pags_kitti_form *out) {
+pags_result pags_kitti_form_find(const char *path, pags_kitti_form *out) {
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
+  size_t size = 0;
   double range, near;
+  *out = forms[0];
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
   for (int i = 0; i < FORMS; i++) {
     const size_t rows = size / row_bytes(&forms[i]);
     if (size % row_bytes(&forms[i]) || plausible_share(&forms[i], bytes, rows, reach, &range, &near) < 0.95)
       continue;
     *out = forms[i];
-    if (rows >= LEAST && near == 0)
-      return pags_fail(
-          PAGS_ERROR_FORMAT,
-          "%s: no point lies within 15 m of the LiDAR; expected its own axes (x forward, y left, z up), not "
-          "those of the world",
-          path);
-    return PAGS_OK;
+    if (rows < LEAST || near != 0)
+      return PAGS_OK;
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: no point lies within 15 m of the LiDAR; expected its own axes (x forward, y left, z up), not "
+                     "those of the world",
+                     path);
   }
   /* Places out of reach: millimetres, or the world's axes. */
   for (int i = 0; i < FORMS; i++) {
@@ -93,44 +96,27 @@ static pags_result find_form(const char *path, const uint8_t *bytes, size_t size
                    path, size);
 }
 
-pags_result pags_kitti_form_find(const char *path, pags_kitti_form *out) {
-  uint8_t *bytes = NULL;
-  size_t size = 0;
-  *out = forms[0];
-  PAGS_TRY(pags_file_read(path, &bytes, &size));
-  const pags_result result = find_form(path, bytes, size, out);
-  free(bytes);
-  return result;
-}
-
 bool pags_kitti_form_is_usual(const pags_kitti_form *form) {
   return form->columns == 4 && form->width == 4 && form->scale == 1;
 }
 
 pags_result pags_kitti_points_read(const char *path, const pags_kitti_form *form, int64_t *count, float **xyzr) {
-  uint8_t *bytes = NULL;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size = 0;
   *count = 0;
   *xyzr = NULL;
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  if (size % row_bytes(form)) {
-    free(bytes);
+  if (size % row_bytes(form))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected rows of %d %s (%zu bytes), found %zu bytes", path, form->columns,
                      form->width == 8 ? "doubles" : "floats", row_bytes(form), size);
-  }
   const size_t rows = size / row_bytes(form);
-  float *values = malloc(rows ? rows * 4 * sizeof *values : 1);
-  if (!values) {
-    free(bytes);
-    return pags_out_of_memory("%s: its points", path);
-  }
+  float *values = *xyzr = malloc(rows ? rows * 4 * sizeof *values : 1);
+  PAGS_CHECK_MEMORY(values, "%s: its points", path);
   for (size_t i = 0; i < rows; i++)
     for (int c = 0; c < 4; c++) {
       const double v = c < form->columns ? load(form, bytes + i * row_bytes(form), c) : 0;
       values[4 * i + (size_t)c] = (float)(c < 3 ? form->scale * v : v);
     }
-  free(bytes);
   *count = (int64_t)rows;
-  *xyzr = values;
   return PAGS_OK;
 }

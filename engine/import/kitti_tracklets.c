@@ -6,19 +6,16 @@
  *
  * Memory use is bounded by the size of the file: entities are rejected and the depth of nesting is limited. */
 #include <expat.h>
-#include <limits.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include <pags/camera.h>
 
 #include "base/file.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "import/kitti_files.h"
-#include "import/kitti_text.h"
 
 enum { MAX_DEPTH = 16, TEXT = 64 };
 
@@ -42,7 +39,7 @@ typedef struct reader {
 
 static const char *const members[] = {"objectType", "h", "w", "l", "first_frame", "poses"};
 static const char *const numbers[] = {"tx", "ty", "tz", "rx", "ry", "rz"};
-enum { MEMBERS = 6, ALL_MEMBERS = (1 << MEMBERS) - 1 };
+enum { MEMBERS = 6, ALL_MEMBERS = (1 << MEMBERS) - 1 }; /* of a tracklet, and numbers of a pose */
 
 static void fail(reader *r, pags_result code, const char *format, ...) PAGS_PRINTF(3, 4);
 static void fail(reader *r, pags_result code, const char *format, ...) {
@@ -59,13 +56,6 @@ static void fail(reader *r, pags_result code, const char *format, ...) {
 
 /* ---- Elements ---- */
 
-static int find(const char *const *names, const char *name) {
-  for (int i = 0; i < 6; i++)
-    if (!strcmp(names[i], name))
-      return i;
-  return -1;
-}
-
 static bool is_at(const reader *r, int depth, const char *name) {
   return r->depth >= depth && !strcmp(r->names[depth], name);
 }
@@ -76,37 +66,6 @@ static bool in_tracklet(const reader *r) {
 
 static bool in_pose(const reader *r) {
   return in_tracklet(r) && is_at(r, MEMBER, "poses") && is_at(r, POSE, "item");
-}
-
-static void begin_tracklet(reader *r) {
-  pags_kitti_tracklets *out = r->out;
-  if (out->count == r->capacity) {
-    r->capacity = r->capacity ? 2 * r->capacity : 16;
-    pags_kitti_tracklet *larger = realloc(out->items, (size_t)r->capacity * sizeof *larger);
-    if (!larger) {
-      fail(r, PAGS_ERROR_MEMORY, "no memory for its tracklets");
-      return;
-    }
-    out->items = larger;
-  }
-  out->items[out->count++] = (pags_kitti_tracklet){0};
-  r->pose_capacity = 0;
-  r->seen = 0;
-}
-
-static void begin_pose(reader *r) {
-  pags_kitti_tracklet *tracklet = &r->out->items[r->out->count - 1];
-  if (tracklet->count == r->pose_capacity) {
-    r->pose_capacity = r->pose_capacity ? 2 * r->pose_capacity : 64;
-    double(*larger)[6] = realloc(tracklet->poses, (size_t)r->pose_capacity * sizeof *larger);
-    if (!larger) {
-      fail(r, PAGS_ERROR_MEMORY, "no memory for its poses");
-      return;
-    }
-    tracklet->poses = larger;
-  }
-  tracklet->count++;
-  r->seen_pose = 0;
 }
 
 static void XMLCALL on_begin(void *user, const XML_Char *name, const XML_Char **attributes) {
@@ -121,10 +80,24 @@ static void XMLCALL on_begin(void *user, const XML_Char *name, const XML_Char **
   /* A name that is too long is replaced by "?", so that its beginning never matches an element that is used. */
   snprintf(r->names[++r->depth], sizeof r->names[0], "%s", strlen(name) < sizeof r->names[0] ? name : "?");
   r->length = 0;
-  if (r->depth == TRACKLET && in_tracklet(r))
-    begin_tracklet(r);
-  else if (r->depth == POSE && in_pose(r))
-    begin_pose(r);
+  pags_kitti_tracklets *out = r->out;
+  if (r->depth == TRACKLET && in_tracklet(r)) {
+    if (!pags_grow(&out->items, out->count + 1, &r->capacity, sizeof *out->items)) {
+      fail(r, PAGS_ERROR_MEMORY, "no memory for its tracklets");
+      return;
+    }
+    out->items[out->count++] = (pags_kitti_tracklet){0};
+    r->pose_capacity = 0;
+    r->seen = 0;
+  } else if (r->depth == POSE && in_pose(r)) {
+    pags_kitti_tracklet *tracklet = &out->items[out->count - 1];
+    if (!pags_grow(&tracklet->poses, tracklet->count + 1, &r->pose_capacity, sizeof *tracklet->poses)) {
+      fail(r, PAGS_ERROR_MEMORY, "no memory for its poses");
+      return;
+    }
+    tracklet->count++;
+    r->seen_pose = 0;
+  }
 }
 
 static void XMLCALL on_text(void *user, const XML_Char *text, int length) {
@@ -171,44 +144,36 @@ static double element_size(reader *r) {
   return value;
 }
 
-static void read_type(reader *r, char type[32]) {
-  const char *text = element_text(r);
-  if (!text)
-    return;
-  if (!*text || strlen(text) >= 32)
-    fail(r, PAGS_ERROR_FORMAT, "expected a class name shorter than 32 letters in <objectType>, found '%s'", text);
-  else
-    memcpy(type, text, strlen(text) + 1);
-}
-
 static void end_member(reader *r) {
   pags_kitti_tracklet *tracklet = &r->out->items[r->out->count - 1];
-  const int which = find(members, r->names[MEMBER]);
-  int64_t first = 0;
+  const int which = pags_text_find(r->names[MEMBER], members, MEMBERS);
   if (which < 0)
     return;
   if (r->seen & 1U << which)
     fail(r, PAGS_ERROR_FORMAT, "<%s> stands twice in a tracklet", members[which]);
   r->seen |= 1U << which;
+  const char *text = which == 0 || which == 4 ? element_text(r) : NULL;
   switch (which) {
-    case 0: read_type(r, tracklet->type); break;
+    case 0:
+      if (text && (!*text || strlen(text) >= sizeof tracklet->type))
+        fail(r, PAGS_ERROR_FORMAT, "expected a class name shorter than 32 letters in <objectType>, found '%s'", text);
+      else if (text)
+        memcpy(tracklet->type, text, strlen(text) + 1);
+      break;
     case 1: tracklet->height = element_size(r); break;
     case 2: tracklet->width = element_size(r); break;
     case 3: tracklet->length = element_size(r); break;
-    case 4: {
-      const char *text = element_text(r);
-      if (text && !pags_word_integer(text, 0, 1000000, &first))
+    case 4:
+      if (text && !pags_word_integer(text, 0, 1000000, &tracklet->first_frame))
         fail(r, PAGS_ERROR_FORMAT, "expected the number of a frame in <first_frame>, found '%s'", text);
-      tracklet->first_frame = first;
       break;
-    }
     default: break;
   }
 }
 
 static void end_number(reader *r) {
   pags_kitti_tracklet *tracklet = &r->out->items[r->out->count - 1];
-  const int which = find(numbers, r->names[NUMBER]);
+  const int which = pags_text_find(r->names[NUMBER], numbers, MEMBERS);
   if (which < 0)
     return;
   const double value = element_number(r);
@@ -248,50 +213,46 @@ static void XMLCALL on_entity(void *user, const XML_Char *name, int is_parameter
   fail(user, PAGS_ERROR_FORMAT, "expected no entities, found '%.40s'", name);
 }
 
-static void parse(reader *r, const uint8_t *bytes, size_t size) {
-  XML_SetUserData(r->parser, r);
-  XML_SetElementHandler(r->parser, on_begin, on_end);
-  XML_SetCharacterDataHandler(r->parser, on_text);
-  XML_SetEntityDeclHandler(r->parser, on_entity);
-  const size_t step = 1 << 20;
-  for (size_t at = 0;; at += step) {
-    const size_t left = size - at;
-    const bool last = left <= step;
-    if (XML_Parse(r->parser, (const char *)bytes + at, (int)(last ? left : step), last) != XML_STATUS_OK) {
-      if (r->result == PAGS_OK)
-        r->result =
-            pags_fail(PAGS_ERROR_FORMAT, "%s:%lu: %s", r->path, (unsigned long)XML_GetCurrentLineNumber(r->parser),
-                      XML_ErrorString(XML_GetErrorCode(r->parser)));
-      return;
-    }
-    if (last)
-      return;
-  }
-}
-
-pags_result pags_kitti_tracklets_read(const char *path, pags_kitti_tracklets *out) {
-  reader r = {.path = path, .out = out};
-  uint8_t *bytes = NULL;
-  size_t size = 0;
-  *out = (pags_kitti_tracklets){0};
-  PAGS_TRY(pags_file_read(path, &bytes, &size));
-  r.parser = XML_ParserCreate(NULL);
-  if (r.parser)
-    parse(&r, bytes, size);
-  else
-    r.result = pags_out_of_memory("%s", path);
-  free(bytes);
-  XML_ParserFree(r.parser);
-  if (r.result != PAGS_OK)
-    pags_kitti_tracklets_destroy(out);
-  return r.result;
-}
-
 void pags_kitti_tracklets_destroy(pags_kitti_tracklets *tracklets) {
   for (int64_t i = 0; i < tracklets->count; i++)
     free(tracklets->items[i].poses);
   free(tracklets->items);
   *tracklets = (pags_kitti_tracklets){0};
+}
+
+static void free_parser(XML_Parser *parser) {
+  XML_ParserFree(*parser);
+}
+
+pags_result pags_kitti_tracklets_read(const char *path, pags_kitti_tracklets *out) {
+  PAGS_AUTO(pags_kitti_tracklets_destroy) pags_kitti_tracklets tracklets = {0};
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
+  size_t left = 0;
+  *out = (pags_kitti_tracklets){0};
+  PAGS_TRY(pags_file_read(path, &bytes, &left));
+  PAGS_AUTO(free_parser) XML_Parser parser = XML_ParserCreate(NULL);
+  PAGS_CHECK_MEMORY(parser, "%s", path);
+  reader r = {.path = path, .parser = parser, .out = &tracklets};
+  XML_SetUserData(parser, &r);
+  XML_SetElementHandler(parser, on_begin, on_end);
+  XML_SetCharacterDataHandler(parser, on_text);
+  XML_SetEntityDeclHandler(parser, on_entity);
+  const char *at = (const char *)bytes;
+  for (bool last = false; !last;) {
+    const size_t step = left < 1 << 20 ? left : 1 << 20;
+    last = step == left;
+    if (XML_Parse(parser, at, (int)step, last) != XML_STATUS_OK)
+      return r.result != PAGS_OK
+                 ? r.result
+                 : pags_fail(PAGS_ERROR_FORMAT, "%s:%lu: %s", path, (unsigned long)XML_GetCurrentLineNumber(parser),
+                             XML_ErrorString(XML_GetErrorCode(parser)));
+    at += step;
+    left -= step;
+  }
+  PAGS_TRY(r.result);
+  *out = tracklets;
+  tracklets = (pags_kitti_tracklets){0};
+  return PAGS_OK;
 }
 
 /* R = Rz Ry Rx. The pose in the file is that of the centre of the bottom face; half the height along z is added. */

@@ -24,7 +24,7 @@ typedef struct pags_kitti_span {
  * labels without a size, of scores, and of track numbers whose classes differ: each class is an object of its own,
  * unless one object of one category goes by two names (a car and a van). The id of an object is its track number, or
  * "NUMBER-Class" for the second and further classes. Whether an object moves is decided from its poses in these frames.
- * `path` is used in messages. */
+ * `path` is used in messages. The caller destroys the tracks, also after a failure. */
 pags_result pags_kitti_tracks_from_labels(const char *path, const pags_kitti_labels *labels,
                                           const double cam0_from_velo[12], const pags_kitti_span *span,
                                           pags_kitti_tracks *out);

@@ -5,16 +5,13 @@
 
 #include <stdarg.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "dataset/foreign_recording.h"
-#include "import/options.h"
-#include "import/other_forms.h"
+#include "import/importer.h"
 
 /* ---- Paths ---- */
 
@@ -66,8 +63,10 @@ char *pags_kitti_labels_path(const pags_kitti_tree *tree) {
                    : join_format(tree->root, "label_02/%s.txt", tree->sequence);
 }
 
-char *pags_kitti_times_path(const pags_kitti_tree *tree, const char *name) {
-  return join_format(tree->root, "%s", name);
+/* The folder of a camera's photographs, freed by the caller; NULL when out of memory. */
+static char *picture_folder(const pags_kitti_tree *tree, int camera) {
+  return tree->raw ? join_format(tree->root, "image_%02d/data", camera + 2)
+                   : join_format(tree->root, "image_%02d/%s", camera + 2, tree->sequence);
 }
 
 void pags_kitti_tree_close(pags_kitti_tree *tree) {
@@ -96,6 +95,11 @@ static void add_missing(missing *m, const char *name) {
     m->length += (size_t)length;
 }
 
+static void want_file(missing *m, const char *path) {
+  if (path && !pags_file_exists(path))
+    add_missing(m, path + strlen(m->root) + 1);
+}
+
 typedef bool exists_fn(const char *path);
 
 /* Whether root/name exists; if it does not, the name is added to the missing files. */
@@ -106,62 +110,45 @@ static bool want(missing *m, exists_fn *exists, const char *format, ...) {
   va_start(arguments, format);
   vsnprintf(name, sizeof name, format, arguments);
   va_end(arguments);
-  char *path = pags_path_join(m->root, name);
+  PAGS_AUTOFREE char *path = pags_path_join(m->root, name);
   const bool there = path && exists(path);
-  free(path);
   if (!there)
     add_missing(m, name);
   return there;
 }
 
-/* Reports what is missing of the cameras, if nothing else is, and what would do. */
-static void add_camera_hint(const pags_kitti_tree *tree, char *hint, size_t size) {
-  char *grey = pags_path_join(tree->root, "image_00");
-  char *left = pags_path_join(tree->root, "image_02");
-  if (grey && left && pags_path_exists(grey) && !pags_path_exists(left))
-    snprintf(hint, size, "; image_00 and image_01 are grey and aren't imported");
-  else if (tree->camera_count > 1)
-    snprintf(hint, size, "; --cameras chooses among 0 (image_02) and 1 (image_03), --frames among the frames");
-  free(grey);
-  free(left);
+static bool has(const char *folder, const char *name) {
+  PAGS_AUTOFREE char *path = pags_path_join(folder, name);
+  return path && pags_path_exists(path);
 }
 
+/* Lists the missing files. If cameras are among them, it also says what would do. */
 static pags_result report(const pags_kitti_tree *tree, const missing *m, const missing *optional) {
   const char *what = tree->raw ? "KITTI's raw recording" : "KITTI's tracking tree";
-  char more[64] = "", also[128] = "", hint[128] = "";
+  char more[64] = "", also[128] = "";
   if (m->left_out)
     snprintf(more, sizeof more, " and %lld more", (long long)m->left_out);
   if (optional->count)
     snprintf(also, sizeof also, "; also missing, but not needed: %.60s", optional->text);
-  if (strstr(m->text, "image_"))
-    add_camera_hint(tree, hint, sizeof hint);
+  const char *hint = "";
+  if (strstr(m->text, "image_") && has(tree->root, "image_00") && !has(tree->root, "image_02"))
+    hint = "; image_00 and image_01 are grey and aren't imported";
+  else if (strstr(m->text, "image_") && tree->camera_count > 1)
+    hint = "; --cameras chooses among 0 (image_02) and 1 (image_03), --frames among the frames";
   return pags_fail(PAGS_ERROR_IO, "%s: %s lacks %s%s%s%s", m->root, what, m->text, more, also, hint);
 }
 
 /* ---- Kind of the tree ---- */
 
-static bool has(const char *folder, const char *name) {
-  char *path = pags_path_join(folder, name);
-  const bool there = path && pags_path_exists(path);
-  free(path);
-  return there;
-}
+/* Entries of a drive of a raw recording, and of a tracking tree; any one of them tells. */
+static const char *const drive_signs[] = {"image_02/data", "image_03/data",       "velodyne_points",
+                                          "oxts/data",     "tracklet_labels.xml", NULL};
+static const char *const tracking_signs[] = {"image_02", "image_03", "velodyne", "oxts", "calib", "label_02", NULL};
 
-static bool is_drive(const char *path) {
-  static const char *const signs[] = {"image_02/data", "image_03/data", "velodyne_points", "oxts/data",
-                                      "tracklet_labels.xml"};
-  for (size_t i = 0; i < sizeof signs / sizeof signs[0]; i++)
-    if (has(path, signs[i]))
-      return true;
-  return false;
-}
-
-static bool is_tracking(const char *path) {
-  static const char *const signs[] = {"image_02", "image_03", "velodyne", "oxts", "calib", "label_02"};
-  for (size_t i = 0; i < sizeof signs / sizeof signs[0]; i++)
-    if (has(path, signs[i]))
-      return true;
-  return false;
+static bool has_any(const char *folder, const char *const *names) {
+  while (*names && !has(folder, *names))
+    names++;
+  return *names;
 }
 
 /* Candidates found: the first one, their number, and their names as a list for a message. */
@@ -171,6 +158,10 @@ typedef struct choice {
   char names[400];
   size_t length;
 } choice;
+
+static void forget_choice(choice *c) {
+  free(c->first);
+}
 
 static pags_result add_choice(choice *c, const char *name) {
   const size_t room = sizeof c->names - c->length;
@@ -198,30 +189,25 @@ static bool is_wanted_drive(const char *name, const char *sequence) {
 
 /* Collects the drives below `path` and, with `deeper`, one level further down. */
 static pags_result find_drives(const char *path, const char *sequence, bool deeper, choice *found) {
-  pags_dir_list list;
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
   PAGS_TRY(pags_dir_list_read(path, &list));
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
-    char *inner = pags_path_join(path, list.names[i]);
-    if (!inner)
-      result = pags_out_of_memory("%s", path);
-    else if (!pags_dir_exists(inner))
-      ;
-    else if (is_wanted_drive(list.names[i], sequence))
-      result = add_choice(found, inner);
+  for (int64_t i = 0; i < list.count; i++) {
+    PAGS_AUTOFREE char *inner = pags_path_join(path, list.names[i]);
+    PAGS_CHECK_MEMORY(inner, "%s", path);
+    if (!pags_dir_exists(inner))
+      continue;
+    if (is_wanted_drive(list.names[i], sequence))
+      PAGS_TRY(add_choice(found, inner));
     else if (deeper)
-      result = find_drives(inner, sequence, false, found);
-    free(inner);
+      PAGS_TRY(find_drives(inner, sequence, false, found));
   }
-  pags_dir_list_destroy(&list);
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result set_root(pags_kitti_tree *tree, const char *path) {
   size_t length = strlen(path);
   tree->root = pags_text_copy(path);
-  if (!tree->root)
-    return pags_out_of_memory("%s", path);
+  PAGS_CHECK_MEMORY(tree->root, "%s", path);
   while (length > 1 && tree->root[length - 1] == '/')
     tree->root[--length] = 0;
   return PAGS_OK;
@@ -231,8 +217,7 @@ static pags_result set_drive(pags_kitti_tree *tree, const char *path) {
   PAGS_TRY(set_root(tree, path));
   tree->raw = true;
   tree->sequence = pags_text_copy(pags_path_name(tree->root));
-  if (!tree->sequence)
-    return pags_out_of_memory("%s", path);
+  PAGS_CHECK_MEMORY(tree->sequence, "%s", path);
   if (strstr(tree->sequence, "_extract"))
     return pags_fail(PAGS_ERROR_UNSUPPORTED,
                      "%s: is neither synchronised nor rectified; the recording's _sync folder is needed", path);
@@ -240,30 +225,26 @@ static pags_result set_drive(pags_kitti_tree *tree, const char *path) {
 }
 
 static pags_result find_root(pags_kitti_tree *tree, const char *path, const char *sequence) {
-  choice drives = {0};
+  PAGS_AUTO(forget_choice) choice drives = {0};
   if (!pags_dir_exists(path))
     return pags_fail(PAGS_ERROR_IO, "%s: no such folder", path);
-  if (is_drive(path))
+  if (has_any(path, drive_signs))
     return set_drive(tree, path);
   PAGS_TRY(pags_foreign_recording_check(path, false));
-  if (is_tracking(path))
+  if (has_any(path, tracking_signs))
     return set_root(tree, path);
-  pags_result result = find_drives(path, sequence, true, &drives);
-  if (result == PAGS_OK && drives.count == 1)
-    result = set_drive(tree, drives.first);
-  else if (result == PAGS_OK && drives.count > 1)
-    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds %lld drives (%s); choose one by --sequence", path,
-                       (long long)drives.count, drives.names);
-  else if (result == PAGS_OK)
-    result = pags_fail(PAGS_ERROR_IO,
-                       "%s: is no KITTI tree%s%s: of the tracking benchmark it lacks image_02, image_03, calib, oxts, "
-                       "velodyne, label_02; "
-                       "of raw recordings it lacks DATE_drive_NNNN_sync with image_02/data, image_03/data, oxts/data, "
-                       "velodyne_points/data, tracklet_labels.xml and calib_cam_to_cam.txt, calib_velo_to_cam.txt, "
-                       "calib_imu_to_velo.txt beside it",
-                       path, sequence ? " with the sequence " : "", sequence ? sequence : "");
-  free(drives.first);
-  return result;
+  PAGS_TRY(find_drives(path, sequence, true, &drives));
+  if (drives.count == 1)
+    return set_drive(tree, drives.first);
+  if (drives.count > 1)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds %lld drives (%s); choose one by --sequence", path,
+                     (long long)drives.count, drives.names);
+  return pags_fail(PAGS_ERROR_IO,
+                   "%s: is no KITTI tree%s%s: of the tracking benchmark it lacks image_02, image_03, calib, oxts, "
+                   "velodyne, label_02; of raw recordings it lacks DATE_drive_NNNN_sync with image_02/data, "
+                   "image_03/data, oxts/data, velodyne_points/data, tracklet_labels.xml and calib_cam_to_cam.txt, "
+                   "calib_velo_to_cam.txt, calib_imu_to_velo.txt beside it",
+                   path, sequence ? " with the sequence " : "", sequence ? sequence : "");
 }
 
 /* Returns the number of a photograph's file, "000012.png"; -1 if it is no photograph. */
@@ -279,22 +260,20 @@ static int64_t number_of_picture(const char *name) {
 /* ---- Sequence of the tracking benchmark ---- */
 
 static pags_result list_sequences(const char *root, const char *folder, const char *extension, choice *found) {
-  pags_dir_list list = {0};
-  char *path = pags_path_join(root, folder);
-  pags_result result = path ? PAGS_OK : pags_out_of_memory("%s", root);
-  if (result == PAGS_OK && pags_dir_exists(path))
-    result = pags_dir_list_read(path, &list);
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  PAGS_AUTOFREE char *path = pags_path_join(root, folder);
+  PAGS_CHECK_MEMORY(path, "%s", root);
+  if (pags_dir_exists(path))
+    PAGS_TRY(pags_dir_list_read(path, &list));
+  for (int64_t i = 0; i < list.count; i++) {
     char *dot = strrchr(list.names[i], '.');
     if (strcmp(dot ? dot : "", extension) != 0)
       continue;
     if (dot)
       *dot = 0;
-    result = add_choice(found, list.names[i]);
+    PAGS_TRY(add_choice(found, list.names[i]));
   }
-  pags_dir_list_destroy(&list);
-  free(path);
-  return result;
+  return PAGS_OK;
 }
 
 /* Collects candidates for the sequence: the one that the caller named, else all sequences in the first of these
@@ -314,41 +293,37 @@ static pags_result find_sequence(pags_kitti_tree *tree, const char *wanted, choi
 
 static pags_result check_tracking(pags_kitti_tree *tree, const choice *found) {
   missing needed = {.root = tree->root}, optional = {.root = tree->root};
-  const char *s = found->count == 1 ? found->first : NULL;
+  const bool one = found->count == 1;
+  const char *slash = one ? "/" : "", *s = one ? tree->sequence : "", *ending = one ? ".txt" : "";
+  exists_fn *exists = one ? pags_file_exists : pags_dir_exists;
   for (int c = 0; c < tree->camera_count; c++)
-    want(&needed, pags_dir_exists, "image_%02d%s%s", tree->cameras[c] + 2, s ? "/" : "", s ? s : "");
-  want(&needed, s ? pags_file_exists : pags_dir_exists, "calib%s%s%s", s ? "/" : "", s ? s : "", s ? ".txt" : "");
-  want(&needed, s ? pags_file_exists : pags_dir_exists, "oxts%s%s%s", s ? "/" : "", s ? s : "", s ? ".txt" : "");
-  tree->has_points = want(&optional, pags_dir_exists, "velodyne%s%s", s ? "/" : "", s ? s : "");
-  tree->has_labels = want(&optional, s ? pags_file_exists : pags_dir_exists, "label_02%s%s%s", s ? "/" : "", s ? s : "",
-                          s ? ".txt" : "");
+    want(&needed, pags_dir_exists, "image_%02d%s%s", tree->cameras[c] + 2, slash, s);
+  want(&needed, exists, "calib%s%s%s", slash, s, ending);
+  want(&needed, exists, "oxts%s%s%s", slash, s, ending);
+  tree->has_points = want(&optional, pags_dir_exists, "velodyne%s%s", slash, s);
+  tree->has_labels = want(&optional, exists, "label_02%s%s%s", slash, s, ending);
   if (needed.count)
     return report(tree, &needed, &optional);
-  if (!s)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds %lld sequences (%s); choose one by --sequence", tree->root,
-                     (long long)found->count, found->names);
-  return PAGS_OK;
+  return one ? PAGS_OK
+             : pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds %lld sequences (%s); choose one by --sequence", tree->root,
+                         (long long)found->count, found->names);
 }
 
 /* Whether the camera has a folder with photographs of the drive or the sequence. */
 static bool has_pictures(const pags_kitti_tree *tree, int camera) {
-  bool found = false;
-  pags_dir_list list = {0};
-  char *path = tree->raw ? join_format(tree->root, "image_%02d/data", camera + 2)
-                         : join_format(tree->root, "image_%02d/%s", camera + 2, tree->sequence);
-  if (path && pags_dir_exists(path) && pags_dir_list_read(path, &list) == PAGS_OK)
-    for (int64_t i = 0; i < list.count && !found; i++)
-      found = number_of_picture(list.names[i]) >= 0;
-  pags_dir_list_destroy(&list);
-  free(path);
-  return found;
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  PAGS_AUTOFREE char *folder = picture_folder(tree, camera);
+  if (folder && pags_dir_exists(folder) && pags_dir_list_read(folder, &list) == PAGS_OK)
+    for (int64_t i = 0; i < list.count; i++)
+      if (number_of_picture(list.names[i]) >= 0)
+        return true;
+  return false;
 }
 
 /* Drops the cameras without photographs, unless the caller chose the cameras or none would be left. */
 static void keep_cameras_with_pictures(pags_kitti_tree *tree) {
   pags_tally without = {0};
-  int kept = 0;
-  int numbers[16];
+  int kept = 0, numbers[16];
   for (int c = 0; c < tree->camera_count; c++)
     if (has_pictures(tree, tree->cameras[c]))
       numbers[kept++] = tree->cameras[c];
@@ -357,10 +332,8 @@ static void keep_cameras_with_pictures(pags_kitti_tree *tree) {
   for (int c = 0; c < tree->camera_count; c++)
     if (!has_pictures(tree, tree->cameras[c])) {
       pags_tally_add(&without, "image_%02d", tree->cameras[c] + 2);
-      pags_log_message(PAGS_LOG_WARNING,
-                       "%s: camera %d is left out: image_%02d has no photographs (--cameras %d says that it isn't "
-                       "wanted)",
-                       tree->root, tree->cameras[c], tree->cameras[c] + 2, numbers[0]);
+      PAGS_WARN("%s: camera %d is left out: image_%02d has no photographs (--cameras %d says that it isn't wanted)",
+                tree->root, tree->cameras[c], tree->cameras[c] + 2, numbers[0]);
     }
   pags_account_leave_out(&tree->account, "cameras", &without, "no photographs");
   memcpy(tree->cameras, numbers, (size_t)kept * sizeof *numbers);
@@ -384,91 +357,57 @@ static pags_result check_raw(pags_kitti_tree *tree) {
 
 /* ---- Frames ---- */
 
-/* Counts the photographs of the other cameras past the last of the first one. */
-static pags_result count_late(pags_kitti_tree *tree) {
+/* Sets tree->frames to 1 + the highest number of a photograph of the first camera, and counts the photographs of the
+ * other cameras past it. */
+static pags_result count_frames(pags_kitti_tree *tree) {
   pags_tally late = {0};
-  for (int c = 1; c < tree->camera_count; c++) {
-    pags_dir_list list = {0};
-    char *path = pags_kitti_image_path(tree, tree->cameras[c], 0), *folder = path ? pags_path_folder(path) : NULL;
-    const pags_result result = folder ? pags_dir_list_read(folder, &list) : pags_out_of_memory("%s", tree->root);
-    for (int64_t i = 0; i < list.count; i++)
-      if (number_of_picture(list.names[i]) >= tree->frames)
+  for (int c = 0; c < tree->camera_count; c++) {
+    PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+    PAGS_AUTOFREE char *folder = picture_folder(tree, tree->cameras[c]);
+    PAGS_CHECK_MEMORY(folder, "%s", tree->root);
+    PAGS_TRY(pags_dir_list_read(folder, &list));
+    for (int64_t i = 0; i < list.count; i++) {
+      const int64_t number = number_of_picture(list.names[i]);
+      if (number >= tree->frames && c == 0)
+        tree->frames = number + 1;
+      else if (number >= tree->frames)
         pags_tally_add(&late, "%s/%s", folder, list.names[i]);
-    pags_dir_list_destroy(&list);
-    free(folder);
-    free(path);
-    PAGS_TRY(result);
+    }
+    if (tree->frames == 0)
+      return pags_fail(PAGS_ERROR_IO, "%s: expected photographs, %s (or .jpg)", folder,
+                       tree->raw ? "0000000000.png ..." : "000000.png ...");
   }
   if (late.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld photographs are left out, as image_%02d ends before them; the first is %s", tree->root,
-                     (long long)late.count, tree->cameras[0] + 2, late.first);
+    PAGS_WARN("%s: %lld photographs are left out, as image_%02d ends before them; the first is %s", tree->root,
+              (long long)late.count, tree->cameras[0] + 2, late.first);
   pags_account_leave_out(&tree->account, "photographs", &late, "image_%02d ends before them", tree->cameras[0] + 2);
   return PAGS_OK;
 }
 
-/* Sets tree->frames to 1 + the highest number of a photograph of the first camera. */
-static pags_result count_frames(pags_kitti_tree *tree) {
-  pags_dir_list list;
-  char *path = pags_kitti_image_path(tree, tree->cameras[0], 0);
-  char *folder = path ? pags_path_folder(path) : NULL;
-  free(path);
-  if (!folder)
-    return pags_out_of_memory("%s", tree->root);
-  pags_result result = pags_dir_list_read(folder, &list);
-  for (int64_t i = 0; result == PAGS_OK && i < list.count; i++) {
-    const int64_t number = number_of_picture(list.names[i]);
-    if (number >= tree->frames)
-      tree->frames = number + 1;
-  }
-  if (result == PAGS_OK && tree->frames == 0)
-    result = pags_fail(PAGS_ERROR_IO, "%s: expected photographs, %s (or .jpg)", folder,
-                       tree->raw ? "0000000000.png ..." : "000000.png ...");
-  if (result == PAGS_OK)
-    pags_dir_list_destroy(&list);
-  free(folder);
-  return result;
-}
-
-static void want_file(missing *m, char *path) {
-  if (path && !pags_file_exists(path))
-    add_missing(m, path + strlen(m->root) + 1);
-  free(path);
-}
-
 /* Reports why there is no LiDAR; sweeps in another form than KITTI's are an error. */
-static pags_result explain_no_sweeps(pags_kitti_tree *tree, const char *velodyne) {
-  char *path = pags_kitti_points_path(tree, tree->first), *folder = path ? pags_path_folder(path) : NULL;
-  pags_result result = folder ? PAGS_OK : pags_out_of_memory("%s", tree->root);
-  if (result == PAGS_OK)
-    result = pags_other_files_check(folder, ".bin", "sweeps");
-  if (result == PAGS_OK)
-    result = pags_other_form_check(tree->root, velodyne, "sweeps");
-  if (result == PAGS_OK && !tree->raw) {
-    char *all = pags_path_folder(folder);
-    result = all ? pags_other_form_check(all, tree->sequence, "sweeps") : pags_out_of_memory("%s", tree->root);
-    free(all);
-  }
-  free(folder);
-  free(path);
-  PAGS_TRY(result);
-  pags_log_message(PAGS_LOG_WARNING, "%s: no LiDAR: %s is missing or empty", tree->root, velodyne);
+static pags_result explain_no_sweeps(pags_kitti_tree *tree) {
+  const char *velodyne = tree->raw ? "velodyne_points" : "velodyne";
+  PAGS_AUTOFREE char *all = pags_path_join(tree->root, velodyne);
+  PAGS_AUTOFREE char *folder = all ? pags_path_join(all, tree->raw ? "data" : tree->sequence) : NULL;
+  PAGS_CHECK_MEMORY(folder, "%s", tree->root);
+  PAGS_TRY(pags_other_files_check(folder, ".bin", "sweeps"));
+  PAGS_TRY(pags_other_form_check(tree->root, velodyne, "sweeps"));
+  if (!tree->raw)
+    PAGS_TRY(pags_other_form_check(all, tree->sequence, "sweeps"));
+  PAGS_WARN("%s: no LiDAR: %s is missing or empty", tree->root, velodyne);
   pags_account_lacks(&tree->account, "sweeps", "%s is missing or empty", velodyne);
   return PAGS_OK;
 }
 
 static pags_result explain_no_labels(pags_kitti_tree *tree) {
   const char *name = tree->raw ? "tracklet_labels.xml" : "label_02";
-  char *path = pags_kitti_labels_path(tree), *folder = path ? pags_path_folder(path) : NULL;
-  pags_result result = folder ? PAGS_OK : pags_out_of_memory("%s", tree->root);
-  if (result == PAGS_OK)
-    result = pags_other_form_check(folder, pags_path_name(path), "boxes");
-  if (result == PAGS_OK && !tree->raw)
-    result = pags_other_form_check(tree->root, name, "boxes");
-  free(folder);
-  free(path);
-  PAGS_TRY(result);
-  pags_log_message(PAGS_LOG_WARNING, "%s: no boxes: %s is missing", tree->root, name);
+  PAGS_AUTOFREE char *path = pags_kitti_labels_path(tree);
+  PAGS_AUTOFREE char *folder = path ? pags_path_folder(path) : NULL;
+  PAGS_CHECK_MEMORY(folder, "%s", tree->root);
+  PAGS_TRY(pags_other_form_check(folder, pags_path_name(path), "boxes"));
+  if (!tree->raw)
+    PAGS_TRY(pags_other_form_check(tree->root, name, "boxes"));
+  PAGS_WARN("%s: no boxes: %s is missing", tree->root, name);
   pags_account_lacks(&tree->account, "boxes", "%s is missing", name);
   return PAGS_OK;
 }
@@ -476,30 +415,29 @@ static pags_result explain_no_labels(pags_kitti_tree *tree) {
 static pags_result check_frames(pags_kitti_tree *tree) {
   missing needed = {.root = tree->root}, sweeps = {.root = tree->root};
   for (int64_t frame = tree->first; frame <= tree->last; frame++) {
-    for (int c = 0; c < tree->camera_count; c++)
-      want_file(&needed, pags_kitti_image_path(tree, tree->cameras[c], frame));
-    if (tree->raw)
-      want_file(&needed, pags_kitti_oxts_path(tree, frame));
-    if (tree->has_points)
-      want_file(&sweeps, pags_kitti_points_path(tree, frame));
+    for (int c = 0; c < tree->camera_count; c++) {
+      PAGS_AUTOFREE char *image = pags_kitti_image_path(tree, tree->cameras[c], frame);
+      want_file(&needed, image);
+    }
+    PAGS_AUTOFREE char *oxts = tree->raw ? pags_kitti_oxts_path(tree, frame) : NULL;
+    PAGS_AUTOFREE char *points = tree->has_points ? pags_kitti_points_path(tree, frame) : NULL;
+    want_file(&needed, oxts);
+    want_file(&sweeps, points);
   }
-  if (tree->raw && tree->first > 0)
-    want_file(&needed, pags_kitti_oxts_path(tree, 0)); /* frame 0 defines the world's origin */
-  if (needed.count) {
-    const missing none = {0};
-    return report(tree, &needed, &none);
-  }
+  /* Frame 0 defines the world's origin. */
+  PAGS_AUTOFREE char *first = tree->raw && tree->first > 0 ? pags_kitti_oxts_path(tree, 0) : NULL;
+  want_file(&needed, first);
+  if (needed.count)
+    return report(tree, &needed, &(missing){0});
   const int64_t count = tree->last - tree->first + 1;
-  const char *velodyne = tree->raw ? "velodyne_points" : "velodyne";
-  pags_tally lost = {.count = sweeps.count};
   if (sweeps.count == count)
     tree->has_points = false;
   if (!tree->has_points)
-    PAGS_TRY(explain_no_sweeps(tree, velodyne));
-  else if (sweeps.count)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are missing: %.400s", tree->root,
-                     (long long)sweeps.count, (long long)count, sweeps.text);
-  if (tree->has_points) {
+    PAGS_TRY(explain_no_sweeps(tree));
+  else if (sweeps.count) {
+    pags_tally lost = {.count = sweeps.count};
+    PAGS_WARN("%s: %lld of %lld sweeps are missing: %.400s", tree->root, (long long)sweeps.count, (long long)count,
+              sweeps.text);
     snprintf(lost.first, sizeof lost.first, "%.*s", (int)strcspn(sweeps.text, ","), sweeps.text);
     pags_account_leave_out(&tree->account, "sweeps", &lost, "the files are missing");
   }
@@ -524,34 +462,22 @@ static void tell_other_cameras(pags_kitti_tree *tree) {
   pags_account_leave_out(&tree->account, "cameras", &others, "--cameras chose others");
 }
 
-static pags_result open_tree(const char *path, const pags_import_options *options, choice *found,
-                             pags_kitti_tree *tree) {
+pags_result pags_kitti_tree_open(const char *path, const pags_import_options *options, pags_kitti_tree *tree) {
+  PAGS_AUTO(forget_choice) choice found = {0};
+  *tree = (pags_kitti_tree){0};
   PAGS_TRY(pags_import_cameras(options->cameras, 2, 2, tree->cameras, &tree->camera_count));
   PAGS_TRY(find_root(tree, path, options->sequence));
   if (!tree->raw) {
-    PAGS_TRY(find_sequence(tree, options->sequence, found));
-    tree->sequence = found->count == 1 ? pags_text_copy(found->first) : NULL;
-    if (found->count == 1 && !tree->sequence)
-      return pags_out_of_memory("%s", path);
+    PAGS_TRY(find_sequence(tree, options->sequence, &found));
+    tree->sequence = found.count == 1 ? pags_take(&found.first) : NULL;
   }
   if (!options->cameras && tree->sequence)
     keep_cameras_with_pictures(tree);
-  PAGS_TRY(tree->raw ? check_raw(tree) : check_tracking(tree, found));
+  PAGS_TRY(tree->raw ? check_raw(tree) : check_tracking(tree, &found));
   tell_other_cameras(tree);
   PAGS_TRY(count_frames(tree));
-  PAGS_TRY(count_late(tree));
   PAGS_TRY(pags_import_frames(options, tree->frames, &tree->first, &tree->last));
   const pags_tally others = {.count = tree->frames - (tree->last - tree->first + 1)};
   pags_account_leave_out(&tree->account, "time steps", &others, "--frames chose others");
   return check_frames(tree);
-}
-
-pags_result pags_kitti_tree_open(const char *path, const pags_import_options *options, pags_kitti_tree *out) {
-  choice found = {0};
-  *out = (pags_kitti_tree){0};
-  const pags_result result = open_tree(path, options, &found, out);
-  free(found.first);
-  if (result != PAGS_OK)
-    pags_kitti_tree_close(out);
-  return result;
 }

@@ -23,7 +23,7 @@ typedef struct pags_kitti_tree {
 
 /* Recognises the tree at `path`, chooses the sequence and the frames, and checks that all files they need exist; one
  * error message lists all missing files. Sweeps and labels may be missing, which is logged; sweeps
- * and labels in another form, e.g. packed, are PAGS_ERROR_FORMAT. */
+ * and labels in another form, e.g. packed, are PAGS_ERROR_FORMAT. The caller closes the tree, also after a failure. */
 pags_result pags_kitti_tree_open(const char *path, const pags_import_options *options, pags_kitti_tree *out);
 void pags_kitti_tree_close(pags_kitti_tree *tree);
 
@@ -33,7 +33,5 @@ char *pags_kitti_points_path(const pags_kitti_tree *tree, int64_t frame);
 char *pags_kitti_oxts_path(const pags_kitti_tree *tree, int64_t frame); /* tracking: one file for all frames */
 char *pags_kitti_calib_path(const pags_kitti_tree *tree); /* raw: the folder of the day, which holds three files */
 char *pags_kitti_labels_path(const pags_kitti_tree *tree);
-/* raw only: the path of a file of times, e.g. name "image_02/timestamps.txt". */
-char *pags_kitti_times_path(const pags_kitti_tree *tree, const char *name);
 
 #endif

@@ -5,12 +5,9 @@
 #include <assert.h>
 #include <errno.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/bytes.h"
 #include "base/file.h"
-#include "base/memory.h"
 #include "base/text.h"
 #include "port/port.h"
 
@@ -75,20 +72,14 @@ pags_result pags_tfrecord_open(const char *path, pags_tfrecord **out) {
   *out = NULL;
   uint64_t size;
   PAGS_TRY(pags_file_size(path, &size));
-  pags_tfrecord *reader = calloc(1, sizeof *reader);
-  if (!reader || !(reader->path = pags_text_copy(path))) {
-    free(reader);
-    return pags_out_of_memory("%s", path);
-  }
+  PAGS_AUTO(pags_tfrecord_close_auto) pags_tfrecord *reader = calloc(1, sizeof *reader);
+  PAGS_CHECK_MEMORY(reader && (reader->path = pags_text_copy(path)), "%s", path);
   reader->stream = pags_port_open(path, "rb");
-  if (!reader->stream) {
-    const pags_result result = pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
-    pags_tfrecord_close(reader);
-    return result;
-  }
+  if (!reader->stream)
+    return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
   reader->size = size;
   crc_table_fill(&reader->crc);
-  *out = reader;
+  *out = pags_take(&reader);
   return PAGS_OK;
 }
 
@@ -136,19 +127,6 @@ static pags_result read_header(pags_tfrecord *reader, uint64_t *length) {
       (unsigned long long)room);
 }
 
-/* Makes room for `length` bytes of data; `length` is known to fit into the file. */
-static pags_result reserve(pags_tfrecord *reader, size_t length) {
-  if (length <= reader->capacity && reader->data)
-    return PAGS_OK;
-  free(reader->data);
-  reader->capacity = 0;
-  reader->data = malloc(length ? length : 1);
-  if (!reader->data)
-    return pags_out_of_memory("%s: record %lld of %zu bytes", reader->path, (long long)reader->number, length);
-  reader->capacity = length;
-  return PAGS_OK;
-}
-
 static void advance(pags_tfrecord *reader, uint64_t length) {
   reader->offset += HEADER + length + FOOTER;
   reader->number++;
@@ -161,7 +139,14 @@ pags_result pags_tfrecord_next(pags_tfrecord *reader, pags_tfrecord_item *item) 
     return PAGS_OK;
   uint64_t length;
   PAGS_TRY(read_header(reader, &length));
-  PAGS_TRY(reserve(reader, (size_t)length));
+  if (length > reader->capacity || !reader->data) { /* no more than the file has left */
+    free(reader->data);
+    reader->capacity = 0;
+    reader->data = malloc(length ? (size_t)length : 1);
+    PAGS_CHECK_MEMORY(reader->data, "%s: record %lld of %zu bytes", reader->path, (long long)reader->number,
+                      (size_t)length);
+    reader->capacity = (size_t)length;
+  }
   PAGS_TRY(read_bytes(reader, reader->data, (size_t)length));
   uint8_t footer[FOOTER];
   PAGS_TRY(read_bytes(reader, footer, FOOTER));

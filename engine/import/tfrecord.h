@@ -12,6 +12,8 @@
 
 #include <pags/base.h>
 
+#include "base/memory.h"
+
 typedef struct pags_tfrecord pags_tfrecord;
 
 /* A record; `data` belongs to the reader and is valid until the next call of the reader. */
@@ -25,6 +27,7 @@ typedef struct pags_tfrecord_item {
 /* Opens a file; fails with PAGS_ERROR_IO or PAGS_ERROR_MEMORY. An empty file has no records and is valid. */
 pags_result pags_tfrecord_open(const char *path, pags_tfrecord **out);
 void pags_tfrecord_close(pags_tfrecord *reader); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_tfrecord, pags_tfrecord_close)
 
 /* Reads the next record; item->data is NULL at the end of the file. PAGS_ERROR_FORMAT if the file is damaged or
  * truncated. */

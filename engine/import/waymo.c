@@ -22,23 +22,21 @@
 #include <assert.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include <pags/import.h>
 
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/parallel.h"
+#include "base/vec3.h"
 #include "dataset/driving/motion.h"
 #include "dataset/driving/writer.h"
 #include "dataset/foreign_recording.h"
-#include "import/options.h"
+#include "import/importer.h"
 #include "import/tfrecord.h"
 #include "import/waymo_lidar.h"
 #include "import/waymo_masks.h"
-#include "import/waymo_message.h"
-#include "import/waymo_semantic.h"
 #include "import/waymo_tracks.h"
 #include "maths/maths.h"
 
@@ -74,11 +72,6 @@ static pags_result report(const importer *im, double fraction, const char *what)
   if (im->progress && !im->progress(im->user, fraction, what))
     return pags_fail(PAGS_CANCELLED, "cancelled");
   return PAGS_OK;
-}
-
-static void describe_place(const importer *im, const pags_tfrecord_item *item, char where[WHERE]) {
-  snprintf(where, WHERE, "%s: record %lld at byte %llu", im->source, (long long)item->number,
-           (unsigned long long)item->offset);
 }
 
 /* ---- Calibration ---- */
@@ -127,12 +120,6 @@ static pags_result read_camera(importer *im, const pags_waymo_frame *frame, int 
 
 /* ---- One frame ---- */
 
-/* Rotates an angular velocity from world axes, as Waymo gives it, to the axes of the ego vehicle. */
-static void turn_back(const double m[12], const double w[3], double out[3]) {
-  for (int i = 0; i < 3; i++)
-    out[i] = m[i] * w[0] + m[4 + i] * w[1] + m[8 + i] * w[2];
-}
-
 static pags_result read_exposure(const Pags__Waymo__CameraImage *image, const char *where, pags_layout_exposure *out) {
   *out = pags_layout_exposure_unknown();
   if (image->has_shutter && isfinite(image->shutter))
@@ -150,11 +137,12 @@ static pags_result read_exposure(const Pags__Waymo__CameraImage *image, const ch
   const Pags__Waymo__Velocity *v = image->velocity;
   if (v && isfinite(v->v_x) && isfinite(v->v_y) && isfinite(v->v_z) && isfinite(v->w_x) && isfinite(v->w_y) &&
       isfinite(v->w_z)) {
-    const double turning[3] = {v->w_x, v->w_y, v->w_z};
-    out->velocity[0] = (double)v->v_x;
-    out->velocity[1] = (double)v->v_y;
-    out->velocity[2] = (double)v->v_z;
-    turn_back(out->pose, turning, out->velocity + 3);
+    /* Waymo gives the angular velocity in world axes, which become those of the ego vehicle. */
+    const double linear[3] = {(double)v->v_x, (double)v->v_y, (double)v->v_z}, w[3] = {v->w_x, v->w_y, v->w_z};
+    const double *m = out->pose;
+    pags_copy3(linear, out->velocity);
+    for (int i = 0; i < 3; i++)
+      out->velocity[3 + i] = m[i] * w[0] + m[4 + i] * w[1] + m[8 + i] * w[2];
   }
   return PAGS_OK;
 }
@@ -168,55 +156,43 @@ static void exposure_pose(const pags_layout_exposure *e, const double ego_pose[1
   memcpy(out, isnan(e->pose[0]) ? ego_pose : e->pose, 12 * sizeof *out);
   if (isnan(e->pose[0]) || isnan(e->velocity[0]) || !(fabs(dt) < 0.1))
     return;
-  const double turn[3] = {e->velocity[3] * dt, e->velocity[4] * dt, e->velocity[5] * dt};
-  double turned[12];
+  double turn[3], turned[12];
+  pags_scale3(dt, e->velocity + 3, turn);
   pags_increment_matrix(turn, still, turned);
   pags_rigid_multiply(e->pose, turned, out);
   for (int i = 0; i < 3; i++)
     out[4 * i + 3] += e->velocity[i] * dt;
 }
 
-/* Computes the camera-to-world pose of a photograph and writes it as its extrinsics. */
-static pags_result put_camera_pose(importer *im, int64_t frame, int index) {
-  const int64_t photo = frame * im->info.camera_count + index;
-  double *out = im->camera_poses + 12 * photo, ego[12];
-  exposure_pose(&im->exposures[photo], im->ego_poses + 12 * frame, ego);
-  pags_rigid_multiply(ego, im->ego_from_camera[index], out);
-  return pags_layout_put_extrinsics(&im->layout, frame, im->cameras[index].number, out);
-}
-
 static pags_result read_image(importer *im, const pags_waymo_frame *message, int64_t frame, int index,
                               const char *where) {
   const pags_layout_camera *camera = &im->cameras[index];
   const Pags__Waymo__CameraImage *image = pags_waymo_image(message, camera->number + 1);
-  int labelled;
+  bool labelled;
   if (!image || image->image.len < 4)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: no photograph of camera %d (%s); --cameras and --frames choose others",
                      where, camera->number, camera->name);
   if (image->image.data[0] != 0xff || image->image.data[1] != 0xd8)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph of camera %d is no JPEG", where, camera->number);
-  PAGS_TRY(read_exposure(image, where, &im->exposures[frame * im->info.camera_count + index]));
-  PAGS_TRY(put_camera_pose(im, frame, index));
+  const int64_t photo = frame * im->info.camera_count + index;
+  double *pose = im->camera_poses + 12 * photo, ego[12];
+  PAGS_TRY(read_exposure(image, where, &im->exposures[photo]));
+  exposure_pose(&im->exposures[photo], im->ego_poses + 12 * frame, ego);
+  pags_rigid_multiply(ego, im->ego_from_camera[index], pose);
+  PAGS_TRY(pags_layout_put_extrinsics(&im->layout, frame, camera->number, pose));
   PAGS_TRY(pags_layout_put_image(&im->layout, frame, camera->number, ".jpg", image->image.data, image->image.len));
-  PAGS_TRY(pags_waymo_put_semantic(&im->layout, image, frame, camera->number, camera->width, camera->height, where,
-                                   &labelled));
+  PAGS_TRY(pags_waymo_put_semantic(&im->layout, image, frame, camera, where, &labelled));
   im->labelled += labelled;
   return PAGS_OK;
 }
 
 static pags_result read_lidar(importer *im, const pags_waymo_frame *message, int64_t frame, const char *where) {
-  if (pags_layout_has(&im->layout, "lidar", frame, -1, ".bin")) {
-    im->sweeps++;
-    return PAGS_OK;
-  }
-  pags_waymo_points points = {0};
-  pags_result result = pags_waymo_lidar_points(message, where, &points);
-  if (result == PAGS_OK && points.count) {
-    result = pags_layout_put_lidar(&im->layout, frame, points.count, points.rows);
-    im->sweeps++;
-  }
-  pags_waymo_points_destroy(&points);
-  return result;
+  PAGS_AUTO(pags_waymo_points_destroy) pags_waymo_points points = {0};
+  const bool done = pags_layout_has(&im->layout, "lidar", frame, -1, ".bin");
+  if (!done)
+    PAGS_TRY(pags_waymo_lidar_points(message, where, &points));
+  im->sweeps += done || points.count;
+  return points.count ? pags_layout_put_lidar(&im->layout, frame, points.count, points.rows) : PAGS_OK;
 }
 
 /* Checks that the frame belongs to the segment of the first frame and is later than the frame before. */
@@ -245,46 +221,28 @@ static pags_result read_frame(importer *im, const pags_waymo_frame *message, int
 
 /* ---- Reading the file ---- */
 
-/* Reports what a file is that begins with no record, if that is known; else keeps the message that there is. */
-static pags_result explain(const char *source, pags_result result) {
-  if (pags_foreign_recording_check(source, false) == PAGS_OK)
-    return result;
-  char message[WHERE];
-  snprintf(message, sizeof message, "%s", pags_error_message());
-  return pags_fail(PAGS_ERROR_FORMAT, "%.900s; expected an uncompressed TFRecord file of Waymo Open v1", message);
-}
-
 static pags_result count_records(const char *source, int64_t *count) {
-  pags_tfrecord *reader;
+  PAGS_AUTO(pags_tfrecord_close_auto) pags_tfrecord *reader = NULL;
   int end = 0;
-  *count = -1;
   if (pags_dir_exists(source)) {
     PAGS_TRY(pags_foreign_recording_check(source, false));
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: is a folder, expected one segment's .tfrecord file", source);
   }
   PAGS_TRY(pags_tfrecord_open(source, &reader));
-  pags_result result = PAGS_OK;
-  while (!end && result == PAGS_OK) {
-    result = pags_tfrecord_skip(reader, &end);
-    ++*count;
+  for (*count = 0;; ++*count) {
+    const pags_result result = pags_tfrecord_skip(reader, &end);
+    /* Report what a file is that begins with no record, if that is known; else keep the message that there is. */
+    if (result == PAGS_ERROR_FORMAT && *count == 0 && pags_foreign_recording_check(source, false) != PAGS_OK) {
+      char message[WHERE];
+      snprintf(message, sizeof message, "%s", pags_error_message());
+      return pags_fail(PAGS_ERROR_FORMAT, "%.900s; expected an uncompressed TFRecord file of Waymo Open v1", message);
+    }
+    PAGS_TRY(result);
+    if (end)
+      break;
   }
-  pags_tfrecord_close(reader);
-  if (result == PAGS_ERROR_FORMAT && *count == 0)
-    result = explain(source, result);
-  if (result == PAGS_OK && *count == 0)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a TFRecord file of Waymo frames, found no record", source);
-  return result;
-}
-
-static pags_result allocate_frames(importer *im) {
-  const size_t frames = (size_t)im->info.frame_count; /* each takes at least 16 bytes of the file */
-  im->times = calloc(frames, sizeof *im->times);
-  im->ego_poses = calloc(frames, 12 * sizeof *im->ego_poses);
-  im->exposures = calloc(frames, (size_t)im->info.camera_count * sizeof *im->exposures);
-  im->camera_poses = calloc(frames, (size_t)im->info.camera_count * 12 * sizeof *im->camera_poses);
-  if (!im->times || !im->ego_poses || !im->exposures || !im->camera_poses)
-    return pags_out_of_memory("%s: %zu frames", im->source, frames);
-  return PAGS_OK;
+  return *count ? PAGS_OK
+                : pags_fail(PAGS_ERROR_FORMAT, "%s: expected a TFRecord file of Waymo frames, found no record", source);
 }
 
 /* Begins the import with the first frame, whose calibration applies to the whole segment. */
@@ -302,72 +260,71 @@ static pags_result begin(importer *im, const pags_waymo_frame *first, const char
   pags_account_leave_out(&im->account, "cameras", &others, "--cameras takes them");
   for (int c = 0; c < im->info.camera_count; c++)
     PAGS_TRY(read_camera(im, first, c, where));
-  PAGS_TRY(allocate_frames(im));
+  const size_t frames = (size_t)im->info.frame_count; /* each takes at least 16 bytes of the file */
+  const size_t cameras = (size_t)im->info.camera_count;
+  im->times = calloc(frames, sizeof *im->times);
+  im->ego_poses = calloc(frames, 12 * sizeof *im->ego_poses);
+  im->exposures = calloc(frames, cameras * sizeof *im->exposures);
+  im->camera_poses = calloc(frames, cameras * 12 * sizeof *im->camera_poses);
+  PAGS_CHECK_MEMORY(im->times && im->ego_poses && im->exposures && im->camera_poses, "%s: %zu frames", im->source,
+                    frames);
   PAGS_TRY(pags_layout_begin(&im->layout, folder, &im->info, overwrite));
   for (int c = 0; c < im->info.camera_count; c++)
     PAGS_TRY(pags_layout_put_extrinsics(&im->layout, -1, im->cameras[c].number, im->ego_from_camera[c]));
   return PAGS_OK;
 }
 
-static pags_result read_record(importer *im, const pags_tfrecord_item *item, int64_t frame, const char *folder,
-                               bool overwrite) {
-  char where[WHERE];
-  pags_waymo_frame *message;
-  describe_place(im, item, where);
-  PAGS_TRY(pags_waymo_unpack_frame(item->data, item->size, where, &message));
-  pags_result result = frame ? PAGS_OK : begin(im, message, where, folder, overwrite);
-  if (result == PAGS_OK && !pags_layout_is_finished(&im->layout))
-    result = read_frame(im, message, frame, where);
-  pags_waymo_free_frame(message);
-  return result;
-}
-
-static pags_result read_records(importer *im, pags_tfrecord *reader, const char *folder, bool overwrite) {
-  pags_tfrecord_item item;
+static pags_result read_records(importer *im, const char *folder, bool overwrite) {
+  PAGS_AUTO(pags_tfrecord_close_auto) pags_tfrecord *reader = NULL;
+  PAGS_TRY(pags_tfrecord_open(im->source, &reader));
   int end;
   for (int64_t i = 0; i < im->info.first_frame; i++)
     PAGS_TRY(pags_tfrecord_skip(reader, &end));
   for (int64_t frame = 0; frame < im->info.frame_count; frame++) {
+    char where[WHERE];
+    pags_tfrecord_item item;
+    PAGS_AUTO(pags_waymo_free_frame_auto) pags_waymo_frame *message = NULL;
     PAGS_TRY(report(im, 0.7 * pags_tfrecord_fraction(reader), "frames"));
     PAGS_TRY(pags_tfrecord_next(reader, &item));
     if (!item.data)
       return pags_fail(PAGS_ERROR_IO, "%s: has become shorter", im->source);
-    PAGS_TRY(read_record(im, &item, frame, folder, overwrite));
+    snprintf(where, WHERE, "%s: record %lld at byte %llu", im->source, (long long)item.number,
+             (unsigned long long)item.offset);
+    PAGS_TRY(pags_waymo_unpack_frame(item.data, item.size, where, &message));
+    if (frame == 0)
+      PAGS_TRY(begin(im, message, where, folder, overwrite));
     if (pags_layout_is_finished(&im->layout))
       return PAGS_OK;
+    PAGS_TRY(read_frame(im, message, frame, where));
   }
   return PAGS_OK;
 }
 
 /* Removes a folder of the layout whose content this segment doesn't have. */
 static pags_result drop_folder(const importer *im, const char *name) {
-  char *path = pags_path_join(im->layout.folder, name);
-  if (!path)
-    return pags_out_of_memory("%s", im->source);
-  const pags_result result = pags_remove_tree(path);
-  free(path);
-  return result;
+  PAGS_AUTOFREE char *path = pags_path_join(im->layout.folder, name);
+  PAGS_CHECK_MEMORY(path, "%s", im->source);
+  return pags_remove_tree(path);
 }
 
 /* ---- Masks ---- */
 
-/* The first failure of a worker; the message is copied because error messages are local to threads. */
-typedef struct failure {
-  pags_result result;
-  int64_t at;
-  char message[WHERE];
-} failure;
-
 typedef struct mask_job {
   const importer *im;
-  const pags_waymo_lens *lenses;
+  pags_waymo_lens lenses[PAGS_WAYMO_CAMERAS];
   int64_t first; /* photograph at index 0 of the parallel loop */
-  failure *failures;
 } mask_job;
 
-static pags_result put_mask(const mask_job *job, int64_t photo) {
+static void destroy_lenses(mask_job *job) {
+  for (int c = 0; c < PAGS_WAYMO_CAMERAS; c++)
+    pags_waymo_lens_destroy(&job->lenses[c]);
+}
+
+static pags_result put_mask(void *context, int64_t item, int worker) {
+  (void)worker;
+  const mask_job *job = context;
   const importer *im = job->im;
-  const int64_t frame = photo / im->info.camera_count;
+  const int64_t photo = job->first + item, frame = photo / im->info.camera_count;
   const int index = (int)(photo % im->info.camera_count);
   const pags_waymo_lens *lens = &job->lenses[index];
   pags_camera camera = lens->pinhole;
@@ -376,77 +333,31 @@ static pags_result put_mask(const mask_job *job, int64_t photo) {
                                                lens->source ? &lens->lens : NULL, im->tracks, im->track_count);
 }
 
-static void put_mask_block(void *context, int64_t begin_at, int64_t end_at, int worker) {
-  const mask_job *job = context;
-  failure *f = &job->failures[worker];
-  for (int64_t i = begin_at; i < end_at && f->result == PAGS_OK; i++) {
-    f->result = put_mask(job, job->first + i);
-    if (f->result != PAGS_OK) {
-      f->at = i;
-      snprintf(f->message, sizeof f->message, "%s", pags_error_message());
-    }
-  }
-}
-
-static pags_result first_failure(const failure *failures, int count) {
-  const failure *first = NULL;
-  for (int i = 0; i < count; i++)
-    if (failures[i].result != PAGS_OK && (!first || failures[i].at < first->at))
-      first = &failures[i];
-  return first ? pags_fail(first->result, "%s", first->message) : PAGS_OK;
-}
-
-static pags_result put_masks_with(const importer *im, const pags_waymo_lens *lenses) {
-  const int workers = pags_tasks_workers(im->tasks);
-  const int64_t photos = im->info.frame_count * im->info.camera_count, step = 4 * (int64_t)workers;
-  failure *failures = calloc((size_t)workers, sizeof *failures);
-  if (!failures)
-    return pags_out_of_memory("%s", im->source);
-  mask_job job = {.im = im, .lenses = lenses, .failures = failures};
-  pags_result result = PAGS_OK;
-  for (; job.first < photos && result == PAGS_OK; job.first += step) {
-    result = report(im, 0.7 + 0.3 * (double)job.first / (double)photos, "masks");
-    const int64_t count = photos - job.first < step ? photos - job.first : step;
-    if (result == PAGS_OK && !pags_parallel_for(im->tasks, count, 1, put_mask_block, &job))
-      result = pags_fail(PAGS_CANCELLED, "cancelled");
-    if (result == PAGS_OK)
-      result = first_failure(failures, workers);
-  }
-  free(failures);
-  return result;
-}
-
 static pags_result put_masks(const importer *im) {
-  pags_waymo_lens lenses[PAGS_WAYMO_CAMERAS] = {0};
-  pags_result result = PAGS_OK;
-  for (int c = 0; c < im->info.camera_count && result == PAGS_OK; c++)
-    result = pags_waymo_lens_make(&im->cameras[c], im->source, im->tasks, &lenses[c]);
-  if (result == PAGS_OK)
-    result = put_masks_with(im, lenses);
+  const int64_t photos = im->info.frame_count * im->info.camera_count;
+  const int64_t step = 4 * (int64_t)pags_tasks_workers(im->tasks);
+  PAGS_AUTO(destroy_lenses) mask_job job = {.im = im};
   for (int c = 0; c < im->info.camera_count; c++)
-    pags_waymo_lens_destroy(&lenses[c]);
-  return result;
+    PAGS_TRY(pags_waymo_lens_make(&im->cameras[c], im->source, im->tasks, &job.lenses[c]));
+  for (; job.first < photos; job.first += step) {
+    PAGS_TRY(report(im, 0.7 + 0.3 * (double)job.first / (double)photos, "masks"));
+    const int64_t count = photos - job.first < step ? photos - job.first : step;
+    PAGS_TRY(pags_parallel_try(im->tasks, count, put_mask, &job, "cancelled"));
+  }
+  return PAGS_OK;
 }
 
 /* ---- Finishing ---- */
-
-static double frame_rate(const importer *im) {
-  const int64_t n = im->info.frame_count;
-  const double usual = 10; /* Hz, the rate of Waymo's LiDAR */
-  if (n < 2)
-    return usual;
-  return pags_round(100 * (double)(n - 1) / (im->times[n - 1] - im->times[0])) / 100;
-}
 
 static void log_findings(importer *im) {
   const long long frames = im->info.frame_count;
   const pags_leaps leaps = pags_find_leaps((const double(*)[12])im->ego_poses, im->times, im->info.frame_count);
   if (leaps.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld steps between poses leap; the first is from frame %lld to %lld, %.2f m and %.1f "
-                     "degrees off in %.2f s",
-                     im->source, (long long)leaps.count, frames - 1, (long long)leaps.first, (long long)leaps.first + 1,
-                     leaps.metres, leaps.degrees, leaps.seconds);
+    PAGS_WARN(
+        "%s: %lld of %lld steps between poses leap; the first is from frame %lld to %lld, %.2f m and %.1f degrees "
+        "off in %.2f s",
+        im->source, (long long)leaps.count, frames - 1, (long long)leaps.first, (long long)leaps.first + 1,
+        leaps.metres, leaps.degrees, leaps.seconds);
   const pags_tally dark = {.count = im->sweeps ? frames - im->sweeps : 0};
   pags_account_leave_out(&im->account, "sweeps", &dark, "the frames have no LiDAR");
   if (!im->sweeps)
@@ -455,19 +366,17 @@ static void log_findings(importer *im) {
   if (!im->boxes.count)
     pags_account_lacks(&im->account, "boxes", "no frame has labels");
   if (im->sweeps < frames)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld frames have no LiDAR", im->source,
-                     frames - (long long)im->sweeps, frames);
+    PAGS_WARN("%s: %lld of %lld frames have no LiDAR", im->source, frames - (long long)im->sweeps, frames);
   if (!im->boxes.count)
-    pags_log_message(PAGS_LOG_WARNING, "%s: no boxes: no instances and no dynamic masks are written", im->source);
+    PAGS_WARN("%s: no boxes: no instances and no dynamic masks are written", im->source);
   if (im->boxes.unusable.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld boxes without id, size or finite numbers were left out; the first is %s", im->source,
-                     (long long)im->boxes.unusable.count, im->boxes.unusable.first);
+    PAGS_WARN("%s: %lld boxes without id, size or finite numbers were left out; the first is %s", im->source,
+              (long long)im->boxes.unusable.count, im->boxes.unusable.first);
   if (im->boxes.renamed.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld ids belong to things of several classes, each of which became an object of its own; the "
-                     "first is %s",
-                     im->source, (long long)im->boxes.renamed.count, im->boxes.renamed.first);
+    PAGS_WARN(
+        "%s: %lld ids belong to things of several classes, each of which became an object of its own; the first "
+        "is %s",
+        im->source, (long long)im->boxes.renamed.count, im->boxes.renamed.first);
   pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs have panoptic labels", im->source,
                    (long long)im->labelled, frames * im->info.camera_count);
 }
@@ -496,7 +405,9 @@ static pags_result finish(importer *im) {
     im->info.lidar_columns = NULL;
     PAGS_TRY(drop_folder(im, "lidar"));
   }
-  im->info.fps = frame_rate(im);
+  const int64_t steps = im->info.frame_count - 1;
+  if (steps > 0)
+    im->info.fps = pags_round(100 * (double)steps / (im->times[steps] - im->times[0])) / 100;
   log_findings(im);
   PAGS_TRY(pags_layout_put_account(&im->layout, &im->account, im->tracks, im->track_count));
   const pags_layout_times times = {.frames = im->times, .exposures = im->exposures};
@@ -505,7 +416,7 @@ static pags_result finish(importer *im) {
   return PAGS_OK;
 }
 
-static void importer_free(importer *im) {
+static void destroy(importer *im) {
   for (int64_t i = 0; i < im->track_count; i++)
     pags_layout_track_destroy(&im->tracks[i]);
   free(im->tracks);
@@ -517,34 +428,25 @@ static void importer_free(importer *im) {
   free(im->camera_poses);
 }
 
-static pags_result import(importer *im, const char *folder, const pags_import_options *options) {
-  int64_t records, last;
-  PAGS_TRY(pags_import_cameras(options->cameras, PAGS_WAYMO_CAMERAS, 3, im->numbers, &im->info.camera_count));
-  PAGS_TRY(count_records(im->source, &records));
-  PAGS_TRY(pags_import_frames(options, records, &im->info.first_frame, &last));
-  im->info.frame_count = last - im->info.first_frame + 1;
-  const pags_tally others = {.count = records - im->info.frame_count};
-  pags_account_leave_out(&im->account, "time steps", &others, "--frames chose others");
-  pags_tfrecord *reader;
-  PAGS_TRY(pags_tfrecord_open(im->source, &reader));
-  pags_result result = read_records(im, reader, folder, options->overwrite);
-  pags_tfrecord_close(reader);
-  return result == PAGS_OK ? finish(im) : result;
-}
-
 pags_result pags_import_waymo(const char *source, const char *folder, const pags_import_options *options,
                               pags_tasks *tasks, pags_progress_fn *progress, void *user) {
   assert(source && folder && tasks);
-  const pags_import_options usual = pags_import_options_default();
-  importer im = {.source = source, .tasks = tasks, .progress = progress, .user = user};
+  const pags_import_options chosen = options ? *options : pags_import_options_default();
+  PAGS_AUTO(destroy) importer im = {.source = source, .tasks = tasks, .progress = progress, .user = user};
   im.info = (pags_layout_info){.kind = "waymo",
                                .source = source,
-                               .fps = 10,
+                               .fps = 10, /* the rate of Waymo's LiDAR */
                                .cameras = im.cameras,
                                .lidar_columns = lidar_columns,
                                .extrinsics_per_frame = true,
                                .extrinsics_from_world = true};
-  const pags_result result = import(&im, folder, options ? options : &usual);
-  importer_free(&im);
-  return result;
+  int64_t records, last;
+  PAGS_TRY(pags_import_cameras(chosen.cameras, PAGS_WAYMO_CAMERAS, 3, im.numbers, &im.info.camera_count));
+  PAGS_TRY(count_records(source, &records));
+  PAGS_TRY(pags_import_frames(&chosen, records, &im.info.first_frame, &last));
+  im.info.frame_count = last - im.info.first_frame + 1;
+  const pags_tally others = {.count = records - im.info.frame_count};
+  pags_account_leave_out(&im.account, "time steps", &others, "--frames chose others");
+  PAGS_TRY(read_records(&im, folder, chosen.overwrite));
+  return finish(&im);
 }

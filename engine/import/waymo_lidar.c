@@ -6,12 +6,11 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include <pags/camera.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 #define PI 3.14159265358979323846
@@ -26,29 +25,15 @@ typedef struct lidar {
   double vehicle_from_lidar[12];
   double frame_from_world[12];
   const Pags__Waymo__LaserCalibration *calibration;
-  const pags_waymo_matrix *poses; /* pose of the vehicle at each pixel; NULL: the frame's own pose for all pixels */
-  double *inclination;            /* cosine and sine of each row's inclination */
-  double *azimuth;                /* cosine and sine of each column's azimuth */
-  int rows, columns;              /* size of these arrays; 0: not made yet */
+  pags_waymo_matrix *poses; /* owned: pose of the vehicle at each pixel; NULL: the frame's own pose for all pixels */
+  double *inclination;      /* cosine and sine of each row's inclination */
+  double *azimuth;          /* cosine and sine of each column's azimuth */
+  int rows, columns;        /* size of these arrays; 0: not made yet */
 } lidar;
 
 void pags_waymo_points_destroy(pags_waymo_points *points) {
   free(points->rows);
-  memset(points, 0, sizeof *points);
-}
-
-static pags_result points_reserve(pags_waymo_points *points, int64_t more, const char *where) {
-  const int64_t needed = points->count + more; /* no overflow: a matrix has at most 2^24 values */
-  if (needed <= points->capacity)
-    return PAGS_OK;
-  if (needed > MOST_PIXELS)
-    return pags_fail(PAGS_ERROR_LIMIT, "%s: range images of more than %d pixels in all", where, MOST_PIXELS);
-  float *grown = realloc(points->rows, (size_t)needed * PAGS_WAYMO_LIDAR_COLUMNS * sizeof *grown);
-  if (!grown)
-    return pags_out_of_memory("%s: %lld points", where, (long long)needed);
-  points->rows = grown;
-  points->capacity = needed;
-  return PAGS_OK;
+  *points = (pags_waymo_points){0};
 }
 
 /* ---- Directions of rows and columns ---- */
@@ -58,6 +43,11 @@ static void forget_angles(lidar *l) {
   free(l->azimuth);
   l->inclination = l->azimuth = NULL;
   l->rows = l->columns = 0;
+}
+
+static void destroy(lidar *l) {
+  forget_angles(l);
+  pags_waymo_free_matrix(l->poses);
 }
 
 /* Returns the inclination in radians of beam `i`, counted from the lowest. */
@@ -86,8 +76,7 @@ static pags_result find_angles(lidar *l, int rows, int columns) {
   PAGS_TRY(check_beams(l, rows));
   l->inclination = malloc((size_t)rows * 2 * sizeof *l->inclination);
   l->azimuth = malloc((size_t)columns * 2 * sizeof *l->azimuth);
-  if (!l->inclination || !l->azimuth)
-    return pags_out_of_memory("%s", l->where);
+  PAGS_CHECK_MEMORY(l->inclination && l->azimuth, "%s", l->where);
   for (int r = 0; r < rows; r++) {
     const double angle = beam(l->calibration, rows - 1 - r, rows);
     l->inclination[2 * r] = pags_cos(angle);
@@ -106,15 +95,8 @@ static pags_result find_angles(lidar *l, int rows, int columns) {
 
 /* ---- Range images to points ---- */
 
-/* Computes the 3x4 matrix of a pixel's pose (roll, pitch, yaw, x, y, z). */
-static void pose_matrix(const float pose[POSE_DEPTH], double out[12]) {
-  const double turn[3] = {(double)pose[0], (double)pose[1], (double)pose[2]};
-  const double place[3] = {(double)pose[3], (double)pose[4], (double)pose[5]};
-  pags_rigid_from_angles(turn, place, out);
-}
-
-/* Converts a pixel of a range image to a point x y z intensity; returns 0 if the pixel has no return or if a number
- * is not finite. */
+/* Converts a pixel of a range image to a point x y z intensity; returns false if the pixel has no return or if a
+ * number is not finite. */
 static bool decode_pixel(const lidar *l, const float *pixel, int64_t at, int row, int column, float out[4]) {
   const double range = (double)pixel[0];
   if (!(range > 0) || !isfinite(range) || !isfinite(pixel[1]))
@@ -125,43 +107,48 @@ static bool decode_pixel(const lidar *l, const float *pixel, int64_t at, int row
   double p[3];
   pags_rigid_point(l->vehicle_from_lidar, seen, p);
   if (l->poses) {
-    double world_from_pixel[12], world[3];
-    pose_matrix(l->poses->data + POSE_DEPTH * at, world_from_pixel);
+    const float *pose = l->poses->data + POSE_DEPTH * at; /* roll, pitch, yaw, x, y, z */
+    double turn[3], place[3], world_from_pixel[12], world[3];
+    pags_widen3(pose, turn);
+    pags_widen3(pose + 3, place);
+    pags_rigid_from_angles(turn, place, world_from_pixel);
     pags_rigid_point(world_from_pixel, p, world);
     pags_rigid_point(l->frame_from_world, world, p);
   }
-  for (int i = 0; i < 3; i++)
-    out[i] = (float)p[i];
+  pags_narrow3(p, out);
   out[3] = pixel[1];
   return isfinite(out[0]) && isfinite(out[1]) && isfinite(out[2]);
 }
 
-static pags_result decode_matrix(lidar *l, const pags_waymo_matrix *image, pags_waymo_points *points) {
-  const int rows = image->shape->dims[0], columns = image->shape->dims[1];
+static bool has_image(const Pags__Waymo__RangeImage *image) {
+  return image && image->range_image_compressed.len;
+}
+
+static pags_result decode_return(lidar *l, const Pags__Waymo__RangeImage *image, pags_waymo_points *points) {
+  if (!has_image(image))
+    return PAGS_OK;
+  char what[64];
+  PAGS_AUTO(pags_waymo_free_matrix_auto) pags_waymo_matrix *matrix = NULL;
+  snprintf(what, sizeof what, "range image of LiDAR %s", l->name);
+  PAGS_TRY(pags_waymo_unpack_matrix(&image->range_image_compressed, RANGE_DEPTH, l->where, what, &matrix));
+  const int rows = matrix->shape->dims[0], columns = matrix->shape->dims[1];
   if (l->poses && (l->poses->shape->dims[0] != rows || l->poses->shape->dims[1] != columns))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s: poses of %d x %d pixels for a range image of %d x %d", l->where,
                      l->name, l->poses->shape->dims[0], l->poses->shape->dims[1], rows, columns);
   PAGS_TRY(find_angles(l, rows, columns));
-  PAGS_TRY(points_reserve(points, (int64_t)rows * columns, l->where));
+  const int64_t needed = points->count + (int64_t)rows * columns; /* no overflow: a matrix has at most 2^24 values */
+  if (needed > MOST_PIXELS)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: range images of more than %d pixels in all", l->where, MOST_PIXELS);
+  PAGS_CHECK_MEMORY(
+      pags_grow(&points->rows, needed, &points->capacity, PAGS_WAYMO_LIDAR_COLUMNS * sizeof *points->rows),
+      "%s: %lld points", l->where, (long long)needed);
   for (int r = 0; r < rows; r++)
     for (int c = 0; c < columns; c++) {
       const int64_t at = (int64_t)r * columns + c;
       float *out = points->rows + PAGS_WAYMO_LIDAR_COLUMNS * points->count;
-      points->count += decode_pixel(l, image->data + RANGE_DEPTH * at, at, r, c, out);
+      points->count += decode_pixel(l, matrix->data + RANGE_DEPTH * at, at, r, c, out);
     }
   return PAGS_OK;
-}
-
-static pags_result decode_return(lidar *l, const Pags__Waymo__RangeImage *image, pags_waymo_points *points) {
-  if (!image || !image->range_image_compressed.len)
-    return PAGS_OK;
-  char what[64];
-  pags_waymo_matrix *matrix;
-  snprintf(what, sizeof what, "range image of LiDAR %s", l->name);
-  PAGS_TRY(pags_waymo_unpack_matrix(&image->range_image_compressed, RANGE_DEPTH, l->where, what, &matrix));
-  const pags_result result = decode_matrix(l, matrix, points);
-  pags_waymo_free_matrix(matrix);
-  return result;
 }
 
 /* ---- The LiDARs of a frame ---- */
@@ -182,36 +169,20 @@ static pags_result begin_lidar(lidar *l, const pags_waymo_frame *frame, int name
   return PAGS_OK;
 }
 
-static pags_result decode_lidar(lidar *l, const Pags__Waymo__Laser *message, pags_waymo_points *points) {
-  const Pags__Waymo__RangeImage *first = message->ri_return1;
-  pags_waymo_matrix *poses = NULL;
-  if (first && first->range_image_pose_compressed.len)
-    PAGS_TRY(pags_waymo_unpack_matrix(&first->range_image_pose_compressed, POSE_DEPTH, l->where,
-                                      "poses of a range image", &poses));
-  l->poses = poses;
-  pags_result result = decode_return(l, first, points);
-  if (result == PAGS_OK)
-    result = decode_return(l, message->ri_return2, points);
-  pags_waymo_free_matrix(poses);
-  return result;
-}
-
-static bool has_image(const Pags__Waymo__RangeImage *image) {
-  return image && image->range_image_compressed.len;
-}
-
 pags_result pags_waymo_lidar_points(const pags_waymo_frame *frame, const char *where, pags_waymo_points *points) {
   assert(frame && where && points);
   for (size_t i = 0; i < frame->n_lasers; i++) {
     const Pags__Waymo__Laser *message = frame->lasers[i];
-    if (!has_image(message->ri_return1) && !has_image(message->ri_return2))
+    const Pags__Waymo__RangeImage *first = message->ri_return1;
+    if (!has_image(first) && !has_image(message->ri_return2))
       continue;
-    lidar l = {.where = where};
-    pags_result result = begin_lidar(&l, frame, message->name);
-    if (result == PAGS_OK)
-      result = decode_lidar(&l, message, points);
-    forget_angles(&l);
-    PAGS_TRY(result);
+    PAGS_AUTO(destroy) lidar l = {.where = where};
+    PAGS_TRY(begin_lidar(&l, frame, message->name));
+    if (first && first->range_image_pose_compressed.len)
+      PAGS_TRY(pags_waymo_unpack_matrix(&first->range_image_pose_compressed, POSE_DEPTH, where,
+                                        "poses of a range image", &l.poses));
+    PAGS_TRY(decode_return(&l, first, points));
+    PAGS_TRY(decode_return(&l, message->ri_return2, points));
   }
   return PAGS_OK;
 }

@@ -1,15 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Computes, for a photograph with lens distortion, a pinhole camera that covers the photograph's field of view and
  * the map from its pixels to pinhole pixels: masks are drawn with the pinhole camera and looked up for each pixel of
- * the photograph (waymo_masks.h). */
+ * the photograph. Converts Waymo's panoptic labels to semantic masks and sky masks (waymo_masks.h). */
 #include "import/waymo_masks.h"
 
-#include <assert.h>
 #include <math.h>
-#include <stdlib.h>
+#include <stdio.h>
 
+#include <pags/image.h>
+
+#include "base/file.h"
 #include "base/memory.h"
 #include "scene/lens.h"
+
+/* ---- Lenses ---- */
 
 typedef struct bounds {
   double x0, x1, y0, y1; /* rectangle on the plane z = 1 */
@@ -47,15 +51,6 @@ static bounds seen_bounds(const pags_lens *lens) {
   b.y0 = fmax(fmin(b.y0, flat.y0), flat.y0 - high / 2);
   b.y1 = fmin(fmax(b.y1, flat.y1), flat.y1 + high / 2);
   return b;
-}
-
-static pags_camera pinhole_of(const pags_lens *lens, const bounds *b) {
-  pags_camera c = {.fx = lens->fx, .fy = lens->fy, .time = (double)NAN};
-  c.cx = ceil(-b->x0 * lens->fx);
-  c.cy = ceil(-b->y0 * lens->fy);
-  c.width = (int)fmin(fmax(ceil(c.cx + b->x1 * lens->fx), 1), 65535);
-  c.height = (int)fmin(fmax(ceil(c.cy + b->y1 * lens->fy), 1), 65535);
-  return c;
 }
 
 /* Unprojecting a pixel takes a microsecond, so that it is done only at the corner of every STEP-th pixel and
@@ -102,22 +97,23 @@ static pags_result map_pixels(const pags_lens *lens, const char *where, pags_tas
   const bounds b = seen_bounds(lens);
   const size_t pixels = (size_t)lens->width * (size_t)lens->height;
   const int columns = (lens->width + STEP - 1) / STEP + 1, rows = (lens->height + STEP - 1) / STEP + 1;
-  out->pinhole = pinhole_of(lens, &b);
-  if ((int64_t)out->pinhole.width * out->pinhole.height > INT32_MAX)
+  pags_camera *c = &out->pinhole;
+  c->cx = ceil(-b.x0 * lens->fx);
+  c->cy = ceil(-b.y0 * lens->fy);
+  c->width = (int)fmin(fmax(ceil(c->cx + b.x1 * lens->fx), 1), 65535);
+  c->height = (int)fmin(fmax(ceil(c->cy + b.y1 * lens->fy), 1), 65535);
+  if ((int64_t)c->width * c->height > INT32_MAX)
     return pags_fail(PAGS_ERROR_LIMIT, "%s: photographs of %d x %d pixels are too large", where, lens->width,
                      lens->height);
   out->source = malloc(pixels * sizeof *out->source);
-  double *lattice = malloc((size_t)columns * (size_t)rows * 2 * sizeof *lattice);
+  PAGS_AUTOFREE double *lattice = malloc((size_t)columns * (size_t)rows * 2 * sizeof *lattice);
   out->lens = (pags_layout_lens){.width = lens->width, .height = lens->height, .source = out->source};
-  map_job job = {.lens = lens, .pinhole = &out->pinhole, .columns = columns, .lattice = lattice, .source = out->source};
-  pags_result result = PAGS_OK;
-  if (!out->source || !lattice)
-    result = pags_out_of_memory("%s", where);
-  else if (!pags_parallel_for(tasks, (int64_t)columns * rows, columns, map_lattice, &job) ||
-           !pags_parallel_for(tasks, lens->height, 16, map_rows, &job))
-    result = pags_fail(PAGS_CANCELLED, "cancelled");
-  free(lattice);
-  return result;
+  map_job job = {.lens = lens, .pinhole = c, .columns = columns, .lattice = lattice, .source = out->source};
+  PAGS_CHECK_MEMORY(out->source && lattice, "%s", where);
+  return pags_parallel_for(tasks, (int64_t)columns * rows, columns, map_lattice, &job) &&
+                 pags_parallel_for(tasks, lens->height, 16, map_rows, &job)
+             ? PAGS_OK
+             : pags_fail(PAGS_CANCELLED, "cancelled");
 }
 
 pags_result pags_waymo_lens_make(const pags_layout_camera *camera, const char *where, pags_tasks *tasks,
@@ -132,14 +128,7 @@ pags_result pags_waymo_lens_make(const pags_layout_camera *camera, const char *w
                     .cy = k[3],
                     .model.k = {k[4], k[5], k[8], 0},
                     .model.p = {k[6], k[7]}};
-  *out = (pags_waymo_lens){0};
   PAGS_TRY(pags_lens_prepare(&lens, where));
-  if (!pags_lens_is_pinhole(&lens)) {
-    const pags_result result = map_pixels(&lens, where, tasks, out);
-    if (result != PAGS_OK)
-      pags_waymo_lens_destroy(out);
-    return result;
-  }
   out->pinhole = (pags_camera){.width = lens.width,
                                .height = lens.height,
                                .fx = lens.fx,
@@ -147,10 +136,56 @@ pags_result pags_waymo_lens_make(const pags_layout_camera *camera, const char *w
                                .cx = lens.cx,
                                .cy = lens.cy,
                                .time = (double)NAN};
-  return PAGS_OK;
+  return pags_lens_is_pinhole(&lens) ? PAGS_OK : map_pixels(&lens, where, tasks, out);
 }
 
 void pags_waymo_lens_destroy(pags_waymo_lens *lens) {
   free(lens->source);
   *lens = (pags_waymo_lens){0};
+}
+
+/* ---- Panoptic labels ---- */
+
+enum { UNKNOWN = 255, SKY = 10 };
+
+uint8_t pags_waymo_train_id(int waymo_class) {
+  static const uint8_t ids[] = {UNKNOWN, UNKNOWN, 13,      14,      15,      14, 18,      17,      14,     11,
+                                12,      12,      UNKNOWN, UNKNOWN, UNKNOWN, 5,  11,      7,       6,      2,
+                                0,       0,       0,       1,       8,       10, UNKNOWN, UNKNOWN, UNKNOWN};
+  return waymo_class >= 0 && waymo_class < (int)sizeof ids ? ids[waymo_class] : UNKNOWN;
+}
+
+pags_result pags_waymo_put_semantic(const pags_layout *layout, const Pags__Waymo__CameraImage *image, int64_t frame,
+                                    const pags_layout_camera *camera, const char *where, bool *labelled) {
+  const Pags__Waymo__CameraSegmentationLabel *label = image->camera_segmentation_label;
+  const int number = camera->number;
+  *labelled = label && label->panoptic_label.len;
+  if (!*labelled || (pags_layout_has(layout, "semantic", frame, number, ".png") &&
+                     pags_layout_has(layout, "sky_masks", frame, number, ".png")))
+    return PAGS_OK;
+  if (label->panoptic_label_divisor < 1)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: panoptic label of camera %d: divisor %d, expected at least 1", where,
+                     number, label->panoptic_label_divisor);
+  PAGS_TRY(pags_layout_put_picture(layout, "panoptic", frame, number, ".png", label->panoptic_label.data,
+                                   label->panoptic_label.len));
+  PAGS_AUTO(pags_image_destroy) pags_image panoptic = {0};
+  char name[64];
+  snprintf(name, sizeof name, "panoptic/%03lld_%d.png", (long long)frame, number);
+  PAGS_AUTOFREE char *path = pags_path_join(layout->folder, name);
+  PAGS_CHECK_MEMORY(path, "%s", layout->folder);
+  PAGS_TRY(pags_image_load(path, PAGS_U16, 1, &panoptic));
+  const int width = panoptic.width, height = panoptic.height;
+  if (width != camera->width || height != camera->height)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: panoptic label of camera %d: %d x %d pixels, expected %d x %d", where,
+                     number, width, height, camera->width, camera->height);
+  const size_t pixels = (size_t)width * (size_t)height;
+  const uint16_t *labels = panoptic.data;
+  PAGS_AUTOFREE uint8_t *plane = malloc(pixels);
+  PAGS_CHECK_MEMORY(plane, "%s: a mask", layout->folder);
+  for (size_t i = 0; i < pixels; i++)
+    plane[i] = pags_waymo_train_id(labels[i] / label->panoptic_label_divisor);
+  PAGS_TRY(pags_layout_put_mask(layout, "semantic", frame, number, width, height, plane));
+  for (size_t i = 0; i < pixels; i++)
+    plane[i] = plane[i] == SKY ? 255 : 0;
+  return pags_layout_put_mask(layout, "sky_masks", frame, number, width, height, plane);
 }

@@ -4,11 +4,10 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
+#include <stdbool.h>
 #include <zlib.h>
 
-#include "base/memory.h"
+#include "base/vec3.h"
 
 /* Size limit of an unpacked message: BUDGET bytes plus BUDGET_TIMES its packed size. */
 #define BUDGET ((size_t)64 << 20)
@@ -19,13 +18,13 @@
 /* The bytes that protobuf-c may still allocate. Bytes that it frees during unpacking are not given back. */
 typedef struct budget {
   size_t left;
-  int exceeded;
+  bool exceeded;
 } budget;
 
 static void *budget_alloc(void *user, size_t size) {
   budget *b = user;
   if (size > b->left) {
-    b->exceeded = 1;
+    b->exceeded = true;
     return NULL;
   }
   void *block = malloc(size ? size : 1);
@@ -75,47 +74,38 @@ void pags_waymo_free_matrix(pags_waymo_matrix *matrix) {
 
 /* ---- Compressed matrices ---- */
 
+static void end_stream(z_stream *z) {
+  inflateEnd(z);
+}
+
 /* Inflates a zlib stream into a block that doubles up to the size limit. The caller frees *out, also after a
  * failure. */
-static pags_result inflate_all(z_stream *z, const char *where, const char *what, uint8_t **out, size_t *size) {
-  size_t capacity = (size_t)1 << 20;
-  *size = 0;
-  for (;;) {
+static pags_result inflate_all(const ProtobufCBinaryData *stream, const char *where, const char *what, uint8_t **out,
+                               size_t *size) {
+  PAGS_AUTO(end_stream) z_stream z = {0};
+  if (stream->len > UINT32_MAX)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: %s has %zu bytes", where, what, stream->len);
+  PAGS_CHECK_MEMORY(inflateInit(&z) == Z_OK, "%s: %s", where, what);
+  z.next_in = stream->data;
+  z.avail_in = (uInt)stream->len;
+  for (size_t capacity = (size_t)1 << 20;; capacity *= 2) {
     uint8_t *grown = realloc(*out, capacity);
-    if (!grown)
-      return pags_out_of_memory("%s: %s", where, what);
+    PAGS_CHECK_MEMORY(grown, "%s: %s", where, what);
     *out = grown;
-    z->next_out = grown + *size;
-    z->avail_out = (uInt)(capacity - *size);
-    const int state = inflate(z, Z_NO_FLUSH);
-    *size = capacity - z->avail_out;
+    z.next_out = grown + *size;
+    z.avail_out = (uInt)(capacity - *size);
+    const int state = inflate(&z, Z_NO_FLUSH);
+    *size = capacity - z.avail_out;
     if (state == Z_STREAM_END)
       return PAGS_OK;
-    if (state == Z_MEM_ERROR)
-      return pags_out_of_memory("%s: %s", where, what);
+    PAGS_CHECK_MEMORY(state != Z_MEM_ERROR, "%s: %s", where, what);
     if (state != Z_OK && state != Z_BUF_ERROR)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s can't be inflated: %s", where, what, z->msg ? z->msg : "zlib error");
-    if (z->avail_out)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s can't be inflated: %s", where, what, z.msg ? z.msg : "zlib error");
+    if (z.avail_out)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: %s can't be inflated: its end is missing", where, what);
     if (capacity >= BUDGET)
       return pags_fail(PAGS_ERROR_LIMIT, "%s: %s is larger than 64 MiB", where, what);
-    capacity *= 2;
   }
-}
-
-static pags_result inflate_stream(const ProtobufCBinaryData *stream, const char *where, const char *what, uint8_t **out,
-                                  size_t *size) {
-  z_stream z;
-  memset(&z, 0, sizeof z);
-  if (stream->len > UINT32_MAX)
-    return pags_fail(PAGS_ERROR_LIMIT, "%s: %s has %zu bytes", where, what, stream->len);
-  if (inflateInit(&z) != Z_OK)
-    return pags_out_of_memory("%s: %s", where, what);
-  z.next_in = stream->data;
-  z.avail_in = (uInt)stream->len;
-  const pags_result result = inflate_all(&z, where, what, out, size);
-  inflateEnd(&z);
-  return result;
 }
 
 static pags_result check_shape(const pags_waymo_matrix *m, int depth, const char *where, const char *what) {
@@ -132,22 +122,16 @@ static pags_result check_shape(const pags_waymo_matrix *m, int depth, const char
 pags_result pags_waymo_unpack_matrix(const ProtobufCBinaryData *stream, int depth, const char *where, const char *what,
                                      pags_waymo_matrix **out) {
   assert(stream && depth > 0 && where && what && out);
-  uint8_t *bytes = NULL;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size = 0;
-  ProtobufCMessage *message = NULL;
+  ProtobufCMessage *message;
   *out = NULL;
-  pags_result result = inflate_stream(stream, where, what, &bytes, &size);
-  if (result == PAGS_OK)
-    result = unpack(&pags__waymo__matrix__descriptor, bytes, size, where, what, &message);
-  free(bytes);
-  PAGS_TRY(result);
-  pags_waymo_matrix *matrix = (pags_waymo_matrix *)message;
-  result = check_shape(matrix, depth, where, what);
-  if (result == PAGS_OK)
-    *out = matrix;
-  else
-    pags_waymo_free_matrix(matrix);
-  return result;
+  PAGS_TRY(inflate_all(stream, where, what, &bytes, &size));
+  PAGS_TRY(unpack(&pags__waymo__matrix__descriptor, bytes, size, where, what, &message));
+  PAGS_AUTO(pags_waymo_free_matrix_auto) pags_waymo_matrix *matrix = (pags_waymo_matrix *)message;
+  PAGS_TRY(check_shape(matrix, depth, where, what));
+  *out = pags_take(&matrix);
+  return PAGS_OK;
 }
 
 /* ---- Rigid motions ---- */
@@ -156,10 +140,8 @@ pags_result pags_waymo_unpack_matrix(const ProtobufCBinaryData *stream, int dept
 static double rotation_error(const double m[12]) {
   double worst = 0;
   for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++) {
-      const double *a = m + 4 * i, *b = m + 4 * j;
-      worst = fmax(worst, fabs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] - (i == j)));
-    }
+    for (int j = 0; j < 3; j++)
+      worst = fmax(worst, fabs(pags_dot3(m + 4 * i, m + 4 * j) - (i == j)));
   return worst;
 }
 

@@ -8,6 +8,8 @@
 
 #include <waymo.pb-c.h>
 
+#include "base/memory.h"
+
 typedef Pags__Waymo__Frame pags_waymo_frame;
 typedef Pags__Waymo__Matrix pags_waymo_matrix;
 
@@ -19,12 +21,14 @@ enum { PAGS_WAYMO_CAMERAS = 5, PAGS_WAYMO_LASERS = 5 };
  * hold millions of empty parts. `where` begins error messages. Fails with PAGS_ERROR_FORMAT or PAGS_ERROR_LIMIT. */
 pags_result pags_waymo_unpack_frame(const void *bytes, size_t size, const char *where, pags_waymo_frame **out);
 void pags_waymo_free_frame(pags_waymo_frame *frame); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_waymo_frame, pags_waymo_free_frame)
 
 /* Unpacks a matrix of rows x columns x `depth` floats from a zlib stream of at most 64 MiB uncompressed. `what` names
  * the matrix in error messages. */
 pags_result pags_waymo_unpack_matrix(const ProtobufCBinaryData *stream, int depth, const char *where, const char *what,
                                      pags_waymo_matrix **out);
 void pags_waymo_free_matrix(pags_waymo_matrix *matrix); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_waymo_matrix, pags_waymo_free_matrix)
 
 /* Copies the upper three rows of a 4x4 rigid motion. Fails unless all numbers are finite, the rotation is orthonormal
  * to within 1e-3 with a positive determinant, and the last row is 0 0 0 1. The rotation is not made exactly

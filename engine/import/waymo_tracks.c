@@ -5,13 +5,11 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 struct pags_waymo_box {
@@ -46,30 +44,12 @@ static bool is_usable(const Pags__Waymo__Label *label) {
          b->height < 1e4;
 }
 
-/* Computes the pose of a box in the vehicle frame: a rotation about z by its heading, origin at the centre of the
- * box. */
-static void vehicle_from_box(const Pags__Waymo__Box *b, double m[12]) {
-  const double c = pags_cos(b->heading), s = pags_sin(b->heading);
-  const double pose[12] = {c, -s, 0, b->center_x, s, c, 0, b->center_y, 0, 0, 1, b->center_z};
-  memcpy(m, pose, sizeof pose);
-}
-
-static pags_result reserve(pags_waymo_boxes *boxes, size_t more, const char *where) {
-  if ((uint64_t)boxes->count + more <= (uint64_t)boxes->capacity)
-    return PAGS_OK;
-  const size_t capacity = 2 * ((size_t)boxes->count + more);
-  pags_waymo_box *grown = capacity <= SIZE_MAX / sizeof *grown ? realloc(boxes->boxes, capacity * sizeof *grown) : NULL;
-  if (!grown)
-    return pags_out_of_memory("%s: %zu boxes", where, capacity);
-  boxes->boxes = grown;
-  boxes->capacity = (int64_t)capacity;
-  return PAGS_OK;
-}
-
 pags_result pags_waymo_boxes_add(pags_waymo_boxes *boxes, const pags_waymo_frame *message, int64_t frame, double time,
                                  const double world_from_vehicle[12], const char *where) {
   assert(boxes && message && where);
-  PAGS_TRY(reserve(boxes, message->n_laser_labels, where));
+  PAGS_CHECK_MEMORY(
+      pags_grow(&boxes->boxes, boxes->count + (int64_t)message->n_laser_labels, &boxes->capacity, sizeof *boxes->boxes),
+      "%s: %zu boxes", where, 2 * ((size_t)boxes->count + message->n_laser_labels));
   for (size_t i = 0; i < message->n_laser_labels; i++) {
     const Pags__Waymo__Label *label = message->laser_labels[i];
     if (!is_usable(label)) {
@@ -84,10 +64,11 @@ pags_result pags_waymo_boxes_add(pags_waymo_boxes *boxes, const pags_waymo_frame
                             .type = label->type,
                             .time = time,
                             .size = {label->box->length, label->box->width, label->box->height}};
-    if (!box->id)
-      return pags_out_of_memory("%s", where);
-    double local[12];
-    vehicle_from_box(label->box, local);
+    PAGS_CHECK_MEMORY(box->id, "%s", where);
+    /* The pose in the vehicle frame: a rotation about z by the heading, origin at the centre of the box. */
+    const Pags__Waymo__Box *b = label->box;
+    const double c = pags_cos(b->heading), s = pags_sin(b->heading);
+    const double local[12] = {c, -s, 0, b->center_x, s, c, 0, b->center_y, 0, 0, 1, b->center_z};
     pags_rigid_multiply(world_from_vehicle, local, box->world_from_object);
     boxes->count++;
   }
@@ -129,20 +110,6 @@ static int64_t group(pags_waymo_boxes *boxes) {
   return tracks;
 }
 
-static void fill_track(const pags_waymo_box *boxes, int64_t count, pags_layout_track *track) {
-  pags_object *object = &track->object;
-  for (int64_t i = 0; i < count; i++) {
-    pags_keyframe *keyframe = &object->keyframes[i];
-    *keyframe = (pags_keyframe){.frame = (int32_t)boxes[i].frame, .trained = 1, .time = boxes[i].time};
-    memcpy(keyframe->world_from_object, boxes[i].world_from_object, sizeof keyframe->world_from_object);
-    for (int k = 0; k < 3; k++) {
-      track->sizes[3 * i + k] = boxes[i].size[k];
-      object->size[k] += boxes[i].size[k] / (double)count;
-    }
-  }
-  pags_object_classify_motion(object);
-}
-
 static pags_result make_track(const pags_waymo_box *boxes, int64_t count, const char *where, pags_layout_track *track) {
   for (int64_t i = 1; i < count; i++)
     if (boxes[i].frame == boxes[i - 1].frame)
@@ -155,10 +122,17 @@ static pags_result make_track(const pags_waymo_box *boxes, int64_t count, const 
   object->category = pags_category_of(class_name(boxes->type));
   object->keyframes = calloc((size_t)count, sizeof *object->keyframes);
   track->sizes = calloc((size_t)count, 3 * sizeof *track->sizes);
-  if (!object->id || !object->class_name || !object->keyframes || !track->sizes)
-    return pags_out_of_memory("%s", where);
+  PAGS_CHECK_MEMORY(object->id && object->class_name && object->keyframes && track->sizes, "%s", where);
   object->keyframe_count = count;
-  fill_track(boxes, count, track);
+  for (int64_t i = 0; i < count; i++) {
+    pags_keyframe *keyframe = &object->keyframes[i];
+    *keyframe = (pags_keyframe){.frame = (int32_t)boxes[i].frame, .trained = 1, .time = boxes[i].time};
+    memcpy(keyframe->world_from_object, boxes[i].world_from_object, sizeof keyframe->world_from_object);
+    pags_copy3(boxes[i].size, track->sizes + 3 * i);
+    for (int k = 0; k < 3; k++)
+      object->size[k] += boxes[i].size[k] / (double)count;
+  }
+  pags_object_classify_motion(object);
   return PAGS_OK;
 }
 
@@ -167,22 +141,13 @@ pags_result pags_waymo_boxes_tracks(pags_waymo_boxes *boxes, const char *where, 
   assert(boxes && where && tracks && count);
   *count = boxes->count ? group(boxes) : 0;
   *tracks = calloc((size_t)(*count ? *count : 1), sizeof **tracks);
-  if (!*tracks)
-    return pags_out_of_memory("%s", where);
+  PAGS_CHECK_MEMORY(*tracks, "%s", where);
   int64_t begin = 0;
   for (int64_t t = 0; t < *count; t++) {
     int64_t end = begin + 1;
     while (end < boxes->count && boxes->boxes[end].track == boxes->boxes[begin].track)
       end++;
-    const pags_result result = make_track(boxes->boxes + begin, end - begin, where, &(*tracks)[t]);
-    if (result != PAGS_OK) {
-      for (int64_t i = 0; i <= t; i++)
-        pags_layout_track_destroy(&(*tracks)[i]);
-      free(*tracks);
-      *tracks = NULL;
-      *count = 0;
-      return result;
-    }
+    PAGS_TRY(make_track(boxes->boxes + begin, end - begin, where, &(*tracks)[t]));
     begin = end;
   }
   return PAGS_OK;

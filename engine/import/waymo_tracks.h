@@ -25,7 +25,8 @@ pags_result pags_waymo_boxes_add(pags_waymo_boxes *boxes, const pags_waymo_frame
  * "Cyclist" or "Unknown". The size of the object is the mean size of its labels. Whether the object moves is decided
  * from its poses, as the reader of data sets does, and not from the speeds in the labels, so that masks and models
  * agree. An id of several classes becomes an object of each, the second named "ID-Class". The caller destroys each
- * track and frees the array. Two labels of one id in one frame are PAGS_ERROR_FORMAT; `where` begins the message. */
+ * track and frees the array, also after a failure. Two labels of one id in one frame are PAGS_ERROR_FORMAT; `where`
+ * begins the message. */
 pags_result pags_waymo_boxes_tracks(pags_waymo_boxes *boxes, const char *where, pags_layout_track **tracks,
                                     int64_t *count);
 
