@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Implements chart.h. Colours and widths of lines are those of the page's style. */
-#include "cli/html_report/chart.h"
-
+/* Implements the charts of html.h. Colours and widths of lines are those of the page's style. */
 #include <math.h>
 #include <stdio.h>
+#include "cli/html_report/html.h"
 #include "maths/maths.h"
 
 /* Edges of the axes within the picture, in its units, which are pixels on a phone. */
@@ -47,45 +46,36 @@ static void put_axes(pags_html *html, const pags_chart *chart, const axis *x, co
   for (int i = 0; i < MOST_TICKS && at <= x->hi + 1e-9 * step_x; i++, at += step_x)
     pags_html_put(html, "<text x=\"%.1f\" y=\"%d\" text-anchor=\"middle\">%s</text>\n", place(x, at), BOTTOM + 15,
                   tick_text(at, chart->log_x, text));
-  pags_html_put(html, "<path class=\"axis\" d=\"M%d %dV%dH%d\"/>\n", LEFT, TOP, BOTTOM, RIGHT);
-  pags_html_put(html, "<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">%s</text>\n", (LEFT + RIGHT) / 2, HEIGHT - 8,
-                chart->x_name);
+  pags_html_put(html,
+                "<path class=\"axis\" d=\"M%d %dV%dH%d\"/>\n<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">%s</text>\n",
+                LEFT, TOP, BOTTOM, RIGHT, (LEFT + RIGHT) / 2, HEIGHT - 8, chart->x_name);
 }
 
-/* A line through the points; skips points less than half a pixel from the previous one. */
-static void put_line(pags_html *html, const pags_curve *c, const axis *x, const axis *y) {
-  double last = -HUGE_VAL;
-  for (int64_t i = 0; i < c->count; i++) {
-    const double px = place(x, c->x[i]);
-    if (!isfinite(c->y[i]) || (px - last < 0.5 && i + 1 < c->count))
-      continue;
-    pags_html_put(html, "%s%.1f %.1f", isfinite(last) ? "L" : "M", px, place(y, c->y[i]));
-    last = px;
-  }
-}
-
-static void put_bins(pags_html *html, const pags_curve *c, const axis *x, const axis *y) {
-  pags_html_put(html, "M%.1f %.1f", place(x, c->x[0]), place(y, y->lo));
-  for (int64_t i = 0; i + 1 < c->count; i++)
-    pags_html_put(html, "V%.1fH%.1f", place(y, c->y[i]), place(x, c->x[i + 1]));
-  pags_html_put(html, "V%.1f", place(y, y->lo));
-}
-
-static void put_curve(pags_html *html, const pags_chart *chart, const pags_curve *c, int number, const axis *x,
+static void put_curve(pags_html *html, const pags_chart *chart, const pags_curve *c, char name, const axis *x,
                       const axis *y) {
-  const char name = (char)('a' + number);
   if (chart->dots) {
     for (int64_t i = 0; i < c->count; i++)
-      if (isfinite(c->y[i]))
-        pags_html_put(html, "<circle class=\"dot %c\" cx=\"%.1f\" cy=\"%.1f\" r=\"3\"/>\n", name, place(x, c->x[i]),
-                      place(y, c->y[i]));
+      if (isfinite(c->points[i][1]))
+        pags_html_put(html, "<circle class=\"dot %c\" cx=\"%.1f\" cy=\"%.1f\" r=\"3\"/>\n", name,
+                      place(x, c->points[i][0]), place(y, c->points[i][1]));
     return;
   }
-  pags_html_put(html, "<path class=\"%s %c\" d=\"", chart->bins && number == 0 ? "bins" : "line", name);
-  if (chart->bins)
-    put_bins(html, c, x, y);
-  else
-    put_line(html, c, x, y);
+  pags_html_put(html, "<path class=\"%s %c\" d=\"", chart->bins && name == 'a' ? "bins" : "line", name);
+  if (chart->bins) {
+    pags_html_put(html, "M%.1f %.1f", place(x, c->points[0][0]), place(y, y->lo));
+    for (int64_t i = 0; i + 1 < c->count; i++)
+      pags_html_put(html, "V%.1fH%.1f", place(y, c->points[i][1]), place(x, c->points[i + 1][0]));
+    pags_html_put(html, "V%.1f", place(y, y->lo));
+  } else {
+    double last = -HUGE_VAL; /* points less than half a pixel from the previous one are skipped */
+    for (int64_t i = 0; i < c->count; i++) {
+      const double px = place(x, c->points[i][0]);
+      if (!isfinite(c->points[i][1]) || (px - last < 0.5 && i + 1 < c->count))
+        continue;
+      pags_html_put(html, "%s%.1f %.1f", isfinite(last) ? "L" : "M", px, place(y, c->points[i][1]));
+      last = px;
+    }
+  }
   pags_html_put(html, "\"/>\n");
 }
 
@@ -94,14 +84,16 @@ bool pags_chart_put(pags_html *html, const pags_chart *chart, const pags_curve *
   int drawn = 0;
   for (int k = 0; k < count; k++) {
     int64_t finite = 0;
-    for (int64_t i = 0; i < curves[k].count; i++)
-      if (isfinite(curves[k].y[i])) {
-        finite++;
-        x.lo = fmin(x.lo, curves[k].x[i]);
-        x.hi = fmax(x.hi, curves[k].x[i]);
-        y.lo = fmin(y.lo, curves[k].y[i]);
-        y.hi = fmax(y.hi, curves[k].y[i]);
-      }
+    for (int64_t i = 0; i < curves[k].count; i++) {
+      const double *const point = curves[k].points[i];
+      if (!isfinite(point[1]))
+        continue;
+      finite++;
+      x.lo = fmin(x.lo, point[0]);
+      x.hi = fmax(x.hi, point[0]);
+      y.lo = fmin(y.lo, point[1]);
+      y.hi = fmax(y.hi, point[1]);
+    }
     drawn += finite >= 2;
   }
   if (!drawn || !(x.hi > x.lo))
@@ -121,7 +113,7 @@ bool pags_chart_put(pags_html *html, const pags_chart *chart, const pags_curve *
   put_axes(html, chart, &x, &y);
   for (int k = 0; k < count; k++)
     if (curves[k].count >= 2)
-      put_curve(html, chart, &curves[k], k, &x, &y);
+      put_curve(html, chart, &curves[k], (char)('a' + k), &x, &y);
   pags_html_put(html, "</svg></figure>\n");
   return true;
 }

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Implements contents.h. */
-#include "cli/html_report/contents.h"
+/* Finds the contents of a scene for its report; see page.h. */
+#include "cli/html_report/page.h"
 
 #include <math.h>
-#include <stdlib.h>
 
 #include "base/file.h"
 #include "base/memory.h"
@@ -12,16 +11,13 @@
 
 static const double size_least = -4, size_most = 3; /* 0.1 mm to 1 km */
 
+/* 0 for a file that can't be looked at. */
 static double file_size(const char *folder, const char *name) {
   uint64_t bytes = 0;
-  char *path = pags_path_join(folder, name);
-  if (!path || pags_file_size(path, &bytes) != PAGS_OK)
-    bytes = 0;
-  free(path);
-  return (double)bytes;
+  PAGS_AUTOFREE char *path = pags_path_join(folder, name);
+  return path && pags_file_size(path, &bytes) == PAGS_OK ? (double)bytes : 0;
 }
 
-/* Bytes of the files; 0 of what can't be looked at. */
 static double count_bytes(const char *path, const pags_scene *scene) {
   if (!pags_dir_exists(path))
     return file_size(".", path);
@@ -37,42 +33,32 @@ static int bin_of(double share, int bins) {
   return at > 0 ? at < bins ? (int)at : bins - 1 : 0;
 }
 
-static void count_model(const pags_gaussians *g, pags_scene_contents *out) {
-  for (int64_t i = 0; i < g->count; i++) {
-    const float *scale = pags_plane(g, PAGS_SCALE);
-    double largest = -HUGE_VAL;
-    for (int axis = 0; axis < 3; axis++, scale += g->stride)
-      largest = fmax(largest, (double)scale[i]);
-    const double decades = largest / pags_log(10);
-    out->sizes[bin_of((decades - size_least) / (size_most - size_least), PAGS_SIZE_BINS)]++;
-    if (g->s_sem)
-      out->priorities[bin_of((double)g->s_sem[i], PAGS_PRIORITY_BINS)]++;
-  }
-  out->gaussians += g->count;
-  out->has_priorities = out->has_priorities || g->s_sem;
-}
-
 /* Turns counts into per cent of `whole`, and fills the edges. */
-static void finish(double *counts, double *edges, int bins, double lo, double hi, double whole) {
+static void finish(double (*points)[2], int bins, double lo, double hi, double whole) {
   for (int i = 0; i <= bins; i++) {
-    edges[i] = lo + (hi - lo) * i / bins;
-    counts[i] *= whole > 0 ? 100 / whole : 0;
+    points[i][0] = lo + (hi - lo) * i / bins;
+    points[i][1] *= whole > 0 ? 100 / whole : 0;
   }
 }
 
 pags_result pags_scene_contents_find(const char *path, const pags_scene *scene, pags_scene_contents *out) {
   double known = 0;
   *out = (pags_scene_contents){.bytes = count_bytes(path, scene)};
-  for (int64_t m = 0; m < scene->model_count; m++)
-    count_model(&scene->models[m].gaussians, out);
-  for (int i = 0; i < PAGS_PRIORITY_BINS; i++)
-    known += out->priorities[i];
-  finish(out->priorities, out->priority_edges, PAGS_PRIORITY_BINS, 0, 1, known);
-  finish(out->sizes, out->size_edges, PAGS_SIZE_BINS, size_least, size_most, (double)out->gaussians);
+  for (int64_t m = 0; m < scene->model_count; m++) {
+    const pags_gaussians *g = &scene->models[m].gaussians;
+    for (int64_t i = 0; i < g->count; i++) {
+      const float *scale = pags_plane(g, PAGS_SCALE) + i;
+      const double largest = fmax(fmax((double)scale[0], (double)scale[g->stride]), (double)scale[2 * g->stride]);
+      const double decades = largest / pags_log(10);
+      out->sizes[bin_of((decades - size_least) / (size_most - size_least), PAGS_SIZE_BINS)][1]++;
+      if (g->s_sem)
+        out->priorities[bin_of((double)g->s_sem[i], PAGS_PRIORITY_BINS)][1]++;
+    }
+    out->gaussians += g->count;
+    known += g->s_sem ? (double)g->count : 0;
+    out->has_priorities = out->has_priorities || g->s_sem;
+  }
+  finish(out->priorities, PAGS_PRIORITY_BINS, 0, 1, known);
+  finish(out->sizes, PAGS_SIZE_BINS, size_least, size_most, (double)out->gaussians);
   return pags_scene_object_gaussians(scene, &out->of_object);
-}
-
-void pags_scene_contents_destroy(pags_scene_contents *contents) {
-  free(contents->of_object);
-  *contents = (pags_scene_contents){0};
 }

@@ -2,12 +2,13 @@
 /* Reads the scenes of a report, draws their views and puts the page together; see html_report.h. */
 #include "cli/html_report/html_report.h"
 
-#include <stdlib.h>
+#include <math.h>
 #include <string.h>
 
 #include <pags/packed.h>
 
 #include "base/file.h"
+#include "base/log.h"
 #include "base/memory.h"
 #include "cli/html_report/page.h"
 
@@ -19,19 +20,15 @@ static pags_result parse(const char *name, const char *text, pags_json **out) {
 
 /* Reads a scene with its folder's files, and opens its photographs. */
 static pags_result open_run(const char *path, const pags_html_report_settings *settings, pags_report_run *run) {
-  pags_scene scene;
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
   *run = (pags_report_run){.path = path, .name = *pags_path_name(path) ? pags_path_name(path) : path};
   if (pags_packed_is_file(path))
     return pags_fail(
         PAGS_ERROR_UNSUPPORTED,
         "%s: a packed file has no views to compare: expected the scene or splat file from which it was made", path);
   PAGS_TRY(pags_scene_load(path, &scene));
-  pags_result result = pags_scene_contents_find(path, &scene, &run->contents);
-  if (result == PAGS_OK)
-    result = pags_composition_create(&scene, &run->composition);
-  else
-    pags_scene_destroy(&scene);
-  PAGS_TRY(result);
+  PAGS_TRY(pags_scene_contents_find(path, &scene, &run->contents));
+  PAGS_TRY(pags_composition_create(&scene, &run->composition));
   run->scene = pags_composition_scene(run->composition);
   if (pags_dir_exists(path))
     PAGS_TRY(pags_run_log_read(path, &run->log));
@@ -40,19 +37,22 @@ static pags_result open_run(const char *path, const pags_html_report_settings *s
   return pags_report_views_open(run->scene, path, settings, &run->views);
 }
 
-static void close_run(pags_report_run *run) {
-  pags_report_views_destroy(&run->views);
-  pags_json_destroy(run->config);
-  pags_json_destroy(run->notes);
-  pags_run_log_destroy(&run->log);
-  pags_scene_contents_destroy(&run->contents);
-  pags_composition_destroy(run->composition);
+static void close_runs(pags_report_run (*runs)[2]) {
+  for (int k = 0; k < 2; k++) {
+    pags_report_run *const run = &(*runs)[k];
+    pags_report_views_destroy(&run->views);
+    pags_json_destroy(run->config);
+    pags_json_destroy(run->notes);
+    pags_run_log_destroy(&run->log);
+    free(run->contents.of_object);
+    pags_composition_destroy(run->composition);
+  }
 }
 
 /* ---- Writing ---- */
 
 static pags_result write_page(const pags_report_run *runs, int count, const char *output) {
-  pags_html html = {0};
+  PAGS_AUTO(pags_html_destroy) pags_html html = {0};
   pags_page_begin(&html, runs, count);
   pags_page_figures(&html, runs, count);
   pags_page_curves(&html, runs, count);
@@ -62,44 +62,77 @@ static pags_result write_page(const pags_report_run *runs, int count, const char
   pags_page_objects(&html, runs, count);
   pags_page_histograms(&html, runs, count);
   pags_page_making(&html, runs, count);
-  pags_page_end(&html);
-  const pags_result result =
-      html.failed ? pags_out_of_memory("%s", output) : pags_file_write(output, html.sink.bytes, html.sink.size);
-  free(html.sink.bytes);
-  return result;
-}
-
-static pags_html_report_facts facts_of(const pags_report_views *views) {
-  pags_html_report_facts facts = {.views = views->count,
-                                  .measured = views->mean.views,
-                                  .psnr = views->mean.mean.psnr[PAGS_REGION_WHOLE],
-                                  .ssim = views->mean.mean.ssim[PAGS_REGION_WHOLE]};
-  for (int64_t i = 0; i < views->count; i++)
-    facts.pictures += views->items[i].jpeg[PAGS_VIEW_PICTURE_RENDER].size > 0;
-  return facts;
+  pags_html_put(&html, "</body>\n</html>\n");
+  PAGS_CHECK_MEMORY(!html.failed, "%s", output);
+  return pags_file_write(output, html.sink.bytes, html.sink.size);
 }
 
 pags_result pags_html_report_write(const pags_html_report_settings *settings, const char *output,
                                    pags_html_report_facts *facts) {
-  pags_report_run runs[2] = {{0}};
-  pags_result result = PAGS_OK;
-  for (int k = 0; k < settings->count && result == PAGS_OK; k++)
-    result = open_run(settings->scenes[k], settings, &runs[k]);
-  if (settings->count == 2 && result == PAGS_OK && !strcmp(runs[0].name, runs[1].name))
+  PAGS_AUTO(close_runs) pags_report_run runs[2] = {{0}};
+  for (int k = 0; k < settings->count; k++)
+    PAGS_TRY(open_run(settings->scenes[k], settings, &runs[k]));
+  if (settings->count == 2 && !strcmp(runs[0].name, runs[1].name))
     for (int k = 0; k < 2; k++)
       runs[k].name = runs[k].path;
-  if (result == PAGS_OK)
-    pags_report_views_choose(&runs[0].views, settings->count == 2 ? &runs[1].views : NULL, settings->pictures);
-  for (int k = 0; k < settings->count && result == PAGS_OK; k++) {
-    result = pags_report_views_draw(&runs[k].views, runs[k].composition, settings);
-    if (result == PAGS_OK)
-      facts[k] = facts_of(&runs[k].views);
+  pags_report_views_choose(&runs[0].views, settings->count == 2 ? &runs[1].views : NULL, settings->pictures);
+  for (int k = 0; k < settings->count; k++) {
+    const pags_report_views *const views = &runs[k].views;
+    PAGS_TRY(pags_report_views_draw(&runs[k].views, runs[k].composition, settings));
+    facts[k] = (pags_html_report_facts){.views = views->count,
+                                        .measured = views->mean.views,
+                                        .pictures = pags_report_views_pictures(views),
+                                        .psnr = views->mean.mean.psnr[PAGS_REGION_WHOLE],
+                                        .ssim = views->mean.mean.ssim[PAGS_REGION_WHOLE]};
   }
-  if (result == PAGS_OK)
-    result = pags_session_check(settings->session);
-  if (result == PAGS_OK)
-    result = write_page(runs, settings->count, output);
-  for (int k = 0; k < settings->count; k++)
-    close_run(&runs[k]);
-  return result;
+  PAGS_TRY(pags_session_check(settings->session));
+  return write_page(runs, settings->count, output);
+}
+
+void pags_html_report_of_training(const pags_session *session, const char *scene,
+                                  const pags_dataset_options *dataset_options, const pags_train_result *result) {
+  PAGS_AUTOFREE char *page = pags_path_join(scene, "report.html");
+  pags_html_report_facts facts;
+  pags_progress progress = pags_progress_begin(session->people);
+  const pags_html_report_settings settings = {
+      .scenes = {scene, NULL},
+      .count = 1,
+      .dataset_options = *dataset_options,
+      .pictures = PAGS_REPORT_PICTURES,
+      .seconds = result->finished ? fmin(fmax(result->seconds / 30, 1), 10) : 1,
+      .session = session,
+      .progress = &progress,
+      .cancel = result->finished ? pags_interrupt_flag() : NULL, /* else the signal is known already */
+  };
+  const pags_result written = page ? pags_html_report_write(&settings, page, &facts) : pags_out_of_memory("a path");
+  pags_progress_end(&progress);
+  if (written == PAGS_OK)
+    pags_say(session, "report: %s\n", page);
+  else if (written == PAGS_CANCELLED)
+    pags_say(session, "interrupted: no report was written; 'pags report %s' writes it\n", scene);
+  else
+    pags_log_message(PAGS_LOG_WARNING, "the scene was written, but its report wasn't: %s", pags_error_message());
+}
+
+/* ---- The command ---- */
+
+static bool put_word(pags_sink *sink, const char *word) {
+  static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_./=,:+@%";
+  if (*word && !word[strspn(word, plain)])
+    return pags_sink_put(sink, " ", 1) && pags_sink_put(sink, word, strlen(word));
+  bool room = pags_sink_put(sink, " '", 2);
+  for (; *word && room; word++)
+    room = *word == '\'' ? pags_sink_put(sink, "'\\''", 4) : pags_sink_put(sink, word, 1);
+  return room && pags_sink_put(sink, "'", 1);
+}
+
+char *pags_command_line(const char *verb, int argc, char *const *argv) {
+  pags_sink sink = {0};
+  bool room = pags_sink_put(&sink, pags_program_name, strlen(pags_program_name)) && put_word(&sink, verb);
+  for (int i = 0; i < argc && room; i++)
+    room = put_word(&sink, argv[i]);
+  if (room && pags_sink_put(&sink, "", 1))
+    return (char *)sink.bytes;
+  free(sink.bytes);
+  return NULL;
 }

@@ -66,180 +66,146 @@ static const char style[] =
     ".row{grid-template-columns:repeat(3,1fr)}.charts{grid-template-columns:repeat(2,1fr)}}\n"
     "</style>\n";
 
-/* ---- Begin and end ---- */
+/* ---- Begin ---- */
 
 void pags_page_scene_heading(pags_html *html, const pags_report_run *runs, int count, int number) {
-  if (count < 2)
-    return;
-  pags_html_put(html, "<h3>%c: <bdi>", 'A' + number);
-  pags_html_text(html, runs[number].name);
-  pags_html_put(html, "</bdi></h3>\n");
-}
-
-/* Writes "YYYY-MM-DD hh:mm UTC". */
-static void put_date(pags_html *html) {
-  char text[32] = "";
-  const time_t now = time(NULL);
-  const struct tm *utc = gmtime(&now);
-  if (utc)
-    strftime(text, sizeof text, "%Y-%m-%d %H:%M UTC", utc);
-  pags_html_put(html, "%s", text);
-}
-
-static void put_names(pags_html *html, const pags_report_run *runs, int count) {
-  for (int k = 0; k < count; k++) {
-    pags_html_put(html, "%s", k ? " beside " : "");
-    pags_html_text(html, runs[k].name);
-  }
+  if (count > 1)
+    pags_html_put(html, "<h3>%c: <bdi>%s</bdi></h3>\n", 'A' + number, pags_html_text(html, runs[number].name));
 }
 
 void pags_page_begin(pags_html *html, const pags_report_run *runs, int count) {
-  pags_html_put(html, "%s<title>", head);
-  put_names(html, runs, count);
-  pags_html_put(html, " &ndash; PAGS report</title>\n");
-  for (const char *rest = style; *rest; rest += strcspn(rest, "\n") + 1)
-    pags_html_put(html, "%.*s", (int)strcspn(rest, "\n") + 1, rest);
-  pags_html_put(html, "</head>\n<body>\n<h1><bdi>");
-  put_names(html, runs, count);
-  pags_html_put(html, "</bdi></h1>\n<p class=\"soft\">PAGS report, written ");
-  put_date(html);
-  pags_html_put(html, " by version %s.</p>\n", PAGS_VERSION_STRING);
-  if (count > 1)
-    for (int k = 0; k < count; k++) {
-      pags_html_put(html,
-                    "<p><svg class=\"key\" viewBox=\"0 0 28 10\" aria-hidden=\"true\"><path class=\"line %c\" d=\"M0 "
-                    "5H28\"/></svg> <b>%c</b>: ",
-                    'a' + k, 'A' + k);
-      pags_html_element(html, "span", runs[k].path);
-      pags_html_put(html, "</p>\n");
-    }
-}
-
-void pags_page_end(pags_html *html) {
-  pags_html_put(html, "</body>\n</html>\n");
+  char date[32] = "";
+  const time_t now = time(NULL);
+  const struct tm *utc = gmtime(&now);
+  if (utc)
+    strftime(date, sizeof date, "%Y-%m-%d %H:%M UTC", utc);
+  const char *const a = pags_html_text(html, runs[0].name), *const beside = count > 1 ? " beside " : "";
+  const char *const b = count > 1 ? pags_html_text(html, runs[1].name) : "";
+  pags_html_put(html,
+                "%s<title>%s%s%s &ndash; PAGS report</title>\n%s</head>\n<body>\n<h1><bdi>%s%s%s</bdi></h1>\n"
+                "<p class=\"soft\">PAGS report, written %s by version %s.</p>\n",
+                head, a, beside, b, style, a, beside, b, date, PAGS_VERSION_STRING);
+  for (int k = 0; k < count && count > 1; k++)
+    pags_html_put(html,
+                  "<p><svg class=\"key\" viewBox=\"0 0 28 10\" aria-hidden=\"true\"><path class=\"line %c\" d=\"M0 "
+                  "5H28\"/></svg> <b>%c</b>: <span><bdi>%s</bdi></span></p>\n",
+                  'a' + k, 'A' + k, pags_html_text(html, runs[k].path));
 }
 
 /* ---- Figures ---- */
 
 typedef enum figure_kind { DECIBELS, RATIO, COUNT, RATE, BYTES, DURATION } figure_kind;
 
-static const char *figure_text(figure_kind kind, double value, char text[40]) {
+static const char *figure_text(pags_html *html, figure_kind kind, double value, char text[40]) {
   if (!isfinite(value))
     return "\xE2\x80\x93"; /* a dash */
   switch (kind) {
     case DECIBELS: snprintf(text, 40, "%.2f dB", value); break;
     case RATIO: snprintf(text, 40, "%.4f", value); break;
-    case COUNT: pags_html_thousands((int64_t)value, text); break;
+    case COUNT: return pags_html_count(html, (int64_t)value);
     case RATE: snprintf(text, 40, "%.1f", value); break;
-    case BYTES: pags_format_bytes(value, text, 40); break;
-    case DURATION: pags_format_duration(value, text, 40); break;
+    case BYTES: return pags_format_bytes(value, text, 40);
+    case DURATION: return pags_format_duration(value, text, 40);
   }
   return text;
 }
 
-static void put_figure(pags_html *html, int count, const char *label, figure_kind kind, const double *values) {
-  char text[40];
-  bool known = false;
-  for (int k = 0; k < count; k++)
-    known = known || isfinite(values[k]);
-  if (!known)
+/* Puts the figure of one scene or, with its change, of two; nothing if it is unknown. */
+static void put_figure(pags_html *html, int count, const char *label, figure_kind kind, double a, double b) {
+  char text_a[40], text_b[40], change[40] = "&ndash;";
+  const char *const of_a = figure_text(html, kind, a, text_a), *const of_b = figure_text(html, kind, b, text_b);
+  if (!isfinite(a) && !isfinite(b))
     return;
   if (count == 1) {
-    pags_html_put(html, "<div><dt>%s</dt><dd>%s</dd></div>\n", label, figure_text(kind, values[0], text));
+    pags_html_put(html, "<div><dt>%s</dt><dd>%s</dd></div>\n", label, of_a);
     return;
   }
-  pags_html_put(html, "<tr><th scope=\"row\">%s</th>", label);
-  for (int k = 0; k < count; k++)
-    pags_html_put(html, "<td class=\"n\">%s</td>", figure_text(kind, values[k], text));
-  const double more = values[1] - values[0];
-  if (kind == DECIBELS || kind == RATIO)
-    pags_html_put(html, "<td class=\"n\">%s%s</td></tr>\n", more > 0 ? "+" : "", figure_text(kind, more, text));
-  else if (values[0] > 0 && isfinite(more))
-    pags_html_put(html, "<td class=\"n\">%+.1f %%</td></tr>\n", 100 * more / values[0]);
-  else
-    pags_html_put(html, "<td class=\"n\">&ndash;</td></tr>\n");
+  if (kind == DECIBELS || kind == RATIO) {
+    char text[40];
+    snprintf(change, sizeof change, "%s%s", b - a > 0 ? "+" : "", figure_text(html, kind, b - a, text));
+  } else if (a > 0 && isfinite(b)) {
+    snprintf(change, sizeof change, "%+.1f %%", 100 * (b - a) / a);
+  }
+  pags_html_put(
+      html, "<tr><th scope=\"row\">%s</th><td class=\"n\">%s</td><td class=\"n\">%s</td><td class=\"n\">%s</td></tr>\n",
+      label, of_a, of_b, change);
 }
 
 /* Begins a sentence on the scene `number`; on a page on two it names which. */
-static void begin_sentence(pags_html *html, const char *kind, int count, int number) {
-  pags_html_put(html, "<p class=\"%s\">", kind);
-  if (count == 2)
-    pags_html_put(html, "<b>%c</b>: ", 'A' + number);
-}
-
-static bool is_flag(const pags_report_run *run, const char *key, bool wanted) {
-  const pags_json_value *flag = run->log.report ? pags_json_member(pags_json_root(run->log.report), key) : NULL;
-  return flag && flag->type == PAGS_JSON_BOOL && flag->boolean == wanted;
+static const char *letter_of(int count, int number) {
+  return count < 2 ? "" : number ? "<b>B</b>: " : "<b>A</b>: ";
 }
 
 /* States how the training ended, and what is unknown. */
-static void put_state(pags_html *html, const pags_report_run *run, int count, int number) {
-  const double bad = pags_run_log_number(&run->log, NULL, "bad_rows");
-  const char *first = pags_run_log_text(&run->log, "first_bad_row");
-  if (is_flag(run, "finished", false)) {
-    begin_sentence(html, "warn", count, number);
-    pags_html_put(
-        html, "The training was stopped before its last step; <code>pags train --resume</code> continues it.</p>\n");
-  }
-  if (is_flag(run, "resumed", true)) {
-    begin_sentence(html, "soft", count, number);
-    pags_html_put(html, "The training was resumed: time, memory and command line are those of its last process.</p>\n");
-  }
-  if (run->log.fault) {
-    begin_sentence(html, "warn", count, number);
-    pags_html_put(html, "A file of the training can't be read: ");
-    pags_html_text(html, run->log.fault);
-    pags_html_put(html, "</p>\n");
-  } else if (!run->log.report) {
-    begin_sentence(html, "soft", count, number);
-    pags_html_put(html, "There is no report.json of a training: its time, memory and command line are unknown.</p>\n");
-  }
-  if (bad > 0) {
-    begin_sentence(html, "warn", count, number);
-    pags_html_put(html, "%.0f updates were skipped because a value wasn't finite; the first was ", bad);
-    pags_html_text(html, first ? first : "not noted");
-    pags_html_put(html, "</p>\n");
-  }
+static void put_state(pags_html *html, const pags_run_log *log, const char *letter) {
+  const double bad = pags_page_number(log->facts, "bad_rows");
+  const char *first = pags_page_string(log->facts, "first_bad_row");
+  if (pags_page_flag(log->facts, "finished", false))
+    pags_html_put(html,
+                  "<p class=\"warn\">%sThe training was stopped before its last step; <code>pags train --resume</code> "
+                  "continues it.</p>\n",
+                  letter);
+  if (pags_page_flag(log->facts, "resumed", true))
+    pags_html_put(html,
+                  "<p class=\"soft\">%sThe training was resumed: time, memory and command line are those of its last "
+                  "process.</p>\n",
+                  letter);
+  if (log->fault)
+    pags_html_put(html, "<p class=\"warn\">%sA file of the training can't be read: %s</p>\n", letter,
+                  pags_html_text(html, log->fault));
+  else if (!log->report)
+    pags_html_put(html,
+                  "<p class=\"soft\">%sThere is no report.json of a training: its time, memory and command line are "
+                  "unknown.</p>\n",
+                  letter);
+  if (bad > 0)
+    pags_html_put(html,
+                  "<p class=\"warn\">%s%.0f updates were skipped because a value wasn't finite; the first was %s</p>\n",
+                  letter, bad, pags_html_text(html, first ? first : "not noted"));
 }
 
 void pags_page_figures(pags_html *html, const pags_report_run *runs, int count) {
-  static const struct {
-    const char *key, *label;
-    figure_kind kind;
-  } of_report[] = {{"psnr", "PSNR, training views", DECIBELS},
-                   {"seconds", "training time", DURATION},
-                   {"iterations_per_second", "iterations/s, at the end", RATE},
-                   {"peak_rss_bytes", "peak memory", BYTES}};
-  const char *kind = runs[0].views.held_out ? "held-out views" : "views";
-  double values[4][2], regions[2][2], rest[3][2];
-  char label[64];
+  enum { FIGURES = 9 };
+  char labels[2][64];
+  double values[2][FIGURES];
   pags_html_put(html, "<h2>Figures</h2>\n");
-  for (int k = 0; k < count; k++) {
-    put_state(html, &runs[k], count, k);
-    const pags_view_score *mean = &runs[k].views.mean.mean;
-    const bool measured = runs[k].views.mean.views > 0;
-    regions[0][k] = measured ? mean->psnr[PAGS_REGION_WHOLE] : (double)NAN;
-    regions[1][k] = measured ? mean->ssim[PAGS_REGION_WHOLE] : (double)NAN;
-    rest[0][k] = (double)runs[k].contents.gaussians;
-    rest[1][k] = runs[k].contents.bytes;
-    rest[2][k] = runs[k].scene->iterations > 0 ? (double)runs[k].scene->iterations : (double)NAN;
-    for (int i = 0; i < 4; i++)
-      values[i][k] = pags_run_log_number(&runs[k].log, NULL, of_report[i].key);
+  for (int k = 0; k < 2; k++) {
+    const pags_report_run *const run = &runs[k];
+    const bool measured = k < count && run->views.mean.views > 0;
+    snprintf(labels[k], sizeof labels[k], "%s, %s", k ? "SSIM" : "PSNR",
+             runs[0].views.held_out ? "held-out views" : "views");
+    const double nothing = (double)NAN;
+    const double known[FIGURES] = {measured ? run->views.mean.mean.psnr[PAGS_REGION_WHOLE] : nothing,
+                                   measured ? run->views.mean.mean.ssim[PAGS_REGION_WHOLE] : nothing,
+                                   pags_page_number(run->log.facts, "psnr"),
+                                   k < count ? (double)run->contents.gaussians : nothing,
+                                   k < count ? run->contents.bytes : nothing,
+                                   k < count && run->scene->iterations > 0 ? (double)run->scene->iterations : nothing,
+                                   pags_page_number(run->log.facts, "seconds"),
+                                   pags_page_number(run->log.facts, "iterations_per_second"),
+                                   pags_page_number(run->log.facts, "peak_rss_bytes")};
+    memcpy(values[k], known, sizeof known);
+    if (k < count)
+      put_state(html, &run->log, letter_of(count, k));
   }
+  const struct {
+    const char *label;
+    figure_kind kind;
+  } figures[FIGURES] = {{labels[0], DECIBELS},
+                        {labels[1], RATIO},
+                        {"PSNR, training views", DECIBELS},
+                        {"Gaussians", COUNT},
+                        {"files", BYTES},
+                        {"iterations", COUNT},
+                        {"training time", DURATION},
+                        {"iterations/s, at the end", RATE},
+                        {"peak memory", BYTES}};
   if (count == 1)
     pags_html_put(html, "<dl class=\"cards\">\n");
   else
     pags_html_begin_table(html, "|#A|#B|#B relative to A");
-  snprintf(label, sizeof label, "PSNR, %s", kind);
-  put_figure(html, count, label, DECIBELS, regions[0]);
-  snprintf(label, sizeof label, "SSIM, %s", kind);
-  put_figure(html, count, label, RATIO, regions[1]);
-  put_figure(html, count, of_report[0].label, of_report[0].kind, values[0]);
-  put_figure(html, count, "Gaussians", COUNT, rest[0]);
-  put_figure(html, count, "files", BYTES, rest[1]);
-  put_figure(html, count, "iterations", COUNT, rest[2]);
-  for (int i = 1; i < 4; i++)
-    put_figure(html, count, of_report[i].label, of_report[i].kind, values[i]);
+  for (int i = 0; i < FIGURES; i++)
+    put_figure(html, count, figures[i].label, figures[i].kind, values[0][i], values[1][i]);
   if (count == 1)
     pags_html_put(html, "</dl>\n");
   else
@@ -252,81 +218,54 @@ void pags_page_curves(pags_html *html, const pags_report_run *runs, int count) {
   bool any = false;
   pags_html_put(html, "<h2>Over the training</h2>\n<div class=\"charts\">\n");
   for (int c = 0; c < PAGS_LOG_CURVES; c++) {
-    pags_curve curves[2];
-    for (int k = 0; k < count; k++)
-      curves[k] = (pags_curve){runs[k].log.curves[c].step, runs[k].log.curves[c].value, runs[k].log.curves[c].count};
-    const pags_chart chart = {.title = pags_log_curves[c].title,
-                              .x_name = "step",
-                              .y_name = pags_log_curves[c].y_name,
-                              .from_zero = pags_log_curves[c].from_zero};
-    any = pags_chart_put(html, &chart, curves, count) || any;
+    const pags_log_curve *const of = &pags_log_curves[c];
+    const pags_chart chart = {.title = of->title, .x_name = "step", .y_name = of->y_name, .from_zero = of->from_zero};
+    any = pags_chart_put(html, &chart, (pags_curve[]){runs[0].log.curves[c], runs[1].log.curves[c]}, count) || any;
   }
-  pags_html_put(html, "</div>\n");
-  if (!any)
-    pags_html_put(html, "<p class=\"soft\">There is no log.jsonl, so there are no curves.</p>\n");
+  pags_html_put(html, "</div>\n%s",
+                any ? "" : "<p class=\"soft\">There is no log.jsonl, so there are no curves.</p>\n");
   for (int k = 0; k < count; k++)
-    if (runs[k].log.unread) {
-      begin_sentence(html, "warn", count, k);
-      pags_html_put(html, "%lld of %lld lines of log.jsonl can't be read.</p>\n", (long long)runs[k].log.unread,
-                    (long long)runs[k].log.lines);
-    }
+    if (runs[k].log.unread)
+      pags_html_put(html, "<p class=\"warn\">%s%lld of %lld lines of log.jsonl can't be read.</p>\n",
+                    letter_of(count, k), (long long)runs[k].log.unread, (long long)runs[k].log.lines);
 }
 
 /* ---- Quality ---- */
 
-static void put_region(pags_html *html, const pags_report_run *runs, int count, int region, const char *name) {
-  bool known = false;
-  for (int k = 0; k < count; k++)
-    known = known || !isnan(runs[k].views.mean.mean.psnr[region]);
-  if (!known)
-    return;
-  pags_html_put(html, "<tr><th scope=\"row\">%s</th>", name);
-  for (int k = 0; k < count; k++) {
-    pags_html_number(html, 2, runs[k].views.mean.mean.psnr[region]);
-    pags_html_number(html, 4, runs[k].views.mean.mean.ssim[region]);
-  }
-  if (count == 2)
-    pags_html_number(html, 2, runs[1].views.mean.mean.psnr[region] - runs[0].views.mean.mean.psnr[region]);
-  pags_html_put(html, "</tr>\n");
-}
-
 /* Names the views that the figures are measured on. */
-static void put_extent(pags_html *html, const pags_report_views *views, int count, int number) {
-  const char *kind = views->held_out ? "held-out views" : "views, none of them held out";
-  if (views->absent) {
-    begin_sentence(html, "warn", count, number);
-    pags_html_put(html, "Photographs are missing, and so are the figures that need them: ");
-    pags_html_text(html, views->absent);
-    pags_html_put(html, "</p>\n");
-  }
-  if (views->mean.views) {
-    begin_sentence(html, "soft", count, number);
-    pags_html_put(html, "Means over %lld of %lld %s, as <code>pags eval</code> measures them.%s</p>\n",
-                  (long long)views->mean.views, (long long)views->count, kind,
-                  views->drawn < views->count
-                      ? " Only evenly spaced views that fit into the time limit of a "
-                        "report after training were measured; <code>pags report</code> measures all."
-                      : "");
-  }
+static void put_extent(pags_html *html, const pags_report_views *views, const char *letter) {
+  if (views->absent)
+    pags_html_put(html, "<p class=\"warn\">%sPhotographs are missing, and so are the figures that need them: %s</p>\n",
+                  letter, pags_html_text(html, views->absent));
+  if (views->mean.views)
+    pags_html_put(html,
+                  "<p class=\"soft\">%sMeans over %lld of %lld %s, as <code>pags eval</code> measures them.%s</p>\n",
+                  letter, (long long)views->mean.views, (long long)views->count,
+                  views->held_out ? "held-out views" : "views, none of them held out",
+                  views->drawn < views->count ? " Only evenly spaced views that fit into the time limit of a report "
+                                                "after training were measured; <code>pags report</code> measures all."
+                                              : "");
 }
 
 static void put_view_chart(pags_html *html, const pags_report_run *runs, int count) {
   enum { MOST = 2000 };
-  double x[2][MOST], y[2][MOST];
+  double points[2][MOST][2];
   pags_curve curves[2];
   for (int k = 0; k < count; k++) {
     const pags_report_views *views = &runs[k].views;
     const int64_t most = views->count < MOST ? views->count : MOST;
     for (int64_t i = 0; i < most; i++) {
       const int64_t at = i * views->count / most;
-      x[k][i] = (double)at + 1;
-      y[k][i] = views->items[at].score.psnr[PAGS_REGION_WHOLE];
+      points[k][i][0] = (double)at + 1;
+      points[k][i][1] = views->items[at].score.psnr[PAGS_REGION_WHOLE];
     }
-    curves[k] = (pags_curve){x[k], y[k], most};
+    curves[k] = (pags_curve){.points = points[k], .count = most};
   }
   const pags_chart chart = {
       .title = "PSNR of each view, dB", .x_name = "view, in the order of the data set", .y_name = "dB", .dots = true};
+  pags_html_put(html, "<div class=\"charts\">\n");
   pags_chart_put(html, &chart, curves, count);
+  pags_html_put(html, "</div>\n");
 }
 
 void pags_page_quality(pags_html *html, const pags_report_run *runs, int count) {
@@ -334,36 +273,39 @@ void pags_page_quality(pags_html *html, const pags_report_run *runs, int count) 
                                                        "all else",        "moving",
                                                        "moving vehicles", "moving pedestrians",
                                                        "moving cyclists"};
-  bool measured = false;
   pags_html_put(html, "<h2>Comparison with the photographs</h2>\n");
-  for (int k = 0; k < count; k++) {
-    put_extent(html, &runs[k].views, count, k);
-    measured = measured || runs[k].views.mean.views;
-  }
-  if (!measured)
+  for (int k = 0; k < count; k++)
+    put_extent(html, &runs[k].views, letter_of(count, k));
+  if (!runs[0].views.mean.views && !runs[1].views.mean.views)
     return;
   pags_html_begin_table(
       html, count == 2 ? "region|#A: PSNR, dB|#SSIM|#B: PSNR, dB|#SSIM|#B &minus; A, dB" : "region|#PSNR, dB|#SSIM");
-  for (int r = 0; r < PAGS_REGION_COUNT; r++)
-    put_region(html, runs, count, r, names[r]);
+  for (int r = 0; r < PAGS_REGION_COUNT; r++) {
+    const pags_view_score *const a = &runs[0].views.mean.mean, *const b = &runs[count - 1].views.mean.mean;
+    if (isnan(a->psnr[r]) && isnan(b->psnr[r]))
+      continue;
+    pags_html_put(html, "<tr><th scope=\"row\">%s</th><td class=\"n\">%s</td><td class=\"n\">%s</td>", names[r],
+                  pags_html_number(html, 2, a->psnr[r]), pags_html_number(html, 4, a->ssim[r]));
+    if (count == 2)
+      pags_html_put(html, "<td class=\"n\">%s</td><td class=\"n\">%s</td><td class=\"n\">%s</td>",
+                    pags_html_number(html, 2, b->psnr[r]), pags_html_number(html, 4, b->ssim[r]),
+                    pags_html_number(html, 2, b->psnr[r] - a->psnr[r]));
+    pags_html_put(html, "</tr>\n");
+  }
   pags_html_end_table(html);
-  pags_html_put(html, "<div class=\"charts\">\n");
   put_view_chart(html, runs, count);
-  pags_html_put(html, "</div>\n");
 }
 
 /* ---- Views ---- */
 
 static void put_picture(pags_html *html, const pags_report_view *view, pags_view_picture which, const char *caption) {
-  if (view && view->jpeg[which].size)
+  if (view->jpeg[which].size)
     pags_html_picture(html, &view->jpeg[which], view->width, view->height, caption);
 }
 
 static void put_view(pags_html *html, const pags_report_view *const *views, int count) {
   static const char *const renders[] = {"rendered, A", "rendered, B"}, *const errors[] = {"error, A", "error, B"};
-  pags_html_put(html, "<section class=\"view\"><h3><bdi>");
-  pags_html_text(html, views[0]->name);
-  pags_html_put(html, "</bdi>");
+  pags_html_put(html, "<section class=\"view\"><h3><bdi>%s</bdi>", pags_html_text(html, views[0]->name));
   for (int k = 0; k < count; k++) {
     const pags_view_score *score = &views[k]->score;
     if (count == 2)
@@ -384,31 +326,28 @@ static void put_view(pags_html *html, const pags_report_view *const *views, int 
   pags_html_put(html, "</div></section>\n");
 }
 
+static bool has_picture(const pags_report_view *view) {
+  return view->jpeg[PAGS_VIEW_PICTURE_RENDER].size > 0;
+}
+
 /* Names the views that have no picture. */
 static void put_left_out(pags_html *html, const pags_report_views *views) {
   enum { MOST = 2000 };
-  int64_t left = 0, named = 0;
-  for (int64_t i = 0; i < views->count; i++)
-    left += !views->items[i].jpeg[PAGS_VIEW_PICTURE_RENDER].size;
+  const int64_t left = views->count - pags_report_views_pictures(views);
+  int64_t named = 0;
   if (!left)
     return;
   pags_html_put(html, "<details><summary>%lld of %lld views have no picture, to keep the page small</summary>\n<p>",
                 (long long)left, (long long)views->count);
   for (int64_t i = 0; i < views->count && named < MOST; i++)
-    if (!views->items[i].jpeg[PAGS_VIEW_PICTURE_RENDER].size) {
-      pags_html_put(html, "%s<bdi>", named++ ? ", " : "");
-      pags_html_text(html, views->items[i].name);
-      pags_html_put(html, "</bdi>");
-    }
+    if (!has_picture(&views->items[i]))
+      pags_html_put(html, "%s<bdi>%s</bdi>", named++ ? ", " : "", pags_html_text(html, views->items[i].name));
   pags_html_put(html, "%s</p></details>\n", named < left ? ", and more" : "");
 }
 
 void pags_page_views(pags_html *html, const pags_report_run *runs, int count) {
-  int64_t shown = 0;
   pags_html_put(html, "<h2>Views</h2>\n");
-  for (int64_t i = 0; i < runs[0].views.count; i++)
-    shown += runs[0].views.items[i].jpeg[PAGS_VIEW_PICTURE_RENDER].size > 0;
-  if (!shown)
+  if (!pags_report_views_pictures(&runs[0].views))
     pags_html_put(html, "<p class=\"soft\">%s</p>\n",
                   count == 2 ? "No view is in both." : "There is no recorded view to show.");
   else if (runs[0].views.opened || runs[count - 1].views.opened)
@@ -418,7 +357,7 @@ void pags_page_views(pags_html *html, const pags_report_run *runs, int count) {
   for (int64_t i = 0; i < runs[0].views.count; i++) {
     const pags_report_view *view = &runs[0].views.items[i];
     const pags_report_view *pair[2] = {view, count == 2 ? pags_report_views_find(&runs[1].views, view->name) : NULL};
-    if (view->jpeg[PAGS_VIEW_PICTURE_RENDER].size)
+    if (has_picture(view))
       put_view(html, pair, pair[1] ? 2 : 1);
   }
   for (int k = 0; k < count; k++)

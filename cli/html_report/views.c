@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws a report's views and compares them with their photographs; see views.h. */
-#include "cli/html_report/views.h"
+/* Draws a report's views and compares them with their photographs; see page.h. */
+#include "cli/html_report/page.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "cli/draw/picture.h"
+#include "frame/owners.h"
 #include "image/convert.h"
 #include "image/jpeg.h"
 #include "image/resample.h"
@@ -32,53 +32,45 @@ static pags_result note_absence(const char *path, pags_report_views *views) {
   if (views->absent)
     return PAGS_OK;
   views->absent = pags_text_copy(pags_error_message());
-  if (!views->absent)
-    return pags_out_of_memory("%s", path);
+  PAGS_CHECK_MEMORY(views->absent, "%s", path);
   pags_log_message(PAGS_LOG_WARNING, "%s: the report has no photographs: %s", path, views->absent);
   return PAGS_OK;
 }
 
-static pags_result open_photographs(const pags_scene *scene, const char *path,
-                                    const pags_html_report_settings *settings, pags_report_views *out) {
+/* A view of the data set or, without photographs, of the scene. */
+static pags_report_view view_at(const pags_scene *scene, const pags_report_views *views, int64_t i) {
+  if (!views->opened)
+    return (pags_report_view){.name = scene->views[i].name,
+                              .scene_view = &scene->views[i],
+                              .photograph = -1,
+                              .score = pags_view_score_make(scene->views[i].name, scene->views[i].test)};
+  const pags_photographs_view *const view = &views->photographs.views[i];
+  const char *const name = pags_dataset_view(views->photographs.dataset, view->index)->name;
+  return (pags_report_view){
+      .name = name, .scene_view = view->scene_view, .photograph = i, .score = pags_view_score_make(name, view->test)};
+}
+
+pags_result pags_report_views_open(const pags_scene *scene, const char *path, const pags_html_report_settings *settings,
+                                   pags_report_views *out) {
   enum { CACHE = 64 << 20 }; /* bytes of decoded photographs */
-  pags_result result =
+  *out = (pags_report_views){0};
+  const pags_result result =
       settings->dataset || scene->dataset
           ? pags_photographs_open_for(scene, settings->dataset, &settings->dataset_options, settings->session->tasks,
                                       CACHE, &out->photographs)
           : pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't name its training data; expected --dataset DATASET", path);
   out->opened = result == PAGS_OK;
-  if (!settings->dataset && is_absence(result))
-    result = note_absence(path, out);
-  return result;
-}
-
-/* Lists the views of the data set that the scene has, or, without photographs, those of the scene. */
-static pags_result list_views(const pags_scene *scene, pags_report_views *out) {
+  PAGS_TRY(!settings->dataset && is_absence(result) ? note_absence(path, out) : result);
   const int64_t all = out->opened ? out->photographs.count : scene->view_count;
   for (int64_t i = 0; i < all; i++)
-    out->held_out = out->held_out || (out->opened ? out->photographs.views[i].test : scene->views[i].test);
+    out->held_out = out->held_out || view_at(scene, out, i).score.test;
   out->items = calloc((size_t)all + 1, sizeof *out->items);
-  if (!out->items)
-    return pags_out_of_memory("%lld views", (long long)all);
+  PAGS_CHECK_MEMORY(out->items, "%lld views", (long long)all);
   for (int64_t i = 0; i < all; i++) {
-    const pags_scene_view *view = out->opened ? out->photographs.views[i].scene_view : &scene->views[i];
-    const int test = out->opened ? out->photographs.views[i].test : view->test;
-    const char *name =
-        out->opened ? pags_dataset_view(out->photographs.dataset, out->photographs.views[i].index)->name : view->name;
-    if (test || !out->held_out)
-      out->items[out->count++] = (pags_report_view){.name = name,
-                                                    .scene_view = view,
-                                                    .photograph = out->opened ? i : -1,
-                                                    .score = pags_view_score_make(name, test)};
+    out->items[out->count] = view_at(scene, out, i);
+    out->count += out->items[out->count].score.test || !out->held_out;
   }
   return PAGS_OK;
-}
-
-pags_result pags_report_views_open(const pags_scene *scene, const char *path, const pags_html_report_settings *settings,
-                                   pags_report_views *out) {
-  *out = (pags_report_views){0};
-  PAGS_TRY(open_photographs(scene, path, settings, out));
-  return list_views(scene, out);
 }
 
 void pags_report_views_destroy(pags_report_views *views) {
@@ -89,7 +81,13 @@ void pags_report_views_destroy(pags_report_views *views) {
   free(views->absent);
   if (views->opened)
     pags_photographs_close(&views->photographs);
-  *views = (pags_report_views){0};
+}
+
+int64_t pags_report_views_pictures(const pags_report_views *views) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < views->count; i++)
+    count += views->items[i].jpeg[PAGS_VIEW_PICTURE_RENDER].size > 0;
+  return count;
 }
 
 pags_report_view *pags_report_views_find(const pags_report_views *views, const char *name) {
@@ -138,29 +136,27 @@ static pags_result encode(const pags_image *from, const uint8_t (*tint)[3], pags
                           pags_view_picture which) {
   const double step = from->width > PICTURE_WIDTH ? (double)from->width / PICTURE_WIDTH : 1;
   const double height = floor(from->height / step + 0.5);
-  pags_image small = {0}, colored = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image small = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image colored = {0};
   PAGS_TRY(pags_image_create(&small, (int)(from->width / step + 0.5), height < 1 ? 1 : (int)height, from->channels,
                              PAGS_U8));
   view->width = small.width;
   view->height = small.height;
-  pags_result result = pags_shrink_mean(from, step, step, &small);
-  if (result == PAGS_OK && tint)
-    result = pags_image_create(&colored, small.width, small.height, 3, PAGS_U8);
+  PAGS_TRY(pags_shrink_mean(from, step, step, &small));
+  if (!tint)
+    return pags_jpeg_encode(view->name, &small, QUALITY, &view->jpeg[which]);
+  PAGS_TRY(pags_image_create(&colored, small.width, small.height, 3, PAGS_U8));
   const size_t pixels = (size_t)small.width * (size_t)small.height;
-  for (size_t i = 0; result == PAGS_OK && tint && i < pixels; i++)
+  for (size_t i = 0; i < pixels; i++)
     memcpy((uint8_t *)colored.data + 3 * i, tint[((const uint8_t *)small.data)[i]], 3);
-  if (result == PAGS_OK)
-    result = pags_jpeg_encode(view->name, tint ? &colored : &small, QUALITY, &view->jpeg[which]);
-  pags_image_destroy(&colored);
-  pags_image_destroy(&small);
-  return result;
+  return pags_jpeg_encode(view->name, &colored, QUALITY, &view->jpeg[which]);
 }
 
 /* ERROR_GAIN times the error of each pixel (mean over channels); 0 where masked. */
 static pags_result encode_error(const pags_image *render, const pags_photograph *photograph, pags_report_view *view) {
   uint8_t tint[256][3];
   float rgb[3];
-  pags_image grey;
+  PAGS_AUTO(pags_image_destroy) pags_image grey = {0};
   for (int i = 0; i < 256; i++) {
     pags_colormap_heat((float)i / 255, rgb);
     for (int c = 0; c < 3; c++)
@@ -176,45 +172,24 @@ static pags_result encode_error(const pags_image *render, const pags_photograph 
     const float error = photograph->mask && !photograph->mask[i] ? 0 : ERROR_GAIN * sum / 3;
     ((uint8_t *)grey.data)[i] = (uint8_t)(255 * fminf(error, 1) + 0.5F);
   }
-  const pags_result result = encode(&grey, (const uint8_t(*)[3])tint, view, PAGS_VIEW_PICTURE_ERROR);
-  pags_image_destroy(&grey);
-  return result;
+  return encode(&grey, (const uint8_t(*)[3])tint, view, PAGS_VIEW_PICTURE_ERROR);
 }
 
 static pags_result encode_float(const pags_image *image, pags_report_view *view, pags_view_picture which) {
-  pags_image bytes;
+  PAGS_AUTO(pags_image_destroy) pags_image bytes = {0};
   PAGS_TRY(pags_image_converted(image, PAGS_U8, 3, &bytes));
-  const pags_result result = encode(&bytes, NULL, view, which);
-  pags_image_destroy(&bytes);
-  return result;
+  return encode(&bytes, NULL, view, which);
 }
 
-/* Measures the picture and makes the small ones; `photograph` may be NULL. */
-static pags_result finish_view(pags_report_view *view, const pags_image *render, const pags_photograph *photograph,
-                               pags_tasks *tasks) {
-  if (photograph)
-    PAGS_TRY(pags_view_score_measure(render, photograph, tasks, &view->score));
-  view->drawn = true;
-  if (!view->shown)
-    return PAGS_OK;
-  PAGS_TRY(encode_float(render, view, PAGS_VIEW_PICTURE_RENDER));
-  if (!photograph)
-    return PAGS_OK;
-  PAGS_TRY(encode_float(&photograph->image, view, PAGS_VIEW_PICTURE_PHOTOGRAPH));
-  return encode_error(render, photograph, view);
-}
-
+/* Renders a view, measures it against its photograph, if that is there, and makes the small pictures. */
 static pags_result draw_view(pags_report_views *views, pags_report_view *view, pags_composition *composition,
                              pags_frame *frame, const pags_html_report_settings *settings) {
   pags_frame_options options = pags_composition_options(composition);
-  pags_photograph photograph = {0};
+  PAGS_AUTO(pags_photograph_destroy) pags_photograph photograph = {0};
   bool there = view->photograph >= 0;
   if (there) {
     const pags_result read = pags_photographs_read(&views->photographs, view->photograph, &photograph);
-    if (is_absence(read))
-      PAGS_TRY(note_absence(view->name, views));
-    else
-      PAGS_TRY(read);
+    PAGS_TRY(is_absence(read) ? note_absence(view->name, views) : read);
     there = read == PAGS_OK;
   }
   const pags_camera camera =
@@ -222,58 +197,53 @@ static pags_result draw_view(pags_report_views *views, pags_report_view *view, p
   const pags_part *parts;
   int part_count;
   pags_picture picture;
-  pags_image render = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image render = {0};
   pags_compose(composition, camera.time, &parts, &part_count);
   if (view->scene_view) {
     options.photometric = view->scene_view->photometric;
     pags_frame_options_expose(&options, view->scene_view->gain, view->scene_view->offset);
   }
-  pags_result result = pags_frame_render(frame, parts, part_count, &camera, &options, NULL, NULL, &picture);
-  if (result == PAGS_OK)
-    result = pags_picture_to_image(&picture, PAGS_F32, &render);
-  if (result == PAGS_OK)
-    result = finish_view(view, &render, there ? &photograph : NULL, settings->session->tasks);
-  pags_image_destroy(&render);
-  pags_photograph_destroy(&photograph);
-  return result;
+  PAGS_TRY(pags_frame_render(frame, parts, part_count, &camera, &options, NULL, NULL, &picture));
+  PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
+  if (there)
+    PAGS_TRY(pags_view_score_measure(&render, &photograph, settings->session->tasks, &view->score));
+  view->drawn = true;
+  if (view->shown)
+    PAGS_TRY(encode_float(&render, view, PAGS_VIEW_PICTURE_RENDER));
+  if (!view->shown || !there)
+    return PAGS_OK;
+  PAGS_TRY(encode_float(&photograph.image, view, PAGS_VIEW_PICTURE_PHOTOGRAPH));
+  return encode_error(&render, &photograph, view);
 }
 
-/* The mean over the views that were measured. */
-static pags_result find_mean(pags_report_views *views) {
-  pags_view_score *scores = calloc((size_t)views->count + 1, sizeof *scores);
+pags_result pags_report_views_draw(pags_report_views *views, pags_composition *composition,
+                                   const pags_html_report_settings *settings) {
+  const double begun = pags_seconds();
+  PAGS_AUTO(pags_frame_destroy_auto) pags_frame *frame = NULL;
+  PAGS_TRY(pags_frame_create(settings->session->tasks, &frame));
+  for (int64_t i = 0; i < views->count; i = next_spread(i, views->count)) {
+    if (views->items[i].photograph < 0 && !views->items[i].shown)
+      continue; /* nothing to measure, and no picture */
+    if (settings->cancel && *settings->cancel)
+      return PAGS_CANCELLED;
+    if (settings->seconds > 0 && views->drawn > 0 && pags_seconds() - begun > settings->seconds)
+      break;
+    PAGS_TRY(draw_view(views, &views->items[i], composition, frame, settings));
+    views->drawn++;
+    if (pags_progress_due(settings->progress))
+      pags_progress_show(settings->progress, "report: view %lld of %lld", (long long)views->drawn,
+                         (long long)views->count);
+  }
+
+  /* The mean over the views that were measured. */
+  PAGS_AUTOFREE pags_view_score *scores = calloc((size_t)views->count + 1, sizeof *scores);
   int64_t count = 0;
-  if (!scores)
-    return pags_out_of_memory("%lld views", (long long)views->count);
+  PAGS_CHECK_MEMORY(scores, "%lld views", (long long)views->count);
   for (int64_t i = 0; i < views->count; i++)
     if (!isnan(views->items[i].score.psnr[PAGS_REGION_WHOLE])) {
       scores[count] = views->items[i].score;
       scores[count++].test = 1;
     }
   views->mean = pags_view_scores_mean(scores, count, 1);
-  free(scores);
   return PAGS_OK;
-}
-
-pags_result pags_report_views_draw(pags_report_views *views, pags_composition *composition,
-                                   const pags_html_report_settings *settings) {
-  const double begun = pags_seconds();
-  pags_frame *frame;
-  PAGS_TRY(pags_frame_create(settings->session->tasks, &frame));
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < views->count && result == PAGS_OK; i = next_spread(i, views->count)) {
-    if (views->items[i].photograph < 0 && !views->items[i].shown)
-      continue; /* nothing to measure, and no picture */
-    if (settings->cancel && *settings->cancel)
-      result = PAGS_CANCELLED;
-    else if (settings->seconds > 0 && views->drawn > 0 && pags_seconds() - begun > settings->seconds)
-      break;
-    else
-      result = draw_view(views, &views->items[i], composition, frame, settings);
-    views->drawn += result == PAGS_OK;
-    if (pags_progress_due(settings->progress))
-      pags_progress_show(settings->progress, "report: view %lld of %lld", (long long)views->drawn,
-                         (long long)views->count);
-  }
-  pags_frame_destroy(frame);
-  return result == PAGS_OK ? find_mean(views) : result;
 }
