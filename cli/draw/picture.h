@@ -81,6 +81,18 @@ pags_result pags_image_save_in(const char *folder, const char *file, const pags_
 /* Converts the colour planes to an image of 3 channels: F32 clamped to [0, 1], or U8 or U16 rounded. */
 pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sample, pags_image *out);
 
+/* ---- Rendering ---- */
+
+/* Renders the composition as it is at the camera's time. Errors of pags_frame_render. */
+pags_result pags_picture_render(pags_composition *composition, pags_frame *frame, const pags_camera *camera,
+                                const pags_frame_options *options, pags_picture *out);
+
+/* Renders the same and calls `add` with the weight, the sum of alpha T over the pixels, of each Gaussian in view, once
+ * each, from several threads at once. The same bits for any number of threads. */
+typedef void pags_weight_fn(void *user, int64_t id, double weight);
+pags_result pags_picture_weights(pags_composition *composition, pags_frame *frame, const pags_camera *camera,
+                                 const pags_frame_options *options, pags_weight_fn *add, void *user);
+
 /* ---- Names of pictures: unique, in any letter case ---- */
 
 typedef struct pags_picture_names {

@@ -183,9 +183,10 @@ void pags_page_histograms(pags_html *html, const pags_report_run *runs, int coun
                                       .from_zero = true,
                                       .bins = true,
                                       .log_x = true};
+  pags_scene_contents contents[2] = {runs[0].contents, runs[1].contents};
   pags_curve priorities[2], sizes[2];
   for (int k = 0; k < count; k++) {
-    const pags_scene_contents *c = &runs[k].contents;
+    pags_scene_contents *const c = &contents[k];
     priorities[k] = (pags_curve){.points = c->priorities, .count = c->has_priorities ? PAGS_PRIORITY_BINS + 1 : 0};
     sizes[k] = (pags_curve){.points = c->sizes, .count = c->gaussians ? PAGS_SIZE_BINS + 1 : 0};
   }

@@ -6,10 +6,9 @@
  * |position error|^2 + reach^2 |angle error|^2, linearised, since errors are small:
  *   v = mean(d),   sum(|q|^2 I - q q^T + reach^2 I) w = sum(q x d + reach^2 e)
  * with q = position - c, d = true - own position, and e the rotation vector from the own to the true orientation. */
-#include "cli/measure/camera_errors.h"
+#include "cli/measure/errors.h"
 
 #include <math.h>
-#include <stdlib.h>
 
 #include "base/file.h"
 #include "base/memory.h"
@@ -25,6 +24,19 @@ typedef struct truth {
   int64_t count; /* cameras */
   pags_camera_path *paths;
 } truth;
+
+static void destroy_truth(truth *t) {
+  for (int64_t c = 0; t->paths && c < t->count; c++)
+    pags_camera_path_destroy(&t->paths[c]);
+  free(t->paths);
+}
+
+/* A view's camera, and what turns and moves it to the true one. */
+typedef struct offset {
+  double position[3];
+  double d[3], e[3]; /* metres; rotation vector, radians */
+  bool test;
+} offset;
 
 /* Rotation vector, in the world's axes, that turns pose `from` to pose `to`. */
 static void rotation_between(const double from[12], const double to[12], double out[3]) {
@@ -51,98 +63,82 @@ static const pags_camera *true_camera(const truth *t, const pags_scene_view *vie
   return &t->paths[view->sensor].cameras[view->frame];
 }
 
-static pags_camera camera_of(const pags_scene_view *view, bool recorded) {
-  return recorded ? pags_scene_view_recorded(view) : view->camera;
-}
+static pags_result measure(const pags_scene *scene, const truth *t, bool recorded, const int64_t views[2],
+                           pags_camera_error out[2]) {
+  double middle[3] = {0}, push[3] = {0}, a[9] = {0}, b[3] = {0}, turn[3], squares[2][2] = {{0}}, q[3], lever[3];
+  int64_t count = 0;
+  PAGS_AUTOFREE offset *offsets = calloc((size_t)scene->view_count + 1, sizeof *offsets);
+  PAGS_CHECK_MEMORY(offsets, "%lld views", (long long)scene->view_count);
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    const pags_scene_view *const view = &scene->views[i];
+    const pags_camera *const wanted = true_camera(t, view);
+    if (!wanted)
+      continue;
+    const pags_camera own = recorded ? pags_scene_view_recorded(view) : view->camera;
+    offset *const o = &offsets[count++];
+    o->test = view->test != 0;
+    pags_pose_position(own.world_from_camera, o->position);
+    pags_pose_position(wanted->world_from_camera, o->d);
+    pags_subtract3(o->d, o->position, o->d);
+    rotation_between(own.world_from_camera, wanted->world_from_camera, o->e);
+  }
 
-static void measure(const pags_scene *scene, const truth *t, bool recorded, pags_camera_error out[2]) {
-  double middle[3] = {0}, push[3] = {0}, a[9] = {0}, b[3] = {0}, turn[3], squares[2][2] = {{0}};
-  int64_t count[2] = {0};
-  for (int pass = 0; pass < 3; pass++) {
-    for (int64_t i = 0; i < scene->view_count; i++) {
-      const pags_scene_view *view = &scene->views[i];
-      const pags_camera *wanted = true_camera(t, view);
-      if (!wanted || (view->test && pass < 2))
-        continue;
-      const pags_camera own = camera_of(view, recorded);
-      double d[3], q[3], e[3], lever[3];
-      for (int k = 0; k < 3; k++) {
-        d[k] = wanted->world_from_camera[4 * k + 3] - own.world_from_camera[4 * k + 3];
-        q[k] = own.world_from_camera[4 * k + 3] - middle[k];
-      }
-      rotation_between(own.world_from_camera, wanted->world_from_camera, e);
-      if (pass == 0) { /* sums of positions and of their errors */
-        count[0]++;
-        for (int k = 0; k < 3; k++) {
-          b[k] += own.world_from_camera[4 * k + 3];
-          push[k] += d[k];
-        }
-      } else if (pass == 1) { /* the rotation's system */
-        pags_cross3(q, d, lever);
-        for (int k = 0; k < 3; k++) {
-          b[k] += lever[k] + reach * reach * e[k];
-          a[4 * k] += pags_dot3(q, q) + reach * reach;
-          for (int j = 0; j < 3; j++)
-            a[3 * k + j] -= q[k] * q[j];
-        }
-      } else { /* remaining errors */
-        pags_cross3(turn, q, lever);
-        for (int k = 0; k < 3; k++) {
-          squares[view->test != 0][0] += pow(d[k] - push[k] - lever[k], 2);
-          squares[view->test != 0][1] += pow(e[k] - turn[k], 2);
-        }
-        count[view->test != 0]++;
-      }
+  /* The motion, from the training views. */
+  for (int64_t i = 0; i < count; i++)
+    if (!offsets[i].test) {
+      pags_add3(middle, offsets[i].position, middle);
+      pags_add3(push, offsets[i].d, push);
     }
-    for (int k = 0; k < 3 && pass == 0; k++) {
-      middle[k] = b[k] / (double)(count[0] > 0 ? count[0] : 1);
-      push[k] /= (double)(count[0] > 0 ? count[0] : 1);
-      b[k] = 0;
+  pags_divide3(middle, fmax((double)views[0], 1));
+  pags_divide3(push, fmax((double)views[0], 1));
+  for (int64_t i = 0; i < count; i++) {
+    const offset *const o = &offsets[i];
+    if (o->test)
+      continue;
+    pags_subtract3(o->position, middle, q);
+    pags_cross3(q, o->d, lever);
+    for (int k = 0; k < 3; k++) {
+      b[k] += lever[k] + reach * reach * o->e[k];
+      a[4 * k] += pags_dot3(q, q) + reach * reach;
+      for (int j = 0; j < 3; j++)
+        a[3 * k + j] -= q[k] * q[j];
     }
-    if (pass == 0)
-      count[0] = 0;
-    if (pass == 1)
-      solve3(a, b, turn);
   }
-  for (int test = 0; test < 2; test++) {
-    const double views = (double)(count[test] > 0 ? count[test] : 1);
-    out[test] =
-        (pags_camera_error){sqrt(squares[test][0] / views), sqrt(squares[test][1] / views) * degrees_per_radian};
-  }
-}
+  solve3(a, b, turn);
 
-/* Reads the files of all cameras of the scene that have one. */
-static pags_result read_truth(const char *dataset, const pags_scene *scene, truth *t) {
-  for (int64_t i = 0; i < scene->view_count; i++)
-    t->count = scene->views[i].sensor >= t->count ? scene->views[i].sensor + 1 : t->count;
-  t->paths = calloc((size_t)t->count + 1, sizeof *t->paths);
-  if (!t->paths)
-    return pags_out_of_memory("the true cameras of %s", dataset);
-  for (int64_t c = 0; c < t->count; c++) {
-    char *path = pags_text_format("%s/truth/cameras/%lld.json", dataset, (long long)c);
-    if (!path)
-      return pags_out_of_memory("the true cameras of %s", dataset);
-    const pags_result result = pags_file_exists(path) ? pags_camera_path_load(path, &t->paths[c]) : PAGS_OK;
-    free(path);
-    PAGS_TRY(result);
+  /* The remaining errors. */
+  for (int64_t i = 0; i < count; i++) {
+    const offset *const o = &offsets[i];
+    pags_subtract3(o->position, middle, q);
+    pags_cross3(turn, q, lever);
+    for (int k = 0; k < 3; k++) {
+      squares[o->test][0] += pow(o->d[k] - push[k] - lever[k], 2);
+      squares[o->test][1] += pow(o->e[k] - turn[k], 2);
+    }
   }
+  for (int test = 0; test < 2; test++)
+    out[test] = (pags_camera_error){sqrt(squares[test][0] / fmax((double)views[test], 1)),
+                                    sqrt(squares[test][1] / fmax((double)views[test], 1)) * degrees_per_radian};
   return PAGS_OK;
 }
 
 pags_result pags_camera_errors_measure(const char *dataset, const pags_scene *scene, pags_camera_errors *out) {
-  truth t = {0};
+  PAGS_AUTO(destroy_truth) truth t = {0};
   *out = (pags_camera_errors){0};
-  const pags_result result = read_truth(dataset, scene, &t);
-  if (result == PAGS_OK) {
-    for (int64_t i = 0; i < scene->view_count; i++)
-      out->views[scene->views[i].test != 0] += true_camera(&t, &scene->views[i]) != NULL;
-    measure(scene, &t, true, out->recorded);
-    measure(scene, &t, false, out->corrected);
+  for (int64_t i = 0; i < scene->view_count; i++)
+    t.count = scene->views[i].sensor >= t.count ? scene->views[i].sensor + 1 : t.count;
+  t.paths = calloc((size_t)t.count + 1, sizeof *t.paths);
+  PAGS_CHECK_MEMORY(t.paths, "the true cameras of %s", dataset);
+  for (int64_t c = 0; c < t.count; c++) {
+    PAGS_AUTOFREE char *path = pags_text_format("%s/truth/cameras/%lld.json", dataset, (long long)c);
+    PAGS_CHECK_MEMORY(path, "the true cameras of %s", dataset);
+    if (pags_file_exists(path))
+      PAGS_TRY(pags_camera_path_load(path, &t.paths[c]));
   }
-  for (int64_t c = 0; t.paths && c < t.count; c++)
-    pags_camera_path_destroy(&t.paths[c]);
-  free(t.paths);
-  return result;
+  for (int64_t i = 0; i < scene->view_count; i++)
+    out->views[scene->views[i].test != 0] += true_camera(&t, &scene->views[i]) != NULL;
+  PAGS_TRY(measure(scene, &t, true, out->views, out->recorded));
+  return measure(scene, &t, false, out->views, out->corrected);
 }
 
 static void put_error(pags_json_writer *writer, const char *key, const pags_camera_error *error) {

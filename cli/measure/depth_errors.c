@@ -1,11 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags eval: compares rendered depth with LiDAR depth samples of the views; reports median and mean error, and the
  * share of samples within 5 %. */
-#include "cli/measure/depth_errors.h"
+#include "cli/measure/errors.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include "base/memory.h"
 #include "base/sort.h"
 #include "train/lidar_depth.h"
@@ -14,20 +12,10 @@ enum { MOST_SAMPLES = 200000 }; /* per view */
 
 static const double near_share = 0.05;
 
-void pags_depth_errors_destroy(pags_depth_errors *errors) {
-  free(errors->errors);
-  memset(errors, 0, sizeof *errors);
-}
-
 static pags_result reserve(pags_depth_errors *errors, int64_t more) {
-  if (errors->count + more <= errors->room)
-    return PAGS_OK;
-  int64_t room = 2 * (errors->count + more);
-  double *grown = realloc(errors->errors, (size_t)room * sizeof *grown);
-  if (!grown)
-    return pags_out_of_memory("%lld depths", (long long)room);
-  errors->errors = grown;
-  errors->room = room;
+  const int64_t needed = errors->count + more;
+  PAGS_CHECK_MEMORY(pags_grow(&errors->errors, needed, &errors->capacity, sizeof *errors->errors), "%lld depths",
+                    (long long)needed);
   return PAGS_OK;
 }
 
@@ -39,32 +27,27 @@ pags_result pags_depth_errors_append(pags_depth_errors *errors, const double *mo
   return PAGS_OK;
 }
 
-static void add_sample(pags_depth_errors *errors, const pags_lidar_depth_sample *sample, const pags_picture *picture,
-                       const uint8_t *mask) {
-  int x = (int)sample->x, y = (int)sample->y;
-  if (x < 0 || y < 0 || x >= picture->width || y >= picture->height ||
-      (mask && !mask[(size_t)y * (size_t)picture->width + (size_t)x]))
-    return;
-  float depth = picture->depth[(size_t)y * (size_t)picture->stride + (size_t)x];
-  if (!(depth > 0)) {
-    errors->unblended++;
-    return;
-  }
-  double error = fabs((double)depth - (double)sample->depth);
-  errors->errors[errors->count++] = error;
-  errors->within += error <= near_share * (double)sample->depth;
-}
-
 pags_result pags_depth_errors_add(pags_depth_errors *errors, const pags_dataset *dataset, int64_t view,
                                   const pags_picture *picture, const uint8_t *mask) {
-  pags_lidar_depth_sample *samples;
+  PAGS_AUTOFREE pags_lidar_depth_sample *samples = NULL;
   int64_t count;
   PAGS_TRY(pags_lidar_depth_samples(dataset, view, MOST_SAMPLES, &count, &samples));
-  pags_result result = reserve(errors, count);
-  for (int64_t i = 0; result == PAGS_OK && i < count; i++)
-    add_sample(errors, &samples[i], picture, mask);
-  free(samples);
-  return result;
+  PAGS_TRY(reserve(errors, count));
+  for (int64_t i = 0; i < count; i++) {
+    const int x = (int)samples[i].x, y = (int)samples[i].y;
+    if (x < 0 || y < 0 || x >= picture->width || y >= picture->height ||
+        (mask && !mask[(size_t)y * (size_t)picture->width + (size_t)x]))
+      continue;
+    const double depth = (double)picture->depth[(size_t)y * (size_t)picture->stride + (size_t)x];
+    const double measured = (double)samples[i].depth, error = fabs(depth - measured);
+    if (depth > 0) {
+      errors->errors[errors->count++] = error;
+      errors->within += error <= near_share * measured;
+    } else {
+      errors->unblended++;
+    }
+  }
+  return PAGS_OK;
 }
 
 pags_depth_figures pags_depth_errors_figures(pags_depth_errors *errors) {

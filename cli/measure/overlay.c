@@ -11,10 +11,8 @@
 #include "cli/measure/overlay_draw.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-#include "base/file.h"
-#include "base/memory.h"
+#include "base/vec3.h"
+#include "dataset/owners.h"
 #include "train/lidar_depth.h"
 
 enum { MOST_STEPS = 20, MOST_SAMPLES = 20000 };
@@ -38,7 +36,6 @@ typedef struct overlay {
   const pags_dataset *dataset;
   const char *folder;
   pags_photo_cache *photos;
-  uint8_t *outlines; /* of the current picture, a byte a pixel: 1 inside a moving object's box */
   int64_t pictures, points;
   share under_sky;   /* of the LiDAR points: those on sky pixels */
   share on_vehicles; /* of the points inside moving vehicles' boxes: those on pixels labelled critical */
@@ -56,11 +53,9 @@ static const uint8_t parked_colour[3] = {110, 150, 150};
 static int place_in_box(const pags_object *object, const double pose[12], const double world[3]) {
   double inverse[12], beyond = -HUGE_VAL, p[3];
   pags_rigid_inverse(pose, inverse);
-  for (int k = 0; k < 3; k++) {
-    const double *m = inverse + 4 * k;
-    p[k] = m[0] * world[0] + m[1] * world[1] + m[2] * world[2] + m[3];
+  pags_rigid_point(inverse, world, p);
+  for (int k = 0; k < 3; k++)
     beyond = fmax(beyond, fabs(p[k]) - 0.5 * object->size[k]);
-  }
   if (p[2] < ground - 0.5 * object->size[2])
     return 0;
   return beyond <= inside_slack ? 2 : beyond <= about_slack;
@@ -74,7 +69,7 @@ static int place_of(const overlay *o, double time, const double world[3]) {
     double pose[12];
     if (!object->moving || object->category != PAGS_CATEGORY_VEHICLE || !pags_object_pose(object, time, pose))
       continue;
-    int place = place_in_box(object, pose, world);
+    const int place = place_in_box(object, pose, world);
     best = place > best ? place : best;
   }
   return best;
@@ -82,16 +77,13 @@ static int place_of(const overlay *o, double time, const double world[3]) {
 
 static void measure_point(overlay *o, const pags_view *view, const pags_photo *photo,
                           const pags_lidar_depth_sample *sample) {
-  double world[3];
-  unsigned labels = photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
-
-  /* Unproject the sample to the world. */
-  double p[3];
+  double p[3], world[3];
+  const unsigned labels =
+      photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
   if (!pags_camera_point(&view->camera, (double)sample->x, (double)sample->y, (double)sample->depth, p))
     return;
   pags_rigid_point(view->camera.world_from_camera, p, world);
-
-  int place = place_of(o, view->camera.time, world);
+  const int place = place_of(o, view->camera.time, world);
   o->in_boxes.of += place > 0;
   o->in_boxes.hits += place == 2;
   o->points++;
@@ -105,7 +97,7 @@ static void measure_point(overlay *o, const pags_view *view, const pags_photo *p
 
 static pags_result draw_points(overlay *o, int64_t index, const pags_photo *photo, pags_image *image) {
   const pags_view *view = pags_dataset_view(o->dataset, index);
-  pags_lidar_depth_sample *samples;
+  PAGS_AUTOFREE pags_lidar_depth_sample *samples = NULL;
   int64_t count;
   PAGS_TRY(pags_lidar_depth_samples(o->dataset, index, MOST_SAMPLES, &count, &samples));
   for (int64_t i = 0; i < count; i++) {
@@ -114,7 +106,6 @@ static pags_result draw_points(overlay *o, int64_t index, const pags_photo *phot
     pags_draw_dot(image, (double)samples[i].x, (double)samples[i].y, image->width >= 800, rgb);
     measure_point(o, view, photo, &samples[i]);
   }
-  free(samples);
   return PAGS_OK;
 }
 
@@ -123,88 +114,66 @@ static pags_result draw_points(overlay *o, int64_t index, const pags_photo *phot
 static pags_result draw_view(overlay *o, int64_t index) {
   const pags_view *view = pags_dataset_view(o->dataset, index);
   pags_photo photo;
-  pags_image image = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   PAGS_TRY(pags_photo_cache_get(o->photos, index, 1, &photo));
-
   PAGS_TRY(pags_photo_image(&photo, &image));
+  PAGS_AUTOFREE uint8_t *outlines = calloc((size_t)photo.width, (size_t)photo.height); /* 1 inside a moving box */
+  PAGS_CHECK_MEMORY(outlines, NULL);
+  PAGS_TRY(draw_points(o, index, &photo, &image));
 
-  size_t pixels = (size_t)photo.width * (size_t)photo.height;
-  uint8_t *grown = realloc(o->outlines, pixels);
-  pags_result result = grown ? PAGS_OK : pags_out_of_memory(NULL);
-  if (grown) {
-    o->outlines = grown;
-    memset(o->outlines, 0, pixels);
-    result = draw_points(o, index, &photo, &image);
+  /* Draw the boxes of all objects at the view's time; fill the outlines of the moving ones. */
+  for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); i++) {
+    const pags_object *object = pags_dataset_object(o->dataset, i);
+    double pose[12], corners[32];
+    if (!pags_object_pose(object, view->camera.time, pose))
+      continue;
+    const int count = pags_box_outline(&view->camera, pose, object->size, corners);
+    o->boxes.of++;
+    if (!count)
+      continue;
+    o->boxes.hits++;
+    pags_draw_box(&image, &view->camera, pose, object->size,
+                  object->moving ? colours[object->category] : parked_colour);
+    if (object->moving)
+      pags_outline_fill(corners, count, image.width, image.height, image.width, 1, outlines);
   }
-  if (result == PAGS_OK) {
-    /* Draw the boxes of all objects at the view's time; fill the outlines of the moving ones. */
-    for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); i++) {
-      const pags_object *object = pags_dataset_object(o->dataset, i);
-      double pose[12], corners[32];
-      if (!pags_object_pose(object, view->camera.time, pose))
-        continue;
-      int count = pags_box_outline(&view->camera, pose, object->size, corners);
-      o->boxes.of++;
-      if (!count)
-        continue;
-      o->boxes.hits++;
-      pags_draw_box(&image, &view->camera, pose, object->size,
-                    object->moving ? colours[object->category] : parked_colour);
-      if (object->moving)
-        pags_outline_fill(corners, count, image.width, image.height, image.width, 1, o->outlines);
-    }
 
-    if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS) {
-      /* Compare the outlines with the mask of moving objects, pixel by pixel. */
-      for (int y = 0; y < photo.height; y++)
-        for (int x = 0; x < photo.width; x++) {
-          bool box = o->outlines[(size_t)y * (size_t)photo.width + (size_t)x] != 0;
-          bool mask = (photo.labels[(size_t)y * (size_t)photo.stride + (size_t)x] & PAGS_LABEL_MOVING) != 0;
-          o->union_.of += box || mask;
-          o->union_.hits += box && mask;
-        }
-    }
-    o->pictures++;
+  /* Compare the outlines with the mask of moving objects, pixel by pixel. */
+  if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS)
+    for (int y = 0; y < photo.height; y++)
+      for (int x = 0; x < photo.width; x++) {
+        const bool box = outlines[(size_t)y * (size_t)photo.width + (size_t)x] != 0;
+        const bool mask = (photo.labels[(size_t)y * (size_t)photo.stride + (size_t)x] & PAGS_LABEL_MOVING) != 0;
+        o->union_.of += box || mask;
+        o->union_.hits += box && mask;
+      }
+  o->pictures++;
 
-    /* Save the picture as NAME.jpg, NAME being the photograph's stem. */
-    char stem[PAGS_STEM], file[PAGS_STEM + 16];
-    pags_stem(view->name, stem, sizeof stem);
-    snprintf(file, sizeof file, "%s.jpg", stem);
-    result = pags_image_save_in(o->folder, file, &image);
-  }
-  pags_image_destroy(&image);
-  return result;
-}
-
-/* Returns whether a time step, counted from 0, is among the at most MOST_STEPS evenly chosen ones. */
-static bool is_drawn(int64_t step, int64_t steps) {
-  return steps <= MOST_STEPS || step * MOST_STEPS / steps != (step + 1) * MOST_STEPS / steps;
-}
-
-/* Whether the view is the first of its time step; views are sorted by it. */
-static bool begins_step(const pags_dataset *dataset, int64_t view) {
-  return view == 0 || pags_dataset_view(dataset, view)->frame != pags_dataset_view(dataset, view - 1)->frame;
+  /* Save the picture as NAME.jpg, NAME being the photograph's stem. */
+  char stem[PAGS_STEM], file[PAGS_STEM + 16];
+  pags_stem(view->name, stem, sizeof stem);
+  snprintf(file, sizeof file, "%s.jpg", stem);
+  return pags_image_save_in(o->folder, file, &image);
 }
 
 static pags_result draw_all(overlay *o, const pags_session *session) {
   const int64_t count = pags_dataset_view_count(o->dataset);
   int64_t steps = 0, step = -1;
-  pags_result result = PAGS_OK;
   for (int64_t i = 0; i < count; i++)
-    steps += begins_step(o->dataset, i);
-  pags_progress progress = pags_progress_begin(session->people);
+    steps += pags_view_begins_step(o->dataset, i);
+  PAGS_AUTO(pags_progress_end) pags_progress progress = pags_progress_begin(session->people);
   pags_interrupt_install(session->tasks);
-  for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
-    step += begins_step(o->dataset, i);
+  for (int64_t i = 0; i < count; i++) {
+    step += pags_view_begins_step(o->dataset, i);
     if (pags_interrupted())
-      result = pags_fail(PAGS_CANCELLED, "interrupted after %lld pictures", (long long)o->pictures);
-    else if (is_drawn(step, steps))
-      result = draw_view(o, i);
+      return pags_fail(PAGS_CANCELLED, "interrupted after %lld pictures", (long long)o->pictures);
+    /* The time step is one of at most MOST_STEPS evenly chosen ones. */
+    if (steps <= MOST_STEPS || step * MOST_STEPS / steps != (step + 1) * MOST_STEPS / steps)
+      PAGS_TRY(draw_view(o, i));
     if (pags_progress_due(&progress))
       pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)count);
   }
-  pags_progress_end(&progress);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Figures and warnings ---- */
@@ -216,20 +185,20 @@ static double front_cosine(const pags_dataset *dataset) {
   int64_t count = 0;
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
-    if (object->category == PAGS_CATEGORY_VEHICLE)
-      for (int64_t n = 0; n + 1 < object->keyframe_count; n++) {
-        const pags_keyframe *a = &object->keyframes[n], *b = &object->keyframes[n + 1];
-        double way[3], dot = 0, square = 0;
-        for (int k = 0; k < 3; k++) {
-          way[k] = b->world_from_object[4 * k + 3] - a->world_from_object[4 * k + 3];
-          dot += way[k] * a->world_from_object[4 * k];
-          square += way[k] * way[k];
-        }
-        if (b->time > a->time && sqrt(square) > least_speed * (b->time - a->time)) {
-          sum += dot / sqrt(square);
-          count++;
-        }
+    if (object->category != PAGS_CATEGORY_VEHICLE)
+      continue;
+    for (int64_t n = 0; n + 1 < object->keyframe_count; n++) {
+      const pags_keyframe *a = &object->keyframes[n], *b = &object->keyframes[n + 1];
+      double way[3], from[3];
+      pags_pose_position(a->world_from_object, from);
+      pags_pose_position(b->world_from_object, way);
+      pags_subtract3(way, from, way);
+      const double front[3] = {a->world_from_object[0], a->world_from_object[4], a->world_from_object[8]};
+      if (b->time > a->time && pags_length3(way) > least_speed * (b->time - a->time)) {
+        sum += pags_dot3(way, front) / pags_length3(way);
+        count++;
       }
+    }
   }
   return count ? sum / (double)count : (double)NAN;
 }
@@ -240,13 +209,11 @@ pags_result pags_overlay(const pags_dataset *dataset, const char *folder, pags_s
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: --overlay is for driving sets, which have boxes or LiDAR",
                      pags_dataset_path(dataset));
   PAGS_TRY(pags_prepare_folder(session, folder));
-  PAGS_TRY(pags_photo_cache_create(dataset, session->tasks, (uint64_t)128 << 20, &o.photos));
-  pags_result result = draw_all(&o, session);
-  pags_photo_cache_destroy(o.photos);
-  free(o.outlines);
-  if (result != PAGS_OK)
-    return result;
-  double cosine = front_cosine(dataset);
+  PAGS_AUTO(pags_photo_cache_destroy_auto) pags_photo_cache *photos = NULL;
+  PAGS_TRY(pags_photo_cache_create(dataset, session->tasks, (uint64_t)128 << 20, &photos));
+  o.photos = photos;
+  PAGS_TRY(draw_all(&o, session));
+  const double cosine = front_cosine(dataset);
   pags_report_begin_group(report, "overlay");
 
   /* Report the figures. */

@@ -5,10 +5,10 @@
 
 #include <inttypes.h>
 #include <math.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 static const double near_plane = 0.1;
@@ -74,40 +74,33 @@ void pags_draw_number(pags_image *image, int x, int y, int64_t number) {
     }
 }
 
-/* Draws the edge through a lens in short pieces; those on both sides of a panorama's seam are left out. */
-static void draw_curve(pags_image *image, const pags_camera *camera, const double a[3], const double b[3],
-                       const uint8_t rgb[3]) {
-  enum { PIECES = 16 };
-  double before[2] = {0, 0}, at[2];
-  bool drawn = false;
-  for (int i = 0; i <= PIECES; i++) {
-    double p[3];
-    for (int k = 0; k < 3; k++)
-      p[k] = a[k] + (b[k] - a[k]) * i / PIECES;
-    const bool seen =
-        p[0] * p[0] + p[1] * p[1] + p[2] * p[2] > near_plane * near_plane && pags_camera_project(camera, p, at, NULL);
-    if (seen && drawn && fabs(at[0] - before[0]) < 0.5 * image->width)
-      pags_draw_line(image, before, at, rgb);
-    drawn = seen;
-    memcpy(before, at, sizeof before);
-  }
-}
-
 /* Projects and draws the edge from a to b, both in camera coordinates, clipped at the near plane. */
 static void draw_edge(pags_image *image, const pags_camera *camera, const double a[3], const double b[3],
                       const uint8_t rgb[3]) {
-  double ends[2][3], pixels[2][2];
+  enum { PIECES = 16 };
+  double ends[2][3], way[3], before[2] = {0, 0}, at[2];
+  pags_subtract3(b, a, way);
   if (pags_camera_bends(camera)) {
-    draw_curve(image, camera, a, b, rgb);
+    /* The edge through a lens in short pieces; those on both sides of a panorama's seam are left out. */
+    bool drawn = false;
+    for (int i = 0; i <= PIECES; i++) {
+      double p[3];
+      for (int k = 0; k < 3; k++)
+        p[k] = a[k] + way[k] * i / PIECES;
+      const bool seen = pags_dot3(p, p) > near_plane * near_plane && pags_camera_project(camera, p, at, NULL);
+      if (seen && drawn && fabs(at[0] - before[0]) < 0.5 * image->width)
+        pags_draw_line(image, before, at, rgb);
+      drawn = seen;
+      memcpy(before, at, sizeof before);
+    }
     return;
   }
   if (a[2] < near_plane && b[2] < near_plane)
     return;
-  for (int k = 0; k < 3; k++) {
-    double to_near = (near_plane - a[2]) / (b[2] - a[2]), on_plane = a[k] + to_near * (b[k] - a[k]);
-    ends[0][k] = a[2] < near_plane ? on_plane : a[k];
-    ends[1][k] = b[2] < near_plane ? on_plane : b[k];
-  }
+  double on_plane[3], pixels[2][2];
+  pags_along3(a, (near_plane - a[2]) / way[2], way, on_plane);
+  pags_copy3(a[2] < near_plane ? on_plane : a, ends[0]);
+  pags_copy3(b[2] < near_plane ? on_plane : b, ends[1]);
   for (int e = 0; e < 2; e++) {
     pixels[e][0] = camera->fx * ends[e][0] / ends[e][2] + camera->cx;
     pixels[e][1] = camera->fy * ends[e][1] / ends[e][2] + camera->cy;
@@ -132,6 +125,10 @@ void pags_draw_box(pags_image *image, const pags_camera *camera, const double wo
         draw_edge(image, camera, corners[i], corners[i | 1 << k], rgb);
   draw_edge(image, camera, corners[1], corners[7], rgb);
   draw_edge(image, camera, corners[3], corners[5], rgb);
+}
+
+bool pags_view_begins_step(const pags_dataset *dataset, int64_t view) {
+  return view == 0 || pags_dataset_view(dataset, view)->frame != pags_dataset_view(dataset, view - 1)->frame;
 }
 
 void pags_depth_colour(double metres, uint8_t rgb[3]) {

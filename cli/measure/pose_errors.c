@@ -1,13 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags eval: errors of the labelled and the trained object poses against a synthetic set's true tracks, in metres and
  * degrees. */
-#include "cli/measure/pose_errors.h"
+#include "cli/measure/errors.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-#include "base/file.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
 
@@ -32,52 +30,44 @@ static offset offset_of(const double given[12], const double pose[12]) {
                   pags_atan2(between[4], between[0]) * 180 / 3.14159265358979323846};
 }
 
-static void add_offset(pags_pose_error *sum, int labelled, const double p[3], double degrees) {
+static void add_offset(pags_pose_error *sum, bool labelled, const double p[3], double degrees) {
   *(labelled ? &sum->label_metres : &sum->metres) += pags_length3(p);
   *(labelled ? &sum->label_degrees : &sum->degrees) += fabs(degrees);
 }
 
+/* The errors of one keyframe's pose as labelled, and as trained. */
+typedef struct keyframe_errors {
+  offset labelled, trained;
+} keyframe_errors;
+
 /* Adds the errors of one track to the sums: unchanged to `absolute`, and with the track's mean error subtracted to
  * `relative`. */
-static void add_track(const offset *offsets, int64_t count, int labelled, pags_pose_errors *out) {
+static void add_track(const keyframe_errors *track, int64_t count, bool labelled, pags_pose_errors *out) {
   offset mean = {{0, 0, 0}, 0};
   for (int64_t i = 0; i < count; i++) {
+    const offset *const o = labelled ? &track[i].labelled : &track[i].trained;
     for (int k = 0; k < 3; k++)
-      mean.p[k] += offsets[i].p[k] / (double)count;
-    mean.degrees += offsets[i].degrees / (double)count;
+      mean.p[k] += o->p[k] / (double)count;
+    mean.degrees += o->degrees / (double)count;
   }
   for (int64_t i = 0; i < count; i++) {
+    const offset *const o = labelled ? &track[i].labelled : &track[i].trained;
     double rest[3];
-    for (int k = 0; k < 3; k++)
-      rest[k] = offsets[i].p[k] - mean.p[k];
-    add_offset(&out->absolute, labelled, offsets[i].p, offsets[i].degrees);
-    add_offset(&out->relative, labelled, rest, offsets[i].degrees - mean.degrees);
+    pags_subtract3(o->p, mean.p, rest);
+    add_offset(&out->absolute, labelled, o->p, o->degrees);
+    add_offset(&out->relative, labelled, rest, o->degrees - mean.degrees);
   }
 }
 
 typedef struct reading {
   const pags_json *json;
   /* the file's objects face +y: their poses are turned so that they face +x, as the data set's reader does */
-  int forward_y;
-  offset *labelled, *trained;
-  int64_t count, room;
+  bool forward_y;
+  keyframe_errors *track;
+  int64_t count, capacity;
 } reading;
 
 /* ---- Reading the true poses ---- */
-
-static pags_result make_room(reading *r) {
-  int64_t room = 2 * r->room + 64;
-  if (r->count < r->room)
-    return PAGS_OK;
-  offset *labelled = realloc(r->labelled, (size_t)room * sizeof *labelled);
-  r->labelled = labelled ? labelled : r->labelled;
-  offset *trained = realloc(r->trained, (size_t)room * sizeof *trained);
-  r->trained = trained ? trained : r->trained;
-  if (!labelled || !trained)
-    return pags_out_of_memory("%lld poses", (long long)room);
-  r->room = room;
-  return PAGS_OK;
-}
 
 /* Computes the errors of one keyframe against the true pose `matrix`. Errors of held-out keyframes are added to the
  * sums at once; those of trained keyframes are kept in `r` until the track's mean is known. */
@@ -87,9 +77,8 @@ static pags_result add_keyframe(reading *r, const pags_object *object, const pag
 
   /* Read the 4x4 matrix, given as four rows, and keep its first three rows. */
   int n = 0;
-  PAGS_TRY(matrix->type == PAGS_JSON_ARRAY
-               ? PAGS_OK
-               : pags_json_fail(r->json, matrix, "expected a 4x4 matrix as four arrays of four numbers"));
+  if (matrix->type != PAGS_JSON_ARRAY)
+    return pags_json_fail(r->json, matrix, "expected a 4x4 matrix as four arrays of four numbers");
   for (const pags_json_value *row = matrix->first; row; row = row->next)
     for (const pags_json_value *v = row->first; v; v = v->next) {
       double value;
@@ -110,16 +99,16 @@ static pags_result add_keyframe(reading *r, const pags_object *object, const pag
 
   if (!pags_object_pose(object, keyframe->time, pose))
     return PAGS_OK;
-  const offset labelled = offset_of(given, keyframe->world_from_object), drawn = offset_of(given, pose);
+  const keyframe_errors errors = {offset_of(given, keyframe->world_from_object), offset_of(given, pose)};
   if (!keyframe->trained) {
-    add_offset(&out->held_out, 1, labelled.p, labelled.degrees);
-    add_offset(&out->held_out, 0, drawn.p, drawn.degrees);
+    add_offset(&out->held_out, true, errors.labelled.p, errors.labelled.degrees);
+    add_offset(&out->held_out, false, errors.trained.p, errors.trained.degrees);
     out->held_out_keyframes++;
     return PAGS_OK;
   }
-  PAGS_TRY(make_room(r));
-  r->labelled[r->count] = labelled;
-  r->trained[r->count++] = drawn;
+  PAGS_CHECK_MEMORY(pags_grow(&r->track, r->count + 1, &r->capacity, sizeof *r->track), "%lld poses",
+                    (long long)r->count + 1);
+  r->track[r->count++] = errors;
   return PAGS_OK;
 }
 
@@ -149,27 +138,9 @@ static pags_result add_object(reading *r, const pags_scene *scene, const pags_js
     return PAGS_OK;
   out->objects++;
   out->keyframes += r->count;
-  add_track(r->labelled, r->count, 1, out);
-  add_track(r->trained, r->count, 0, out);
+  add_track(r->track, r->count, true, out);
+  add_track(r->track, r->count, false, out);
   return PAGS_OK;
-}
-
-/* Reads from dataset.json whether the data set's objects face +y instead of +x ("object_forward"). */
-static pags_result read_forward(const char *dataset, int *forward_y) {
-  pags_json *json;
-  const char *forward = "+x";
-  char *path = pags_path_join(dataset, "dataset.json");
-  *forward_y = 0;
-  if (!path)
-    return pags_out_of_memory(NULL);
-  pags_result result = pags_file_exists(path) ? pags_json_parse_file(path, &json) : PAGS_OK;
-  if (result == PAGS_OK && pags_file_exists(path)) {
-    result = pags_json_string_or(json, pags_json_root(json), "object_forward", "+x", &forward);
-    *forward_y = result == PAGS_OK && !strcmp(forward, "+y");
-    pags_json_destroy(json);
-  }
-  free(path);
-  return result;
 }
 
 static void divide(pags_pose_error *sum, int64_t keyframes) {
@@ -179,51 +150,44 @@ static void divide(pags_pose_error *sum, int64_t keyframes) {
       *sums[i] /= (double)keyframes;
 }
 
-static pags_result measure(const char *path, const char *dataset, const pags_scene *scene, pags_pose_errors *out) {
-  reading r = {0};
-  pags_json *json;
-  PAGS_TRY(read_forward(dataset, &r.forward_y));
-  PAGS_TRY(pags_json_parse_file(path, &json));
-  r.json = json;
-  pags_result result = pags_json_as_object(json, pags_json_root(json), "the file");
+pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scene, pags_pose_errors *out) {
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *about = NULL;
+  const char *forward = "+x";
+  memset(out, 0, sizeof *out);
+  PAGS_TRY(pags_json_parse_in_folder(dataset, "truth/instances/instances_info.json", &json));
+  if (!json)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_parse_in_folder(dataset, "dataset.json", &about));
+  if (about)
+    PAGS_TRY(pags_json_string_or(about, pags_json_root(about), "object_forward", "+x", &forward));
+  PAGS_TRY(pags_json_as_object(json, pags_json_root(json), "the file"));
+  reading r = {.json = json, .forward_y = !strcmp(forward, "+y")};
+  pags_result result = PAGS_OK;
   for (const pags_json_value *v = pags_json_root(json)->first; result == PAGS_OK && v; v = v->next)
     result = add_object(&r, scene, v, out);
-  free(r.labelled);
-  free(r.trained);
-  pags_json_destroy(json);
+  free(r.track);
   divide(&out->absolute, out->keyframes);
   divide(&out->relative, out->keyframes);
   divide(&out->held_out, out->held_out_keyframes);
   return result;
 }
 
-pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scene, pags_pose_errors *out) {
-  memset(out, 0, sizeof *out);
-  char *path = pags_path_join(dataset, "truth/instances/instances_info.json");
-  if (!path)
-    return pags_out_of_memory(NULL);
-  pags_result result = pags_file_exists(path) ? measure(path, dataset, scene, out) : PAGS_OK;
-  free(path);
-  return result;
-}
-
 /* ---- JSON output ---- */
 
 /* Share of the labels' error that training removed; NaN if the labels have no error. */
-static double recovered(double labelled, double trained) {
-  return labelled > 0 ? 1 - trained / labelled : (double)NAN;
+static double recovered(double least, double labelled, double trained) {
+  return labelled > least ? 1 - trained / labelled : (double)NAN;
 }
 
 static void put_kind(pags_json_writer *writer, const char *key, const pags_pose_error *e) {
   pags_json_begin_object(writer, key);
   pags_json_put_number(writer, "label_metres", e->label_metres);
   pags_json_put_number(writer, "metres", e->metres);
-  pags_json_put_number(writer, "recovered_metres",
-                       e->label_metres > least_metres ? recovered(e->label_metres, e->metres) : (double)NAN);
+  pags_json_put_number(writer, "recovered_metres", recovered(least_metres, e->label_metres, e->metres));
   pags_json_put_number(writer, "label_degrees", e->label_degrees);
   pags_json_put_number(writer, "degrees", e->degrees);
-  pags_json_put_number(writer, "recovered_degrees",
-                       e->label_degrees > least_degrees ? recovered(e->label_degrees, e->degrees) : (double)NAN);
+  pags_json_put_number(writer, "recovered_degrees", recovered(least_degrees, e->label_degrees, e->degrees));
   pags_json_end_object(writer);
 }
 

@@ -4,17 +4,14 @@
 #include "cli/measure/info.h"
 
 #include "cli/draw/camera_paths.h"
+#include "cli/draw/picture.h"
 
 #include <math.h>
-#include <pags/compose.h>
 #include <pags/train.h>
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
 #include "base/file.h"
-#include "base/memory.h"
-#include "base/text.h"
 #include "base/vec3.h"
+#include "frame/owners.h"
 
 const char *pags_up_name(pags_up up) {
   return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : up == PAGS_UP_Y ? "+y" : "unknown";
@@ -65,48 +62,36 @@ static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
   return lo[0] <= hi[0];
 }
 
-/* Size in bytes of a SOG folder: its meta.json and all WebP pictures. */
-static pags_result sog_bytes(const char *meta, uint64_t *bytes) {
-  pags_dir_list list = {0};
-  uint64_t size;
-  char *folder = pags_path_folder(meta);
-  pags_result result = folder ? pags_dir_list_read(folder, &list) : pags_out_of_memory(NULL);
-  if (result == PAGS_OK)
-    result = pags_file_size(meta, bytes);
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)
-    if (strcasecmp(pags_path_extension(list.names[i]), ".webp") == 0) {
-      char *picture = pags_path_join(folder, list.names[i]);
-      result = picture ? pags_file_size(picture, &size) : pags_out_of_memory(NULL);
-      *bytes += result == PAGS_OK ? size : 0;
-      free(picture);
-    }
-  pags_dir_list_destroy(&list);
-  free(folder);
-  return result;
-}
-
-/* Size in bytes of the splat file `path`, or, if `path` is a scene folder, of `file` in it. */
-static pags_result file_bytes(const char *path, const char *file, bool folder, uint64_t *bytes) {
-  if (!folder)
-    return strcasecmp(pags_path_name(path), "meta.json") == 0 ? sog_bytes(path, bytes) : pags_file_size(path, bytes);
-  char *inside = pags_path_join(path, file);
-  if (!inside)
-    return pags_out_of_memory(NULL);
-  const pags_result result = file_bytes(inside, NULL, false, bytes);
-  free(inside);
-  return result;
+/* Size in bytes of the splat file `path`; of an unpacked SOG those of meta.json and all WebP pictures together. */
+static pags_result file_bytes(const char *path, uint64_t *bytes) {
+  PAGS_TRY(pags_file_size(path, bytes));
+  if (strcasecmp(pags_path_name(path), "meta.json") != 0)
+    return PAGS_OK;
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  PAGS_AUTOFREE char *folder = pags_path_folder(path);
+  PAGS_CHECK_MEMORY(folder, NULL);
+  PAGS_TRY(pags_dir_list_read(folder, &list));
+  for (int64_t i = 0; i < list.count; i++) {
+    PAGS_AUTOFREE char *picture = pags_path_join(folder, list.names[i]);
+    uint64_t size = 0;
+    PAGS_CHECK_MEMORY(picture, NULL);
+    if (strcasecmp(pags_path_extension(list.names[i]), ".webp") == 0)
+      PAGS_TRY(pags_file_size(picture, &size));
+    *bytes += size;
+  }
+  return PAGS_OK;
 }
 
 static pags_result put_models(pags_report *report, const char *path, const pags_scene *scene, uint64_t *total) {
-  bool folder = pags_dir_exists(path);
-  *total = 0;
+  const bool folder = pags_dir_exists(path);
   pags_report_begin_list(report, "models");
   for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_model *model = &scene->models[i];
     const pags_scene_object *object = object_of(scene, i);
+    PAGS_AUTOFREE char *inside = folder ? pags_path_join(path, model->file) : NULL;
     uint64_t bytes;
-
-    PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
+    PAGS_CHECK_MEMORY(inside || !folder, NULL);
+    PAGS_TRY(file_bytes(folder ? inside : path, &bytes));
     *total += bytes;
     if (object) {
       /* Print one line per object's model, since there may be a hundred of them. */
@@ -127,7 +112,6 @@ static pags_result put_models(pags_report *report, const char *path, const pags_
       pags_json_put_bool(w, "fourier_colour", g->fourier != NULL);
       pags_json_put_bool(w, "rigid", object->rigid != 0);
       pags_json_end_object(w);
-
       continue;
     }
     pags_report_begin_item(report, model->name);
@@ -180,7 +164,7 @@ pags_result pags_scene_object_gaussians(const pags_scene *scene, int64_t **out) 
   for (int64_t m = 0; m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
     for (int64_t i = 0; g->object_id && !object_of(scene, m) && i < g->count; i++)
-      if (g->object_id[i] >= 0)
+      if (g->object_id[i] >= 0 && g->object_id[i] < scene->object_count) /* a splat file has ids but no objects */
         counts[g->object_id[i]]++;
   }
   for (int64_t o = 0; o < scene->object_count; o++)
@@ -190,7 +174,7 @@ pags_result pags_scene_object_gaussians(const pags_scene *scene, int64_t **out) 
 }
 
 static pags_result list_objects(pags_report *report, const pags_scene *scene) {
-  int64_t *gaussians;
+  PAGS_AUTOFREE int64_t *gaussians = NULL;
   PAGS_TRY(pags_scene_object_gaussians(scene, &gaussians));
   pags_report_begin_list(report, "every_object");
   for (int64_t o = 0; o < scene->object_count; o++) {
@@ -209,7 +193,6 @@ static pags_result list_objects(pags_report *report, const pags_scene *scene) {
     pags_report_end_item(report);
   }
   pags_report_end_list(report);
-  free(gaussians);
   return PAGS_OK;
 }
 
@@ -328,7 +311,7 @@ static void list_notes(pags_report *report, const pags_json_value *array) {
 }
 
 static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
-  pags_json *json;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   if (!scene->notes)
     return PAGS_OK;
   PAGS_TRY(pags_json_parse_text("modelled", scene->notes, strlen(scene->notes), &json));
@@ -336,8 +319,7 @@ static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
   report->indent += 2;
 
   /* Print the trainer's notes, whatever their keys: the trainer alone decides what it notes. */
-  const pags_json_value *object = pags_json_root(json);
-  for (const pags_json_value *v = object->first; v; v = v->next) {
+  for (const pags_json_value *v = pags_json_root(json)->first; v; v = v->next) {
     char text[1000];
     if (v->type == PAGS_JSON_OBJECT) {
       pags_spoken_members(v, NULL, text, sizeof text);
@@ -351,65 +333,48 @@ static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
       pags_report_line(report, v->key, "%s", pags_spoken_value(v, text));
     }
   }
-
   report->indent -= 2;
   pags_json_put_raw(&report->json, "modelled", scene->notes);
-  pags_json_destroy(json);
   return PAGS_OK;
 }
 
 /* ---- Memory and priorities ---- */
 
-/* Returns the bytes of the parameters of all models (float32), and in `degree` the highest SH degree among them. */
-static double stored_bytes(const pags_scene *scene, int *degree) {
+/* Renders one frame from the first camera of an orbit and reports the bytes per Gaussian of storage (float32),
+ * rendering and training. Takes over the scene's contents. */
+static pags_result put_memory(pags_report *report, pags_tasks *tasks, pags_scene *scene) {
+  PAGS_AUTO(pags_camera_path_destroy) pags_camera_path path = {0};
+  PAGS_AUTO(pags_frame_destroy_auto) pags_frame *frame = NULL;
+  PAGS_AUTO(pags_composition_destroy_auto) pags_composition *composition = NULL;
+  pags_picture picture;
   double stored = 0;
-  *degree = 0;
+  int degree = 0;
   for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_gaussians *g = &scene->models[i].gaussians;
-    int planes = pags_plane_count(g->sh_degree) + (g->s_sem ? 1 : 0) + (g->object_id ? 1 : 0) + (g->fourier ? 12 : 0);
+    const int planes =
+        pags_plane_count(g->sh_degree) + (g->s_sem ? 1 : 0) + (g->object_id ? 1 : 0) + (g->fourier ? 12 : 0);
     stored += (double)g->count * 4.0 * planes;
-    *degree = g->sh_degree > *degree ? g->sh_degree : *degree;
+    degree = g->sh_degree > degree ? g->sh_degree : degree;
   }
-  return stored;
-}
-
-/* Renders one frame from the first camera of an orbit and reports the bytes per Gaussian of storage, rendering and
- * training. Takes over the scene's contents. */
-static pags_result put_memory(pags_report *report, pags_tasks *tasks, pags_scene *scene) {
-  pags_camera_path path = {0};
-  pags_frame *frame;
-  pags_picture picture;
-  pags_composition *composition = NULL;
-  const pags_part *parts;
-  int part_count, degree;
-  double stored = stored_bytes(scene, &degree);
   PAGS_TRY(pags_camera_path_orbit(scene, 1, PAGS_STAND_AUTO, &path));
-  pags_camera camera = path.cameras[0];
-  pags_camera_path_destroy(&path);
+  const pags_camera *const camera = &path.cameras[0];
   PAGS_TRY(pags_frame_create(tasks, &frame));
-  pags_result result = pags_composition_create(scene, &composition);
-  if (result == PAGS_OK) {
-    pags_frame_options options = pags_composition_options(composition);
-    pags_compose(composition, camera.time, &parts, &part_count);
-    result = pags_frame_render(frame, parts, part_count, &camera, &options, NULL, NULL, &picture);
-  }
-  if (result == PAGS_OK) {
-    int64_t gaussians = pags_composition_gaussian_count(composition);
-    double count = (double)(gaussians ? gaussians : 1);
-    pags_report_begin_group(report, "memory");
-    pags_report_text(report, "unit", "bytes per Gaussian");
-    pags_report_number(report, "parameters", stored / count);
-    pags_report_number(report, "ready_to_draw", (double)pags_composition_bytes(composition) / count);
-    pags_report_number(report, "frame", (double)pags_frame_bytes(frame) / count);
-    pags_report_number(report, "training",
-                       (double)pags_train_bytes(gaussians, degree, camera.width, camera.height) / count);
-    pags_report_count(report, "width", camera.width);
-    pags_report_count(report, "height", camera.height);
-    pags_report_end_group(report);
-  }
-  pags_composition_destroy(composition);
-  pags_frame_destroy(frame);
-  return result;
+  PAGS_TRY(pags_composition_create(scene, &composition));
+  const pags_frame_options options = pags_composition_options(composition);
+  PAGS_TRY(pags_picture_render(composition, frame, camera, &options, &picture));
+  const int64_t gaussians = pags_composition_gaussian_count(composition);
+  const double count = (double)(gaussians ? gaussians : 1);
+  const uint64_t training = pags_train_bytes(gaussians, degree, camera->width, camera->height);
+  pags_report_begin_group(report, "memory");
+  pags_report_text(report, "unit", "bytes per Gaussian");
+  pags_report_number(report, "parameters", stored / count);
+  pags_report_number(report, "ready_to_draw", (double)pags_composition_bytes(composition) / count);
+  pags_report_number(report, "frame", (double)pags_frame_bytes(frame) / count);
+  pags_report_number(report, "training", (double)training / count);
+  pags_report_count(report, "width", camera->width);
+  pags_report_count(report, "height", camera->height);
+  pags_report_end_group(report);
+  return PAGS_OK;
 }
 
 /* Reports the mean priority of the Gaussians that have one, and the shares over 0.1, 0.5 and 0.9. */
@@ -439,15 +404,6 @@ static void put_priorities(pags_report *report, const pags_scene *scene) {
 
 /* ---- The whole report ---- */
 
-/* Reports the axes in which a splat file was read and their source, unless they are fixed by the format. */
-static void put_axes(pags_report *report, const pags_splat_facts *file) {
-  char text[64];
-  if (file->axes == PAGS_AXES_UNKNOWN)
-    return;
-  snprintf(text, sizeof text, "%s, by the %s", pags_axes_name(file->axes), file->axes_from);
-  pags_report_text(report, "axes", text);
-}
-
 /* Reports the up axis and its source: the file (also the record of its axes), an option, or the default -y. */
 static void put_up(pags_report *report, const pags_scene *scene, const pags_reading *reading) {
   const pags_splat_facts *file = &scene->file;
@@ -462,20 +418,24 @@ static void put_up(pags_report *report, const pags_scene *scene, const pags_read
 }
 
 pags_result pags_scene_facts(pags_report *report, const char *path, const pags_scene_facts_options *options) {
-  pags_scene scene;
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
   uint64_t bytes = 0;
   PAGS_TRY(pags_scene_load_in_axes(path, options->reading.axes, &scene));
   pags_reading_apply(&options->reading, &scene);
   const char *const folder = pags_dir_exists(path) ? pags_scene_folder_kind(path) : NULL;
   pags_report_text(report, "kind", folder ? folder : scene.file.kind ? scene.file.kind : "scene");
   pags_report_count(report, "gaussians", pags_scene_gaussian_count(&scene));
-  pags_result result = put_models(report, path, &scene, &bytes);
+  PAGS_TRY(put_models(report, path, &scene, &bytes));
   pags_report_bytes(report, "bytes", (double)bytes);
   put_degrees(report, &scene);
 
-  /* Report up, origin, place and bounds in the world. */
+  /* Report up, origin, place and bounds in the world; the axes of a splat file, unless its format fixes them. */
   double lo[3], hi[3];
-  put_axes(report, &scene.file);
+  if (scene.file.axes != PAGS_AXES_UNKNOWN) {
+    char text[64];
+    snprintf(text, sizeof text, "%s, by the %s", pags_axes_name(scene.file.axes), scene.file.axes_from);
+    pags_report_text(report, "axes", text);
+  }
   put_up(report, &scene, &options->reading);
   pags_report_flag(report, "antialiased", scene.antialiased != 0);
   if (scene.model_count > 0 && scene.models[0].gaussians.alpha_min > 0.0f)
@@ -508,12 +468,7 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const pags_s
   else if (scene.object_count)
     pags_report_text(report, "sky", "none");
 
-  if (result == PAGS_OK)
-    result = put_objects(report, &scene, options->objects);
-  if (result == PAGS_OK)
-    result = put_modelled(report, &scene);
-  if (result == PAGS_OK && options->memory)
-    result = put_memory(report, options->tasks, &scene);
-  pags_scene_destroy(&scene);
-  return result;
+  PAGS_TRY(put_objects(report, &scene, options->objects));
+  PAGS_TRY(put_modelled(report, &scene));
+  return options->memory ? put_memory(report, options->tasks, &scene) : PAGS_OK;
 }

@@ -4,11 +4,10 @@
 
 #include "cli/common/progress.h"
 #include "cli/measure/overlay_draw.h"
-#include "cli/measure/sheet_map.h"
 
 #include <math.h>
 #include <stdio.h>
-#include <string.h>
+#include "dataset/owners.h"
 #include "image/resample.h"
 
 enum { WIDTH = 1600, COLUMNS = 8, MOST_ROWS = 12, STATIC_ROWS = 4, MARGIN = 36, GAP = 4, MOST_MAP = 1000 };
@@ -25,11 +24,6 @@ typedef struct sheet {
 
 /* ---- Layout ---- */
 
-/* Returns the number of the time step that a view is of, given that of the view before; views are sorted by frame. */
-static int64_t next_step(const pags_dataset *dataset, int64_t view, int64_t step) {
-  return step + (view == 0 || pags_dataset_view(dataset, view)->frame != pags_dataset_view(dataset, view - 1)->frame);
-}
-
 /* One row per camera; the columns are evenly spaced time steps. */
 static void choose_drive(sheet *s) {
   const int64_t count = pags_dataset_view_count(s->dataset);
@@ -41,12 +35,12 @@ static void choose_drive(sheet *s) {
       row++;
     if (row == s->rows && s->rows < MOST_ROWS)
       s->sensors[s->rows++] = sensor;
-    steps = next_step(s->dataset, i, steps);
+    steps += pags_view_begins_step(s->dataset, i);
   }
   const int columns = steps < COLUMNS ? (int)steps : COLUMNS;
   int column = 0;
   for (int64_t i = 0; i < count; i++) {
-    step = next_step(s->dataset, i, step);
+    step += pags_view_begins_step(s->dataset, i);
     const int sensor = pags_dataset_view(s->dataset, i)->sensor;
     while (column < columns - 1 && column * (steps - 1) / (columns - 1) < step)
       column++;
@@ -87,96 +81,79 @@ static int cell_height(const sheet *s, int cell) {
   return (int)fmin(fmax(height, 1), WIDTH / COLUMNS * 2);
 }
 
-static void place_rows(sheet *s) {
-  for (int row = 0; row < s->rows; row++) {
-    int height = 0;
-    for (int i = 0; i < s->count; i++)
-      if (s->row_of[i] == row && cell_height(s, i) > height)
-        height = cell_height(s, i);
-    s->top[row + 1] = s->top[row] + height + GAP;
-  }
-}
-
 /* ---- Drawing ---- */
 
 /* Copies a photograph, shrunk to its cell's width, with its number in the corner. */
 static pags_result draw_cell(const sheet *s, int cell, const pags_photo *photo, pags_image *image) {
   const int width = cell_width(s, cell), height = cell_height(s, cell);
   const int left = cell_left(s->column_of[cell]), top = s->top[s->row_of[cell]];
-  pags_image whole = {0}, small = {0};
-  pags_result result = pags_photo_image(photo, &whole);
-  if (result == PAGS_OK)
-    result = pags_image_create(&small, width, height, 3, PAGS_U8);
-  if (result == PAGS_OK)
-    result = pags_shrink_mean(&whole, fmax(1, (double)photo->width / width), fmax(1, (double)photo->height / height),
-                              &small);
-  for (int y = 0; result == PAGS_OK && y < height; y++)
+  PAGS_AUTO(pags_image_destroy) pags_image whole = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image small = {0};
+  PAGS_TRY(pags_photo_image(photo, &whole));
+  PAGS_TRY(pags_image_create(&small, width, height, 3, PAGS_U8));
+  PAGS_TRY(
+      pags_shrink_mean(&whole, fmax(1, (double)photo->width / width), fmax(1, (double)photo->height / height), &small));
+  for (int y = 0; y < height; y++)
     memcpy((uint8_t *)image->data + 3 * ((size_t)(top + y) * WIDTH + (size_t)left),
            (const uint8_t *)small.data + 3 * (size_t)y * (size_t)width, 3 * (size_t)width);
-  pags_image_destroy(&whole);
-  pags_image_destroy(&small);
   const pags_view *const view = pags_dataset_view(s->dataset, s->views[cell]);
   pags_draw_number(image, left, top, s->drive ? view->frame : s->views[cell]);
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result draw_photographs(const sheet *s, const pags_session *session, pags_image *image) {
-  pags_photo_cache *photos;
+  PAGS_AUTO(pags_photo_cache_destroy_auto) pags_photo_cache *photos = NULL;
   PAGS_TRY(pags_photo_cache_create(s->dataset, session->tasks, (uint64_t)128 << 20, &photos));
-  pags_progress progress = pags_progress_begin(session->people);
+  PAGS_AUTO(pags_progress_end) pags_progress progress = pags_progress_begin(session->people);
   pags_interrupt_install(session->tasks);
-  pags_result result = PAGS_OK;
-  for (int i = 0; result == PAGS_OK && i < s->count; i++) {
+  for (int i = 0; i < s->count; i++) {
     pags_photo photo;
-    result = pags_interrupted() ? pags_fail(PAGS_CANCELLED, "interrupted after %d of %d photographs", i, s->count)
-                                : pags_photo_cache_get(photos, s->views[i], 1, &photo);
-    if (result == PAGS_OK)
-      result = draw_cell(s, i, &photo, image);
+    if (pags_interrupted())
+      return pags_fail(PAGS_CANCELLED, "interrupted after %d of %d photographs", i, s->count);
+    PAGS_TRY(pags_photo_cache_get(photos, s->views[i], 1, &photo));
+    PAGS_TRY(draw_cell(s, i, &photo, image));
     if (pags_progress_due(&progress))
       pags_progress_show(&progress, "photograph %d of %d", i + 1, s->count);
   }
-  pags_progress_end(&progress);
-  pags_photo_cache_destroy(photos);
-  return result;
-}
-
-static void report_sheet(const sheet *s, const char *file, pags_report *report) {
-  pags_report_begin_group(report, "sheet");
-  pags_report_text(report, "file", file);
-  pags_report_begin_list(report, s->drive ? "cameras" : "views");
-  for (int i = 0; i < (s->drive ? s->rows : s->count); i++) {
-    char line[640];
-    if (s->drive)
-      snprintf(line, sizeof line, "%d: %s", s->sensors[i], pags_dataset_sensor_name(s->dataset, s->sensors[i]));
-    else
-      snprintf(line, sizeof line, "%lld: %s", (long long)s->views[i], pags_dataset_view(s->dataset, s->views[i])->name);
-    pags_report_sentence(report, line);
-  }
-  pags_report_end_list(report);
-  pags_report_end_group(report);
+  return PAGS_OK;
 }
 
 pags_result pags_sheet(const pags_dataset *dataset, const char *file, const pags_session *session,
                        pags_report *report) {
   sheet s = {.dataset = dataset, .drive = pags_dataset_fps(dataset) > 0};
-  pags_image image = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   if (s.drive)
     choose_drive(&s);
   else
     choose_static(&s);
-  place_rows(&s);
+  for (int row = 0; row < s.rows; row++) {
+    int height = 0;
+    for (int i = 0; i < s.count; i++)
+      if (s.row_of[i] == row && cell_height(&s, i) > height)
+        height = cell_height(&s, i);
+    s.top[row + 1] = s.top[row] + height + GAP;
+  }
   const pags_map map = pags_map_fit(dataset, WIDTH, MOST_MAP);
   PAGS_TRY(pags_image_create(&image, WIDTH, s.top[s.rows] + map.height, 3, PAGS_U8));
   memset(image.data, 255, (size_t)3 * WIDTH * (size_t)image.height);
   for (int row = 0; s.drive && row < s.rows; row++)
     pags_draw_number(&image, 4, s.top[row], s.sensors[row]);
-  pags_result result = draw_photographs(&s, session, &image);
-  if (result == PAGS_OK)
-    result = pags_map_draw(&map, dataset, s.views, s.count, &image, s.top[s.rows]);
-  if (result == PAGS_OK)
-    result = pags_image_save(file, &image);
-  pags_image_destroy(&image);
-  if (result == PAGS_OK)
-    report_sheet(&s, file, report);
-  return result;
+  PAGS_TRY(draw_photographs(&s, session, &image));
+  PAGS_TRY(pags_map_draw(&map, dataset, s.views, s.count, &image, s.top[s.rows]));
+  PAGS_TRY(pags_image_save(file, &image));
+
+  pags_report_begin_group(report, "sheet");
+  pags_report_text(report, "file", file);
+  pags_report_begin_list(report, s.drive ? "cameras" : "views");
+  for (int i = 0; i < (s.drive ? s.rows : s.count); i++) {
+    char line[640];
+    if (s.drive)
+      snprintf(line, sizeof line, "%d: %s", s.sensors[i], pags_dataset_sensor_name(dataset, s.sensors[i]));
+    else
+      snprintf(line, sizeof line, "%lld: %s", (long long)s.views[i], pags_dataset_view(dataset, s.views[i])->name);
+    pags_report_sentence(report, line);
+  }
+  pags_report_end_list(report);
+  pags_report_end_group(report);
+  return PAGS_OK;
 }

@@ -1,66 +1,50 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Draws the map of a data set (sheet_map.h): ground first, then boxes, the cameras on top. */
-#include "cli/measure/sheet_map.h"
-
+/* Draws the map of a data set (overlay_draw.h): ground first, then boxes, the cameras on top. */
 #include "cli/measure/overlay_draw.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
+#include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 static const uint8_t path_colour[3] = {40, 90, 220}, held_colour[3] = {220, 40, 40}, cone_colour[3] = {20, 40, 120},
                      bar_colour[3] = {0, 0, 0}, parked_colour[3] = {150, 150, 150}, lidar_colour[3] = {165, 165, 165};
 static const uint8_t category_colours[4][3] = {{120, 120, 120}, {0, 150, 150}, {200, 40, 200}, {200, 140, 0}};
 
-static double dot3(const double a[3], const double b[3]) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void centre_of(const pags_camera *camera, double out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = camera->world_from_camera[4 * k + 3];
+static void centre_of(const pags_dataset *dataset, int64_t view, double out[3]) {
+  pags_pose_position(pags_dataset_view(dataset, view)->camera.world_from_camera, out);
 }
 
 /* ---- Where it lies ---- */
 
-/* Two axes of the ground plane, seen from above: the second is a quarter turn to the left of the first. */
-static void ground_axes(pags_up up, double right[3], double forward[3]) {
-  memset(right, 0, 3 * sizeof *right);
-  memset(forward, 0, 3 * sizeof *forward);
-  right[0] = 1;
-  if (up == PAGS_UP_MINUS_Y)
-    forward[2] = 1;
-  else if (up == PAGS_UP_Y)
-    forward[2] = -1;
-  else
-    forward[1] = 1;
-}
-
-/* Turns the axes so that the cameras' way is longest along the first, by the principal axis of their positions. */
-static void turn_along(const pags_dataset *dataset, double right[3], double forward[3]) {
+/* Sets two axes of the ground plane, seen from above: the second is a quarter turn to the left of the first. The
+ * cameras' way is longest along the first: the principal axis of their positions. */
+static void ground_axes(const pags_dataset *dataset, double right[3], double forward[3]) {
+  const pags_up up = pags_dataset_up(dataset);
+  const double x[3] = {1, 0, 0};
+  const double y[3] = {0, up != PAGS_UP_MINUS_Y && up != PAGS_UP_Y,
+                       up == PAGS_UP_MINUS_Y ? 1
+                       : up == PAGS_UP_Y     ? -1
+                                             : 0};
   const int64_t count = pags_dataset_view_count(dataset);
-  double mean[2] = {0}, xx = 0, xy = 0, yy = 0;
-  for (int pass = 0; pass < 2; pass++)
-    for (int64_t i = 0; i < count; i++) {
-      double c[3];
-      centre_of(&pags_dataset_view(dataset, i)->camera, c);
-      const double x = dot3(c, right), y = dot3(c, forward);
-      if (pass == 0) {
-        mean[0] += x / (double)count;
-        mean[1] += y / (double)count;
-      } else {
-        xx += (x - mean[0]) * (x - mean[0]);
-        xy += (x - mean[0]) * (y - mean[1]);
-        yy += (y - mean[1]) * (y - mean[1]);
-      }
-    }
+  double mean[2] = {0}, xx = 0, xy = 0, yy = 0, centre[3];
+  for (int64_t i = 0; i < count; i++) {
+    centre_of(dataset, i, centre);
+    mean[0] += pags_dot3(centre, x) / (double)count;
+    mean[1] += pags_dot3(centre, y) / (double)count;
+  }
+  for (int64_t i = 0; i < count; i++) {
+    centre_of(dataset, i, centre);
+    const double dx = pags_dot3(centre, x) - mean[0], dy = pags_dot3(centre, y) - mean[1];
+    xx += dx * dx;
+    xy += dx * dy;
+    yy += dy * dy;
+  }
   const double angle = 0.5 * pags_atan2(2 * xy, xx - yy), c = pags_cos(angle), s = pags_sin(angle);
   for (int k = 0; k < 3; k++) {
-    const double r = right[k], f = forward[k];
-    right[k] = c * r + s * f;
-    forward[k] = c * f - s * r;
+    right[k] = c * x[k] + s * y[k];
+    forward[k] = c * y[k] - s * x[k];
   }
 }
 
@@ -68,14 +52,12 @@ pags_map pags_map_fit(const pags_dataset *dataset, int width, int most_height) {
   pags_map map;
   double low[2] = {HUGE_VAL, HUGE_VAL}, high[2] = {-HUGE_VAL, -HUGE_VAL};
   double forward[3];
-  ground_axes(pags_dataset_up(dataset), map.across, forward);
-  turn_along(dataset, map.across, forward);
-  for (int k = 0; k < 3; k++)
-    map.down[k] = -forward[k];
+  ground_axes(dataset, map.across, forward);
+  pags_scale3(-1, forward, map.down);
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     double c[3];
-    centre_of(&pags_dataset_view(dataset, i)->camera, c);
-    const double p[2] = {dot3(c, map.across), dot3(c, map.down)};
+    centre_of(dataset, i, c);
+    const double p[2] = {pags_dot3(c, map.across), pags_dot3(c, map.down)};
     for (int k = 0; k < 2; k++) {
       low[k] = fmin(low[k], p[k]);
       high[k] = fmax(high[k], p[k]);
@@ -103,8 +85,8 @@ typedef struct drawing {
 } drawing;
 
 static bool to_pixel(const drawing *d, const double world[3], double out[2]) {
-  out[0] = d->map->scale * dot3(world, d->map->across) + d->map->at[0];
-  out[1] = d->map->scale * dot3(world, d->map->down) + d->map->at[1];
+  out[0] = d->map->scale * pags_dot3(world, d->map->across) + d->map->at[0];
+  out[1] = d->map->scale * pags_dot3(world, d->map->down) + d->map->at[1];
   const bool inside = out[0] >= 0 && out[0] < d->map->width && out[1] >= 0 && out[1] < d->map->height;
   out[1] += d->top;
   return inside;
@@ -116,47 +98,42 @@ static void draw_point(const drawing *d, const double world[3], int half, const 
     pags_draw_dot(d->image, at[0], at[1], half, rgb);
 }
 
-static pags_result draw_sweep(const drawing *d, const pags_sweep *sweep, int64_t index) {
-  float *xyz;
-  int64_t count;
-  PAGS_TRY(pags_dataset_sweep_load(d->dataset, index, &count, &xyz));
-  for (int64_t i = 0; i < count; i++) {
-    const double p[3] = {(double)xyz[3 * i], (double)xyz[3 * i + 1], (double)xyz[3 * i + 2]};
-    double world[3];
-    for (int k = 0; k < 3; k++) {
-      const double *const m = sweep->world_from_sweep + 4 * k;
-      world[k] = dot3(m, p) + m[3];
-    }
-    draw_point(d, world, 0, lidar_colour);
-  }
-  free(xyz);
-  return PAGS_OK;
+/* Whether the time step `frame` is of one of the numbered views. */
+static bool is_numbered(const drawing *d, const int64_t *views, int count, int64_t frame) {
+  for (int v = 0; v < count; v++)
+    if (pags_dataset_view(d->dataset, views[v])->frame == frame)
+      return true;
+  return false;
 }
 
 /* Draws the sweeps of the numbered time steps or, where there is no LiDAR, the data set's points. */
 static pags_result draw_ground(const drawing *d, const int64_t *views, int count) {
   const int64_t sweeps = pags_dataset_sweep_count(d->dataset);
+  double p[3], world[3];
+  int64_t points;
   for (int64_t i = 0; i < sweeps; i++) {
     const pags_sweep *const sweep = pags_dataset_sweep(d->dataset, i);
-    for (int v = 0; v < count; v++)
-      if (pags_dataset_view(d->dataset, views[v])->frame == sweep->frame) {
-        PAGS_TRY(draw_sweep(d, sweep, i));
-        break;
-      }
+    if (!is_numbered(d, views, count, sweep->frame))
+      continue;
+    PAGS_AUTOFREE float *xyz = NULL;
+    PAGS_TRY(pags_dataset_sweep_load(d->dataset, i, &points, &xyz));
+    for (int64_t k = 0; k < points; k++) {
+      pags_widen3(xyz + 3 * k, p);
+      pags_rigid_point(sweep->world_from_sweep, p, world);
+      draw_point(d, world, 0, lidar_colour);
+    }
   }
-  int64_t points;
   const float *xyz;
   const uint8_t *rgb;
   int random;
-  const double *const origin = pags_dataset_origin(d->dataset);
   pags_dataset_points(d->dataset, &points, &xyz, &rgb, &random);
-  if (sweeps == 0 && !random)
-    for (int64_t i = 0; i < points; i++) {
-      double world[3];
-      for (int k = 0; k < 3; k++)
-        world[k] = (double)xyz[3 * i + k] + origin[k];
-      draw_point(d, world, 0, rgb + 3 * i);
-    }
+  if (sweeps > 0 || random)
+    return PAGS_OK;
+  for (int64_t i = 0; i < points; i++) {
+    pags_widen3(xyz + 3 * i, p);
+    pags_add3(p, pags_dataset_origin(d->dataset), world);
+    draw_point(d, world, 0, rgb + 3 * i);
+  }
   return PAGS_OK;
 }
 
@@ -172,11 +149,11 @@ static void draw_box(const drawing *d, const pags_object *object, const double p
                  pose[4 * k + 3];
     inside = to_pixel(d, world, pixels[i]) && inside;
   }
-  if (inside)
-    for (int i = 0; i < 4; i++)
-      pags_draw_line(d->image, pixels[i], pixels[(i + 1) % 4], rgb);
-  if (inside)
-    pags_draw_line(d->image, pixels[4], pixels[5], rgb);
+  if (!inside)
+    return;
+  for (int i = 0; i < 4; i++)
+    pags_draw_line(d->image, pixels[i], pixels[(i + 1) % 4], rgb);
+  pags_draw_line(d->image, pixels[4], pixels[5], rgb);
 }
 
 static void draw_boxes(const drawing *d, const int64_t *views, int count) {
@@ -197,7 +174,7 @@ static void draw_boxes(const drawing *d, const int64_t *views, int count) {
 static void draw_cone(const drawing *d, const pags_camera *camera) {
   enum { LENGTH = 30 };
   double at[2], centre[3];
-  centre_of(camera, centre);
+  pags_pose_position(camera->world_from_camera, centre);
   if (!to_pixel(d, centre, at))
     return;
   for (int side = 0; side < 2; side++) {
@@ -209,8 +186,8 @@ static void draw_cone(const drawing *d, const pags_camera *camera) {
     }
     for (int k = 0; k < 3; k++)
       way[k] = camera->world_from_camera[4 * k] * ray[0] + camera->world_from_camera[4 * k + 2] * ray[2];
-    end[0] = dot3(way, d->map->across);
-    end[1] = dot3(way, d->map->down);
+    end[0] = pags_dot3(way, d->map->across);
+    end[1] = pags_dot3(way, d->map->down);
     const double length = sqrt(end[0] * end[0] + end[1] * end[1]);
     for (int k = 0; k < 2; k++)
       end[k] = at[k] + (length > 0 ? LENGTH * end[k] / length : 0);
@@ -224,16 +201,15 @@ static void draw_cameras(const drawing *d, const int64_t *views, int count) {
     draw_cone(d, &pags_dataset_view(d->dataset, views[v])->camera);
   for (int pass = 0; pass < 2; pass++) /* held-out ones on top */
     for (int64_t i = 0; i < pags_dataset_view_count(d->dataset); i++) {
-      const pags_view *const view = pags_dataset_view(d->dataset, i);
       double centre[3];
-      centre_of(&view->camera, centre);
-      if ((view->test != 0) == pass)
+      centre_of(d->dataset, i, centre);
+      if ((pags_dataset_view(d->dataset, i)->test != 0) == pass)
         draw_point(d, centre, 1, pass ? held_colour : path_colour);
     }
   for (int v = 0; v < count; v++) {
     const pags_view *const view = pags_dataset_view(d->dataset, views[v]);
     double centre[3], at[2];
-    centre_of(&view->camera, centre);
+    centre_of(d->dataset, views[v], centre);
     const bool first = view->frame < 0 || v == 0 || pags_dataset_view(d->dataset, views[v - 1])->frame != view->frame;
     if (first && to_pixel(d, centre, at))
       pags_draw_number(d->image, (int)at[0] + 6, (int)at[1] + 6, view->frame < 0 ? views[v] : view->frame);
@@ -246,10 +222,8 @@ static void draw_bar(const drawing *d) {
   const double length = power * (most >= 5 * power ? 5 : most >= 2 * power ? 2 : 1);
   const double y = d->top + d->map->height - 12, a[2] = {12, y}, b[2] = {12 + length * d->map->scale, y};
   pags_draw_line(d->image, a, b, bar_colour);
-  for (int k = 0; k < 2; k++) {
-    const double *const end = k ? b : a, up[2] = {end[0], y - 6}, down[2] = {end[0], y};
-    pags_draw_line(d->image, up, down, bar_colour);
-  }
+  pags_draw_line(d->image, (double[]){a[0], y - 6}, a, bar_colour);
+  pags_draw_line(d->image, (double[]){b[0], y - 6}, b, bar_colour);
   if (length >= 1)
     pags_draw_number(d->image, 18, (int)y - 18, (int64_t)(length + 0.5));
 }

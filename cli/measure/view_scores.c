@@ -8,8 +8,6 @@
 
 #include <math.h>
 #include <pags/eval.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
 #include "base/psnr.h"
@@ -34,75 +32,54 @@ static unsigned regions_of(unsigned labels) {
   return bits;
 }
 
-void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride,
-                       uint16_t *regions) {
-  for (int y = 0; y < height; y++)
-    for (int x = 0; x < width; x++) {
-      size_t at = (size_t)y * (size_t)width + (size_t)x;
-      unsigned bits = 1u << PAGS_REGION_WHOLE;
-      if (labels)
-        bits |= regions_of(labels[(size_t)y * (size_t)stride + (size_t)x]);
-      regions[at] = (uint16_t)(mask && !mask[at] ? 0 : bits);
-    }
-}
-
 pags_result pags_view_score_measure(const pags_image *render, const pags_photograph *photograph, pags_tasks *tasks,
                                     pags_view_score *score) {
   const int width = render->width, height = render->height;
-  uint16_t *regions = malloc((size_t)width * (size_t)height * sizeof *regions);
-  if (!regions)
-    return pags_out_of_memory("a picture of %dx%d", width, height);
-  pags_regions_fill(width, height, photograph->mask, photograph->photo.labels, photograph->photo.stride, regions);
-  const pags_result result =
-      pags_eval_regions(render, &photograph->image, regions, PAGS_REGION_COUNT, tasks, score->psnr, score->ssim);
-  free(regions);
-  for (int r = 0; result == PAGS_OK && r < PAGS_REGION_COUNT; r++)
+  /* Bit r of a pixel is set if the pixel counts in region r; without labels only the whole picture is a region. */
+  PAGS_AUTOFREE uint16_t *regions = calloc((size_t)width * (size_t)height, sizeof *regions);
+  PAGS_CHECK_MEMORY(regions, "a picture of %dx%d", width, height);
+  for (int y = 0; y < height; y++)
+    for (int x = 0; x < width; x++) {
+      const size_t at = (size_t)y * (size_t)width + (size_t)x;
+      const uint8_t *const labels = photograph->photo.labels;
+      const unsigned bits = labels ? regions_of(labels[(size_t)y * (size_t)photograph->photo.stride + (size_t)x]) : 0;
+      if (!photograph->mask || photograph->mask[at])
+        regions[at] = (uint16_t)(1u << PAGS_REGION_WHOLE | bits);
+    }
+  PAGS_TRY(pags_eval_regions(render, &photograph->image, regions, PAGS_REGION_COUNT, tasks, score->psnr, score->ssim));
+  for (int r = 0; r < PAGS_REGION_COUNT; r++)
     score->psnr[r] = pags_psnr_capped(score->psnr[r]);
-  return result;
+  return PAGS_OK;
 }
 
-/* A running mean; NaN is skipped. */
-typedef struct running_mean {
-  double sum;
-  int64_t count;
-} running_mean;
-
-static void mean_add(running_mean *m, double value) {
-  if (isnan(value))
-    return;
-  m->sum += value;
-  m->count++;
-}
-
-static double mean_of(const running_mean *m) {
-  return m->count ? m->sum / (double)m->count : (double)NAN; /* JSON writes NaN as null */
+/* The mean of the doubles at `offset` in the scores of a split, without those that are NaN; NaN if all are. */
+static double mean_of(const pags_view_score *scores, int64_t count, int test, size_t offset) {
+  double sum = 0;
+  int64_t known = 0;
+  for (int64_t i = 0; i < count; i++) {
+    double value;
+    memcpy(&value, (const char *)&scores[i] + offset, sizeof value);
+    if (scores[i].test != test || isnan(value))
+      continue;
+    sum += value;
+    known++;
+  }
+  return known ? sum / (double)known : (double)NAN;
 }
 
 pags_mean_score pags_view_scores_mean(const pags_view_score *scores, int64_t count, int test) {
-  pags_mean_score out = {.mean = pags_view_score_make(NULL, test)};
-  running_mean psnr[PAGS_REGION_COUNT] = {{0}}, ssim[PAGS_REGION_COUNT] = {{0}}, lpips = {0}, unexposed = {0};
-  running_mean right = {0}, right_fitted = {0};
-  for (int64_t i = 0; i < count; i++) {
-    if (scores[i].test != test)
-      continue;
-    out.views++;
-    for (int r = 0; r < PAGS_REGION_COUNT; r++) {
-      mean_add(&psnr[r], scores[i].psnr[r]);
-      mean_add(&ssim[r], scores[i].ssim[r]);
-    }
-    mean_add(&lpips, scores[i].lpips);
-    mean_add(&unexposed, scores[i].psnr_unexposed);
-    mean_add(&right, scores[i].psnr_right);
-    mean_add(&right_fitted, scores[i].psnr_right_fitted);
-  }
+  pags_mean_score out = {.mean = {.test = test}};
+  pags_view_score *const mean = &out.mean;
+  for (int64_t i = 0; i < count; i++)
+    out.views += scores[i].test == test;
   for (int r = 0; r < PAGS_REGION_COUNT; r++) {
-    out.mean.psnr[r] = mean_of(&psnr[r]);
-    out.mean.ssim[r] = mean_of(&ssim[r]);
+    mean->psnr[r] = mean_of(scores, count, test, offsetof(pags_view_score, psnr[0]) + (size_t)r * sizeof(double));
+    mean->ssim[r] = mean_of(scores, count, test, offsetof(pags_view_score, ssim[0]) + (size_t)r * sizeof(double));
   }
-  out.mean.lpips = mean_of(&lpips);
-  out.mean.psnr_unexposed = mean_of(&unexposed);
-  out.mean.psnr_right = mean_of(&right);
-  out.mean.psnr_right_fitted = mean_of(&right_fitted);
+  mean->lpips = mean_of(scores, count, test, offsetof(pags_view_score, lpips));
+  mean->psnr_unexposed = mean_of(scores, count, test, offsetof(pags_view_score, psnr_unexposed));
+  mean->psnr_right = mean_of(scores, count, test, offsetof(pags_view_score, psnr_right));
+  mean->psnr_right_fitted = mean_of(scores, count, test, offsetof(pags_view_score, psnr_right_fitted));
   return out;
 }
 
@@ -138,25 +115,26 @@ void pags_view_scores_print(const pags_session *session, const pags_view_score *
       if (scores[i].test == test)
         print_row(session, scores[i].name, sets[test], scores[i].psnr[PAGS_REGION_WHOLE],
                   scores[i].ssim[PAGS_REGION_WHOLE], scores[i].lpips);
+
+  /* Print each split's mean, then one line for each region that occurs, then what else was measured. */
   for (int test = 0; test < 2; test++) {
-    pags_mean_score mean = pags_view_scores_mean(scores, count, test);
-    if (mean.views) {
-      /* Print the split's mean, then one line for each region that occurs, then what else was measured. */
-      const pags_view_score *m = &mean.mean;
-      char name[48];
-      snprintf(name, sizeof name, "mean of %lld", (long long)mean.views);
-      print_row(session, name, sets[test], m->psnr[PAGS_REGION_WHOLE], m->ssim[PAGS_REGION_WHOLE], m->lpips);
-      for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; r++) {
-        snprintf(name, sizeof name, "  %s", suffixes[r] + 1);
-        if (!isnan(m->psnr[r]))
-          print_row(session, name, sets[test], m->psnr[r], m->ssim[r], (double)NAN);
-      }
-      if (!isnan(m->psnr_unexposed))
-        pags_say(session, "%-32s %-5s %9.3f\n", "  without exposure", sets[test], m->psnr_unexposed);
-      if (!isnan(m->psnr_right)) {
-        pags_say(session, "%-32s %-5s %9.3f\n", "  right halves", sets[test], m->psnr_right);
-        pags_say(session, "%-32s %-5s %9.3f\n", "  with poses fitted to the left", sets[test], m->psnr_right_fitted);
-      }
+    const pags_mean_score mean = pags_view_scores_mean(scores, count, test);
+    const pags_view_score *const m = &mean.mean;
+    char name[48];
+    if (!mean.views)
+      continue;
+    snprintf(name, sizeof name, "mean of %lld", (long long)mean.views);
+    print_row(session, name, sets[test], m->psnr[PAGS_REGION_WHOLE], m->ssim[PAGS_REGION_WHOLE], m->lpips);
+    for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; r++) {
+      snprintf(name, sizeof name, "  %s", suffixes[r] + 1);
+      if (!isnan(m->psnr[r]))
+        print_row(session, name, sets[test], m->psnr[r], m->ssim[r], (double)NAN);
+    }
+    if (!isnan(m->psnr_unexposed))
+      pags_say(session, "%-32s %-5s %9.3f\n", "  without exposure", sets[test], m->psnr_unexposed);
+    if (!isnan(m->psnr_right)) {
+      pags_say(session, "%-32s %-5s %9.3f\n", "  right halves", sets[test], m->psnr_right);
+      pags_say(session, "%-32s %-5s %9.3f\n", "  with poses fitted to the left", sets[test], m->psnr_right_fitted);
     }
   }
 }

@@ -34,11 +34,6 @@ typedef struct pags_view_score {
 
 pags_view_score pags_view_score_make(const char *name, int test);
 
-/* Fills `regions`: bit r of a pixel is set if the pixel counts in region r; 0 outside the mask. `mask` (one byte a
- * pixel) and `labels` (`stride` bytes a row) may be NULL; without labels only the whole picture is a region. */
-void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride,
-                       uint16_t *regions);
-
 /* Computes PSNR and SSIM of each region from the rendering (F32) and the photograph. */
 pags_result pags_view_score_measure(const pags_image *render, const pags_photograph *photograph, pags_tasks *tasks,
                                     pags_view_score *score);

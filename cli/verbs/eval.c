@@ -7,11 +7,7 @@
 #include "cli/common/ranks.h"
 #include "cli/common/session.h"
 #include "cli/draw/picture.h"
-#include "cli/measure/camera_errors.h"
-#include "cli/measure/depth_errors.h"
-#include "cli/measure/pose_errors.h"
-#include "cli/measure/priority_truth.h"
-#include "cli/measure/shifted_views.h"
+#include "cli/measure/errors.h"
 #include "cli/measure/view_scores.h"
 #include "cli/verbs/verbs.h"
 
@@ -638,9 +634,9 @@ int pags_verb_eval(int argc, char **argv) {
   if (eval.lpips)
     pags_lpips_destroy(eval.lpips);
   pags_composition_destroy(eval.composition);
-  pags_shifted_view_scores_destroy(&eval.shifts);
+  free(eval.shifts.items);
   for (int test = 0; test < 2; test++)
-    pags_depth_errors_destroy(&eval.depth_errors[test]);
+    free(eval.depth_errors[test].errors);
   free(eval.scores);
   free(eval.score_views);
   free(eval.without_pixels);

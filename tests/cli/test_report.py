@@ -532,6 +532,11 @@ class Drive(fixtures.Case):
         self.assertEqual(page.row("lidar points"), ["lidar points", str(facts["modelled"]["lidar_points"])])
         self.assertIn("Priorities, % of the Gaussians", page.text)
 
+        # Its background as a splat file: Gaussians with numbers of objects that the file doesn't describe.
+        alone = self.path("alone.html")
+        self.succeeds("report", os.path.join(scene, "background.ply"), "-o", alone)
+        self.assertIn("There is no recorded view to show.", Page(alone).text)
+
 
 if __name__ == "__main__":
     fixtures.main()
