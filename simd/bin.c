@@ -83,14 +83,6 @@ static const int32_t bin_rows[FEW_TILES + 1][V_LANES] __attribute__((aligned(64)
     {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0},
 };
 
-/* Writes down the tiles of a box of at most FEW_TILES tiles. Tile l is in row l / nx. */
-V_INLINE void bin_few(bin_batch *b, int k, const pags_tile_box *box, int tiles_x) {
-  const vi row = i_load(bin_rows[box->nx]);
-  const vi tile = i_add(i_mul(row, i_set(tiles_x - box->nx)), i_set(box->y0 * tiles_x + box->x0));
-  const vi pair = i_add(i_shl(i_add(tile, v_to_i(v_iota())), 4), i_set(k));
-  b->pairs += i_compress8(b->pair + b->pairs, (unsigned)box->touched, pair);
-}
-
 /* Writes down the tiles of a larger box, a row of sixteen at a time; goes through the pairs whenever there is no room
  * for more. */
 V_INLINE void bin_many(const pags_bin *in, bin_batch *b, int k, uint32_t *counts, int64_t *offsets, pags_entry *entries,
@@ -132,10 +124,14 @@ V_INLINE int64_t bin_all(const pags_bin *in, uint32_t *counts, int64_t *offsets,
       }
       if (b.pairs > BIN_PAIRS - V_LANES)
         bin_pairs(in, &b, counts, offsets, entries, how, &hidden);
-      if (box->nx * box->ny <= FEW_TILES)
-        bin_few(&b, k, box, in->tiles_x);
-      else
+      if (box->nx * box->ny <= FEW_TILES) { /* tile l is in row l / nx */
+        const vi row = i_load(bin_rows[box->nx]);
+        const vi tile = i_add(i_mul(row, i_set(in->tiles_x - box->nx)), i_set(box->y0 * in->tiles_x + box->x0));
+        const vi pair = i_add(i_shl(i_add(tile, v_to_i(v_iota())), 4), i_set(k));
+        b.pairs += i_compress8(b.pair + b.pairs, (unsigned)box->touched, pair);
+      } else {
         bin_many(in, &b, k, counts, offsets, entries, how, &hidden);
+      }
     }
     bin_pairs(in, &b, counts, offsets, entries, how, &hidden);
     if (!how.fill)

@@ -149,13 +149,39 @@ V_INLINE bool raster_stopped(const raster_state *state, raster_how how) {
   return m_bits(v_le(state->t, v_set(how.bounded ? how.eps : 0.0f))) == 0xFFFFu;
 }
 
-static inline int64_t block_at(const pags_raster_out *out, int block) {
-  return (int64_t)(block >> 2) * 4 * out->stride + 4 * (block & 3);
+/* Where a block begins in a plane, from the tile's top left pixel. */
+static inline int64_t block_at(int64_t stride, int block) {
+  return (int64_t)(block >> 2) * 4 * stride + 4 * (block & 3);
 }
 
-/* If how.bounded, lets the finished pixels whose transmittance is at most eps be opaque: the
- * light from the unvisited splats behind is replaced by the mean colour of those in front. */
-V_INLINE raster_state raster_close(const raster_state *state, raster_how how) {
+/* A tile whose pairs are walked again: transmittance, what lies behind (raster_backward.c), the gradient by rgb and the
+ * sum of w z, and the pixel centres. */
+typedef struct drawn_tile {
+  vf t[PAGS_TILE_BLOCKS], behind[PAGS_TILE_BLOCKS];
+  vf g[4][PAGS_TILE_BLOCKS];
+  vf px[PAGS_TILE_BLOCKS], py[PAGS_TILE_BLOCKS];
+} drawn_tile;
+
+/* Sets the pixel centres of block b and its transmittance, 1 inside of the picture, else 0; returns which pixels are
+ * inside. */
+V_INLINE vm begin_block(drawn_tile *tile, const pags_drawn_tile *in, int b) {
+  tile->px[b] = block_x(b, in->x0);
+  tile->py[b] = block_y(b, in->y0);
+  const vm inside = block_inside(tile->px[b], tile->py[b], in->width, in->height);
+  tile->t[b] = v_maskz(inside, v_set(1.0f));
+  return inside;
+}
+
+/* The first float of a pair's slot, of `floats` floats. */
+V_INLINE float *slot_of(const pags_drawn_tile *in, int64_t i, int floats) {
+  return in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * floats;
+}
+
+/* Writes the finished block: colour over the background, and the extra channels. If how.bounded, the pixels whose
+ * transmittance is at most eps become opaque: the light from the unvisited splats behind is replaced by the mean colour
+ * of those in front. */
+V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state, int block, raster_how how) {
+  const int64_t at = block_at(out->stride, block);
   raster_state s = *state;
   s.t = v_abs(s.t);
   if (how.bounded) {
@@ -167,13 +193,6 @@ V_INLINE raster_state raster_close(const raster_state *state, raster_how how) {
     s.b = v_mul(s.b, scale);
     s.t = v_select(closed, v_zero(), s.t);
   }
-  return s;
-}
-
-/* Writes the finished block: colour over the background, and the extra channels. */
-V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state, int block, raster_how how) {
-  const int64_t at = block_at(out, block);
-  const raster_state s = raster_close(state, how);
   v_store_4x4(out->rgb[0] + at, out->stride, v_fma(s.t, v_set(out->background[0]), s.r));
   v_store_4x4(out->rgb[1] + at, out->stride, v_fma(s.t, v_set(out->background[1]), s.g));
   v_store_4x4(out->rgb[2] + at, out->stride, v_fma(s.t, v_set(out->background[2]), s.b));

@@ -22,20 +22,15 @@ enum {
 };
 static const unsigned leaf7_ebx_vl = 1u << 31; /* AVX-512 VL */
 
-/* The registers that the system saves for each thread (XCR0). */
-static unsigned saved_registers(void) {
-  unsigned low, high;
-  __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
-  return low;
-}
-
 static bool has_avx2(bool with_avx512) {
   unsigned a, b, c, d;
   if (!__get_cpuid(1, &a, &b, &c, &d) || (c & LEAF1_ECX) != LEAF1_ECX)
     return false;
+  unsigned low, high; /* the registers that the system saves for each thread (XCR0) */
+  __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
   const unsigned saved = with_avx512 ? SAVED_512 : SAVED,
                  wanted = LEAF7_EBX | (with_avx512 ? LEAF7_EBX_512 | leaf7_ebx_vl : 0);
-  return (saved_registers() & saved) == saved && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & wanted) == wanted;
+  return (low & saved) == saved && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & wanted) == wanted;
 }
 #endif
 

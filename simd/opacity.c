@@ -20,34 +20,32 @@ V_INLINE vf opacity_argument(vf x, vm *within) {
   return v_clamp(x, least, most);
 }
 
-/* Returns the loss of sixteen pixels and its slope by T. If `unsure`, `chosen` pixels have the entropy (unsure) and
- * the others the loss of empty pixels; otherwise `chosen` pixels have that of empty and the others that of full
- * ones. */
-V_INLINE vf opacity_pixels(vf t, vm chosen, bool unsure, vf *slope) {
-  const vf zero = v_zero(), one = v_set(1.0f);
-  vm within;
-  if (unsure) {
-    const vf x = opacity_argument(t, &within), y = v_sub(one, x), log_x = opacity_log(x), log_y = opacity_log(y);
-    const vf empty = v_div(v_set(-1.0f), x);
-    *slope = v_maskz(within, v_select(chosen, v_sub(log_y, log_x), empty));
-    return v_sub(zero, v_select(chosen, v_fma(x, log_x, v_mul(y, log_y)), log_x));
-  }
-  const vf x = opacity_argument(v_select(chosen, t, v_sub(one, t)), &within);
-  *slope = v_maskz(within, v_div(v_select(chosen, v_set(-1.0f), one), x));
-  return v_sub(zero, opacity_log(x));
-}
-
+/* If `unsure`, `chosen` pixels have the entropy (unsure) and the others the loss of empty pixels; otherwise `chosen`
+ * pixels have that of empty and the others that of full ones. */
 V_INLINE double opacity_all(const pags_opacity_row *in, bool unsure) {
-  vf sum = v_zero();
+  const vf zero = v_zero(), one = v_set(1.0f);
+  vf sum = zero;
   for (int i = 0; i < in->width; i += V_LANES) {
     vm use = m_first(in->width - i);
     if (in->mask)
       use = m_and(use, v_gt(v_load_u8(in->mask + i), v_zero()));
     const vi labels = v_to_i(v_load_u8(in->labels + i));
     const vf chosen = i_to_v(i_and(labels, i_set(in->chosen))), unknown = i_to_v(i_and(labels, i_set(in->unknown)));
-    vf slope;
     use = m_and(use, v_gt(v_set(0.5f), unknown));
-    const vf value = opacity_pixels(v_load(in->transmittance + i), v_gt(chosen, v_zero()), unsure, &slope);
+    const vm first = v_gt(chosen, zero);
+    const vf t = v_load(in->transmittance + i);
+    vf value, slope; /* by T */
+    vm within;
+    if (unsure) {
+      const vf x = opacity_argument(t, &within), y = v_sub(one, x), log_x = opacity_log(x), log_y = opacity_log(y);
+      slope = v_select(first, v_sub(log_y, log_x), v_div(v_set(-1.0f), x));
+      value = v_sub(zero, v_select(first, v_fma(x, log_x, v_mul(y, log_y)), log_x));
+    } else {
+      const vf x = opacity_argument(v_select(first, t, v_sub(one, t)), &within);
+      slope = v_div(v_select(first, v_set(-1.0f), one), x);
+      value = v_sub(zero, opacity_log(x));
+    }
+    slope = v_maskz(within, slope);
     sum = v_add(sum, v_maskz(use, value));
     v_store(in->gradient + i, v_fma(v_maskz(use, slope), v_set(in->scale), v_load(in->gradient + i)));
   }

@@ -16,36 +16,6 @@ static inline void project_blocks(vm drawn, vf mean, vf extent, float size, int3
   i_store(end, v_to_i(v_clamp(v_maskz(drawn, v_add(hi, half)), zero, blocks)));
 }
 
-/* Computes the rectangles of blocks outside of which u^2 + v^2 exceeds the cut-off, slack included, of the
- * rasteriser's test of blocks (tiles.h). */
-static inline void project_reaches(const projected *s, const pags_projection *view, vf log2_opacity, vf cut, vm drawn,
-                                   int lanes, pags_reach *reaches) {
-  const vf reach = v_mul(v_add(log2_opacity, v_sub(v_set(PAGS_CUT_SLACK), cut)), v_set(1.0f / PAGS_HALF_LOG2E));
-  int32_t x0[V_LANES], x1[V_LANES], y0[V_LANES], y1[V_LANES];
-  project_blocks(drawn, s->mx, v_sqrt(v_max(v_mul(reach, s->a), v_zero())), view->width, x0, x1);
-  project_blocks(drawn, s->my, v_sqrt(v_max(v_mul(reach, s->c), v_zero())), view->height, y0, y1);
-  for (int k = 0; k < lanes; k++)
-    reaches[k] = (pags_reach){(uint16_t)x0[k], (uint16_t)x1[k], (uint16_t)y0[k], (uint16_t)y1[k]};
-}
-
-typedef struct row_cuts { /* pags_alpha_cut of sixteen rows */
-  vf least, cut, floor;
-} row_cuts;
-
-/* Antialiasing lowers the opacity of what is smaller than a pixel, and the cut of the part with it, but not below
- * 1/255: otherwise what is far away would vanish. */
-static inline row_cuts project_cuts(const pags_projection *view, vf compensation) {
-  const pags_alpha_cut *a = &view->alpha;
-  row_cuts c = {v_set(a->least), v_set(a->cut), v_set(a->floor)};
-  if (!view->antialiased || a->floor == 0.0f)
-    return c;
-  const vf scale = v_max(compensation, v_set(PAGS_ALPHA_MIN / a->least));
-  c.least = v_mul(c.least, scale);
-  c.cut = v_add(c.cut, v_log2(scale));
-  c.floor = v_mul(c.floor, scale);
-  return c;
-}
-
 /* The drawn rows of a call, compacted: members of their splats, half the sizes of their boxes, and their numbers. */
 enum { PACKED_ROWS = 256 + V_LANES };
 typedef struct packed_splats {
@@ -66,16 +36,24 @@ V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *
   project_all(&s, rolls ? &scan : NULL, view, data + first, stride);
   if (factor)
     s.opacity = v_mul(s.opacity, v_load(factor + first));
-  const row_cuts cuts = project_cuts(view, s.compensation);
+  /* Antialiasing lowers the opacity of what is smaller than a pixel, and the cut of the part with it, but not below
+   * 1/255: otherwise what is far away would vanish. */
+  vf least = v_set(view->alpha.least), cut = v_set(view->alpha.cut), floor = v_set(view->alpha.floor);
+  if (view->antialiased && view->alpha.floor != 0.0f) {
+    const vf scale = v_max(s.compensation, v_set(PAGS_ALPHA_MIN / view->alpha.least));
+    least = v_mul(least, scale);
+    cut = v_add(cut, v_log2(scale));
+    floor = v_mul(floor, scale);
+  }
   const vf raw = v_log2(v_max(s.opacity, v_set(1e-30f)));
   const vf l = v_add(factor ? raw : v_min(raw, v_zero()), v_set(view->alpha.lift));
   /* Half size of the box in which it is blended (the opacity-aware bound of StopThePop, not 3 sigma). */
-  const vf reach = v_mul(v_sub(l, cuts.cut), v_set(1.0f / PAGS_HALF_LOG2E));
+  const vf reach = v_mul(v_sub(l, cut), v_set(1.0f / PAGS_HALF_LOG2E));
   const vf extent_x = v_sqrt(v_max(v_mul(reach, s.a), v_zero()));
   const vf extent_y = v_sqrt(v_max(v_mul(reach, s.c), v_zero()));
   /* Comparisons are false for NaN, so a row with any non-finite value that matters drops out here. */
   const vf huge = v_set(1e18f);
-  vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, cuts.least));
+  vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, least));
   for (int k = 0; k < view->clip_count; k++) {
     const float *const p = view->clips[k];
     const vf x = rolls ? scan.c0[0] : s.x, y = rolls ? scan.c0[1] : s.y, z = rolls ? scan.c0[2] : s.z;
@@ -95,8 +73,14 @@ V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *
   memcpy(keys + first, key, (size_t)lanes * sizeof *keys);
   if (m_bits(drawn) == 0)
     return 0;
-  if (reaches)
-    project_reaches(&s, view, l, cuts.cut, drawn, lanes, reaches + first);
+  if (reaches) { /* outside of which u^2 + v^2 exceeds the cut-off of the rasteriser's test of blocks (tiles.h) */
+    const vf wide = v_mul(v_add(l, v_sub(v_set(PAGS_CUT_SLACK), cut)), v_set(1.0f / PAGS_HALF_LOG2E));
+    int32_t x0[V_LANES], x1[V_LANES], y0[V_LANES], y1[V_LANES];
+    project_blocks(drawn, s.mx, v_sqrt(v_max(v_mul(wide, s.a), v_zero())), view->width, x0, x1);
+    project_blocks(drawn, s.my, v_sqrt(v_max(v_mul(wide, s.c), v_zero())), view->height, y0, y1);
+    for (int k = 0; k < lanes; k++)
+      reaches[first + k] = (pags_reach){(uint16_t)x0[k], (uint16_t)x1[k], (uint16_t)y0[k], (uint16_t)y1[k]};
+  }
 
   const vf inv_c = v_div(v_set(1.0f), s.c);
   const v_packing packing = v_packing_of(drawn);
@@ -109,8 +93,8 @@ V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *
   v_pack(out->log2_opacity + at, packing, l);
   v_pack(out->z + at, packing, s.z);
   v_pack(out->slope + at, packing, v_div(s.b, s.a));
-  v_pack(out->cut + at, packing, cuts.cut);
-  v_pack(out->floor + at, packing, cuts.floor);
+  v_pack(out->cut + at, packing, cut);
+  v_pack(out->floor + at, packing, floor);
   v_pack(out->extent_x + at, packing, extent_x);
   v_pack(out->extent_y + at, packing, extent_y);
   out->count += i_compress(out->rows + out->count, drawn, i_add(v_to_i(v_iota()), i_set(first)));

@@ -213,42 +213,6 @@ V_INLINE void shade_backward(const pags_projection *view, const vf *u, const flo
     gmean[k] = v_fma(v_fnma(along, direction[k], gdirection[k]), inverse_distance, gmean[k]);
 }
 
-/* Tells the first plane of each row of `bad` whose value isn't finite. */
-static inline void name_planes(const float *out, int64_t stride, unsigned bad, uint8_t *name) {
-  for (; bad; bad &= bad - 1) {
-    const int k = __builtin_ctz(bad);
-    int p = 0;
-    while (fabsf(out[p * stride + k]) < 3e38f)
-      p++;
-    name[k] = (uint8_t)(p + 1);
-  }
-}
-
-/* Sets planes of rows with a value that isn't finite to zero; returns the bits of such rows. */
-static inline unsigned guard_rows(float *out, int64_t stride, int planes, unsigned drawn, uint8_t *name) {
-  vm finite = m_from_bits(0xFFFFu);
-  for (int p = 0; p < planes; p++)
-    finite = m_and(finite, v_lt(v_abs(v_load(out + p * stride)), v_set(3e38f)));
-  const unsigned bad = drawn & ~m_bits(finite);
-  if (bad && name)
-    name_planes(out, stride, bad, name);
-  const vm keep = m_from_bits(drawn & ~bad);
-  for (int p = 0; p < planes; p++)
-    v_store(out + p * stride, v_maskz(keep, v_load(out + p * stride)));
-  return bad;
-}
-
-static inline void colour_gradient(const slot_sums *sums, const pags_splat *splats, unsigned drawn, vf *gcolour) {
-  unsigned negative[3] = {0, 0, 0};
-  for (unsigned rest = drawn; rest; rest &= rest - 1) {
-    const int k = __builtin_ctz(rest);
-    for (int c = 0; c < 3; c++)
-      negative[c] |= (splats[k].clamped >> c & 1u) << k;
-  }
-  for (int c = 0; c < 3; c++)
-    gcolour[c] = v_maskz(m_from_bits(~negative[c] & 0xFFFFu), sums->field[PAGS_SLOT_R + c]);
-}
-
 V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride,
                            const slot_sums *sums, unsigned drawn, const pags_splat *splats, float *out,
                            int64_t out_stride, float *mean2d, float *radius, uint8_t *name) {
@@ -302,7 +266,12 @@ V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float 
     gmean[k] = rolls
                    ? v_zero()
                    : v_dot3(gcam[0], gcam[1], gcam[2], v_set(view->r[k]), v_set(view->r[3 + k]), v_set(view->r[6 + k]));
-  colour_gradient(sums, splats, drawn, gcolour);
+  unsigned negative[3] = {0, 0, 0};
+  for (unsigned rest = drawn; rest; rest &= rest - 1)
+    for (int c = 0; c < 3; c++)
+      negative[c] |= (splats[__builtin_ctz(rest)].clamped >> c & 1u) << __builtin_ctz(rest);
+  for (int c = 0; c < 3; c++)
+    gcolour[c] = v_maskz(m_from_bits(~negative[c] & 0xFFFFu), f[PAGS_SLOT_R + c]);
   if (rolls) {
     const vf u = scan_time(view->scan, splats, drawn);
     shade_backward(view, &u, data, stride, gcolour, out, out_stride, gmean);
@@ -314,8 +283,20 @@ V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float 
     v_store(out + k * out_stride, gmean[k]);
 
   const int planes = 11 + 3 * (view->sh_degree + 1) * (view->sh_degree + 1);
-  const unsigned bad = guard_rows(out, out_stride, planes, drawn, name);
+  vm finite = m_from_bits(0xFFFFu);
+  for (int k = 0; k < planes; k++)
+    finite = m_and(finite, v_lt(v_abs(v_load(out + k * out_stride)), v_set(3e38f)));
+  const unsigned bad = drawn & ~m_bits(finite);
+  for (unsigned rest = name ? bad : 0; rest; rest &= rest - 1) { /* the first plane whose value isn't finite */
+    const int row = __builtin_ctz(rest);
+    int plane = 0;
+    while (fabsf(out[plane * out_stride + row]) < 3e38f)
+      plane++;
+    name[row] = (uint8_t)(plane + 1);
+  }
   const vm good = m_from_bits(drawn & ~bad);
+  for (int k = 0; k < planes; k++)
+    v_store(out + k * out_stride, v_maskz(good, v_load(out + k * out_stride)));
   const vf half_w = v_set(0.5f * view->width), half_h = v_set(0.5f * view->height);
   const vf nx = v_mul(gmx, half_w), ny = v_mul(gmy, half_h);
   v_store(mean2d, v_maskz(good, v_sqrt(v_fma(nx, nx, v_mul(ny, ny)))));

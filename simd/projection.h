@@ -104,8 +104,11 @@ V_INLINE void project_covariance(projected *s, scanned *scan, const pags_project
     s->t[k] = v_fma(s->j00, scan_turn(scan, view, k), v_mul(s->j02, scan_turn(scan, view, 6 + k)));
     s->t[3 + k] = v_fma(s->j11, scan_turn(scan, view, 3 + k), v_mul(s->j12, scan_turn(scan, view, 6 + k)));
   }
-  if (scan)
-    scan_shear(scan, view->scan, s->t);
+  for (int k = 0; k < 3 && scan; k++) { /* J W becomes (I + m' (x, y) / q) J W */
+    scan->along[k] = v_fma(v_set(view->scan->x), s->t[k], v_mul(v_set(view->scan->y), s->t[3 + k]));
+    for (int i = 0; i < 2; i++)
+      s->t[3 * i + k] = v_fma(v_mul(scan->drift[i], scan->gain), scan->along[k], s->t[3 * i + k]);
+  }
   for (int i = 0; i < 2; i++)
     for (int k = 0; k < 3; k++)
       s->m[3 * i + k] = v_mul(
@@ -124,7 +127,12 @@ V_INLINE void project_covariance(projected *s, scanned *scan, const pags_project
   s->d = v_add(s->d0, v_fma(low, v_add(a0, c0), v_mul(low, low)));
 }
 
-static inline void project_opacity(projected *s, const pags_projection *view, const float *data, int64_t stride) {
+/* `scan`: NULL without a rolling shutter; a constant, so that each has code of its own. */
+V_INLINE void project_all(projected *s, scanned *scan, const pags_projection *view, const float *data, int64_t stride) {
+  rotation_from_quaternion(s, data, stride);
+  project_mean(s, scan, view, data, stride);
+  project_covariance(s, scan, view, data, stride);
+
   const vf logit = v_load(data + 10 * stride);
   const vf fade = v_exp(v_sub(v_zero(), logit));
   s->raw_opacity = v_div(v_set(1.0f), v_add(v_set(1.0f), fade));
@@ -133,14 +141,6 @@ static inline void project_opacity(projected *s, const pags_projection *view, co
   if (view->antialiased)
     s->compensation = v_sqrt(v_max(v_set(2.5e-5f), v_div(s->d0, s->d)));
   s->opacity = v_mul(s->raw_opacity, s->compensation);
-}
-
-/* `scan`: NULL without a rolling shutter; a constant, so that each has code of its own. */
-V_INLINE void project_all(projected *s, scanned *scan, const pags_projection *view, const float *data, int64_t stride) {
-  rotation_from_quaternion(s, data, stride);
-  project_mean(s, scan, view, data, stride);
-  project_covariance(s, scan, view, data, stride);
-  project_opacity(s, view, data, stride);
 }
 
 #define PAGS_HALF_LOG2E 0.72134752f

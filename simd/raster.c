@@ -59,19 +59,9 @@ V_INLINE void raster_pairs(raster_state *state, const raster_chunk *chunk, int p
   }
 }
 
-/* Prefetches the splats of the next chunk, or of the next tile, while this chunk is blended: they are scattered in
- * memory. */
-V_INLINE void fetch_ahead(const pags_raster_in *in, int64_t next) {
-  const bool more = next < in->count;
-  const pags_entry *const entries = more ? in->entries + next : in->ahead;
-  const int64_t count = more ? in->count - next : in->ahead_count;
-  for (int i = 0; i < RASTER_CHUNK && i < count; i++)
-    __builtin_prefetch(in->splats + entries[i].splat);
-}
-
 /* Writes the state of an unfinished block, to be resumed by raster_resume. */
 V_INLINE void raster_suspend(const pags_raster_out *out, const raster_state *state, int block, bool extra) {
-  const int64_t at = block_at(out, block);
+  const int64_t at = block_at(out->stride, block);
   v_store_4x4(out->rgb[0] + at, out->stride, state->r);
   v_store_4x4(out->rgb[1] + at, out->stride, state->g);
   v_store_4x4(out->rgb[2] + at, out->stride, state->b);
@@ -85,7 +75,7 @@ V_INLINE void raster_suspend(const pags_raster_out *out, const raster_state *sta
 }
 
 V_INLINE void raster_resume(const pags_raster_out *out, raster_state *state, int block, bool extra) {
-  const int64_t at = block_at(out, block);
+  const int64_t at = block_at(out->stride, block);
   state->r = v_load_4x4(out->rgb[0] + at, out->stride);
   state->g = v_load_4x4(out->rgb[1] + at, out->stride);
   state->b = v_load_4x4(out->rgb[2] + at, out->stride);
@@ -115,7 +105,7 @@ V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, co
       state[b].id = i_set(-1);
     }
     if (how.hard)
-      state[b].hard = v_load_4x4(in->hard + block_at(out, b), out->stride);
+      state[b].hard = v_load_4x4(in->hard + block_at(out->stride, b), out->stride);
     if (in->resume)
       raster_resume(out, state + b, b, how.extra);
     active |= (unsigned)(m_bits(inside) != 0 && !(in->resume && raster_stopped(state + b, how))) << b;
@@ -133,7 +123,12 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
     const int count = in->count - start < RASTER_CHUNK ? (int)(in->count - start) : RASTER_CHUNK;
     uint16_t *const masks = in->block_masks ? in->block_masks + start : NULL;
     const int pairs = load_chunk(in->splats, in->entries + start, count, &corners, active, &chunk, masks);
-    fetch_ahead(in, start + RASTER_CHUNK);
+    /* Prefetches the splats of the next chunk, or of the next tile, while this chunk is blended: they are scattered in
+     * memory. */
+    const int64_t next = start + RASTER_CHUNK, left_over = in->count - next;
+    const pags_entry *const ahead = left_over > 0 ? in->entries + next : in->ahead;
+    for (int i = 0; i < RASTER_CHUNK && i < (left_over > 0 ? left_over : in->ahead_count); i++)
+      __builtin_prefetch(in->splats + ahead[i].splat);
     raster_pairs(state, &chunk, pairs, how, in->pairs);
     for (unsigned left = active; left; left &= left - 1)
       if (raster_stopped(state + __builtin_ctz(left), how))

@@ -16,18 +16,10 @@
  * Splats are the outer loop, so the twelve sums live in registers and are folded once per (splat, tile). */
 #include "blend.h"
 
-typedef struct backward_tile {
-  vf t[PAGS_TILE_BLOCKS], behind[PAGS_TILE_BLOCKS];
-  vf g[4][PAGS_TILE_BLOCKS]; /* dL/d rgb, dL/d sum(w z) */
-  vf px[PAGS_TILE_BLOCKS], py[PAGS_TILE_BLOCKS];
-} backward_tile;
-
-V_INLINE void backward_load(backward_tile *tile, const pags_raster_back *in, bool depth) {
+V_INLINE void backward_load(drawn_tile *tile, const pags_raster_back *in, bool depth) {
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
-    const int64_t at = (int64_t)(b >> 2) * 4 * in->tile.stride + 4 * (b & 3);
-    tile->px[b] = block_x(b, in->tile.x0);
-    tile->py[b] = block_y(b, in->tile.y0);
-    const vm inside = block_inside(tile->px[b], tile->py[b], in->tile.width, in->tile.height);
+    const int64_t at = block_at(in->tile.stride, b);
+    const vm inside = begin_block(tile, &in->tile, b);
     vf behind = v_zero();
     for (int c = 0; c < 3; c++) {
       tile->g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->tile.stride));
@@ -41,7 +33,6 @@ V_INLINE void backward_load(backward_tile *tile, const pags_raster_back *in, boo
       behind = v_fma(tile->g[3][b], v_load_4x4(in->depth_sum + at, in->tile.stride), behind);
     }
     tile->behind[b] = v_maskz(inside, behind);
-    tile->t[b] = v_maskz(inside, v_set(1.0f));
   }
 }
 
@@ -49,14 +40,14 @@ typedef struct backward_cover { /* the part of one splat over one block that doe
   vf u, v, alpha;
 } backward_cover;
 
-V_INLINE backward_cover backward_alpha(const backward_tile *tile, const pags_splat *s, int b) {
+V_INLINE backward_cover backward_alpha(const drawn_tile *tile, const pags_splat *s, int b) {
   backward_cover c;
   const vf exponent = raster_exponent(s, tile->px[b], tile->py[b], &c.u, &c.v);
   c.alpha = raster_alpha(s, exponent, 5);
   return c;
 }
 
-V_INLINE void backward_step(backward_tile *tile, const pags_splat *s, const backward_cover *cover, int b, bool depth,
+V_INLINE void backward_step(drawn_tile *tile, const pags_splat *s, const backward_cover *cover, int b, bool depth,
                             vf *sum) {
   const vf u = cover->u, v = cover->v, alpha = cover->alpha;
   const vf t = tile->t[b], next = v_fnma(t, alpha, t);
@@ -90,37 +81,28 @@ V_INLINE void backward_step(backward_tile *tile, const pags_splat *s, const back
 
 enum { BACKWARD_SOON = 8, BACKWARD_LATER = 16 }; /* how many splats ahead is prefetched */
 
-/* Prefetches, for a splat BACKWARD_LATER entries ahead, the index of its first slot; for one BACKWARD_SOON entries
- * ahead, the slot itself and the splat. They are scattered in memory. */
-V_INLINE void backward_fetch(const pags_raster_back *in, int64_t i) {
-  const int64_t count = in->tile.count + in->next_count;
-  if (i + BACKWARD_LATER < count)
-    __builtin_prefetch(in->tile.slot_start + in->tile.entries[i + BACKWARD_LATER].splat);
-  if (i + BACKWARD_SOON < count) {
-    const pags_entry soon = in->tile.entries[i + BACKWARD_SOON];
-    __builtin_prefetch(in->tile.splats + soon.splat);
-    __builtin_prefetch(in->tile.slots + (in->tile.slot_start[soon.splat] + soon.rank) * PAGS_SLOT_FLOATS, 1);
-  }
-}
-
-/* Prefetches rows of the next tile's planes, two per splat. They are a picture's width apart, too far for the
- * hardware prefetcher; prefetched all at once, they would exceed what the processor can have in flight. */
-V_INLINE void backward_fetch_row(const pags_raster_back *in, int64_t i) {
-  const int64_t pair = i / PAGS_TILE, row = i % PAGS_TILE * in->tile.stride;
-  for (int64_t k = 2 * pair; k < 2 * pair + 2 && k < PAGS_BACK_PLANES; k++)
-    if (in->next[k])
-      __builtin_prefetch(in->next[k] + row);
-}
-
 V_INLINE void backward_all(const pags_raster_back *in, bool depth) {
-  backward_tile tile;
+  drawn_tile tile;
+  const int64_t count = in->tile.count + in->next_count;
   backward_load(&tile, in, depth);
   for (int64_t i = 0; i < in->tile.count; i++) {
-    backward_fetch(in, i);
-    backward_fetch_row(in, i);
+    /* Prefetches, for a splat BACKWARD_LATER entries ahead, the index of its first slot; for one BACKWARD_SOON entries
+     * ahead, the slot itself and the splat. They are scattered in memory. */
+    if (i + BACKWARD_LATER < count)
+      __builtin_prefetch(in->tile.slot_start + in->tile.entries[i + BACKWARD_LATER].splat);
+    if (i + BACKWARD_SOON < count) {
+      __builtin_prefetch(in->tile.splats + in->tile.entries[i + BACKWARD_SOON].splat);
+      __builtin_prefetch(slot_of(&in->tile, i + BACKWARD_SOON, PAGS_SLOT_FLOATS), 1);
+    }
+    /* Prefetches rows of the next tile's planes, two per splat. They are a picture's width apart, too far for the
+     * hardware prefetcher; prefetched all at once, they would exceed what the processor can have in flight. */
+    const int64_t first = i / PAGS_TILE * 2, row = i % PAGS_TILE * in->tile.stride;
+    for (int64_t k = first; k < first + 2 && k < PAGS_BACK_PLANES; k++)
+      if (in->next[k])
+        __builtin_prefetch(in->next[k] + row);
+
     const pags_splat *const s = in->tile.splats + in->tile.entries[i].splat;
-    float *const slot =
-        in->tile.slots + (in->tile.slot_start[in->tile.entries[i].splat] + in->tile.entries[i].rank) * PAGS_SLOT_FLOATS;
+    float *const slot = slot_of(&in->tile, i, PAGS_SLOT_FLOATS);
     unsigned blocks = in->tile.block_masks[i];
     if (!blocks) {
       v_store12(slot, v_zero());

@@ -20,7 +20,7 @@ void KERNEL(raster_depth)(const pags_raster_in *in, float *depth, int64_t stride
     }
   }
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
-    v_store_4x4(depth + (int64_t)(b >> 2) * 4 * stride + 4 * (b & 3), stride, nearest[b]);
+    v_store_4x4(depth + block_at(stride, b), stride, nearest[b]);
     float lane[V_LANES];
     v_store(lane, v_select(block_inside(block_x(b, in->x0), block_y(b, in->y0), in->width, in->height), nearest[b],
                            v_zero()));

@@ -94,15 +94,6 @@ V_INLINE vf scan_turn(const scanned *s, const pags_projection *view, int k) {
   return s ? s->turn[k] : v_set(view->r[k]);
 }
 
-/* t = J W becomes (I + m' (x, y) / q) J W. */
-static inline void scan_shear(scanned *s, const pags_scan *scan, vf t[6]) {
-  for (int k = 0; k < 3; k++) {
-    s->along[k] = v_fma(v_set(scan->x), t[k], v_mul(v_set(scan->y), t[3 + k]));
-    for (int i = 0; i < 2; i++)
-      t[3 * i + k] = v_fma(v_mul(s->drift[i], s->gain), s->along[k], t[3 * i + k]);
-  }
-}
-
 /* Read-out times of the lines that contain the means of the `drawn` splats. */
 static inline vf scan_time(const pags_scan *scan, const pags_splat *splats, unsigned drawn) {
   float u[V_LANES] = {0.0f};
@@ -111,11 +102,6 @@ static inline vf scan_time(const pags_scan *scan, const pags_splat *splats, unsi
     u[k] = scan->x * splats[k].x + scan->y * splats[k].y + scan->start;
   }
   return v_clamp(v_load(u), v_set(-1.0f), v_set(1.0f));
-}
-
-/* The camera's centre in the model's frame, coordinate k. */
-static inline vf scan_eye(const pags_projection *view, int k, vf u) {
-  return v_fma(u, v_fma(u, v_set(view->scan->eye2[k]), v_set(view->scan->eye1[k])), v_set(view->eye[k]));
 }
 
 #endif

@@ -15,53 +15,48 @@
 #include "blend.h"
 
 typedef struct score_tile {
-  vf t[PAGS_TILE_BLOCKS], behind[PAGS_TILE_BLOCKS];
-  vf g[3][PAGS_TILE_BLOCKS];
+  drawn_tile drawn;
   vf counted[PAGS_TILE_BLOCKS], critical[PAGS_TILE_BLOCKS];
-  vf px[PAGS_TILE_BLOCKS], py[PAGS_TILE_BLOCKS];
 } score_tile;
 
 V_INLINE void score_load(score_tile *tile, const pags_raster_score *in, bool loss) {
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
-    const int64_t at = (int64_t)(b >> 2) * 4 * in->tile.stride + 4 * (b & 3);
-    tile->px[b] = block_x(b, in->tile.x0);
-    tile->py[b] = block_y(b, in->tile.y0);
-    const vm inside = block_inside(tile->px[b], tile->py[b], in->tile.width, in->tile.height);
+    const int64_t at = block_at(in->tile.stride, b);
+    const vm inside = begin_block(&tile->drawn, &in->tile, b);
     vf behind = v_zero();
     for (int c = 0; c < 3; c++) {
       const vf rgb = v_load_4x4(in->tile.rgb[c] + at, in->tile.stride);
       if (loss) {
-        tile->g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->tile.stride));
-        behind = v_fma(tile->g[c][b], rgb, behind);
+        tile->drawn.g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->tile.stride));
+        behind = v_fma(tile->drawn.g[c][b], rgb, behind);
       } else {
         behind = v_add(behind, rgb);
       }
     }
     tile->counted[b] = v_maskz(inside, v_load_4x4(in->counted + at, in->tile.stride));
     tile->critical[b] = v_mul(tile->counted[b], v_maskz(inside, v_load_4x4(in->critical + at, in->tile.stride)));
-    tile->behind[b] = v_maskz(inside, behind);
-    tile->t[b] = v_maskz(inside, v_set(1.0f));
+    tile->drawn.behind[b] = v_maskz(inside, behind);
   }
 }
 
 V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool overlap, bool loss, vf sum[3]) {
   vf u, v;
-  const vf exponent = raster_exponent(s, tile->px[b], tile->py[b], &u, &v);
+  const vf exponent = raster_exponent(s, tile->drawn.px[b], tile->drawn.py[b], &u, &v);
   const vf alpha = raster_alpha(s, exponent, 5);
-  const vf t = tile->t[b], next = v_fnma(t, alpha, t);
+  const vf t = tile->drawn.t[b], next = v_fnma(t, alpha, t);
   const vm goes_on = v_ge(next, v_set(PAGS_T_STOP)), blends = m_and(goes_on, v_gt(alpha, v_zero()));
   const vf w = v_maskz(goes_on, v_mul(alpha, t));
   vf shine;
   if (loss) {
-    shine = v_mul(tile->g[2][b], v_set(s->b));
-    shine = v_fma(tile->g[1][b], v_set(s->g), shine);
-    shine = v_fma(tile->g[0][b], v_set(s->r), shine);
+    shine = v_mul(tile->drawn.g[2][b], v_set(s->b));
+    shine = v_fma(tile->drawn.g[1][b], v_set(s->g), shine);
+    shine = v_fma(tile->drawn.g[0][b], v_set(s->r), shine);
   } else {
     shine = v_set(s->r + s->g + s->b);
   }
-  const vf behind = v_fnma(w, shine, tile->behind[b]);
-  tile->t[b] = v_maskz(goes_on, next);
-  tile->behind[b] = v_maskz(goes_on, behind);
+  const vf behind = v_fnma(w, shine, tile->drawn.behind[b]);
+  tile->drawn.t[b] = v_maskz(goes_on, next);
+  tile->drawn.behind[b] = v_maskz(goes_on, behind);
 
   const vf seen = overlap ? alpha : w;
   const vf by_alpha = v_maskz(blends, v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), alpha))));
@@ -78,8 +73,7 @@ V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
     if (i + 4 < in->tile.count)
       __builtin_prefetch(in->tile.splats + in->tile.entries[i + 4].splat);
     const pags_splat *const s = in->tile.splats + in->tile.entries[i].splat;
-    float *const slot =
-        in->tile.slots + (in->tile.slot_start[in->tile.entries[i].splat] + in->tile.entries[i].rank) * PAGS_SCORE_SUMS;
+    float *const slot = slot_of(&in->tile, i, PAGS_SCORE_SUMS);
     uint16_t blocks = in->tile.block_masks[i];
     if (overlap) /* a splat counts also where it is hidden by others */
       blocks = block_mask(s, &corners);

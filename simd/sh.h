@@ -48,8 +48,12 @@ static inline void sh_basis(int degree, vf x, vf y, vf z, vf *basis) {
  * when the rows are read out; NULL without a rolling shutter. */
 V_INLINE void sh_direction(const pags_projection *view, const vf *u, const float *data, int64_t stride, vf *d,
                            vf *inverse_distance) {
-  for (int k = 0; k < 3; k++)
-    d[k] = v_sub(v_load(data + k * stride), u ? scan_eye(view, k, *u) : v_set(view->eye[k]));
+  for (int k = 0; k < 3; k++) {
+    vf eye = v_set(view->eye[k]); /* the camera's centre in the model's frame */
+    if (u)
+      eye = v_fma(*u, v_fma(*u, v_set(view->scan->eye2[k]), v_set(view->scan->eye1[k])), eye);
+    d[k] = v_sub(v_load(data + k * stride), eye);
+  }
   const vf norm2 = v_dot3(d[0], d[1], d[2], d[0], d[1], d[2]);
   const vm apart = v_gt(norm2, v_set(1e-30f));
   *inverse_distance = v_maskz(apart, v_div(v_set(1.0f), v_sqrt(v_select(apart, norm2, v_set(1.0f)))));

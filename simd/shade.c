@@ -2,19 +2,9 @@
 /* Colours of splats from spherical harmonics (sh.h), seen from the camera. */
 #include "sh.h"
 
-static inline void sh_colour(int degree, const vf *basis, const float *data, const float *dc, int64_t stride, vf *rgb) {
-  const int coefficients = (degree + 1) * (degree + 1);
-  for (int c = 0; c < 3; c++) {
-    const float *const plane = data + (11 + c) * stride;
-    vf sum = v_fma(basis[0], v_load(dc + c * stride), v_set(0.5f));
-    for (int k = 1; k < coefficients; k++)
-      sum = v_fma(basis[k], v_load(plane + 3 * k * stride), sum);
-    rgb[c] = sum;
-  }
-}
-
 V_INLINE void shade_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride, const float *dc,
                          int count, const uint32_t *keys, pags_splat *splats) {
+  const int coefficients = (view->sh_degree + 1) * (view->sh_degree + 1);
   if (!dc)
     dc = data + 11 * stride;
   for (int first = 0; first < count; first += V_LANES) {
@@ -29,10 +19,13 @@ V_INLINE void shade_rows(bool rolls, const pags_projection *view, const float *d
       u = scan_time(view->scan, splats + first, drawn);
     sh_direction(view, rolls ? &u : NULL, data + first, stride, direction, &inverse_distance);
     sh_basis(view->sh_degree, direction[0], direction[1], direction[2], basis);
-    sh_colour(view->sh_degree, basis, data + first, dc + first, stride, rgb);
     float colour[3][V_LANES];
     unsigned negative[3];
     for (int c = 0; c < 3; c++) {
+      const float *const plane = data + first + (11 + c) * stride;
+      rgb[c] = v_fma(basis[0], v_load(dc + first + c * stride), v_set(0.5f));
+      for (int k = 1; k < coefficients; k++)
+        rgb[c] = v_fma(basis[k], v_load(plane + 3 * k * stride), rgb[c]);
       negative[c] = m_bits(v_lt(rgb[c], v_zero()));
       v_store(colour[c], v_min(v_max(rgb[c], v_zero()), v_set(PAGS_COLOUR_MAX)));
     }

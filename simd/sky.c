@@ -75,17 +75,6 @@ void KERNEL(sky_cells)(const pags_sky_rays *rays, int x0, int y0, int step, int3
   }
 }
 
-/* Prefetches the texels of sixteen pixels: the map has tens of megabytes, and without prefetching, two thirds of the
- * blending time is spent waiting for it. Every fifth pixel suffices to reach each cache line, as long as neighbouring
- * pixels are at most one texel apart. */
-V_INLINE void sky_fetch(const float *texels, const int32_t *texel, int below) {
-  for (int k = 0; k < V_LANES; k += 5) {
-    const float *const at = texels + 3 * (int64_t)texel[k];
-    __builtin_prefetch(at, 0, 2);
-    __builtin_prefetch(at + 3 * below, 0, 2);
-  }
-}
-
 void KERNEL(sky_find)(const pags_sky_rays *rays, const float *texels, int x0, int y0, pags_sky_tile *tile) {
   for (int y = 0; y < PAGS_TILE; y++) {
     const sky_cells16 cells = sky_cells_of(rays, x0, y0 + y);
@@ -93,25 +82,15 @@ void KERNEL(sky_find)(const pags_sky_rays *rays, const float *texels, int x0, in
     i_store(texel, i_add(i_mul(cells.row, i_set(rays->size)), cells.column));
     v_store(tile->along + y * PAGS_TILE, cells.along);
     v_store(tile->down + y * PAGS_TILE, cells.down);
-    sky_fetch(texels, texel, rays->size > 1 ? rays->size : 0);
+    /* Prefetches the texels of sixteen pixels: the map has tens of megabytes, and without prefetching, two thirds of
+     * the blending time is spent waiting for it. Every fifth pixel suffices to reach each cache line, as long as
+     * neighbouring pixels are at most one texel apart. */
+    for (int k = 0; k < V_LANES; k += 5) {
+      const float *const at = texels + 3 * (int64_t)texel[k];
+      __builtin_prefetch(at, 0, 2);
+      __builtin_prefetch(at + 3 * (rays->size > 1 ? rays->size : 0), 0, 2);
+    }
   }
-}
-
-/* Addresses of the corners of four pixels' cells: at[k] is the top left one, the others lie `right` and `below`
- * floats further. Loads read one float beyond a texel's three. The last texel of the map is read from the copy
- * `ending`, since no float follows it. */
-typedef struct sky_corners {
-  const float *at[4], *last[4];
-} sky_corners;
-
-V_INLINE sky_corners sky_corners_of(const float *texels, const int32_t *texel, int64_t right, int64_t below,
-                                    int32_t ending_texel, const float *ending) {
-  sky_corners c;
-  for (int k = 0; k < 4; k++) {
-    c.at[k] = texels + 3 * (int64_t)texel[k];
-    c.last[k] = texel[k] == ending_texel ? ending : c.at[k] + right + below;
-  }
-  return c;
 }
 
 V_INLINE vf sky_load(const float *const at[4], int64_t on) {
@@ -119,7 +98,8 @@ V_INLINE vf sky_load(const float *const at[4], int64_t on) {
 }
 
 /* Adds the sky to a tile. Four pixels at a time: each group of four lanes loads red, green, blue and the float after
- * them at once, since gathering lane by lane takes five times as long. */
+ * them at once, since gathering lane by lane takes five times as long. Loads read one float beyond a texel's three. The
+ * last texel of the map is read from the copy `ending`, since no float follows it. */
 void KERNEL(sky_blend)(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
                        const float *transmittance, float *const rgb[3]) {
   const int64_t right = rays->size > 1 ? 3 : 0, below = right * rays->size,
@@ -136,11 +116,16 @@ void KERNEL(sky_blend)(const pags_sky_rays *rays, const float *texels, const pag
       continue;
     sky_weights(v_load(tile->along + row), v_load(tile->down + row), t, weight);
     for (int k = 0; k < 4; k++) {
-      const sky_corners c = sky_corners_of(texels, tile->texel + row + 4 * k, right, below, ending_texel, ending);
-      colour[k] = v_mul(sky_load(c.at, 0), v_spread(weight[0], k));
-      colour[k] = v_fma(sky_load(c.at, right), v_spread(weight[1], k), colour[k]);
-      colour[k] = v_fma(sky_load(c.at, below), v_spread(weight[2], k), colour[k]);
-      colour[k] = v_fma(sky_load(c.last, 0), v_spread(weight[3], k), colour[k]);
+      const float *corner[4], *opposite[4]; /* the top left and the bottom right ones of four pixels' cells */
+      for (int i = 0; i < 4; i++) {
+        const int32_t texel = tile->texel[row + 4 * k + i];
+        corner[i] = texels + 3 * (int64_t)texel;
+        opposite[i] = texel == ending_texel ? ending : corner[i] + right + below;
+      }
+      colour[k] = v_mul(sky_load(corner, 0), v_spread(weight[0], k));
+      colour[k] = v_fma(sky_load(corner, right), v_spread(weight[1], k), colour[k]);
+      colour[k] = v_fma(sky_load(corner, below), v_spread(weight[2], k), colour[k]);
+      colour[k] = v_fma(sky_load(opposite, 0), v_spread(weight[3], k), colour[k]);
     }
     v_columns3(colour, &sky[0], &sky[1], &sky[2]);
     for (int c = 0; c < 3; c++)

@@ -96,71 +96,32 @@ static void loss_load(loss_state *s, int row) {
   }
 }
 
-/* Blurs x, y, xx + yy and xy along the columns, for rows `row` and `row` + 1. */
-static void loss_moments_down(const loss_state *s, int row) {
+/* Blurs `count` quantities of the rows of a ring along the columns, for rows `row` and `row` + 1. The four moments x,
+ * y, xx + yy and xy are made from x and y; of three, each has a ring of its own. Rings are `apart` floats apart. */
+V_INLINE void loss_down(const loss_state *s, float *ring, int64_t apart, int count, int row) {
   vf w[LOSS_RADIUS + 1];
-  const float *x[LOSS_WINDOW];
-  const int64_t to_y = s->y - s->x;
+  const float *rows[LOSS_WINDOW];
   for (int k = 0; k <= LOSS_RADIUS; k++)
     w[k] = v_set(loss_weight[k]);
   for (int k = 0; k < LOSS_WINDOW; k++)
-    x[k] = loss_ring(s, s->x, row - LOSS_RADIUS + k);
+    rows[k] = loss_ring(s, ring, row - LOSS_RADIUS + k);
   for (int64_t i = 0; i < s->io->width; i += V_LANES) {
     vf sum[2][4];
-    for (int j = 0; j < 4; j++)
+    for (int j = 0; j < count; j++)
       sum[0][j] = sum[1][j] = v_zero();
 #pragma GCC unroll 12
     for (int k = 0; k < LOSS_WINDOW; k++) {
-      const vf a = v_load(x[k] + i), b = v_load(x[k] + to_y + i);
-      const vf q = v_fma(a, a, v_mul(b, b)), p = v_mul(a, b);
-      if (k < LOSS_TAPS) {
-        const vf t = w[k < LOSS_RADIUS ? LOSS_RADIUS - k : k - LOSS_RADIUS];
-        sum[0][0] = v_fma(t, a, sum[0][0]);
-        sum[0][1] = v_fma(t, b, sum[0][1]);
-        sum[0][2] = v_fma(t, q, sum[0][2]);
-        sum[0][3] = v_fma(t, p, sum[0][3]);
-      }
-      if (k > 0) {
-        const vf t = w[k - 1 < LOSS_RADIUS ? LOSS_RADIUS - k + 1 : k - 1 - LOSS_RADIUS];
-        sum[1][0] = v_fma(t, a, sum[1][0]);
-        sum[1][1] = v_fma(t, b, sum[1][1]);
-        sum[1][2] = v_fma(t, q, sum[1][2]);
-        sum[1][3] = v_fma(t, p, sum[1][3]);
-      }
-    }
-    for (int j = 0; j < 4; j++) {
-      v_store(s->sums[0][j] + i, sum[0][j]);
-      v_store(s->sums[1][j] + i, sum[1][j]);
-    }
-  }
-}
-
-/* Blurs the three derivatives along the columns, for rows `row` and `row` + 1. */
-static void loss_derivatives_down(const loss_state *s, int row) {
-  vf w[LOSS_RADIUS + 1];
-  const float *d[LOSS_WINDOW];
-  const int64_t to_next = s->derivative[1] - s->derivative[0];
-  for (int k = 0; k <= LOSS_RADIUS; k++)
-    w[k] = v_set(loss_weight[k]);
-  for (int k = 0; k < LOSS_WINDOW; k++)
-    d[k] = loss_ring(s, s->derivative[0], row - LOSS_RADIUS + k);
-  for (int64_t i = 0; i < s->io->width; i += V_LANES) {
-    vf sum[2][3];
-    for (int j = 0; j < 3; j++)
-      sum[0][j] = sum[1][j] = v_zero();
-#pragma GCC unroll 12
-    for (int k = 0; k < LOSS_WINDOW; k++) {
-      const vf t0 = w[k < LOSS_RADIUS ? LOSS_RADIUS - k : k < LOSS_TAPS ? k - LOSS_RADIUS : 0];
-      const vf t1 = w[k == 0 ? 0 : k - 1 < LOSS_RADIUS ? LOSS_RADIUS - k + 1 : k - 1 - LOSS_RADIUS];
-      for (int j = 0; j < 3; j++) {
-        const vf a = v_load(d[k] + j * to_next + i);
+      const vf a = v_load(rows[k] + i), b = v_load(rows[k] + apart + i);
+      const vf c = count == 4 ? v_fma(a, a, v_mul(b, b)) : v_load(rows[k] + 2 * apart + i);
+      const vf value[4] = {a, b, c, count == 4 ? v_mul(a, b) : v_zero()};
+      for (int j = 0; j < count; j++) {
         if (k < LOSS_TAPS)
-          sum[0][j] = v_fma(t0, a, sum[0][j]);
+          sum[0][j] = v_fma(w[k < LOSS_RADIUS ? LOSS_RADIUS - k : k - LOSS_RADIUS], value[j], sum[0][j]);
         if (k > 0)
-          sum[1][j] = v_fma(t1, a, sum[1][j]);
+          sum[1][j] = v_fma(w[k <= LOSS_RADIUS ? LOSS_RADIUS - k + 1 : k - 1 - LOSS_RADIUS], value[j], sum[1][j]);
       }
     }
-    for (int j = 0; j < 3; j++) {
+    for (int j = 0; j < count; j++) {
       v_store(s->sums[0][j] + i, sum[0][j]);
       v_store(s->sums[1][j] + i, sum[1][j]);
     }
@@ -214,17 +175,6 @@ static void loss_differentiate(loss_state *s, int row, float *const sums[4]) {
   row_sums[PAGS_LOSS_MORE_DSSIM] = (double)v_sum(more);
 }
 
-static void loss_derivatives(loss_state *s, int row) {
-  loss_moments_down(s, row);
-  for (int r = 0; r < 2; r++) {
-    if (row + r >= 0 && row + r < s->io->height)
-      loss_differentiate(s, row + r, s->sums[r]);
-    else
-      for (int j = 0; j < 3; j++)
-        memset(loss_ring(s, s->derivative[j], row + r), 0, (size_t)s->io->stride * sizeof(float));
-  }
-}
-
 /* Computes the gradient of the loss by the prediction for one row, from the sums of the derivatives along the
  * columns, and adds the row's part of the gradient by the exposure. Zero in the padding and where a pixel doesn't
  * count. */
@@ -252,33 +202,33 @@ static void loss_gradient(loss_state *s, int row, float *const sums[3]) {
   row_sums[PAGS_LOSS_BY_OFFSET] = (double)v_sum(by_offset);
 }
 
-static loss_state loss_begin(const pags_loss_rows *io) {
+void KERNEL(loss_rows)(pags_loss_rows *io) {
   loss_state s = {.io = io, .pitch = pags_loss_pitch(io->stride)};
   float *next = io->scratch + LOSS_MARGIN;
-  s.x = next, next += LOSS_RING * s.pitch;
-  s.y = next, next += LOSS_RING * s.pitch;
-  for (int j = 0; j < 3; j++)
-    s.derivative[j] = next, next += LOSS_RING * s.pitch;
+  float **const rings[] = {&s.x, &s.y, &s.derivative[0], &s.derivative[1], &s.derivative[2]};
+  for (int j = 0; j < 5; j++, next += LOSS_RING * s.pitch)
+    *rings[j] = next;
   for (int j = 0; j < 8; j++, next += s.pitch) { /* the only rows whose margins are read */
     s.sums[j / 4][j % 4] = next;
     memset(next - LOSS_MARGIN, 0, LOSS_MARGIN * sizeof *next);
     memset(next + loss_padded(io), 0, LOSS_MARGIN * sizeof *next);
   }
-  return s;
-}
-
-void KERNEL(loss_rows)(pags_loss_rows *io) {
-  loss_state s = loss_begin(io);
   for (int row = io->begin - 2 * LOSS_RADIUS; row < io->begin; row++)
     loss_load(&s, row);
   for (int row = io->begin - LOSS_RADIUS; row < io->end + LOSS_RADIUS; row += 2) {
     loss_load(&s, row + LOSS_RADIUS);
     loss_load(&s, row + LOSS_RADIUS + 1);
-    loss_derivatives(&s, row);
+    loss_down(&s, s.x, s.y - s.x, 4, row);
+    for (int r = 0; r < 2; r++)
+      if (row + r >= 0 && row + r < io->height)
+        loss_differentiate(&s, row + r, s.sums[r]);
+      else
+        for (int j = 0; j < 3; j++)
+          memset(loss_ring(&s, s.derivative[j], row + r), 0, (size_t)io->stride * sizeof(float));
     const int done = row - LOSS_RADIUS; /* its derivatives reach from done - 5 to done + 6 */
     if (done < io->begin)
       continue;
-    loss_derivatives_down(&s, done);
+    loss_down(&s, s.derivative[0], s.derivative[1] - s.derivative[0], 3, done);
     for (int r = 0; r < 2 && done + r < io->end; r++)
       loss_gradient(&s, done + r, s.sums[r]);
   }

@@ -48,21 +48,6 @@ static inline unsigned box_touched(const pags_splat *s, const pags_tile_box *box
                              v_add(column, v_set((float)box->x0)), v_add(row, v_set((float)box->y0))));
 }
 
-/* Returns the mask of touched tiles, row by row, of a box of at most 64 tiles. */
-static inline uint64_t small_box_touched(const pags_splat *s, const pags_tile_box *box) {
-  const int tiles = box->nx * box->ny;
-  const vf nx = v_set((float)box->nx), inv_nx = v_set(1.0f / (float)box->nx), half = v_set(0.5f);
-  uint64_t touched = 0;
-  /* Lane l holds tile (l mod nx, l / nx). The row is computed from l + 0.5, so that rounding errors of the quotient
-   * cannot cross a whole number. */
-  for (int first = 0; first < tiles; first += V_LANES) {
-    const vf l = v_add(v_iota(), v_set((float)first));
-    const vf row = i_to_v(v_to_i(v_sub(v_mul(v_add(l, half), inv_nx), half)));
-    touched |= (uint64_t)box_touched(s, box, tiles - first, v_fnma(row, nx, l), row) << first;
-  }
-  return touched;
-}
-
 /* ---- Boxes: sixteen splats at once ---- */
 
 /* In this section each lane holds one splat, and the tiles of the boxes are tested in turn. Boxes of more than
@@ -148,25 +133,30 @@ V_INLINE boxes_found find_boxes(const vf *fields, vf extent_x, vf extent_y, cons
   return found;
 }
 
-/* Counts the touched tiles of a box of more than 64 tiles. */
-static inline uint32_t large_box_tiles(const pags_splat *s, const pags_tile_box *box) {
-  uint32_t tiles = 0;
-  for (int y = 0; y < box->ny; y++)
-    for (int x = 0; x < box->nx; x += V_LANES)
-      tiles += (uint32_t)__builtin_popcount(
-          box_touched(s, box, box->nx - x, v_add(v_iota(), v_set((float)x)), v_set((float)y)));
-  return tiles;
-}
-
 /* Finds the touched tiles of the larger boxes, and their number. */
 static inline void large_boxes(unsigned large, const int32_t *rows, pags_splat *splats, pags_tile_box *boxes) {
   for (; large; large &= large - 1) {
     pags_splat *const s = splats + rows[__builtin_ctz(large)];
     pags_tile_box *const box = boxes + rows[__builtin_ctz(large)];
-    const bool masked = box->nx * box->ny <= 64;
-    if (masked)
-      box->touched = small_box_touched(s, box);
-    s->tiles = masked ? (uint32_t)__builtin_popcountll(box->touched) : large_box_tiles(s, box);
+    const int tiles = box->nx * box->ny;
+    s->tiles = 0;
+    if (tiles > 64) {
+      for (int y = 0; y < box->ny; y++)
+        for (int x = 0; x < box->nx; x += V_LANES)
+          s->tiles += (uint32_t)__builtin_popcount(
+              box_touched(s, box, box->nx - x, v_add(v_iota(), v_set((float)x)), v_set((float)y)));
+      continue;
+    }
+    /* Lane l holds tile (l mod nx, l / nx). The row is computed from l + 0.5, so that rounding errors of the quotient
+     * cannot cross a whole number. */
+    const vf nx = v_set((float)box->nx), inv_nx = v_set(1.0f / (float)box->nx), half = v_set(0.5f);
+    box->touched = 0;
+    for (int first = 0; first < tiles; first += V_LANES) {
+      const vf l = v_add(v_iota(), v_set((float)first));
+      const vf row = i_to_v(v_to_i(v_sub(v_mul(v_add(l, half), inv_nx), half)));
+      box->touched |= (uint64_t)box_touched(s, box, tiles - first, v_fnma(row, nx, l), row) << first;
+    }
+    s->tiles = (uint32_t)__builtin_popcountll(box->touched);
   }
 }
 

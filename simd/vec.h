@@ -145,7 +145,7 @@ static inline vf v_exp(vf x) {
 /* log2 x for finite normal x > 0, with an error of about 1.5 ulp, by the polynomial of Cephes' logf. */
 static inline vf v_log2(vf x) {
   const vi bits = v_bits(x);
-  vi e = i_sub(i_shr(bits, 23), i_set(126));
+  const vi e = i_add(i_shr(bits, 23), i_set(-126));
   vf m = v_from_bits(i_or(i_and(bits, i_set(0x007FFFFF)), i_set(0x3F000000))); /* [0.5, 1) */
   const vm small = v_lt(m, v_set(0.70710678f));
   m = v_select(small, v_add(m, m), m);

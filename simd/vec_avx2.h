@@ -130,9 +130,6 @@ static inline void i_store(int32_t *p, vi x) {
 static inline vi i_add(vi x, vi y) {
   return I_EACH2(_mm256_add_epi32, x, y);
 }
-static inline vi i_sub(vi x, vi y) {
-  return I_EACH2(_mm256_sub_epi32, x, y);
-}
 static inline vi i_mul(vi x, vi y) {
   return I_EACH2(_mm256_mullo_epi32, x, y);
 }

@@ -110,9 +110,6 @@ static inline void i_store(int32_t *p, vi a) {
 static inline vi i_add(vi a, vi b) {
   return _mm512_add_epi32(a, b);
 }
-static inline vi i_sub(vi a, vi b) {
-  return _mm512_sub_epi32(a, b);
-}
 static inline vi i_mul(vi a, vi b) {
   return _mm512_mullo_epi32(a, b);
 }

@@ -132,9 +132,6 @@ static inline void i_store(int32_t *p, vi x) {
 static inline vi i_add(vi x, vi y) {
   V_DO(vi, vaddq_s32(x.r[k], y.r[k]));
 }
-static inline vi i_sub(vi x, vi y) {
-  V_DO(vi, vsubq_s32(x.r[k], y.r[k]));
-}
 static inline vi i_mul(vi x, vi y) {
   V_DO(vi, vmulq_s32(x.r[k], y.r[k]));
 }

@@ -116,9 +116,6 @@ static inline void i_store(int32_t *p, vi x) {
 static inline vi i_add(vi x, vi y) {
   V_DO(vi, (int32_t)((uint32_t)x.l[k] + (uint32_t)y.l[k]));
 }
-static inline vi i_sub(vi x, vi y) {
-  V_DO(vi, (int32_t)((uint32_t)x.l[k] - (uint32_t)y.l[k]));
-}
 static inline vi i_mul(vi x, vi y) {
   V_DO(vi, (int32_t)((uint32_t)x.l[k] * (uint32_t)y.l[k]));
 }

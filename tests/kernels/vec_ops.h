@@ -41,7 +41,6 @@
   X(i_load, i, i, i)                                                                                \
   X(v_bits, i, v_bits(x), i)                                                                        \
   X(i_add, i, i_add(i, j), (int32_t)((uint32_t)i + (uint32_t)j))                                    \
-  X(i_sub, i, i_sub(i, j), (int32_t)((uint32_t)i - (uint32_t)j))                                    \
   X(i_mul, i, i_mul(i, j), (int32_t)((uint32_t)i * (uint32_t)j))                                    \
   X(i_and, i, i_and(i, j), i &j)                                                                    \
   X(i_or, i, i_or(i, j), i | j)                                                                     \
