@@ -6,7 +6,7 @@
 #include <pags/base.h>
 #include <stdbool.h>
 
-#include "image/encoded.h"
+#include "image/formats.h"
 
 enum { PAGS_HTML_TEXTS = 8 };
 

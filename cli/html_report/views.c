@@ -10,9 +10,8 @@
 #include "base/text.h"
 #include "cli/draw/picture.h"
 #include "frame/owners.h"
-#include "image/convert.h"
-#include "image/jpeg.h"
-#include "image/resample.h"
+#include "image/formats.h"
+#include "image/pixels.h"
 
 enum {
   PICTURE_WIDTH = 320, /* most pixels of a small picture's row: three of them fill a page, one a phone */

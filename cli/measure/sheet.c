@@ -8,7 +8,7 @@
 #include <math.h>
 #include <stdio.h>
 #include "dataset/owners.h"
-#include "image/resample.h"
+#include "image/pixels.h"
 
 enum { WIDTH = 1600, COLUMNS = 8, MOST_ROWS = 12, STATIC_ROWS = 4, MARGIN = 36, GAP = 4, MOST_MAP = 1000 };
 

@@ -11,8 +11,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/psnr.h"
-#include "image/convert.h"
-#include "image/resample.h"
+#include "image/pixels.h"
 
 typedef struct shifting {
   const char *images;

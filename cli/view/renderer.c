@@ -15,7 +15,7 @@
 #include "base/clock.h"
 #include "base/memory.h"
 #include "base/psnr.h"
-#include "image/jpeg.h"
+#include "image/formats.h"
 #include "maths/maths.h"
 
 struct pags_renderer {

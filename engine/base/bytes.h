@@ -33,6 +33,14 @@ static inline double pags_load_f64(const uint8_t *p) {
   return value;
 }
 
+/* A big-endian number of up to four bytes. */
+static inline uint32_t pags_load_big(const uint8_t *p, int bytes) {
+  uint32_t value = 0;
+  for (int i = 0; i < bytes; i++)
+    value = value << 8 | p[i];
+  return value;
+}
+
 static inline void pags_store_u32(uint8_t *p, uint32_t value) {
   p[0] = (uint8_t)value;
   p[1] = (uint8_t)(value >> 8);

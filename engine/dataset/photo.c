@@ -10,7 +10,7 @@
 #include "dataset/photo_mask.h"
 #include "dataset/undistort.h"
 #include "dataset/view_camera.h"
-#include "image/resample.h"
+#include "image/pixels.h"
 #include "port/port.h"
 
 #include <assert.h>

@@ -4,11 +4,11 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
+#include "base/bytes.h"
 #include "base/memory.h"
-#include "image/convert.h"
+#include "base/vec3.h"
+#include "image/pixels.h"
 #include "maths/maths.h"
 
 /* ---- Curves ---- */
@@ -59,7 +59,7 @@ static void multiply(const double a[9], const double b[9], double out[9]) {
 
 static void transform(const double m[9], const double v[3], double out[3]) {
   for (int i = 0; i < 3; i++)
-    out[i] = m[3 * i] * v[0] + m[3 * i + 1] * v[1] + m[3 * i + 2] * v[2];
+    out[i] = pags_dot3(m + 3 * i, v);
 }
 
 static bool invert(const double m[9], double out[9]) {
@@ -241,25 +241,18 @@ void pags_colour_state(const pags_colour *colour, pags_image_facts *facts) {
 
 /* ---- ICC profiles ---- */
 
-static uint32_t load_big(const uint8_t *p, int bytes) {
-  uint32_t value = 0;
-  for (int i = 0; i < bytes; i++)
-    value = value << 8 | p[i];
-  return value;
-}
-
 static double load_fixed(const uint8_t *p) {
-  return (double)(int32_t)load_big(p, 4) / 65536;
+  return (double)(int32_t)pags_load_big(p, 4) / 65536;
 }
 
 /* A tag's bytes; NULL: not found, or it doesn't lie in the profile. At least 8 bytes: its type and four of padding.
  */
 static const uint8_t *find_tag(const uint8_t *profile, size_t size, const char *signature, size_t *length) {
-  const size_t count = load_big(profile + 128, 4);
+  const size_t count = pags_load_big(profile + 128, 4);
   for (size_t i = 0; i < count && 132 + 12 * (i + 1) <= size; i++) {
     const uint8_t *const entry = profile + 132 + 12 * i;
-    const size_t at = load_big(entry + 4, 4);
-    *length = load_big(entry + 8, 4);
+    const size_t at = pags_load_big(entry + 4, 4);
+    *length = pags_load_big(entry + 8, 4);
     if (memcmp(entry, signature, 4) == 0)
       return at <= size && *length <= size - at && *length >= 8 ? profile + at : NULL;
   }
@@ -280,8 +273,8 @@ static bool read_curve(const uint8_t *tag, size_t length, float light[PAGS_CURVE
   static const int counts[] = {1, 3, 4, 5, 7};
   const bool is_table = length >= 12 && memcmp(tag, "curv", 4) == 0;
   const bool is_formula = length >= 12 && memcmp(tag, "para", 4) == 0;
-  const size_t entries = is_table ? load_big(tag + 8, 4) : 0;
-  const unsigned kind = is_formula ? load_big(tag + 8, 2) : 0;
+  const size_t entries = is_table ? pags_load_big(tag + 8, 4) : 0;
+  const unsigned kind = is_formula ? pags_load_big(tag + 8, 2) : 0;
   double p[7] = {0};
   if (!is_table && !is_formula)
     return false;
@@ -295,11 +288,11 @@ static bool read_curve(const uint8_t *tag, size_t length, float light[PAGS_CURVE
     if (is_formula) {
       y = parametric((int)kind, p, x);
     } else if (entries == 1) {
-      y = power(x, load_big(tag + 12, 2) / 256.0);
+      y = power(x, pags_load_big(tag + 12, 2) / 256.0);
     } else if (entries > 1) {
       const double at = x * (double)(entries - 1);
       const size_t low = (size_t)at < entries - 1 ? (size_t)at : entries - 2;
-      const double first = load_big(tag + 12 + 2 * low, 2), second = load_big(tag + 14 + 2 * low, 2);
+      const double first = pags_load_big(tag + 12 + 2 * low, 2), second = pags_load_big(tag + 14 + 2 * low, 2);
       y = (first + (second - first) * (at - (double)low)) / 65535;
     }
     light[i] = (float)y;
@@ -312,10 +305,10 @@ static void read_name(const uint8_t *profile, size_t size, char name[PAGS_IMAGE_
   size_t length, begin = 12, end = 0, step = 1, used = 0;
   const uint8_t *const tag = find_tag(profile, size, "desc", &length);
   if (tag && length >= 12 && memcmp(tag, "desc", 4) == 0) {
-    end = begin + load_big(tag + 8, 4);
+    end = begin + pags_load_big(tag + 8, 4);
   } else if (tag && length >= 28 && memcmp(tag, "mluc", 4) == 0) { /* the first language; UTF-16, big-endian */
-    begin = (size_t)load_big(tag + 24, 4) + 1;
-    end = begin + load_big(tag + 20, 4);
+    begin = (size_t)pags_load_big(tag + 24, 4) + 1;
+    end = begin + pags_load_big(tag + 20, 4);
     step = 2;
   }
   for (size_t i = begin; tag && i < end && i < length && used < PAGS_IMAGE_NAME - 1; i += step)
@@ -346,7 +339,7 @@ void pags_colour_set_icc(pags_colour *out, const uint8_t *profile, size_t size) 
   double d50[9];
   size_t length;
   memset(out, 0, sizeof *out);
-  if (size < 132 || memcmp(profile + 36, "acsp", 4) != 0 || load_big(profile, 4) > size) {
+  if (size < 132 || memcmp(profile + 36, "acsp", 4) != 0 || pags_load_big(profile, 4) > size) {
     pags_colour_set_unknown(out, "a damaged ICC profile");
     return;
   }
@@ -384,11 +377,6 @@ pags_result pags_colour_refuse(const char *path, const char *space) {
 }
 
 /* limit[k]: the smallest linear light whose display value rounds to k + 1 of 255. */
-static void make_limits(float limit[255]) {
-  for (int k = 0; k < 255; k++)
-    limit[k] = (float)light_of_srgb((k + 0.5) / 255);
-}
-
 static uint8_t encode(const float limit[255], float light) {
   int low = 0, high = 255;
   while (low < high) { /* the number of limits that the light reaches; NaN reaches none */
@@ -403,9 +391,8 @@ static uint8_t encode(const float limit[255], float light) {
 
 /* Applies the matrix to a colour. */
 static void mix(const pags_colour *colour, const float from[3], float to[3]) {
-  const float *const m = colour->matrix;
   for (int i = 0; i < 3; i++)
-    to[i] = m[3 * i] * from[0] + m[3 * i + 1] * from[1] + m[3 * i + 2] * from[2];
+    to[i] = pags_dot3f(colour->matrix + 3 * i, from);
 }
 
 /* Converts linear light; alpha, by which it is multiplied, becomes straight. */
@@ -432,54 +419,45 @@ static pags_result convert_encoded(const pags_colour *colour, const pags_image *
                                    uint8_t *to) {
   enum { VALUES = 65536 };
   const size_t pixels = (size_t)image->width * (size_t)image->height, channels = (size_t)image->channels;
-  float *const light = malloc(3 * VALUES * sizeof *light);
-  uint8_t *const display = malloc(VALUES);
-  if (light && display) {
-    for (size_t v = 0; v < VALUES; v++) {
-      display[v] = encode(limit, (float)v / (VALUES - 1));
-      for (int c = 0; c < 3; c++)
-        light[(size_t)c * VALUES + v] = (float)light_at(colour, c, (double)v / (VALUES - 1));
-    }
-    const uint16_t *from = image->data;
-    for (size_t i = 0; i < pixels; i++, from += channels, to += channels) {
-      float mixed[3];
-      mix(colour, (const float[3]){light[from[0]], light[VALUES + from[1]], light[2 * VALUES + from[2]]}, mixed);
-      for (size_t c = 0; c < 3; c++) {
-        const float clamped = mixed[c] > 0 ? (mixed[c] < 1 ? mixed[c] : 1) : 0;
-        to[c] = display[(size_t)(clamped * (VALUES - 1) + 0.5f)];
-      }
-      if (channels == 4)
-        to[3] = (uint8_t)((from[3] + 128) / 257);
-    }
+  PAGS_AUTOFREE float *light = malloc(3 * VALUES * sizeof *light);
+  PAGS_AUTOFREE uint8_t *display = malloc(VALUES);
+  PAGS_CHECK_MEMORY(light && display, "the colours of a picture");
+  for (size_t v = 0; v < VALUES; v++) {
+    display[v] = encode(limit, (float)v / (VALUES - 1));
+    for (int c = 0; c < 3; c++)
+      light[(size_t)c * VALUES + v] = (float)light_at(colour, c, (double)v / (VALUES - 1));
   }
-  const bool done = light && display;
-  free(light);
-  free(display);
-  return done ? PAGS_OK : pags_out_of_memory("the colours of a picture");
+  const uint16_t *from = image->data;
+  for (size_t i = 0; i < pixels; i++, from += channels, to += channels) {
+    float mixed[3];
+    mix(colour, (const float[3]){light[from[0]], light[VALUES + from[1]], light[2 * VALUES + from[2]]}, mixed);
+    for (size_t c = 0; c < 3; c++) {
+      const float clamped = mixed[c] > 0 ? (mixed[c] < 1 ? mixed[c] : 1) : 0;
+      to[c] = display[(size_t)(clamped * (VALUES - 1) + 0.5f)];
+    }
+    if (channels == 4)
+      to[3] = (uint8_t)((from[3] + 128) / 257);
+  }
+  return PAGS_OK;
 }
 
 pags_result pags_colour_convert(const pags_colour *colour, const char *path, pags_image *image) {
   const bool light = image->sample == PAGS_F32 && !colour->encoded;
-  float limit[255];
-  pags_image out;
   if (colour->kind == PAGS_COLOUR_UNKNOWN)
     return pags_colour_refuse(path, colour->name);
   if (!light && colour->kind == PAGS_COLOUR_SRGB)
     return pags_image_convert(image, PAGS_U8, image->channels);
   if (!light)
     PAGS_TRY(pags_image_convert(image, PAGS_U16, image->channels));
-  make_limits(limit);
+  float limit[255];
+  for (int k = 0; k < 255; k++)
+    limit[k] = (float)light_of_srgb((k + 0.5) / 255);
+  PAGS_AUTO(pags_image_destroy) pags_image out = {0};
   PAGS_TRY(pags_image_create(&out, image->width, image->height, image->channels, PAGS_U8));
-  pags_result result = PAGS_OK;
   if (light)
     convert_light(colour, image, limit, out.data);
   else
-    result = convert_encoded(colour, image, limit, out.data);
-  if (result != PAGS_OK) {
-    pags_image_destroy(&out);
-    return result;
-  }
-  pags_image_destroy(image);
-  *image = out;
+    PAGS_TRY(convert_encoded(colour, image, limit, out.data));
+  pags_image_move(&out, image);
   return PAGS_OK;
 }

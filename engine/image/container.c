@@ -1,21 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Colour spaces in containers (container.h): WebP's chunk ICCP (RFC 9649), and the box colr of JPEG 2000 (ISO/IEC
+/* Colour spaces in containers (other.h): WebP's chunk ICCP (RFC 9649), and the box colr of JPEG 2000 (ISO/IEC
  * 15444-1, I.5.3.3) and HEIF (ISO/IEC 23008-12, 6.5.5). */
-#include "image/container.h"
-
-#include <string.h>
-
-static uint32_t load_big(const uint8_t *p, int bytes) {
-  uint32_t value = 0;
-  for (int i = 0; i < bytes; i++)
-    value = value << 8 | p[i];
-  return value;
-}
+#include "base/bytes.h"
+#include "image/other.h"
 
 static bool find_in_webp(const uint8_t *bytes, size_t size, pags_colour *colour) {
   for (size_t at = 12; at + 8 <= size;) {
     const uint8_t *const chunk = bytes + at;
-    const size_t length = (size_t)chunk[4] | (size_t)chunk[5] << 8 | (size_t)chunk[6] << 16 | (size_t)chunk[7] << 24;
+    const size_t length = pags_load_u32(chunk + 4);
     if (length > size - at - 8)
       return false;
     if (memcmp(chunk, "ICCP", 4) == 0) {
@@ -30,19 +22,16 @@ static bool find_in_webp(const uint8_t *bytes, size_t size, pags_colour *colour)
 /* Reads a box colr: a profile, or numbers of H.273. In JPEG 2000, whose method is a number, 1 names sRGB, grey or sYCC,
  * which all are sRGB. */
 static bool read_colr(const uint8_t *box, size_t size, pags_colour *colour) {
-  if (size >= 4 && (memcmp(box, "prof", 4) == 0 || memcmp(box, "rICC", 4) == 0)) {
-    pags_colour_set_icc(colour, box + 4, size - 4);
-    return true;
-  }
-  if (size >= 10 && memcmp(box, "nclx", 4) == 0) { /* the decoder has seen to matrix and range */
-    pags_colour_set_cicp(colour, (int)load_big(box + 4, 2), (int)load_big(box + 6, 2), true);
-    return true;
-  }
-  if (size > 3 && (box[0] == 2 || box[0] == 3)) {
-    pags_colour_set_icc(colour, box + 3, size - 3);
-    return true;
-  }
-  return false;
+  const bool named = size >= 4 && (memcmp(box, "prof", 4) == 0 || memcmp(box, "rICC", 4) == 0);
+  const bool numbers = size >= 10 && memcmp(box, "nclx", 4) == 0;
+  const size_t head = named ? 4 : 3; /* bytes before a profile */
+  if (numbers)                       /* the decoder has seen to matrix and range */
+    pags_colour_set_cicp(colour, (int)pags_load_big(box + 4, 2), (int)pags_load_big(box + 6, 2), true);
+  else if (named || (size > 3 && (box[0] == 2 || box[0] == 3)))
+    pags_colour_set_icc(colour, box + head, size - head);
+  else
+    return false;
+  return true;
 }
 
 /* Looks through the boxes [at, end) and those within; a profile counts more than numbers, and the first of a kind. */
@@ -51,9 +40,9 @@ static bool find_in_boxes(const uint8_t *bytes, size_t at, size_t end, int depth
   bool found = false;
   while (at + 8 <= end) {
     const uint8_t *const box = bytes + at;
-    size_t length = load_big(box, 4), head = 8;
+    size_t length = pags_load_big(box, 4), head = 8;
     if (length == 1 && at + 16 <= end) {
-      length = load_big(box + 8, 4) ? end - at : load_big(box + 12, 4);
+      length = pags_load_big(box + 8, 4) ? end - at : pags_load_big(box + 12, 4);
       head = 16;
     }
     if (length == 0 || length > end - at)

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What the decoders and encoders of picture files share: checks, messages and a growing block. */
-#include "image/encoded.h"
-
-#include <stdlib.h>
 #include <string.h>
+
+#include "image/formats.h"
 
 pags_result pags_encoded_check(const pags_encoded *file, const pags_picture_info *info, uint64_t least) {
   if (info->width < 1 || info->width > PAGS_IMAGE_MAX_SIDE || info->height < 1 || info->height > PAGS_IMAGE_MAX_SIDE ||

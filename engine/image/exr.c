@@ -1,17 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reads OpenEXR files through OpenEXRCore, the C library of OpenEXR. */
-#include "image/exr.h"
-
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include <openexr.h>
 
 #include "base/bytes.h"
 #include "base/half.h"
 #include "base/memory.h"
+#include "image/formats.h"
 #include "image/layers.h"
+#include "image/pixels.h"
 
 enum { MOST_CHANNELS = 1024 };
 enum { RATIO = 1032 }; /* the most bytes that deflate makes of one; RLE and PIZ make fewer */
@@ -31,6 +29,10 @@ typedef struct exr_state {
   char message[256];
 } exr_state;
 
+static void finish(exr_state *state) {
+  exr_finish(&state->context);
+}
+
 /* ---- Callbacks ---- */
 
 /* Counts the thread's allocations that failed. OpenEXRCore's allocator knows of no context, and its error code for
@@ -41,10 +43,6 @@ static void *allocate(size_t size) {
   void *const block = calloc(1, size); /* a damaged block may leave parts of a buffer as they were */
   failed_allocations += !block;
   return block;
-}
-
-static void release(void *block) {
-  free(block);
 }
 
 static void on_error(exr_const_context_t context, exr_result_t code, const char *text) {
@@ -96,9 +94,8 @@ static pags_result unsupported(const exr_state *state, const char *what) {
 static pags_result choose_layer(exr_state *state) {
   int parts, count = 0;
   exr_result_t code = exr_get_count(state->context, &parts);
-  pags_layer_channel *const channels = malloc(MOST_CHANNELS * sizeof *channels);
-  if (!channels)
-    return pags_out_of_memory("%s", state->file->path);
+  PAGS_AUTOFREE pags_layer_channel *channels = malloc(MOST_CHANNELS * sizeof *channels);
+  PAGS_CHECK_MEMORY(channels, "%s", state->file->path);
   for (int part = 0; code == EXR_ERR_SUCCESS && part < parts; part++) {
     const exr_attr_chlist_t *list;
     const char *name = "";
@@ -107,10 +104,8 @@ static pags_result choose_layer(exr_state *state) {
       code = exr_get_name(state->context, part, &name);
     if (code != EXR_ERR_SUCCESS)
       break;
-    if (list->num_channels > MOST_CHANNELS - count) {
-      free(channels);
+    if (list->num_channels > MOST_CHANNELS - count)
       return unsupported(state, "more than 1024 channels");
-    }
     for (int i = 0; i < list->num_channels; i++)
       channels[count++] = (pags_layer_channel){.name = list->entries[i].name.str,
                                                .part = name,
@@ -118,27 +113,8 @@ static pags_result choose_layer(exr_state *state) {
                                                .index = i,
                                                .number = list->entries[i].pixel_type == EXR_PIXEL_UINT};
   }
-  const pags_result result = code == EXR_ERR_SUCCESS
-                                 ? pags_layer_choose(state->file->path, channels, count, &state->layer)
+  return code == EXR_ERR_SUCCESS ? pags_layer_choose(state->file->path, channels, count, &state->layer)
                                  : explain(state, code, pags_encoded_bad_header);
-  free(channels);
-  return result;
-}
-
-/* Sets the places of the windows. */
-static pags_result place_windows(exr_state *state, const exr_attr_box2i_t *data, const exr_attr_box2i_t *display) {
-  const pags_window_box stored = {data->min.x, data->min.y, (int64_t)data->max.x + 1, (int64_t)data->max.y + 1};
-  const pags_window_box shown = {display->min.x, display->min.y, (int64_t)display->max.x + 1,
-                                 (int64_t)display->max.y + 1};
-  PAGS_TRY(pags_window_compare(state->file->path, &stored, &shown, &state->window));
-  state->width = (int)(shown.right - shown.left);
-  state->height = (int)(shown.bottom - shown.top);
-  state->data_width = (int)(stored.right - stored.left);
-  state->data_height = (int)(stored.bottom - stored.top);
-  state->left = (int)(stored.left - shown.left);
-  state->top = (int)(stored.top - shown.top);
-  state->first = data->min.y;
-  return PAGS_OK;
 }
 
 /* Chooses the layer, checks that its part is of a kind that is read here, and reads its windows and channels. `least`
@@ -150,17 +126,13 @@ static pags_result read_header(exr_state *state, uint64_t *least) {
   const exr_attr_chlist_t *list;
   PAGS_TRY(choose_layer(state));
   const int part = state->layer.part;
-  exr_result_t code = exr_get_storage(state->context, part, &storage);
-  if (code == EXR_ERR_SUCCESS)
-    code = exr_get_compression(state->context, part, &compression);
-  if (code == EXR_ERR_SUCCESS)
-    code = exr_get_data_window(state->context, part, &data);
-  if (code == EXR_ERR_SUCCESS)
-    code = exr_get_display_window(state->context, part, &display);
-  if (code == EXR_ERR_SUCCESS)
-    code = exr_get_pixel_aspect_ratio(state->context, part, &state->pixel_aspect);
-  if (code == EXR_ERR_SUCCESS)
-    code = exr_get_channels(state->context, part, &list);
+  const exr_const_context_t context = state->context;
+  exr_result_t code = exr_get_storage(context, part, &storage);
+  code = code ? code : exr_get_compression(context, part, &compression);
+  code = code ? code : exr_get_data_window(context, part, &data);
+  code = code ? code : exr_get_display_window(context, part, &display);
+  code = code ? code : exr_get_pixel_aspect_ratio(context, part, &state->pixel_aspect);
+  code = code ? code : exr_get_channels(context, part, &list);
   if (code != EXR_ERR_SUCCESS)
     return explain(state, code, pags_encoded_bad_header);
   if (storage != EXR_STORAGE_SCANLINE)
@@ -173,18 +145,27 @@ static pags_result read_header(exr_state *state, uint64_t *least) {
     state->pixel += list->entries[i].pixel_type == EXR_PIXEL_HALF ? 2 : 4;
   }
   state->channels = list->num_channels;
-  PAGS_TRY(place_windows(state, &data, &display));
+  const pags_window_box stored = {data.min.x, data.min.y, (int64_t)data.max.x + 1, (int64_t)data.max.y + 1};
+  const pags_window_box shown = {display.min.x, display.min.y, (int64_t)display.max.x + 1, (int64_t)display.max.y + 1};
+  PAGS_TRY(pags_window_compare(state->file->path, &stored, &shown, &state->window));
+  state->width = (int)(shown.right - shown.left);
+  state->height = (int)(shown.bottom - shown.top);
+  state->data_width = (int)(stored.right - stored.left);
+  state->data_height = (int)(stored.bottom - stored.top);
+  state->left = (int)(stored.left - shown.left);
+  state->top = (int)(stored.top - shown.top);
+  state->first = data.min.y;
   *least = (uint64_t)state->data_width * (uint64_t)state->data_height * state->pixel /
            (compression == EXR_COMPRESSION_NONE ? 1 : RATIO);
   return PAGS_OK;
 }
 
-/* Opens the file and reads its header. Whatever it returns, exr_finish is due. */
+/* Opens the file and reads its header. Whatever it returns, finish is due. */
 static pags_result begin(exr_state *state, uint64_t *least) {
   exr_context_initializer_t setup = EXR_DEFAULT_CONTEXT_INITIALIZER;
   setup.error_handler_fn = on_error;
   setup.alloc_fn = allocate;
-  setup.free_fn = release;
+  setup.free_fn = free;
   setup.user_data = state;
   setup.read_fn = read_bytes;
   setup.size_fn = size_of_file;
@@ -196,15 +177,9 @@ static pags_result begin(exr_state *state, uint64_t *least) {
 
 /* Converts a row of one channel, stored little-endian, to floats with a stride of `step`. */
 static void convert_row(const uint8_t *from, exr_pixel_type_t type, int width, float *to, size_t step) {
-  for (int x = 0; x < width; x++, to += step) {
-    if (type == EXR_PIXEL_HALF) {
-      *to = pags_float_from_half(pags_load_u16(from));
-      from += 2;
-      continue;
-    }
-    *to = pags_load_f32(from);
-    from += 4;
-  }
+  const bool half = type == EXR_PIXEL_HALF;
+  for (int x = 0; x < width; x++, to += step, from += half ? 2 : 4)
+    *to = half ? pags_float_from_half(pags_load_u16(from)) : pags_load_f32(from);
 }
 
 /* Converts a block that lies decompressed in the pipeline, row by row and in each channel by channel: line `y` of the
@@ -260,21 +235,6 @@ static exr_result_t read_blocks(exr_state *state, exr_decode_pipeline_t *pipelin
   return code;
 }
 
-static pags_result decode(exr_state *state, int most, pags_image *out) {
-  uint64_t least;
-  PAGS_TRY(begin(state, &least));
-  const pags_picture_info stored = {
-      .width = state->data_width, .height = state->data_height, .channels = state->channels};
-  PAGS_TRY(pags_encoded_check(state->file, &stored, least));
-  const int channels = pags_layer_channels(&state->layer, state->window, most);
-  PAGS_TRY(pags_image_create(out, state->width, state->height, channels, PAGS_F32));
-  exr_decode_pipeline_t pipeline = EXR_DECODE_PIPELINE_INITIALIZER;
-  const exr_result_t code = read_blocks(state, &pipeline, out);
-  const pags_result result = code == EXR_ERR_SUCCESS ? PAGS_OK : explain(state, code, pags_encoded_bad_samples);
-  exr_decoding_destroy(state->context, &pipeline);
-  return result;
-}
-
 /* Reads the primaries, which are those of sRGB where none are stated. */
 static void find_colour(const exr_state *state, pags_colour *colour) {
   exr_attr_chromaticities_t c;
@@ -287,32 +247,38 @@ static void find_colour(const exr_state *state, pags_colour *colour) {
 }
 
 pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour) {
-  exr_state state = {.file = file};
+  PAGS_AUTO(finish) exr_state state = {.file = file};
   uint64_t least;
-  const pags_result result = begin(&state, &least);
-  if (result == PAGS_OK) {
-    *facts = (pags_image_facts){.width = state.width,
-                                .height = state.height,
-                                .alpha = state.layer.alpha,
-                                .sample = PAGS_F32,
-                                .orientation = 1,
-                                .pixel_aspect = pags_pixel_aspect(state.pixel_aspect),
-                                .window = state.window,
-                                .layer_rule = state.layer.rule};
-    memcpy(facts->layer, state.layer.name, sizeof facts->layer);
-    find_colour(&state, colour);
-    pags_colour_state(colour, facts);
-  }
-  exr_finish(&state.context);
-  return result;
+  PAGS_TRY(begin(&state, &least));
+  *facts = (pags_image_facts){.width = state.width,
+                              .height = state.height,
+                              .alpha = state.layer.alpha,
+                              .sample = PAGS_F32,
+                              .orientation = 1,
+                              .pixel_aspect = pags_pixel_aspect(state.pixel_aspect),
+                              .window = state.window,
+                              .layer_rule = state.layer.rule};
+  memcpy(facts->layer, state.layer.name, sizeof facts->layer);
+  find_colour(&state, colour);
+  pags_colour_state(colour, facts);
+  return PAGS_OK;
 }
 
 pags_result pags_exr_decode(const pags_encoded *file, int most, pags_image *out) {
-  exr_state state = {.file = file};
+  PAGS_AUTO(finish) exr_state state = {.file = file};
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
+  uint64_t least;
   memset(out, 0, sizeof *out);
-  const pags_result result = decode(&state, most, out);
-  exr_finish(&state.context);
-  if (result != PAGS_OK)
-    pags_image_destroy(out);
-  return result;
+  PAGS_TRY(begin(&state, &least));
+  const pags_picture_info stored = {.width = state.data_width, .height = state.data_height, .channels = state.channels};
+  PAGS_TRY(pags_encoded_check(file, &stored, least));
+  const int channels = pags_layer_channels(&state.layer, state.window, most);
+  PAGS_TRY(pags_image_create(&image, state.width, state.height, channels, PAGS_F32));
+  exr_decode_pipeline_t pipeline = EXR_DECODE_PIPELINE_INITIALIZER;
+  const exr_result_t code = read_blocks(&state, &pipeline, &image);
+  exr_decoding_destroy(state.context, &pipeline);
+  if (code != EXR_ERR_SUCCESS)
+    return explain(&state, code, pags_encoded_bad_samples);
+  pags_image_move(&image, out);
+  return PAGS_OK;
 }

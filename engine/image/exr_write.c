@@ -1,15 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Writes OpenEXR files. Writing needs no library but zlib: a header, a table of places and blocks of 16 rows. */
-#include "image/exr.h"
-
 #include <assert.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include <zlib.h>
 
 #include "base/bytes.h"
 #include "base/memory.h"
+#include "image/formats.h"
 
 enum { BLOCK_ROWS = 16, LEVEL = 4 }; /* rows of a ZIP block; of compression */
 
@@ -29,36 +26,26 @@ static void put_u32(exr_output *out, uint32_t value) {
   put(out, bytes, sizeof bytes);
 }
 
-static void put_float(exr_output *out, float value) {
-  uint8_t bytes[4];
-  pags_store_f32(bytes, value);
-  put(out, bytes, sizeof bytes);
-}
-
 static void put_text(exr_output *out, const char *text) {
   put(out, text, strlen(text) + 1);
 }
 
-static void put_attribute(exr_output *out, const char *name, const char *type, size_t size) {
+/* `bytes` NULL: they are put by the caller. */
+static void put_attribute(exr_output *out, const char *name, const char *type, const void *bytes, size_t size) {
   put_text(out, name);
   put_text(out, type);
   put_u32(out, (uint32_t)size);
-}
-
-static void put_window(exr_output *out, const char *name, const pags_exr_planes *picture) {
-  put_attribute(out, name, "box2i", 16);
-  put_u32(out, 0);
-  put_u32(out, 0);
-  put_u32(out, (uint32_t)picture->width - 1);
-  put_u32(out, (uint32_t)picture->height - 1);
+  if (bytes)
+    put(out, bytes, size);
 }
 
 /* Writes magic number, version and attributes. The date is always the same, so that the same picture is the same
  * bytes. `order` lists the channels by name. */
 static void put_header(exr_output *out, const pags_exr_planes *picture, const int *order) {
   static const char date[] = "1970:01:01 00:00:00";
-  static const uint8_t zip = 3, increasing = 0, end = 0;
+  static const uint8_t zip = 3, increasing = 0, end = 0, zeros[8] = {0};
   enum { FLOAT = 2 };
+  uint8_t window[16] = {0}, one[4];
   size_t list = 1, longest = 0;
   for (int c = 0; c < picture->channels; c++) {
     const size_t length = strlen(picture->names[c]);
@@ -67,9 +54,8 @@ static void put_header(exr_output *out, const pags_exr_planes *picture, const in
   }
   put_u32(out, 20000630);
   put_u32(out, longest > 31 ? 0x402 : 2); /* version 2, and whether names are long */
-  put_attribute(out, "capDate", "string", sizeof date - 1);
-  put(out, date, sizeof date - 1);
-  put_attribute(out, "channels", "chlist", list);
+  put_attribute(out, "capDate", "string", date, sizeof date - 1);
+  put_attribute(out, "channels", "chlist", NULL, list);
   for (int c = 0; c < picture->channels; c++) {
     put_text(out, picture->names[order[c]]);
     put_u32(out, FLOAT);
@@ -78,36 +64,19 @@ static void put_header(exr_output *out, const pags_exr_planes *picture, const in
     put_u32(out, 1);
   }
   put(out, &end, 1);
-  put_attribute(out, "compression", "compression", 1);
-  put(out, &zip, 1);
-  put_window(out, "dataWindow", picture);
-  put_window(out, "displayWindow", picture);
-  put_attribute(out, "lineOrder", "lineOrder", 1);
-  put(out, &increasing, 1);
-  put_attribute(out, "pixelAspectRatio", "float", 4);
-  put_float(out, 1);
-  put_attribute(out, "screenWindowCenter", "v2f", 8);
-  put_float(out, 0);
-  put_float(out, 0);
-  put_attribute(out, "screenWindowWidth", "float", 4);
-  put_float(out, 1);
-  for (const char *const *text = picture->texts; text && *text; text += 2) {
-    put_attribute(out, text[0], "string", strlen(text[1]));
-    put(out, text[1], strlen(text[1]));
-  }
+  pags_store_u32(window + 8, (uint32_t)picture->width - 1);
+  pags_store_u32(window + 12, (uint32_t)picture->height - 1);
+  pags_store_f32(one, 1);
+  put_attribute(out, "compression", "compression", &zip, 1);
+  put_attribute(out, "dataWindow", "box2i", window, sizeof window);
+  put_attribute(out, "displayWindow", "box2i", window, sizeof window);
+  put_attribute(out, "lineOrder", "lineOrder", &increasing, 1);
+  put_attribute(out, "pixelAspectRatio", "float", one, sizeof one);
+  put_attribute(out, "screenWindowCenter", "v2f", zeros, sizeof zeros);
+  put_attribute(out, "screenWindowWidth", "float", one, sizeof one);
+  for (const char *const *text = picture->texts; text && *text; text += 2)
+    put_attribute(out, text[0], "string", text[1], strlen(text[1]));
   put(out, &end, 1);
-}
-
-/* Copies rows [begin, end) to `raw`, row by row and in each channel by channel; returns their bytes. */
-static size_t gather(const pags_exr_planes *picture, const int *order, int begin, int end, uint8_t *raw) {
-  size_t size = 0;
-  for (int y = begin; y < end; y++)
-    for (int c = 0; c < picture->channels; c++) {
-      const float *const row = picture->planes[order[c]] + (size_t)y * picture->row_step;
-      for (int x = 0; x < picture->width; x++, size += 4)
-        pags_store_f32(raw + size, row[(size_t)x * picture->pixel_step]);
-    }
-  return size;
 }
 
 /* Splits the bytes into those at even and at odd places, and replaces each but the first by its difference from the
@@ -132,7 +101,13 @@ static void put_blocks(exr_output *out, const pags_exr_planes *picture, const in
     const int begin = i * BLOCK_ROWS;
     const int end = begin + BLOCK_ROWS < picture->height ? begin + BLOCK_ROWS : picture->height;
     pags_store_u64(out->sink->bytes + table + 8 * (size_t)i, out->sink->size);
-    const size_t size = gather(picture, order, begin, end, raw);
+    size_t size = 0;
+    for (int y = begin; y < end; y++) /* row by row, and in each channel by channel */
+      for (int c = 0; c < picture->channels; c++) {
+        const float *const row = picture->planes[order[c]] + (size_t)y * picture->row_step;
+        for (int x = 0; x < picture->width; x++, size += 4)
+          pags_store_f32(raw + size, row[(size_t)x * picture->pixel_step]);
+      }
     uLongf length = (uLongf)most;
     predict(raw, size, predicted);
     /* A block that zlib can't make shorter is stored as it is. */
@@ -154,11 +129,10 @@ pags_result pags_exr_encode(const char *path, const pags_exr_planes *picture, pa
   }
   exr_output output = {.sink = out, .ok = true};
   const size_t most = 4 * (size_t)picture->width * (size_t)picture->channels * BLOCK_ROWS;
-  uint8_t *const work = malloc(3 * most);
-  if (work) {
-    put_header(&output, picture, order);
-    put_blocks(&output, picture, order, work, most);
-  }
-  free(work);
-  return work && output.ok ? PAGS_OK : pags_out_of_memory("%s", path);
+  PAGS_AUTOFREE uint8_t *work = malloc(3 * most);
+  PAGS_CHECK_MEMORY(work, "%s", path);
+  put_header(&output, picture, order);
+  put_blocks(&output, picture, order, work, most);
+  PAGS_CHECK_MEMORY(output.ok, "%s", path);
+  return PAGS_OK;
 }

@@ -1,24 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reading and writing picture files. The decoder is chosen by how a file begins: PNG, JPEG and EXR have their own, what
  * is not one of these, or of another kind than they read, is given to OpenImageIO (other.h). */
-#include <pags/image.h>
-
-#include "base/file.h"
-#include "base/memory.h"
-#include "image/convert.h"
-#include "image/encoded.h"
-#include "image/exr.h"
-#include "image/jpeg.h"
-#include "image/other.h"
-#include "image/png.h"
-#include "port/port.h"
-
 #include <assert.h>
 #include <errno.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
+
+#include "base/file.h"
+#include "base/memory.h"
+#include "image/formats.h"
+#include "image/other.h"
+#include "image/pixels.h"
+#include "port/port.h"
 
 /* ---- Formats ---- */
 
@@ -80,43 +73,36 @@ static pags_result read_begin(const char *path, uint8_t *bytes, size_t most, siz
     return pags_fail(PAGS_ERROR_IO, "%s: is a folder, expected a picture", path);
   if (status.kind != PAGS_PORT_FILE)
     return pags_fail(PAGS_ERROR_IO, "%s: expected a regular file", path);
-  FILE *const file = pags_port_open(path, "rb");
+  PAGS_AUTO(pags_file_close) FILE *file = pags_port_open(path, "rb");
   if (!file)
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
   *size = fread(bytes, 1, most, file);
-  const bool failed = ferror(file);
-  fclose(file);
-  return failed ? pags_fail(PAGS_ERROR_IO, "%s: can't read", path) : PAGS_OK;
+  return ferror(file) ? pags_fail(PAGS_ERROR_IO, "%s: can't read", path) : PAGS_OK;
 }
 
 /* Reads the header of a PNG, JPEG or EXR file from its first bytes; where these are not enough, from the whole file. */
-static pags_result inspect_known(const char *path, uint8_t *begin, pags_image_facts *facts) {
+static pags_result inspect_known(const char *path, pags_image_facts *facts) {
   size_t size;
+  pags_colour colour;
+  PAGS_AUTOFREE uint8_t *begin = malloc(BEGIN);
+  PAGS_CHECK_MEMORY(begin, "%s", path);
   PAGS_TRY(read_begin(path, begin, BEGIN, &size));
   const picture_format *const format = find_format(begin, size);
   if (!format)
     return refuse(path, begin, size);
-  pags_colour colour;
-  pags_result result = format->inspect(&(pags_encoded){.path = path, .bytes = begin, .size = size}, facts, &colour);
-  if (result != PAGS_OK && size == BEGIN) {
-    uint8_t *bytes;
-    PAGS_TRY(pags_file_read(path, &bytes, &size));
-    result = format->inspect(&(pags_encoded){.path = path, .bytes = bytes, .size = size}, facts, &colour);
-    free(bytes);
-  }
-  return result;
+  const pags_result result =
+      format->inspect(&(pags_encoded){.path = path, .bytes = begin, .size = size}, facts, &colour);
+  if (result == PAGS_OK || size < BEGIN)
+    return result;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  return format->inspect(&(pags_encoded){.path = path, .bytes = bytes, .size = size}, facts, &colour);
 }
 
 pags_result pags_image_inspect(const char *path, pags_image_facts *facts) {
   assert(path && facts);
-  uint8_t *const begin = malloc(BEGIN);
-  if (!begin)
-    return pags_out_of_memory("%s", path);
-  const pags_result result = inspect_known(path, begin, facts);
-  free(begin);
-  if (result != PAGS_ERROR_UNSUPPORTED)
-    return result;
-  return pags_other_inspect(path, facts);
+  const pags_result result = inspect_known(path, facts);
+  return result == PAGS_ERROR_UNSUPPORTED ? pags_other_inspect(path, facts) : result;
 }
 
 pags_result pags_image_size(const char *path, int *width, int *height) {
@@ -130,7 +116,8 @@ pags_result pags_image_size(const char *path, int *width, int *height) {
 
 /* Decodes a PNG, JPEG or EXR file; `colour`, unless it is NULL, gets the space of its colours. */
 static pags_result load_known(const char *path, int most, int rows, pags_image *out, pags_colour *colour) {
-  uint8_t magic[MAGIC], *bytes;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
+  uint8_t magic[MAGIC];
   size_t size;
   pags_image_facts facts;
   PAGS_TRY(read_begin(path, magic, sizeof magic, &size));
@@ -139,11 +126,8 @@ static pags_result load_known(const char *path, int most, int rows, pags_image *
     return refuse(path, magic, size);
   PAGS_TRY(pags_file_read(path, &bytes, &size));
   const pags_encoded file = {.path = path, .bytes = bytes, .size = size, .rows = rows};
-  pags_result result = format->decode(&file, most, out);
-  if (result == PAGS_OK && colour)
-    result = format->inspect(&file, &facts, colour);
-  free(bytes);
-  return result;
+  PAGS_TRY(format->decode(&file, most, out));
+  return colour ? format->inspect(&file, &facts, colour) : PAGS_OK;
 }
 
 pags_result pags_image_load(const char *path, pags_sample sample, int channels, pags_image *out) {
@@ -152,51 +136,38 @@ pags_result pags_image_load(const char *path, pags_sample sample, int channels, 
 
 pags_result pags_image_load_top(const char *path, pags_sample sample, int channels, int rows, pags_image *out) {
   assert(path && out && channels >= 0 && channels <= 4);
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   pags_colour ignored;
   memset(out, 0, sizeof *out);
   /* Channels that are not needed are not read. For one or two wanted channels up to four are: the luma of a colour
    * picture takes three, its alpha is the fourth. */
   const int most = channels == 3 ? 3 : 4;
-  pags_result result = load_known(path, most, rows, out, NULL);
-  if (result == PAGS_ERROR_UNSUPPORTED)
-    result = pags_other_load(path, most, out, &ignored);
-  if (result == PAGS_OK)
-    result = pags_image_convert(out, sample, channels ? channels : out->channels);
-  if (result != PAGS_OK)
-    pags_image_destroy(out);
-  return result;
+  const pags_result result = load_known(path, most, rows, &image, NULL);
+  PAGS_TRY(result == PAGS_ERROR_UNSUPPORTED ? pags_other_load(path, most, &image, &ignored) : result);
+  PAGS_TRY(pags_image_convert(&image, sample, channels ? channels : image.channels));
+  pags_image_move(&image, out);
+  return PAGS_OK;
 }
 
 pags_result pags_image_load_display(const char *path, int channels, pags_image *out) {
   assert(path && out && (channels == 3 || channels == 4));
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   pags_colour colour;
   memset(out, 0, sizeof *out);
-  pags_result result = load_known(path, channels, 0, out, &colour);
-  if (result == PAGS_ERROR_UNSUPPORTED)
-    result = pags_other_load(path, channels, out, &colour);
-  if (result == PAGS_OK && out->sample != PAGS_F32 && colour.kind == PAGS_COLOUR_SRGB)
-    result = pags_image_convert(out, PAGS_U8, channels);
-  if (result == PAGS_OK)
-    result = pags_image_convert(out, out->sample, channels);
-  if (result == PAGS_OK)
-    result = pags_colour_convert(&colour, path, out);
-  if (result != PAGS_OK)
-    pags_image_destroy(out);
-  return result;
+  const pags_result result = load_known(path, channels, 0, &image, &colour);
+  PAGS_TRY(result == PAGS_ERROR_UNSUPPORTED ? pags_other_load(path, channels, &image, &colour) : result);
+  const bool shown = image.sample != PAGS_F32 && colour.kind == PAGS_COLOUR_SRGB;
+  PAGS_TRY(pags_image_convert(&image, shown ? PAGS_U8 : image.sample, channels));
+  PAGS_TRY(pags_colour_convert(&colour, path, &image));
+  pags_image_move(&image, out);
+  return PAGS_OK;
 }
 
 /* ---- Writing ---- */
 
 enum { JPEG_QUALITY = 95 };
 
-/* Writes what was encoded with the result `encoded` as a whole file, and frees it. */
-static pags_result write_file(const char *path, pags_result encoded, pags_sink *sink) {
-  const pags_result result = encoded == PAGS_OK ? pags_file_write_unsynced(path, sink->bytes, sink->size) : encoded;
-  free(sink->bytes);
-  return result;
-}
-
-static pags_result save_exr(const char *path, const pags_image *image, pags_sink *sink) {
+static pags_result encode_exr(const char *path, const pags_image *image, pags_sink *sink) {
   static const char *const grey[] = {"Y", "A"}, *const colour[] = {"R", "G", "B", "A"};
   const float *const data = image->data;
   const float *const planes[] = {data, data + 1, data + 2, data + 3};
@@ -220,17 +191,17 @@ pags_result pags_image_save(const char *path, const pags_image *image) {
   const bool alpha = image->channels == 2 || image->channels == 4;
   const int channels = jpeg && alpha ? image->channels - 1 : image->channels;
   const pags_sample sample = exr ? PAGS_F32 : image->sample == PAGS_F32 || jpeg ? PAGS_U8 : image->sample;
-  pags_image copy = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image copy = {0};
+  PAGS_AUTO(pags_sink_destroy) pags_sink sink = {0};
   const bool same = sample == image->sample && channels == image->channels;
   if (!same)
     PAGS_TRY(pags_image_converted(image, sample, channels, &copy));
   const pags_image *const written = same ? image : &copy;
-  pags_sink sink = {0};
-  const pags_result result = png   ? pags_png_encode(path, written, &sink)
-                             : exr ? save_exr(path, written, &sink)
-                                   : pags_jpeg_encode(path, written, JPEG_QUALITY, &sink);
+  PAGS_TRY(png   ? pags_png_encode(path, written, &sink)
+           : exr ? encode_exr(path, written, &sink)
+                 : pags_jpeg_encode(path, written, JPEG_QUALITY, &sink));
   pags_image_destroy(&copy);
-  return write_file(path, result, &sink);
+  return pags_file_write_unsynced(path, sink.bytes, sink.size);
 }
 
 pags_result pags_image_save_exr(const char *path, int width, int height, int channels, const char *const *names,
@@ -246,6 +217,7 @@ pags_result pags_image_save_exr(const char *path, int width, int height, int cha
                                    .pixel_step = 1,
                                    .row_step = (size_t)stride,
                                    .texts = texts};
-  pags_sink sink = {0};
-  return write_file(path, pags_exr_encode(path, &picture, &sink), &sink);
+  PAGS_AUTO(pags_sink_destroy) pags_sink sink = {0};
+  PAGS_TRY(pags_exr_encode(path, &picture, &sink));
+  return pags_file_write_unsynced(path, sink.bytes, sink.size);
 }

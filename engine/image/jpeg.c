@@ -1,21 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* JPEG files through libjpeg-turbo. libjpeg reports errors by longjmp: every function here that calls it sets the
  * target itself and returns at once after a jump, so that no local variable is read after one. */
-#include "image/jpeg.h"
-
 #include <assert.h>
 #include <setjmp.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include <jerror.h>
 #include <jpeglib.h>
 
 #include "base/memory.h"
-#include "image/orientation.h"
+#include "image/formats.h"
+#include "image/pixels.h"
 
-enum { APP2 = 0xe2, START_OF_IMAGE = 0xd8, END_OF_IMAGE = 0xd9, START_OF_SCAN = 0xda };
+enum { APP2 = 0xe2, END_OF_IMAGE = 0xd9, START_OF_SCAN = 0xda };
 enum { FULL_CHROMA = 90 }; /* from this quality on, chroma keeps its resolution */
 enum { MOST_SCANS = 500 }; /* progressive files have about ten; each takes time in proportion to the pixels */
 
@@ -33,6 +30,10 @@ typedef struct jpeg_reader {
   jpeg_errors errors;
   const pags_encoded *file;
 } jpeg_reader;
+
+static void destroy_reader(jpeg_reader *r) {
+  jpeg_destroy_decompress(&r->jpeg);
+}
 
 /* ---- Errors ---- */
 
@@ -70,26 +71,15 @@ static pags_result explain(const jpeg_reader *r, pags_result (*bad)(const pags_e
 
 /* ---- Reading ---- */
 
-/* Returns the byte at which the first scan begins; 0 if the segments before it are malformed, which the decoder
- * reports. These segments must be skipped, because a thumbnail in them has an end-of-image marker of its own. */
-static size_t find_scan(const uint8_t *bytes, size_t size) {
-  size_t at = 2;
-  while (at + 4 <= size && bytes[at] == 0xff) {
-    if (bytes[at + 1] == START_OF_SCAN)
-      return at;
-    if (bytes[at + 1] == 0xff)
-      at += 1; /* padding */
-    else
-      at += 2 + ((size_t)bytes[at + 2] << 8 | bytes[at + 3]);
-  }
-  return 0;
-}
-
 /* Is the file cut off: is there no end-of-image marker after the beginning of the first scan? The search runs from the
- * end of the file, because cameras append data of their own after the marker, but not much. */
+ * end of the file, because cameras append data of their own after the marker, but not much. The segments before the
+ * scan must be skipped, because a thumbnail in them has an end-of-image marker of its own; malformed ones are reported
+ * by the decoder. */
 static bool is_cut_off(const pags_encoded *file) {
-  const size_t scan = find_scan(file->bytes, file->size);
-  if (scan == 0)
+  size_t scan = 2, length;
+  while (pags_jpeg_segment(file->bytes, file->size, &scan, &length))
+    ;
+  if (scan + 4 > file->size || file->bytes[scan] != 0xff || file->bytes[scan + 1] != START_OF_SCAN)
     return false;
   for (size_t i = file->size - 1; i > scan; i--)
     if (file->bytes[i] == END_OF_IMAGE && file->bytes[i - 1] == 0xff)
@@ -140,47 +130,14 @@ static bool read_rows(jpeg_reader *r, uint8_t *row, pags_image *out) {
   return true;
 }
 
-/* The fewest bytes of a file with that many pixels: one bit for each block of 8 x 8. Arithmetic coding takes less. */
-static uint64_t least_bytes(const struct jpeg_decompress_struct *jpeg) {
-  const uint64_t blocks = (((uint64_t)jpeg->image_width + 7) / 8) * (((uint64_t)jpeg->image_height + 7) / 8);
-  return blocks / (jpeg->arith_code ? 512 : 8);
-}
-
-/* Reads the header and checks the size. Whatever it returns, jpeg_destroy_decompress is due. */
-static pags_result begin(jpeg_reader *r) {
+/* Reads the header and checks the size. */
+static pags_result begin(jpeg_reader *r, pags_picture_info *info) {
   r->jpeg.err = set_errors(&r->errors);
   if (!read_header(r))
     return explain(r, pags_encoded_bad_header);
-  const pags_picture_info info = {
+  *info = (pags_picture_info){
       .width = r->jpeg.image_width, .height = r->jpeg.image_height, .channels = r->jpeg.num_components};
-  return pags_encoded_check(r->file, &info, 0);
-}
-
-static pags_result decode(jpeg_reader *r, int most, pags_image *out) {
-  PAGS_TRY(begin(r));
-  const pags_picture_info info = {
-      .width = r->jpeg.image_width, .height = r->jpeg.image_height, .channels = r->jpeg.num_components};
-  PAGS_TRY(pags_encoded_check(r->file, &info, least_bytes(&r->jpeg)));
-  if (!start(r))
-    return explain(r, pags_encoded_bad_header);
-  const int stored = r->jpeg.output_components;
-  const int channels = r->jpeg.out_color_space == JCS_CMYK ? 3 : stored < most ? stored : most;
-  PAGS_TRY(pags_image_create(out, (int)r->jpeg.output_width, (int)r->jpeg.output_height, channels, PAGS_U8));
-  uint8_t *const row = channels == stored ? NULL : malloc(r->jpeg.output_width * (size_t)stored);
-  if (channels != stored && !row)
-    return pags_out_of_memory("%s", r->file->path);
-  const bool read = read_rows(r, row, out);
-  free(row);
-  if (!read)
-    return explain(r, pags_encoded_bad_samples);
-  return is_cut_off(r->file) ? pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: the file is cut off after %zu bytes",
-                                         r->file->path, r->file->size)
-                             : PAGS_OK;
-}
-
-/* The ratio of a pixel's sides that a JFIF segment states by its densities; 0: none does. */
-static double find_pixel_aspect(const struct jpeg_decompress_struct *jpeg) {
-  return jpeg->saw_JFIF_marker && jpeg->X_density > 0 ? (double)jpeg->Y_density / jpeg->X_density : 0;
+  return pags_encoded_check(r->file, info, 0);
 }
 
 /* Joins the parts of an ICC profile, which segments APP2 hold: a name of 12 bytes, the part's number from 1 on, the
@@ -190,19 +147,17 @@ static uint8_t *join_profile(const pags_encoded *file, size_t *size) {
   const uint8_t *parts[256] = {NULL};
   size_t sizes[256] = {0}, all = 0;
   int count = 0, there = 0;
-  for (size_t at = 2; at + 4 <= file->size && file->bytes[at] == 0xff && file->bytes[at + 1] != START_OF_SCAN;) {
-    const uint8_t *const segment = file->bytes + at;
-    const size_t length = (size_t)segment[2] << 8 | segment[3];
-    if (segment[1] == APP2 && length >= 16 && length + 2 <= file->size - at &&
-        memcmp(segment + 4, name, sizeof name) == 0 && !parts[segment[16]]) {
+  const uint8_t *segment;
+  size_t at = 2, length;
+  while ((segment = pags_jpeg_segment(file->bytes, file->size, &at, &length)))
+    if (segment[1] == APP2 && length >= 16 && at <= file->size && memcmp(segment + 4, name, sizeof name) == 0 &&
+        !parts[segment[16]]) {
       parts[segment[16]] = segment + 18;
       sizes[segment[16]] = length - 16;
       all += length - 16;
       count = segment[17];
       there++;
     }
-    at += segment[1] == 0xff ? 1 : 2 + length;
-  }
   *size = all + (there > 0);
   bool whole = there > 0 && there == count;
   for (int i = 1; i <= count && whole; i++)
@@ -215,10 +170,9 @@ static uint8_t *join_profile(const pags_encoded *file, size_t *size) {
 }
 
 /* The space of the colours: that of the profile, or what EXIF says. */
-static void find_colour(const jpeg_reader *r, pags_colour *colour) {
-  size_t size, exif_size;
-  uint8_t *const profile = join_profile(r->file, &size);
-  const uint8_t *const exif = pags_exif_of_jpeg(r->file->bytes, r->file->size, &exif_size);
+static void find_colour(const pags_encoded *file, const uint8_t *exif, size_t exif_size, pags_colour *colour) {
+  size_t size;
+  PAGS_AUTOFREE uint8_t *profile = join_profile(file, &size);
   memset(colour, 0, sizeof *colour);
   if (profile)
     pags_colour_set_icc(colour, profile, size - 1);
@@ -226,34 +180,49 @@ static void find_colour(const jpeg_reader *r, pags_colour *colour) {
     pags_colour_set_unknown(colour, "a damaged ICC profile");
   else if (exif && pags_exif_says_adobe_rgb(exif, exif_size))
     pags_colour_set_adobe_rgb(colour);
-  free(profile);
 }
 
 pags_result pags_jpeg_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour) {
-  jpeg_reader r = {.file = file};
-  const pags_result result = begin(&r);
-  if (result == PAGS_OK) {
-    size_t size;
-    const uint8_t *const exif = pags_exif_of_jpeg(file->bytes, file->size, &size);
-    *facts = (pags_image_facts){.width = (int)r.jpeg.image_width,
-                                .height = (int)r.jpeg.image_height,
-                                .orientation = exif ? pags_orientation_of_exif(exif, size) : 1,
-                                .pixel_aspect = pags_pixel_aspect(find_pixel_aspect(&r.jpeg))};
-    find_colour(&r, colour);
-    pags_colour_state(colour, facts);
-  }
-  jpeg_destroy_decompress(&r.jpeg);
-  return result;
+  PAGS_AUTO(destroy_reader) jpeg_reader r = {.file = file};
+  pags_picture_info info;
+  size_t size = 0;
+  PAGS_TRY(begin(&r, &info));
+  const uint8_t *const exif = pags_exif_of_jpeg(file->bytes, file->size, &size);
+  /* A JFIF segment may state the ratio of a pixel's sides by its densities. */
+  const bool stated = r.jpeg.saw_JFIF_marker && r.jpeg.X_density > 0;
+  *facts =
+      (pags_image_facts){.width = (int)info.width,
+                         .height = (int)info.height,
+                         .orientation = exif ? pags_orientation_of_exif(exif, size) : 1,
+                         .pixel_aspect = pags_pixel_aspect(stated ? (double)r.jpeg.Y_density / r.jpeg.X_density : 0)};
+  find_colour(file, exif, size, colour);
+  pags_colour_state(colour, facts);
+  return PAGS_OK;
 }
 
 pags_result pags_jpeg_decode(const pags_encoded *file, int most, pags_image *out) {
-  jpeg_reader r = {.file = file};
+  PAGS_AUTO(destroy_reader) jpeg_reader r = {.file = file};
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
+  pags_picture_info info;
   memset(out, 0, sizeof *out);
-  const pags_result result = decode(&r, most, out);
-  jpeg_destroy_decompress(&r.jpeg);
-  if (result != PAGS_OK)
-    pags_image_destroy(out);
-  return result;
+  PAGS_TRY(begin(&r, &info));
+  /* The fewest bytes: one bit for each block of 8 x 8 pixels. Arithmetic coding takes less. */
+  const uint64_t blocks = (((uint64_t)info.width + 7) / 8) * (((uint64_t)info.height + 7) / 8);
+  PAGS_TRY(pags_encoded_check(file, &info, blocks / (r.jpeg.arith_code ? 512 : 8)));
+  if (!start(&r))
+    return explain(&r, pags_encoded_bad_header);
+  const int stored = r.jpeg.output_components;
+  const int channels = r.jpeg.out_color_space == JCS_CMYK ? 3 : stored < most ? stored : most;
+  PAGS_TRY(pags_image_create(&image, (int)r.jpeg.output_width, (int)r.jpeg.output_height, channels, PAGS_U8));
+  PAGS_AUTOFREE uint8_t *row = channels == stored ? NULL : malloc(r.jpeg.output_width * (size_t)stored);
+  PAGS_CHECK_MEMORY(channels == stored || row, "%s", file->path);
+  if (!read_rows(&r, row, &image))
+    return explain(&r, pags_encoded_bad_samples);
+  if (is_cut_off(file))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: the file is cut off after %zu bytes", file->path,
+                     file->size);
+  pags_image_move(&image, out);
+  return PAGS_OK;
 }
 
 /* ---- Writing ---- */
@@ -270,6 +239,10 @@ typedef struct jpeg_writer {
   jpeg_errors errors;
   jpeg_target target;
 } jpeg_writer;
+
+static void destroy_writer(jpeg_writer *w) {
+  jpeg_destroy_compress(&w->jpeg);
+}
 
 static void begin_target(j_compress_ptr jpeg) {
   jpeg_target *const target = (jpeg_target *)jpeg->dest;
@@ -329,16 +302,14 @@ static bool write_all(jpeg_writer *w, const pags_image *image, int quality) {
 
 pags_result pags_jpeg_encode(const char *path, const pags_image *image, int quality, pags_sink *out) {
   assert(image->sample == PAGS_U8 && (image->channels == 1 || image->channels == 3));
+  PAGS_AUTO(destroy_writer)
   jpeg_writer w = {.target = {.manager = {.init_destination = begin_target,
                                           .empty_output_buffer = flush_target,
                                           .term_destination = end_target},
                               .sink = out}};
   w.jpeg.err = set_errors(&w.errors);
-  pags_result result = PAGS_OK;
-  if (!write_all(&w, image, quality))
-    result = w.errors.out_of_memory
-                 ? pags_out_of_memory("%s", path)
-                 : pags_fail(PAGS_ERROR_IO, "%s: can't be written: JPEG: %s", path, w.errors.message);
-  jpeg_destroy_compress(&w.jpeg);
-  return result;
+  if (write_all(&w, image, quality))
+    return PAGS_OK;
+  return w.errors.out_of_memory ? pags_out_of_memory("%s", path)
+                                : pags_fail(PAGS_ERROR_IO, "%s: can't be written: JPEG: %s", path, w.errors.message);
 }

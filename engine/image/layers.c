@@ -6,7 +6,7 @@
 #include <string.h>
 #include <strings.h>
 
-#include "image/encoded.h"
+#include "image/formats.h"
 
 /* ---- Names ---- */
 
@@ -14,11 +14,6 @@
 static size_t layer_length(const char *name) {
   const char *const dot = strrchr(name, '.');
   return dot ? (size_t)(dot - name) : 0;
-}
-
-static const char *suffix_of(const char *name) {
-  const char *const dot = strrchr(name, '.');
-  return dot ? dot + 1 : name;
 }
 
 static bool same_layer(const pags_layer_channel *a, const pags_layer_channel *b) {
@@ -30,7 +25,7 @@ static bool same_layer(const pags_layer_channel *a, const pags_layer_channel *b)
 static int find(const pags_layer_channel *channels, int count, const pags_layer_channel *like, const char *suffix,
                 const char *other) {
   for (int i = 0; i < count; i++) {
-    const char *const found = suffix_of(channels[i].name);
+    const char *const dot = strrchr(channels[i].name, '.'), *const found = dot ? dot + 1 : channels[i].name;
     if ((strcasecmp(found, suffix) == 0 || strcasecmp(found, other) == 0) && same_layer(&channels[i], like))
       return i;
   }
@@ -105,35 +100,30 @@ static candidate judge(const pags_layer_channel *all, int count, const pags_laye
   return c;
 }
 
-/* Writes the names of layers that have colours, or else of all channels, to `text`. */
-static void list(const pags_layer_channel *all, int count, bool layers, bool parts, char *text, size_t size) {
-  char name[PAGS_IMAGE_NAME];
+/* Fails with the names of layers that have colours, or else of all channels. */
+static pags_result refuse(const char *path, const pags_layer_channel *all, int count, bool layers, bool parts) {
+  char name[PAGS_IMAGE_NAME], names[400] = "";
   size_t used = 0;
-  text[0] = '\0';
-  for (int i = 0; i < count && used + 8 < size; i++) {
+  for (int i = 0; i < count && used + 8 < sizeof names; i++) {
     bool first = true;
     for (int k = 0; layers && k < i && first; k++)
       first = !same_layer(&all[k], &all[i]);
     if (!first || (layers && judge(all, count, &all[i], parts).rank == NO_COLOUR))
       continue;
     write_name(&all[i], name);
-    const int wrote = snprintf(text + used, size - used, "%s%s", used ? ", " : "", layers ? name : all[i].name);
+    const int wrote =
+        snprintf(names + used, sizeof names - used, "%s%s", used ? ", " : "", layers ? name : all[i].name);
     used += wrote > 0 ? (size_t)wrote : 0;
   }
-}
-
-static pags_result refuse(const char *path, const pags_layer_channel *all, int count, bool layers, bool parts) {
-  char names[400];
-  list(all, count, layers, parts, names, sizeof names);
-  if (layers)
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s: several layers of this EXR file may be its picture: %s; expected R, G and B without a layer, or "
-        "a layer named Combined. Write the one you mean alone (oiiotool IN.exr --ch "
-        "R=LAYER.R,G=LAYER.G,B=LAYER.B -o OUT.exr)",
-        path, names);
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: no colours among the channels of this EXR file: %s; expected R, G and B, or Y", path, names);
+  if (!layers)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: no colours among the channels of this EXR file: %s; expected R, G and B, or Y", path, names);
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: several layers of this EXR file may be its picture: %s; expected R, G and B without a layer, or "
+      "a layer named Combined. Write the one you mean alone (oiiotool IN.exr --ch "
+      "R=LAYER.R,G=LAYER.G,B=LAYER.B -o OUT.exr)",
+      path, names);
 }
 
 /* Sets the channels of the picture from a candidate. */

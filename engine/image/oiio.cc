@@ -58,12 +58,6 @@ OIIO::TypeDesc type_of(pags_sample sample) {
                               : OIIO::TypeDesc::FLOAT;
 }
 
-pags_sample sample_of(OIIO::TypeDesc type) {
-  if (type.basetype == OIIO::TypeDesc::UINT8)
-    return PAGS_U8;
-  return type.basetype == OIIO::TypeDesc::UINT16 ? PAGS_U16 : PAGS_F32;
-}
-
 void describe(reader *r, pags_oiio_info *info) {
   const OIIO::ImageSpec &spec = r->input->spec();
   const std::string format = r->input->format_name();
@@ -80,7 +74,8 @@ void describe(reader *r, pags_oiio_info *info) {
     info->shown_height = spec.full_height;
   }
   info->channels = spec.nchannels;
-  info->sample = sample_of(spec.format);
+  const auto base = spec.format.basetype;
+  info->sample = base == OIIO::TypeDesc::UINT8 ? PAGS_U8 : base == OIIO::TypeDesc::UINT16 ? PAGS_U16 : PAGS_F32;
   info->alpha = spec.alpha_channel >= 0 && spec.alpha_channel == (spec.nchannels == 2 ? 1 : 3);
   // Of the integer formats with alpha, only TIFF and WebP (up to OpenImageIO 2.4) give colours that are multiplied by
   // it.

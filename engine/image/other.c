@@ -1,21 +1,56 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures through the OpenImageIO module (other.h). */
+/* Pictures through the OpenImageIO module pags_oiio.so (other.h). */
 #include "image/other.h"
 
+#include <pthread.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
 
+#include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "image/container.h"
-#include "image/encoded.h"
+#include "image/formats.h"
 #include "image/layers.h"
-#include "image/module.h"
-#include "image/oiio.h"
-#include "image/tiff_check.h"
+#include "image/pixels.h"
+#include "port/module.h"
 #include "port/port.h"
+
+/* ---- The module ---- */
+
+#ifndef PAGS_IMAGES
+
+pags_result pags_oiio_module(const pags_oiio **out) {
+  *out = NULL;
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "this build leaves it out: configure with -DPAGS_IMAGES=ON (Debian: libopenimageio-dev)");
+}
+
+#else
+
+#define MODULE_NAME "pags_oiio.so"
+
+/* The loaded module, or why it is missing. Written once under pthread_once, constant afterwards. */
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static pags_port_module module;
+
+static void find_module(void) {
+  pags_port_load_module(MODULE_NAME, PAGS_MODULE_DIR, PAGS_OIIO_SYMBOL, PAGS_OIIO_VERSION, &module);
+}
+
+pags_result pags_oiio_module(const pags_oiio **out) {
+  pthread_once(&once, find_module);
+  *out = module.table;
+  if (module.table)
+    return PAGS_OK;
+  if (module.no_memory)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s", module.reason);
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "%s; expected %s beside the program or in ../lib/pags, and OpenImageIO (Debian: libopenimageio2.4) "
+                   "installed",
+                   module.reason, MODULE_NAME);
+}
+
+#endif
 
 /* A file that OpenImageIO has opened, at the part that is read. */
 typedef struct other_picture {
@@ -28,26 +63,33 @@ typedef struct other_picture {
   int left, top;     /* of the part's samples in it */
 } other_picture;
 
+static void close_other(other_picture *other) {
+  if (other->reader)
+    other->oiio->close(other->reader);
+}
+
 /* ---- Parts and layers of EXR files ---- */
 
 enum { MOST_CHANNELS = 1024 };
 
-/* The channels of all parts, with names that are freed by free_channels. */
+/* The channels of all parts, with names of its own. */
 typedef struct channel_list {
   int count;
   pags_layer_channel items[MOST_CHANNELS];
 } channel_list;
 
-static void free_channels(channel_list *list) {
-  for (int i = 0; i < list->count; i++) {
-    free((char *)list->items[i].name);
-    free((char *)list->items[i].part);
+static void free_channels(channel_list **list) {
+  for (int i = 0; *list && i < (*list)->count; i++) {
+    free((char *)(*list)->items[i].name);
+    free((char *)(*list)->items[i].part);
   }
-  free(list);
+  free(*list);
 }
 
-static pags_result list_channels(const char *path, other_picture *other, channel_list *list) {
+static pags_result choose_layer(const char *path, other_picture *other) {
   pags_oiio_info info;
+  PAGS_AUTO(free_channels) channel_list *list = calloc(1, sizeof *list);
+  PAGS_CHECK_MEMORY(list, "%s", path);
   for (int part = 0; other->oiio->part(other->reader, part, &info); part++)
     for (int i = 0; i < info.channels; i++) {
       int number;
@@ -56,28 +98,16 @@ static pags_result list_channels(const char *path, other_picture *other, channel
         return pags_fail(PAGS_ERROR_FORMAT, "%s: more than %d channels", path, MOST_CHANNELS);
       pags_layer_channel *const c = &list->items[list->count++];
       *c = (pags_layer_channel){pags_text_copy(name), pags_text_copy(info.part), part, i, number};
-      if (!c->name || !c->part)
-        return pags_out_of_memory("%s", path);
+      PAGS_CHECK_MEMORY(c->name && c->part, "%s", path);
     }
-  return PAGS_OK;
-}
-
-static pags_result choose_layer(const char *path, other_picture *other) {
-  channel_list *const list = calloc(1, sizeof *list);
-  if (!list)
-    return pags_out_of_memory("%s", path);
-  pags_result result = list_channels(path, other, list);
-  if (result == PAGS_OK)
-    result = pags_layer_choose(path, list->items, list->count, &other->layer);
-  free_channels(list);
-  if (result == PAGS_OK && !other->oiio->part(other->reader, other->layer.part, &other->info))
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: part %d of it can't be read", path, other->layer.part);
-  return result;
+  return pags_layer_choose(path, list->items, list->count, &other->layer);
 }
 
 /* The picture of an EXR file: its layer and windows. */
 static pags_result open_exr(const char *path, other_picture *other) {
   PAGS_TRY(choose_layer(path, other));
+  if (!other->oiio->part(other->reader, other->layer.part, &other->info))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: part %d of it can't be read", path, other->layer.part);
   const pags_oiio_info *const info = &other->info;
   const pags_window_box data = {info->left, info->top, info->left + info->width, info->top + info->height};
   const pags_window_box shown = {info->shown_left, info->shown_top, info->shown_left + info->shown_width,
@@ -92,9 +122,22 @@ static pags_result open_exr(const char *path, other_picture *other) {
 
 /* ---- Reading ---- */
 
-/* The picture of any other format: the first channels of the first part. */
-static pags_result open_plain(const char *path, other_picture *other) {
+/* Opens a picture; the caller closes it, also after a failure. */
+static pags_result open_other(const char *path, other_picture *other) {
+  char refusal[512];
+  pags_oiio_message message;
+  snprintf(refusal, sizeof refusal, "%s", pags_error_message());
+  *other = (other_picture){.window = PAGS_WINDOW_WHOLE};
+  const pags_result loaded = pags_oiio_module(&other->oiio);
+  if (loaded != PAGS_OK)
+    return pags_fail(loaded, "%s; OpenImageIO reads more: %s", refusal, pags_error_message());
+  const pags_result opened = other->oiio->open(path, &other->reader, &other->info, &message);
+  if (opened != PAGS_OK)
+    return pags_fail(opened, "%s: not a readable picture: %s", path, message.text);
   const pags_oiio_info *const info = &other->info;
+  if (info->shown_width > 0)
+    return open_exr(path, other);
+  /* The picture of any other format: the first channels of the first part. */
   if (info->width < 1 || info->width > PAGS_IMAGE_MAX_SIDE || info->height < 1 || info->height > PAGS_IMAGE_MAX_SIDE ||
       info->depth > 1 || info->channels < 1)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld x %lld x %lld pixels with %d channels, expected sides of 1..%d", path,
@@ -107,35 +150,12 @@ static pags_result open_plain(const char *path, other_picture *other) {
   return PAGS_OK;
 }
 
-/* Opens a picture; the caller closes it if PAGS_OK is returned. */
-static pags_result open_other(const char *path, other_picture *other) {
-  char refusal[512];
-  pags_oiio_message message;
-  snprintf(refusal, sizeof refusal, "%s", pags_error_message());
-  *other = (other_picture){.window = PAGS_WINDOW_WHOLE};
-  const pags_result loaded = pags_oiio_module(&other->oiio);
-  if (loaded != PAGS_OK)
-    return pags_fail(loaded, "%s; OpenImageIO reads more: %s", refusal, pags_error_message());
-  pags_result result = other->oiio->open(path, &other->reader, &other->info, &message);
-  if (result != PAGS_OK)
-    return pags_fail(result, "%s: not a readable picture: %s", path, message.text);
-  result = other->info.shown_width > 0 ? open_exr(path, other) : open_plain(path, other);
-  if (result != PAGS_OK)
-    other->oiio->close(other->reader);
-  return result;
-}
-
 /* Looks in the file itself, where OpenImageIO doesn't tell. */
 static bool find_in_container(const char *path, pags_colour *colour) {
   enum { MOST = 1 << 20 }; /* bytes, in which headers lie */
-  uint8_t *const bytes = malloc(MOST);
-  FILE *const file = pags_port_open(path, "rb");
-  const size_t size = bytes && file ? fread(bytes, 1, MOST, file) : 0;
-  const bool found = pags_container_colour(bytes, size, colour);
-  if (file)
-    fclose(file);
-  free(bytes);
-  return found;
+  PAGS_AUTOFREE uint8_t *bytes = malloc(MOST);
+  PAGS_AUTO(pags_file_close) FILE *file = pags_port_open(path, "rb");
+  return bytes && file && pags_container_colour(bytes, fread(bytes, 1, MOST, file), colour);
 }
 
 /* The space of the colours. OpenImageIO's name for it counts where the file has neither profile nor numbers; names of
@@ -162,11 +182,10 @@ static void find_colour(const char *path, const pags_oiio_info *info, pags_colou
 }
 
 pags_result pags_other_inspect(const char *path, pags_image_facts *facts) {
-  other_picture other;
+  PAGS_AUTO(close_other) other_picture other = {0};
   pags_colour colour;
   PAGS_TRY(open_other(path, &other));
   find_colour(path, &other.info, &colour);
-  other.oiio->close(other.reader);
   *facts = (pags_image_facts){.width = other.width,
                               .height = other.height,
                               .alpha = other.layer.alpha,
@@ -178,23 +197,6 @@ pags_result pags_other_inspect(const char *path, pags_image_facts *facts) {
   memcpy(facts->layer, other.layer.name, sizeof facts->layer);
   pags_colour_state(&colour, facts);
   return PAGS_OK;
-}
-
-static size_t sample_bytes(pags_sample sample) {
-  return sample == PAGS_U8 ? 1 : sample == PAGS_U16 ? 2 : 4;
-}
-
-/* Copies the samples of the data window to their place in the picture. */
-static void place(const other_picture *other, const pags_image *data, pags_image *out) {
-  const size_t bytes = sample_bytes(out->sample) * (size_t)out->channels;
-  const int begin = other->left < 0 ? -other->left : 0;
-  const int end = data->width < out->width - other->left ? data->width : out->width - other->left;
-  for (int y = 0; y < data->height; y++)
-    if (other->top + y >= 0 && other->top + y < out->height)
-      memcpy((uint8_t *)out->data +
-                 ((size_t)(other->top + y) * (size_t)out->width + (size_t)(other->left + begin)) * bytes,
-             (const uint8_t *)data->data + ((size_t)y * (size_t)data->width + (size_t)begin) * bytes,
-             (size_t)(end - begin) * bytes);
 }
 
 /* Reads all samples of the part. */
@@ -240,26 +242,28 @@ static void multiply_by_alpha(const other_picture *other, pags_image *image) {
 }
 
 pags_result pags_other_load(const char *path, int most, pags_image *out, pags_colour *colour) {
-  other_picture other;
+  PAGS_AUTO(close_other) other_picture other = {0};
   PAGS_TRY(pags_tiff_check(path));
   PAGS_TRY(open_other(path, &other));
   find_colour(path, &other.info, colour);
   const bool straighten = other.layer.alpha && other.info.sample != PAGS_F32 && !other.info.straight;
   const int channels = pags_layer_channels(&other.layer, other.window, straighten ? 4 : most);
-  pags_result result;
   if (other.window == PAGS_WINDOW_WHOLE) {
-    result = read_samples(path, &other, channels, out);
-  } else {
-    pags_image data = {0};
-    result = read_samples(path, &other, channels, &data);
-    if (result == PAGS_OK)
-      result = pags_image_create(out, other.width, other.height, channels, other.info.sample);
-    if (result == PAGS_OK)
-      place(&other, &data, out);
-    pags_image_destroy(&data);
+    PAGS_TRY(read_samples(path, &other, channels, out));
+  } else { /* copy the samples of the data window to their place in the picture */
+    PAGS_AUTO(pags_image_destroy) pags_image data = {0};
+    PAGS_TRY(read_samples(path, &other, channels, &data));
+    PAGS_TRY(pags_image_create(out, other.width, other.height, channels, other.info.sample));
+    const size_t bytes = pags_pixel_bytes(out);
+    const int begin = other.left < 0 ? -other.left : 0;
+    const int end = data.width < out->width - other.left ? data.width : out->width - other.left;
+    for (int y = 0; y < data.height; y++)
+      if (other.top + y >= 0 && other.top + y < out->height)
+        memcpy((uint8_t *)out->data +
+                   ((size_t)(other.top + y) * (size_t)out->width + (size_t)(other.left + begin)) * bytes,
+               (const uint8_t *)data.data + ((size_t)y * (size_t)data.width + (size_t)begin) * bytes,
+               (size_t)(end - begin) * bytes);
   }
-  if (result == PAGS_OK)
-    multiply_by_alpha(&other, out);
-  other.oiio->close(other.reader);
-  return result;
+  multiply_by_alpha(&other, out);
+  return PAGS_OK;
 }

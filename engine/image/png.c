@@ -1,18 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* PNG files through libpng. libpng reports errors by longjmp: every function here that calls it sets the target
  * itself and returns at once after a jump, so that no local variable is read after one. */
-#include "image/png.h"
-
 #include <setjmp.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include <png.h>
 #include <zlib.h>
 
+#include "base/bytes.h"
 #include "base/memory.h"
-#include "image/orientation.h"
+#include "image/formats.h"
+#include "image/pixels.h"
 
 enum { SIGNATURE = 8, HEAD = 8, CHECKSUM = 4 };
 enum { DEFLATE_RATIO = 1032 }; /* the most bytes that deflate makes of one */
@@ -28,6 +26,14 @@ typedef struct png_state {
   bool out_of_memory;
   char message[128];
 } png_state;
+
+static void destroy_reader(png_state *state) {
+  png_destroy_read_struct(&state->png, &state->info, NULL);
+}
+
+static void destroy_writer(png_state *state) {
+  png_destroy_write_struct(&state->png, &state->info);
+}
 
 /* ---- Callbacks ---- */
 
@@ -75,10 +81,6 @@ static void flush_nothing(png_structp png) {
 
 /* ---- Reading ---- */
 
-static uint32_t load_big(const uint8_t *p) {
-  return (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3];
-}
-
 /* Fails if a chunk before the pixels claims to reach beyond the end of the file: libpng (1.6.39) would allocate the
  * length that a chunk claims, up to 2 GB, before it reads the chunk. A chunk is length, type, data and CRC (ISO/IEC
  * 15948, 5.3). */
@@ -87,7 +89,7 @@ static pags_result check_chunks(const pags_encoded *file) {
     const uint8_t *const head = file->bytes + at;
     if (memcmp(head + 4, "IDAT", 4) == 0)
       return PAGS_OK;
-    const uint32_t length = load_big(head);
+    const uint32_t length = pags_load_big(head, 4);
     const uint64_t end = (uint64_t)at + HEAD + length + CHECKSUM;
     if (end > file->size)
       return pags_fail(PAGS_ERROR_FORMAT,
@@ -97,13 +99,6 @@ static pags_result check_chunks(const pags_encoded *file) {
     at = (size_t)end;
   }
   return PAGS_OK;
-}
-
-static bool create_reader(png_state *state) {
-  state->png =
-      png_create_read_struct_2(PNG_LIBPNG_VER_STRING, state, on_error, ignore_warning, state, allocate, release);
-  state->info = state->png ? png_create_info_struct(state->png) : NULL;
-  return state->info;
 }
 
 /* Reads the header and asks for samples of 8 or 16 bits, grey or RGB. Returns false after an error of libpng's. */
@@ -140,12 +135,6 @@ static bool read_rows(png_state *state, pags_image *image) {
   return true;
 }
 
-/* Returns how many rows of the picture are to be decoded. */
-static int rows_wanted(const png_state *state, int height) {
-  const int rows = state->file->rows;
-  return rows > 0 && rows < height && !is_interlaced(state) ? rows : height;
-}
-
 static bool apply_transforms(png_state *state) {
   if (setjmp(png_jmpbuf(state->png)))
     return false;
@@ -163,8 +152,10 @@ static pags_result explain(const png_state *state,
  * with that many samples. */
 static pags_result begin(png_state *state, int most, pags_picture_info *info, uint64_t *least) {
   PAGS_TRY(check_chunks(state->file));
-  if (!create_reader(state))
-    return pags_out_of_memory("%s", state->file->path);
+  state->png =
+      png_create_read_struct_2(PNG_LIBPNG_VER_STRING, state, on_error, ignore_warning, state, allocate, release);
+  state->info = state->png ? png_create_info_struct(state->png) : NULL;
+  PAGS_CHECK_MEMORY(state->info, "%s", state->file->path);
   if (!read_header(state, most))
     return explain(state, pags_encoded_bad_header);
   *info = (pags_picture_info){.width = png_get_image_width(state->png, state->info),
@@ -191,7 +182,7 @@ static int find_orientation(const png_state *state) {
 static const uint8_t *find_chunk(const pags_encoded *file, const char *type, uint32_t least) {
   for (size_t at = SIGNATURE; file->size >= HEAD && at <= file->size - HEAD;) {
     const uint8_t *const head = file->bytes + at;
-    const uint32_t length = load_big(head);
+    const uint32_t length = pags_load_big(head, 4);
     if (memcmp(head + 4, "IDAT", 4) == 0)
       return NULL;
     if (memcmp(head + 4, type, 4) == 0 && length >= least)
@@ -204,7 +195,7 @@ static const uint8_t *find_chunk(const pags_encoded *file, const char *type, uin
 /* The profile in a chunk iCCP: a name, 0, a method, deflated bytes, the first four of which are their number. libpng
  * (1.6.39) drops those that it takes for unfit. NULL: it is damaged, or there is no memory; the caller frees it. */
 static uint8_t *inflate_profile(const uint8_t *chunk, size_t *size) {
-  const size_t length = load_big(chunk - HEAD);
+  const size_t length = pags_load_big(chunk - HEAD, 4);
   const uint8_t *const end = memchr(chunk, 0, length < 80 ? length : 80);
   const size_t at = end ? (size_t)(end - chunk) + 2 : length;
   uint8_t head[4] = {0};
@@ -212,13 +203,11 @@ static uint8_t *inflate_profile(const uint8_t *chunk, size_t *size) {
   if (at >= length)
     return NULL;
   uncompress(head, &got, chunk + at, (uLong)(length - at)); /* no room for the rest */
-  *size = load_big(head);
-  uint8_t *const profile = *size / DEFLATE_RATIO <= length ? malloc(*size + 1) : NULL;
+  *size = pags_load_big(head, 4);
+  PAGS_AUTOFREE uint8_t *profile = *size / DEFLATE_RATIO <= length ? malloc(*size + 1) : NULL;
   got = (uLongf)*size;
-  if (profile && uncompress(profile, &got, chunk + at, (uLong)(length - at)) == Z_OK && got == *size)
-    return profile;
-  free(profile);
-  return NULL;
+  const bool whole = profile && uncompress(profile, &got, chunk + at, (uLong)(length - at)) == Z_OK && got == *size;
+  return whole ? pags_take(&profile) : NULL;
 }
 
 /* The space of the colours by the chunks that say it, the strongest first (W3C PNG, third edition, 4.3). libpng 1.6.39
@@ -232,65 +221,58 @@ static void find_colour(const pags_encoded *file, pags_colour *colour) {
     pags_colour_set_cicp(colour, cicp[0], cicp[1], cicp[3] != 0);
   } else if (iccp) {
     size_t size;
-    uint8_t *const profile = inflate_profile(iccp, &size);
+    PAGS_AUTOFREE uint8_t *profile = inflate_profile(iccp, &size);
     if (profile)
       pags_colour_set_icc(colour, profile, size);
     else
       pags_colour_set_unknown(colour, "a damaged ICC profile");
-    free(profile);
   } else if (!find_chunk(file, "sRGB", 1) && (gama || chrm)) {
     static const int order[8] = {2, 3, 4, 5, 6, 7, 0, 1}; /* white comes first in the file */
-    const double stated = gama ? load_big(gama) : 0;
+    const double stated = gama ? pags_load_big(gama, 4) : 0;
     double xy[8];
     for (int i = 0; chrm && i < 8; i++)
-      xy[i] = load_big(chrm + 4 * order[i]) / steps;
+      xy[i] = pags_load_big(chrm + 4 * order[i], 4) / steps;
     pags_colour_set_gamma(colour, stated > 0 ? steps / stated : 0, chrm ? xy : NULL, NULL);
   }
 }
 
 pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour) {
-  png_state state = {.file = file};
+  PAGS_AUTO(destroy_reader) png_state state = {.file = file};
   pags_picture_info info;
   uint64_t least;
-  pags_result result = begin(&state, 4, &info, &least);
-  if (result == PAGS_OK)
-    result = pags_encoded_check(file, &info, 0);
-  if (result == PAGS_OK) {
-    *facts = (pags_image_facts){
-        .width = (int)info.width,
-        .height = (int)info.height,
-        .alpha = (png_get_color_type(state.png, state.info) & PNG_COLOR_MASK_ALPHA) != 0 ||
-                 png_get_valid(state.png, state.info, PNG_INFO_tRNS),
-        .sample = png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8,
-        .orientation = find_orientation(&state),
-        .pixel_aspect = pags_pixel_aspect((double)png_get_pixel_aspect_ratio(state.png, state.info))};
-    find_colour(file, colour);
-    pags_colour_state(colour, facts);
-  }
-  png_destroy_read_struct(&state.png, &state.info, NULL);
-  return result;
+  PAGS_TRY(begin(&state, 4, &info, &least));
+  PAGS_TRY(pags_encoded_check(file, &info, 0));
+  *facts =
+      (pags_image_facts){.width = (int)info.width,
+                         .height = (int)info.height,
+                         .alpha = (png_get_color_type(state.png, state.info) & PNG_COLOR_MASK_ALPHA) != 0 ||
+                                  png_get_valid(state.png, state.info, PNG_INFO_tRNS),
+                         .sample = png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8,
+                         .orientation = find_orientation(&state),
+                         .pixel_aspect = pags_pixel_aspect((double)png_get_pixel_aspect_ratio(state.png, state.info))};
+  find_colour(file, colour);
+  pags_colour_state(colour, facts);
+  return PAGS_OK;
 }
 
 pags_result pags_png_decode(const pags_encoded *file, int most, pags_image *out) {
-  png_state state = {.file = file};
+  PAGS_AUTO(destroy_reader) png_state state = {.file = file};
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   pags_picture_info info;
   uint64_t least;
   memset(out, 0, sizeof *out);
-  pags_result result = begin(&state, most, &info, &least);
-  if (result == PAGS_OK)
-    result = pags_encoded_check(file, &info, least);
-  if (result == PAGS_OK && !apply_transforms(&state))
-    result = explain(&state, pags_encoded_bad_header);
-  if (result == PAGS_OK)
-    result = pags_image_create(out, (int)info.width, rows_wanted(&state, (int)info.height),
-                               png_get_channels(state.png, state.info),
-                               png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8);
-  if (result == PAGS_OK && !read_rows(&state, out))
-    result = explain(&state, pags_encoded_bad_samples);
-  png_destroy_read_struct(&state.png, &state.info, NULL);
-  if (result != PAGS_OK)
-    pags_image_destroy(out);
-  return result;
+  PAGS_TRY(begin(&state, most, &info, &least));
+  PAGS_TRY(pags_encoded_check(file, &info, least));
+  if (!apply_transforms(&state))
+    return explain(&state, pags_encoded_bad_header);
+  const bool top = file->rows > 0 && file->rows < info.height && !is_interlaced(&state);
+  PAGS_TRY(pags_image_create(&image, (int)info.width, top ? file->rows : (int)info.height,
+                             png_get_channels(state.png, state.info),
+                             png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8));
+  if (!read_rows(&state, &image))
+    return explain(&state, pags_encoded_bad_samples);
+  pags_image_move(&image, out);
+  return PAGS_OK;
 }
 
 /* ---- Writing ---- */
@@ -319,7 +301,7 @@ static bool write_all(png_state *state, const pags_image *image) {
   const uint16_t one = 1;
   if (image->sample == PAGS_U16 && *(const uint8_t *)&one == 1)
     png_set_swap(state->png);
-  const size_t bytes = (size_t)image->width * (size_t)image->channels * (image->sample == PAGS_U16 ? 2 : 1);
+  const size_t bytes = (size_t)image->width * pags_pixel_bytes(image);
   for (int y = 0; y < image->height; y++)
     png_write_row(state->png, (png_const_bytep)image->data + (size_t)y * bytes);
   png_write_end(state->png, state->info);
@@ -327,16 +309,13 @@ static bool write_all(png_state *state, const pags_image *image) {
 }
 
 pags_result pags_png_encode(const char *path, const pags_image *image, pags_sink *out) {
-  png_state state = {.sink = out};
-  pags_result result = PAGS_OK;
+  PAGS_AUTO(destroy_writer) png_state state = {.sink = out};
   state.png =
       png_create_write_struct_2(PNG_LIBPNG_VER_STRING, &state, on_error, ignore_warning, &state, allocate, release);
   state.info = state.png ? png_create_info_struct(state.png) : NULL;
-  if (!state.info)
-    result = pags_out_of_memory("%s", path);
-  else if (!write_all(&state, image))
-    result = state.out_of_memory ? pags_out_of_memory("%s", path)
-                                 : pags_fail(PAGS_ERROR_IO, "%s: can't be written: PNG: %s", path, state.message);
-  png_destroy_write_struct(&state.png, &state.info);
-  return result;
+  PAGS_CHECK_MEMORY(state.info, "%s", path);
+  if (write_all(&state, image))
+    return PAGS_OK;
+  return state.out_of_memory ? pags_out_of_memory("%s", path)
+                             : pags_fail(PAGS_ERROR_IO, "%s: can't be written: PNG: %s", path, state.message);
 }

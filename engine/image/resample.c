@@ -1,14 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shrinks images by area averaging. For each output row, the source rows are first summed into a row of floats, then
  * that row's columns. The sums are taken in a fixed order. */
-#include "image/resample.h"
-
 #include <assert.h>
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
 
 #include "base/memory.h"
+#include "image/pixels.h"
 #include "maths/maths.h"
 
 /* The source pixels [first, last) that the interval [begin, end) = [index * step, (index + 1) * step) of an output
@@ -45,13 +42,12 @@ static float weight_of(const span *s, int i) {
 
 /* Sets `row` to the weighted sum of the span's source rows; returns the sum of the weights. */
 static float sum_rows(const pags_image *from, const span *s, float *row) {
-  size_t count = (size_t)from->width * (size_t)from->channels;
+  const size_t count = (size_t)from->width * (size_t)from->channels;
   float total = 0;
-  for (size_t i = 0; i < count; i++)
-    row[i] = 0;
+  memset(row, 0, count * sizeof *row);
   for (int y = s->first; y < s->last; y++) {
     const uint8_t *source = (const uint8_t *)from->data + (size_t)y * count;
-    float weight = weight_of(s, y);
+    const float weight = weight_of(s, y);
     total += weight;
     for (size_t i = 0; i < count; i++)
       row[i] += weight * (float)source[i];
@@ -59,71 +55,41 @@ static float sum_rows(const pags_image *from, const span *s, float *row) {
   return total;
 }
 
-/* The spans of a row's output pixels, which are the same in every row, and the weights of their source pixels. */
-typedef struct columns {
-  int *first, *last;
-  float *weights; /* of all source pixels of the first span, then of the second, ... */
-} columns;
-
-/* Returns false if there is no memory. */
-static bool find_columns(int width, double step, int count, columns *out) {
-  out->first = malloc((size_t)count * sizeof *out->first);
-  out->last = malloc((size_t)count * sizeof *out->last);
-  out->weights = malloc(((size_t)width + 2 * (size_t)count) * sizeof *out->weights);
-  if (!out->first || !out->last || !out->weights)
-    return false;
-  float *weight = out->weights;
-  for (int x = 0; x < count; x++) {
-    const span s = span_of(x, step, width);
-    out->first[x] = s.first;
-    out->last[x] = s.last;
-    for (int i = s.first; i < s.last; i++)
-      *weight++ = weight_of(&s, i);
-  }
-  return true;
-}
-
-static void destroy_columns(columns *c) {
-  free(c->first);
-  free(c->last);
-  free(c->weights);
-}
-
-static uint8_t to_byte(float value) {
-  return (uint8_t)(value > 254.5f ? 255 : value + 0.5f);
-}
-
 pags_result pags_shrink_mean(const pags_image *from, double step_x, double step_y, pags_image *to) {
   assert(from->sample == PAGS_U8 && to->sample == PAGS_U8 && from->channels == to->channels);
   assert(step_x >= 1 && step_y >= 1);
-  int channels = from->channels;
-  float *row = malloc((size_t)from->width * (size_t)channels * sizeof *row);
-  columns spans = {0};
-  if (!row || !find_columns(from->width, step_x, to->width, &spans)) {
-    free(row);
-    destroy_columns(&spans);
-    return pags_out_of_memory("a row of %d pixels", from->width);
+  const int channels = from->channels;
+  /* The spans of a row's output pixels, which are the same in every row, and the weights of their source pixels: of all
+   * of the first span, then of the second, ... */
+  PAGS_AUTOFREE span *spans = malloc((size_t)to->width * sizeof *spans);
+  PAGS_AUTOFREE float *weights = malloc(((size_t)from->width + 2 * (size_t)to->width) * sizeof *weights);
+  PAGS_AUTOFREE float *row = malloc((size_t)from->width * (size_t)channels * sizeof *row);
+  PAGS_CHECK_MEMORY(spans && weights && row, "a row of %d pixels", from->width);
+  float *next = weights;
+  for (int x = 0; x < to->width; x++) {
+    spans[x] = span_of(x, step_x, from->width);
+    for (int i = spans[x].first; i < spans[x].last; i++)
+      *next++ = weight_of(&spans[x], i);
   }
   uint8_t *out = to->data;
   for (int y = 0; y < to->height; y++) {
-    span sy = span_of(y, step_y, from->height);
-    float row_weight = sum_rows(from, &sy, row);
-    const float *weight = spans.weights;
+    const span sy = span_of(y, step_y, from->height);
+    const float row_weight = sum_rows(from, &sy, row), *weight = weights;
     for (int x = 0; x < to->width; x++) {
-      const int first = spans.first[x], last = spans.last[x];
+      const int last = spans[x].last;
       float sum[4] = {0}, total = 0;
-      for (int i = first; i < last; i++, weight++) {
+      for (int i = spans[x].first; i < last; i++, weight++) {
         total += *weight;
         for (int c = 0; c < channels; c++)
           sum[c] += *weight * row[i * channels + c];
       }
-      float scale = 1 / (total * row_weight);
-      for (int c = 0; c < channels; c++)
-        *out++ = to_byte(sum[c] * scale);
+      const float scale = 1 / (total * row_weight);
+      for (int c = 0; c < channels; c++) {
+        const float value = sum[c] * scale;
+        *out++ = (uint8_t)(value > 254.5f ? 255 : value + 0.5f);
+      }
     }
   }
-  free(row);
-  destroy_columns(&spans);
   return PAGS_OK;
 }
 

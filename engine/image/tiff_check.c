@@ -1,17 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Inflates the strips or tiles of a TIFF (TIFF 6.0 and BigTIFF) to see whether their checksums hold; see tiff_check.h.
- */
-#include "image/tiff_check.h"
-
-#include <stdbool.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+/* Inflates the strips or tiles of a TIFF (TIFF 6.0 and BigTIFF) to see whether their checksums hold; see other.h. */
 #include <zlib.h>
 
 #include "base/file.h"
 #include "base/memory.h"
-#include "port/port.h"
+#include "image/other.h"
 
 enum { COMPRESSION = 259, STRIP_PLACES = 273, STRIP_SIZES = 279, TILE_PLACES = 324, TILE_SIZES = 325 };
 enum { DEFLATE = 8, OLD_DEFLATE = 32946 };
@@ -57,8 +50,7 @@ static field read_field(const tiff *t, uint64_t at) {
 static pags_result inflate_all(const char *path, const uint8_t *bytes, uint64_t size) {
   uint8_t out[1 << 14];
   z_stream stream = {.next_in = (Bytef *)(uintptr_t)bytes, .avail_in = (uInt)size};
-  if (inflateInit(&stream) != Z_OK)
-    return pags_out_of_memory("%s", path);
+  PAGS_CHECK_MEMORY(inflateInit(&stream) == Z_OK, "%s", path);
   int status = Z_OK;
   while (status == Z_OK) {
     stream.next_out = out;
@@ -71,46 +63,38 @@ static pags_result inflate_all(const char *path, const uint8_t *bytes, uint64_t 
              : pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: its compressed pixels are damaged or cut off", path);
 }
 
-static pags_result check(const char *path, const tiff *t) {
-  const uint64_t first = t->big ? number(t, 8, 8) : number(t, 4, 4);
-  const uint64_t fields = number(t, first, t->big ? 8 : 2), entry = t->big ? 20 : 12;
+pags_result pags_tiff_check(const char *path) {
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
+  uint8_t head[4] = {0};
+  size_t size = pags_file_head(path, head, sizeof head);
+  tiff t = {.bytes = head, .size = sizeof head, .big_endian = head[0] == 'M'};
+  const uint64_t version = number(&t, 2, 2);
+  if (size < sizeof head || (memcmp(head, "II", 2) != 0 && memcmp(head, "MM", 2) != 0) ||
+      (version != 42 && version != 43))
+    return PAGS_OK;
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  t = (tiff){.bytes = bytes, .size = size, .big_endian = t.big_endian, .big = version == 43};
+  const uint64_t first = t.big ? number(&t, 8, 8) : number(&t, 4, 4);
+  const uint64_t fields = number(&t, first, t.big ? 8 : 2), entry = t.big ? 20 : 12;
   uint64_t compression = 0;
   field places = {0}, sizes = {0};
   for (uint64_t i = 0; i < fields && i < 65536; i++) {
-    const uint64_t at = first + (t->big ? 8 : 2) + i * entry, tag = number(t, at, 2);
-    const field f = read_field(t, at);
-    compression = tag == COMPRESSION ? element(t, &f, 0) : compression;
+    const uint64_t at = first + (t.big ? 8 : 2) + i * entry, tag = number(&t, at, 2);
+    const field f = read_field(&t, at);
+    compression = tag == COMPRESSION ? element(&t, &f, 0) : compression;
     places = tag == STRIP_PLACES || tag == TILE_PLACES ? f : places;
     sizes = tag == STRIP_SIZES || tag == TILE_SIZES ? f : sizes;
   }
   if (compression != DEFLATE && compression != OLD_DEFLATE)
     return PAGS_OK;
   uint64_t sum = 0; /* strips don't overlap: a file that says so isn't looked at any longer */
-  for (uint64_t i = 0; i < places.count && i < sizes.count && sum <= t->size; i++) {
-    const uint64_t at = element(t, &places, i), size = element(t, &sizes, i);
-    sum += size < t->size ? size : t->size;
-    if (at > t->size || size > t->size - at || size > UINT32_MAX)
+  for (uint64_t i = 0; i < places.count && i < sizes.count && sum <= t.size; i++) {
+    const uint64_t at = element(&t, &places, i), length = element(&t, &sizes, i);
+    sum += length < t.size ? length : t.size;
+    if (at > t.size || length > t.size - at || length > UINT32_MAX)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: the file is cut off", path);
-    if (size > 0) /* 0: a sparse file's, which is blank */
-      PAGS_TRY(inflate_all(path, t->bytes + at, size));
+    if (length > 0) /* 0: a sparse file's, which is blank */
+      PAGS_TRY(inflate_all(path, t.bytes + at, length));
   }
   return PAGS_OK;
-}
-
-pags_result pags_tiff_check(const char *path) {
-  uint8_t head[4] = {0}, *bytes;
-  size_t size;
-  FILE *file = pags_port_open(path, "rb");
-  const bool read = file && fread(head, sizeof head, 1, file) == 1;
-  if (file)
-    fclose(file);
-  tiff t = {.bytes = head, .size = sizeof head, .big_endian = head[0] == 'M'};
-  const uint64_t version = number(&t, 2, 2);
-  if (!read || (memcmp(head, "II", 2) != 0 && memcmp(head, "MM", 2) != 0) || (version != 42 && version != 43))
-    return PAGS_OK;
-  PAGS_TRY(pags_file_read(path, &bytes, &size));
-  t = (tiff){.bytes = bytes, .size = size, .big_endian = t.big_endian, .big = version == 43};
-  const pags_result result = check(path, &t);
-  free(bytes);
-  return result;
 }

@@ -11,7 +11,7 @@
 #include "base/memory.h"
 #include "exporters/proxy/tsdf.h"
 #ifdef PAGS_WITH_IMAGES
-#include "image/png.h"
+#include "image/formats.h"
 #endif
 
 enum { LEAST_CELL = 5 }; /* pixels: the legs of either triangle are two */

@@ -8,8 +8,8 @@
 #include <string.h>
 
 #include "image/colour.h"
-#include "image/container.h"
-#include "image/exr.h"
+#include "image/other.h"
+#include "image/formats.h"
 #include "image/layers.h"
 
 /* ---- Windows ---- */

@@ -7,9 +7,7 @@
 #include <string.h>
 #include <zlib.h>
 
-#include "image/exr.h"
-#include "image/jpeg.h"
-#include "image/png.h"
+#include "image/formats.h"
 #include "picture_files.h"
 
 enum { MOST_PIXELS = 1 << 20 };

@@ -16,7 +16,7 @@
 #include "dataset/driving/masks.h"
 #include "dataset/driving/small_photo.h"
 #include "dataset/view_camera.h"
-#include "image/resample.h"
+#include "image/pixels.h"
 
 #include "base/file.h"
 #include "base/log.h"

@@ -2,7 +2,7 @@
 /* Small photographs and where they were taken (small_photo.h). */
 #include "dataset/driving/small_photo.h"
 
-#include "image/resample.h"
+#include "image/pixels.h"
 #include "maths/maths.h"
 
 #include <math.h>

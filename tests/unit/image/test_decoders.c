@@ -4,7 +4,6 @@
 #include <pags/image.h>
 
 #include "base/rng.h"
-#include "image/module.h"
 #include "image/other.h"
 #include "picture_files.h"
 #include "shared_data.h"

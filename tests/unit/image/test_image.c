@@ -5,8 +5,8 @@
 #include <pags/tasks.h>
 
 #include "base/file.h"
-#include "image/module.h"
-#include "image/resample.h"
+#include "image/other.h"
+#include "image/pixels.h"
 #include "unit/scratch.h"
 
 #include <math.h>

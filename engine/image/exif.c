@@ -1,12 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* EXIF: a TIFF structure (CIPA DC-008), which a JPEG file has in a segment APP1 that begins with "Exif" and two zeros.
  * Its first directory has the orientation; the colour space is in directories below. */
-#include "image/orientation.h"
-
-#include <assert.h>
-#include <stdbool.h>
-#include <stdlib.h>
 #include <string.h>
+
+#include "image/formats.h"
 
 enum {
   TAG_ORIENTATION = 274,
@@ -17,8 +14,6 @@ enum {
 };
 enum { TYPE_SHORT = 3, TYPE_LONG = 4, ENTRY = 12, ADOBE_RGB = 2 };
 enum { APP1 = 0xe1, START_OF_SCAN = 0xda };
-
-/* ---- Reading ---- */
 
 static uint32_t load(const uint8_t *p, int count, bool big) {
   uint32_t value = 0;
@@ -84,47 +79,24 @@ bool pags_exif_says_adobe_rgb(const uint8_t *bytes, size_t size) {
   return index && memcmp(index + 8, "R03", 3) == 0;
 }
 
+const uint8_t *pags_jpeg_segment(const uint8_t *bytes, size_t size, size_t *at, size_t *length) {
+  while (*at + 4 <= size && bytes[*at] == 0xff && bytes[*at + 1] == 0xff)
+    ++*at; /* padding */
+  if (*at + 4 > size || bytes[*at] != 0xff || bytes[*at + 1] == START_OF_SCAN)
+    return NULL;
+  const uint8_t *const segment = bytes + *at;
+  *length = (size_t)segment[2] << 8 | segment[3];
+  *at += 2 + *length;
+  return segment;
+}
+
 const uint8_t *pags_exif_of_jpeg(const uint8_t *bytes, size_t size, size_t *exif_size) {
-  for (size_t at = 2; at + 4 <= size && bytes[at] == 0xff && bytes[at + 1] != START_OF_SCAN;) {
-    if (bytes[at + 1] == 0xff) { /* padding */
-      at++;
-      continue;
-    }
-    const size_t length = (size_t)bytes[at + 2] << 8 | bytes[at + 3], end = at + 2 + length;
+  const uint8_t *segment;
+  size_t at = 2, length;
+  while ((segment = pags_jpeg_segment(bytes, size, &at, &length))) {
     *exif_size = length - 8;
-    if (bytes[at + 1] == APP1 && length >= 8 && end <= size && memcmp(bytes + at + 4, "Exif\0\0", 6) == 0)
-      return bytes + at + 10;
-    at = end;
+    if (segment[1] == APP1 && length >= 8 && at <= size && memcmp(segment + 4, "Exif\0\0", 6) == 0)
+      return segment + 10;
   }
   return NULL;
-}
-
-/* ---- Turning ---- */
-
-static size_t pixel_bytes(const pags_image *image) {
-  return (size_t)image->channels * (image->sample == PAGS_U8 ? 1 : image->sample == PAGS_U16 ? 2 : 4);
-}
-
-pags_result pags_image_turn(pags_image *image, int orientation) {
-  assert(image->data && orientation >= 1 && orientation <= 8);
-  if (orientation == 1)
-    return PAGS_OK;
-  const bool exchanged = orientation >= 5;
-  const bool from_right = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
-  const bool from_below = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
-  pags_image out;
-  PAGS_TRY(pags_image_create(&out, exchanged ? image->height : image->width, exchanged ? image->width : image->height,
-                             image->channels, image->sample));
-  const size_t bytes = pixel_bytes(image);
-  uint8_t *to = out.data;
-  for (int y = 0; y < out.height; y++)
-    for (int x = 0; x < out.width; x++, to += bytes) {
-      const int u = exchanged ? y : x, v = exchanged ? x : y; /* column and row in the file, before mirroring */
-      const size_t column = (size_t)(from_right ? image->width - 1 - u : u);
-      const size_t row = (size_t)(from_below ? image->height - 1 - v : v);
-      memcpy(to, (const uint8_t *)image->data + (row * (size_t)image->width + column) * bytes, bytes);
-    }
-  pags_image_destroy(image);
-  *image = out;
-  return PAGS_OK;
 }
