@@ -287,8 +287,9 @@ static void write_text(int file, const char *text) {
 /* flock, not fcntl: it belongs to the open file, so that no other close of the file drops it; NFS keeps it as a lock of
  * the server's. A lock counts only if its file still has the name, which the former holder may just have removed. */
 pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size) {
-  enum { TRIES = 5 };
-  for (int i = 0; i < TRIES; i++) {
+  enum { TRIES = 5, TRIES_WITHOUT_HOLDER = 100 }; /* a holder may not have written its name yet */
+  holder[0] = '\0';
+  for (int i = 0; i < (holder[0] ? TRIES : TRIES_WITHOUT_HOLDER); i++) {
     int file = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
     const bool foreign = file < 0 && errno == EACCES; /* left by another user, whose process may have ended */
     if (foreign && (file = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW)) < 0)

@@ -379,10 +379,11 @@ static void read_text(const wchar_t *path, char *text, size_t size) {
 }
 
 pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size) {
-  enum { TRIES = 5 };
+  enum { TRIES = 5, TRIES_WITHOUT_HOLDER = 100 }; /* a holder may not have written its name yet */
+  holder[0] = '\0';
   wchar_t *wide = path_of(path);
   pags_port_lock_state state = PAGS_PORT_LOCK_FAILS;
-  for (int i = 0; wide && i < TRIES; i++) {
+  for (int i = 0; wide && i < (holder[0] ? TRIES : TRIES_WITHOUT_HOLDER); i++) {
     const HANDLE file = open_lock(wide, false);
     if (file != INVALID_HANDLE_VALUE) {
       DWORD written;

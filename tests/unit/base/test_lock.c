@@ -4,11 +4,13 @@
 #include "base/lock.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -86,6 +88,25 @@ static void a_second_lock_is_refused_and_names_the_first(void **state) {
   assert_true(empty);
   pags_lock_release(first);
   assert_false(pags_path_exists(scratch("a")));
+}
+
+/* A process that has the lock may be stopped by the system before it writes its name. */
+static void a_name_that_comes_late_is_waited_for(void **state) {
+  (void)state;
+  assert_int_equal(mkdir(scratch("late"), 0777), 0);
+  const int file = open(scratch("late/.pags.lock"), O_RDWR | O_CREAT, 0666);
+  assert_int_equal(flock(file, LOCK_EX), 0);
+  const pid_t child = fork();
+  if (child == 0) {
+    usleep(300000);
+    _exit(write(file, "late, process 7", 15) != 15);
+  }
+  pags_lock *lock;
+  assert_refused(pags_lock_folder(scratch("late"), &lock), "late, process 7");
+  int status;
+  assert_int_equal(waitpid(child, &status, 0), child);
+  assert_int_equal(status, 0);
+  close(file);
 }
 
 static void only_empty_folders_of_its_own_are_removed(void **state) {
@@ -201,6 +222,7 @@ int main(void) {
                                      cmocka_unit_test(only_empty_folders_of_its_own_are_removed),
                                      cmocka_unit_test(a_lock_ends_with_its_process),
                                      cmocka_unit_test(a_text_alone_locks_nothing),
+                                     cmocka_unit_test(a_name_that_comes_late_is_waited_for),
                                      cmocka_unit_test(without_locks_it_goes_on_with_a_warning),
                                      cmocka_unit_test(files_of_one_folder_are_locked_separately),
                                      cmocka_unit_test(a_file_has_one_writer_at_a_time),
