@@ -21,8 +21,7 @@
 #include "base/log.h"
 #include "base/text.h"
 #include "dataset/find_file.h"
-#include "dataset/foreign.h"
-#include "dataset/foreign_recording.h"
+#include "dataset/unsupported_formats.h"
 #include "port/port.h"
 #include "scene/other_formats.h"
 #include "train/checkpoint.h"
@@ -355,9 +354,9 @@ static pags_result describe(pags_report *report, info_arguments *arguments, cons
   const bool splat = is_splat(path, head);
   if (!splat && (!begins_as_splat(head) || memcmp(head, "PK", 2) == 0))
     PAGS_TRY(pags_unsupported_splats_check(path, head, got, NULL));
-  if (!splat && pags_foreign_knows(path))
+  if (!splat && pags_unsupported_knows(path))
     return describe_dataset(report, arguments, path);
-  PAGS_TRY(splat ? PAGS_OK : pags_foreign_recording_check(path, true));
+  PAGS_TRY(splat ? PAGS_OK : pags_unsupported_recording_check(path, true));
   const pags_result result = describe_scene(report, arguments, path);
   if (result != PAGS_ERROR_FORMAT || splat || begins_as_splat(head))
     return result;

@@ -132,6 +132,12 @@ static inline void pags_pose_position(const double pose[12], double out[3]) {
     out[k] = pose[4 * k + 3];
 }
 
+/* Distance between the positions of two poses. */
+static inline double pags_pose_distance(const double a[12], const double b[12]) {
+  const double d[3] = {a[3] - b[3], a[7] - b[7], a[11] - b[11]};
+  return pags_length3(d);
+}
+
 /* t = position */
 static inline void pags_pose_place(double pose[12], const double position[3]) {
   for (int k = 0; k < 3; k++)

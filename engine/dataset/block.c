@@ -134,20 +134,17 @@ static pags_result read_root(const pags_json *json, pags_block_file *out, pags_d
 pags_result pags_block_read(const char *path, pags_block_file *out, pags_dataset_options *options) {
   *out =
       (pags_block_file){.path = pags_dir_exists(path) ? pags_path_join(path, PAGS_BLOCK_FILE) : pags_text_copy(path)};
-  if (!out->path)
-    return pags_out_of_memory("%s", path);
-  pags_json *json;
+  PAGS_CHECK_MEMORY(out->path, "%s", path);
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   PAGS_TRY(pags_json_parse_file(out->path, &json));
-  pags_result result = read_root(json, out, options);
-  pags_json_destroy(json);
-  return result;
+  return read_root(json, out, options);
 }
 
 /* ---- Writing ---- */
 
 pags_result pags_block_write(const char *folder, const pags_block *block, const pags_dataset_options *options) {
   PAGS_TRY(pags_make_dirs(folder));
-  pags_json_writer w;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer w = {0};
   pags_json_writer_init(&w, 1);
   pags_json_begin_object(&w, NULL);
   pags_json_put_integer(&w, "version", VERSION);
@@ -161,36 +158,20 @@ pags_result pags_block_write(const char *folder, const pags_block *block, const 
   pags_json_begin_object(&w, "options");
   for (int i = 0; i < PAGS_BLOCK_TEXTS; i++) {
     const char *value = *text_of(options, texts[i].offset);
-    char *absolute = value && texts[i].is_path ? pags_port_real_path(value) : NULL;
+    PAGS_AUTOFREE char *absolute = value && texts[i].is_path ? pags_port_real_path(value) : NULL;
     pags_json_put_string(&w, texts[i].key, absolute ? absolute : value);
-    free(absolute);
   }
   pags_json_put_integer(&w, "split_every", options->split_every);
   pags_json_put_bool(&w, "allow_missing", options->allow_missing != 0);
   pags_json_end_object(&w);
   pags_json_end_object(&w);
-  char *path = pags_path_join(folder, PAGS_BLOCK_FILE);
-  pags_result result = path ? pags_json_writer_save(&w, path) : pags_out_of_memory("%s", folder);
-  pags_json_writer_destroy(&w);
-  free(path);
-  return result;
+  return pags_json_writer_save_in_folder(&w, folder, PAGS_BLOCK_FILE);
 }
 
 /* ---- Cutting ---- */
 
 static bool is_used(const pags_block *block, int64_t frame) {
   return frame >= block->first && frame <= block->last;
-}
-
-/* Whether a label of the track is at a time step of the block. Labels at others become held out. */
-static bool keep_track(const pags_block *block, pags_object *object) {
-  bool seen = false;
-  for (int64_t k = 0; k < object->keyframe_count; k++) {
-    const bool used = is_used(block, object->keyframes[k].frame);
-    seen |= used;
-    object->keyframes[k].trained &= used;
-  }
-  return seen;
 }
 
 pags_result pags_block_cut(const pags_block *block, pags_parsed_dataset *parsed) {
@@ -206,13 +187,21 @@ pags_result pags_block_cut(const pags_block *block, pags_parsed_dataset *parsed)
       driving->sweeps[sweeps++] = driving->sweeps[i];
     else
       free((char *)(uintptr_t)driving->sweeps[i].path);
-  for (int64_t i = 0; i < driving->object_count; i++)
-    if (keep_track(block, &driving->objects[i])) {
-      driving->critical.objects[objects] = driving->critical.objects[i];
-      driving->objects[objects++] = driving->objects[i];
-    } else {
-      pags_object_destroy(&driving->objects[i]);
+  for (int64_t i = 0; i < driving->object_count; i++) {
+    pags_object *object = &driving->objects[i];
+    bool seen = false; /* whether the track has a label at a time step of the block; labels at others are held out */
+    for (int64_t k = 0; k < object->keyframe_count; k++) {
+      const bool used = is_used(block, object->keyframes[k].frame);
+      seen |= used;
+      object->keyframes[k].trained &= used;
     }
+    if (seen) {
+      driving->critical.objects[objects] = driving->critical.objects[i];
+      driving->objects[objects++] = *object;
+    } else {
+      pags_object_destroy(object);
+    }
+  }
   parsed->count = views;
   driving->sweep_count = sweeps;
   driving->object_count = objects;

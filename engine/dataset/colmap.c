@@ -108,16 +108,10 @@ void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens) {
 /* ---- Adding cameras and images ---- */
 
 pags_colmap_camera *pags_colmap_add_camera(pags_colmap *model) {
-  if (model->camera_count == model->camera_capacity) {
-    int64_t capacity = model->camera_capacity ? 2 * model->camera_capacity : 8;
-    pags_colmap_camera *cameras = realloc(model->cameras, (size_t)capacity * sizeof *cameras);
-    if (!cameras)
-      return NULL;
-    model->cameras = cameras;
-    model->camera_capacity = capacity;
-  }
+  if (!pags_grow(&model->cameras, model->camera_count + 1, &model->camera_capacity, sizeof *model->cameras))
+    return NULL;
   pags_colmap_camera *camera = &model->cameras[model->camera_count++];
-  memset(camera, 0, sizeof *camera);
+  *camera = (pags_colmap_camera){0};
   return camera;
 }
 
@@ -158,12 +152,10 @@ pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const p
   if (*pags_path_name(image->name) == '\0')
     return pags_fail(PAGS_ERROR_FORMAT, "%s: image %lld: expected a name", where, (long long)image->id);
   pags_parsed_view *view = pags_parsed_add(model->parsed);
-  if (!view)
-    return pags_out_of_memory("%s", where);
+  PAGS_CHECK_MEMORY(view, "%s", where);
   view->where = pags_text_copy(where);
   view->image_path = pags_text_copy(image->name); /* relative; locate_pictures prepends the folder of images */
-  if (!view->where || !view->image_path)
-    return pags_out_of_memory("%s", where);
+  PAGS_CHECK_MEMORY(view->where && view->image_path, "%s", where);
   view->id = image->id;
   view->lens = camera->lens;
   double r[9], m[12];
@@ -187,11 +179,10 @@ bool pags_colmap_is_model(const char *folder) {
 static bool holds_picture(const char *folder, const pags_parsed_dataset *parsed, pags_file_finder *tried) {
   bool found = false;
   for (int64_t i = 0; i < parsed->count && !found && (!tried || i < 8); i++) {
-    char *path = NULL;
+    PAGS_AUTOFREE char *path = NULL;
     found = pags_folder_has(folder, parsed->views[i].image_path);
     if (!found && tried && pags_find_file(tried, folder, parsed->views[i].image_path, &path, &found) != PAGS_OK)
       break;
-    free(path);
   }
   return found;
 }
@@ -202,49 +193,39 @@ static char *find_pictures(const char *root, const char *model, const pags_parse
   const char *const bases[] = {root, root, model, model, model};
   static const char *const places[] = {"images", ".", "images", "../images", "../../images"};
   enum { PLACES = sizeof places / sizeof *places };
-  char *chosen = NULL;
-  for (int i = 0; i < 2 * PLACES && !chosen; i++) { /* as named in all places, then under other spellings */
-    const int place = i % PLACES;
-    char *folder =
-        strcmp(places[place], ".") == 0 ? pags_text_copy(bases[place]) : pags_path_join(bases[place], places[place]);
-    pags_file_finder finder = {0};
-    bool other_case = false;
-    if (folder && i >= PLACES && strcmp(places[place], "images") == 0 && !pags_dir_exists(folder)) {
+  for (int i = 0; i < 2 * PLACES; i++) { /* as named in all places, then under other spellings */
+    const char *base = bases[i % PLACES], *place = places[i % PLACES];
+    PAGS_AUTO(pags_file_finder_drop) pags_file_finder finder = {0};
+    PAGS_AUTOFREE char *folder = strcmp(place, ".") == 0 ? pags_text_copy(base) : pags_path_join(base, place);
+    const bool other_case = folder && i >= PLACES && strcmp(place, "images") == 0 && !pags_dir_exists(folder);
+    if (other_case) {
       free(folder);
-      folder = pags_find_folder(&finder, bases[place], "images");
-      other_case = folder != NULL;
+      folder = pags_find_folder(&finder, base, "images");
     }
-    if (folder && pags_dir_exists(folder) && holds_picture(folder, parsed, i < PLACES ? NULL : &finder)) {
-      chosen = folder;
-      if (other_case)
-        pags_log_message(PAGS_LOG_WARNING, "%s: there is no folder images; its pictures are taken from %s", model,
-                         folder);
-    } else {
-      free(folder);
-    }
-    pags_file_finder_drop(&finder);
+    if (!folder || !pags_dir_exists(folder) || !holds_picture(folder, parsed, i < PLACES ? NULL : &finder))
+      continue;
+    if (other_case)
+      PAGS_WARN("%s: there is no folder images; its pictures are taken from %s", model, folder);
+    return pags_take(&folder);
   }
-  return chosen ? chosen : pags_path_join(root, "images");
+  return pags_path_join(root, "images");
 }
 
 static pags_result locate_pictures(const char *root, const char *model, pags_parsed_dataset *parsed) {
-  char *folder = find_pictures(root, model, parsed);
-  pags_file_finder finder = {0};
-  pags_result result = folder ? PAGS_OK : pags_out_of_memory("%s", root);
-  for (int64_t i = 0; result == PAGS_OK && i < parsed->count; i++) {
+  PAGS_AUTOFREE char *folder = find_pictures(root, model, parsed);
+  PAGS_CHECK_MEMORY(folder, "%s", root);
+  PAGS_AUTO(pags_file_finder_drop) pags_file_finder finder = {0};
+  for (int64_t i = 0; i < parsed->count; i++) {
     pags_parsed_view *view = &parsed->views[i];
     char *path;
     bool exists = false;
-    result = pags_find_file(&finder, folder, view->image_path, &path, &exists);
-    if (result == PAGS_OK) {
-      free(view->image_path);
-      view->image_path = path;
-      view->missing = !exists;
-    }
+    PAGS_TRY(pags_find_file(&finder, folder, view->image_path, &path, &exists));
+    free(view->image_path);
+    view->image_path = path;
+    view->missing = !exists;
   }
   pags_file_finder_end(&finder, model, "pictures");
-  free(folder);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Reading a model ---- */
@@ -252,48 +233,45 @@ static pags_result locate_pictures(const char *root, const char *model, pags_par
 /* Reads one file of the model (`part`.`extension`) with `read`. A missing file is an error only if it is required. */
 static pags_result read_part(const char *model, const char *part, const char *extension, pags_colmap_read_fn *read,
                              bool required, pags_colmap *into) {
-  char *path = pags_text_format("%s/%s.%s", model, part, extension);
-  if (!path)
-    return pags_out_of_memory("%s", model);
-  pags_result result = PAGS_OK;
-  if (required || pags_file_exists(path)) {
-    pags_colmap_bytes bytes = {.path = path};
-    result = pags_file_read(path, &bytes.data, &bytes.size);
-    if (result == PAGS_OK)
-      result = read(into, &bytes);
-    free(bytes.data);
-  }
-  free(path);
-  return result;
+  PAGS_AUTOFREE char *path = pags_text_format("%s/%s.%s", model, part, extension);
+  PAGS_CHECK_MEMORY(path, "%s", model);
+  if (!required && !pags_file_exists(path))
+    return PAGS_OK;
+  PAGS_AUTOFREE uint8_t *data = NULL;
+  size_t size;
+  PAGS_TRY(pags_file_read(path, &data, &size));
+  return read(into, &(pags_colmap_bytes){path, data, size});
 }
 
-static pags_result read_model(const char *model, pags_colmap *into) {
+/* Frees what the data set doesn't take over. */
+static void colmap_destroy(pags_colmap *model) {
+  for (int64_t i = 0; i < model->camera_count; i++)
+    free(model->cameras[i].problem);
+  free(model->cameras);
+}
+
+static pags_result read_model(const char *root, const char *model, pags_parsed_dataset *parsed) {
+  parsed->source = pags_text_copy(model);
+  PAGS_CHECK_MEMORY(parsed->source, "%s", model);
+  PAGS_AUTO(colmap_destroy) pags_colmap into = {.parsed = parsed};
   if (pags_folder_has(model, "cameras.bin") && pags_folder_has(model, "images.bin")) {
-    PAGS_TRY(read_part(model, "cameras", "bin", pags_colmap_cameras_bin, true, into));
-    PAGS_TRY(read_part(model, "images", "bin", pags_colmap_images_bin, true, into));
-    return read_part(model, "points3D", "bin", pags_colmap_points_bin, false, into);
+    PAGS_TRY(read_part(model, "cameras", "bin", pags_colmap_cameras_bin, true, &into));
+    PAGS_TRY(read_part(model, "images", "bin", pags_colmap_images_bin, true, &into));
+    PAGS_TRY(read_part(model, "points3D", "bin", pags_colmap_points_bin, false, &into));
+  } else {
+    PAGS_TRY(read_part(model, "cameras", "txt", pags_colmap_cameras_txt, true, &into));
+    PAGS_TRY(read_part(model, "images", "txt", pags_colmap_images_txt, true, &into));
+    PAGS_TRY(read_part(model, "points3D", "txt", pags_colmap_points_txt, false, &into));
   }
-  PAGS_TRY(read_part(model, "cameras", "txt", pags_colmap_cameras_txt, true, into));
-  PAGS_TRY(read_part(model, "images", "txt", pags_colmap_images_txt, true, into));
-  return read_part(model, "points3D", "txt", pags_colmap_points_txt, false, into);
+  PAGS_TRY(pags_parsed_check_points(&parsed->points, model));
+  parsed->points.tracked = true;
+  pags_parsed_sort_points(&parsed->points);
+  return locate_pictures(root, model, parsed);
 }
 
 pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *parsed) {
-  memset(parsed, 0, sizeof *parsed);
-  parsed->kind = "colmap";
-  parsed->up = PAGS_UP_MINUS_Y;
-  parsed->source = pags_text_copy(model);
-  pags_colmap into = {.parsed = parsed};
-  pags_result result = parsed->source ? read_model(model, &into) : pags_out_of_memory("%s", model);
-  if (result == PAGS_OK)
-    result = pags_parsed_check_points(&parsed->points, model);
-  if (result == PAGS_OK)
-    result = locate_pictures(root, model, parsed);
-  parsed->points.tracked = true;
-  pags_parsed_sort_points(&parsed->points);
-  for (int64_t i = 0; i < into.camera_count; i++)
-    free(into.cameras[i].problem);
-  free(into.cameras);
+  *parsed = (pags_parsed_dataset){.kind = "colmap", .up = PAGS_UP_MINUS_Y};
+  const pags_result result = read_model(root, model, parsed);
   if (result != PAGS_OK)
     pags_parsed_destroy(parsed);
   return result;

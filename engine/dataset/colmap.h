@@ -1,10 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Declarations shared by colmap.c and the readers of the two file formats of a COLMAP model: binary (colmap_bin.c)
- * and text (colmap_txt.c). */
+/* COLMAP models: finding one below a folder (colmap_models.c), and what colmap.c and the readers of the two file
+ * formats share: binary (colmap_bin.c) and text (colmap_txt.c). */
 #ifndef PAGS_DATASET_COLMAP_H
 #define PAGS_DATASET_COLMAP_H
 
 #include "dataset/parsed.h"
+
+/* Finds a model below `root`: in root itself, sparse/N, sparse, colmap/sparse/N or colmap/sparse, else in the first
+ * folder that has one, at most 4 levels down. The mapper writes a model for each set of pictures that it could connect,
+ * so that one is often a fragment: of several with the same parent it is the one with most pictures; the others are
+ * named in the log, as are data sets that lie next to that folder. *out is its folder, freed by the caller; NULL if not
+ * found. */
+pags_result pags_colmap_find_model(const char *root, char **out);
+
+/* Warns of pictures that lie next to those of the views but are not views. */
+pags_result pags_count_unused_pictures(const pags_parsed_dataset *parsed);
 
 typedef struct pags_colmap_camera {
   int64_t id;

@@ -51,8 +51,7 @@ pags_result pags_colmap_cameras_bin(pags_colmap *model, const pags_colmap_bytes 
   PAGS_TRY(take_count(&c, 24 + 2 * sizeof(double), "cameras", &count));
   for (int64_t i = 0; i < count; i++) {
     pags_colmap_camera *camera = pags_colmap_add_camera(model);
-    if (!camera)
-      return pags_out_of_memory("%s", c.bytes->path);
+    PAGS_CHECK_MEMORY(camera, "%s", c.bytes->path);
     int64_t number;
     uint64_t size[2];
     double parameters[PAGS_COLMAP_PARAMETERS];
@@ -65,16 +64,15 @@ pags_result pags_colmap_cameras_bin(pags_colmap *model, const pags_colmap_bytes 
       return pags_colmap_check_kind(c.bytes->path, kind, text);
     PAGS_TRY(take(&c, size, sizeof size));
     PAGS_TRY(take(&c, parameters, (size_t)pags_colmap_parameters(kind) * sizeof(double)));
-    pags_result result = pags_colmap_check_kind(c.bytes->path, kind, text);
-    if (result == PAGS_OK && (size[0] > 65535 || size[1] > 65535))
-      result = pags_fail(PAGS_ERROR_FORMAT, "%s: camera %lld: %llu x %llu pixels, expected 1..65535", c.bytes->path,
-                         (long long)camera->id, (unsigned long long)size[0], (unsigned long long)size[1]);
-    if (result == PAGS_OK) {
-      camera->lens.width = (int)size[0];
-      camera->lens.height = (int)size[1];
-      pags_colmap_set_lens(kind, parameters, &camera->lens);
+    if (size[0] > 65535 || size[1] > 65535) {
+      PAGS_TRY(pags_colmap_keep_problem(
+          model, pags_fail(PAGS_ERROR_FORMAT, "%s: camera %lld: %llu x %llu pixels, expected 1..65535", c.bytes->path,
+                           (long long)camera->id, (unsigned long long)size[0], (unsigned long long)size[1])));
+      continue;
     }
-    PAGS_TRY(pags_colmap_keep_problem(model, result));
+    camera->lens.width = (int)size[0];
+    camera->lens.height = (int)size[1];
+    pags_colmap_set_lens(kind, parameters, &camera->lens);
   }
   return pags_colmap_sort_cameras(model, bytes->path);
 }
@@ -103,31 +101,26 @@ pags_result pags_colmap_images_bin(pags_colmap *model, const pags_colmap_bytes *
   return PAGS_OK;
 }
 
-static pags_result take_point(cursor *c, pags_parsed_points *points) {
-  uint64_t id = 0;
-  double xyz[3], error;
-  uint8_t rgb[3];
-  int64_t observers;
-  PAGS_TRY(take(c, &id, sizeof id));
-  PAGS_TRY(take(c, xyz, sizeof xyz));
-  PAGS_TRY(take(c, rgb, sizeof rgb));
-  PAGS_TRY(take(c, &error, sizeof error));
-  PAGS_TRY(take_count(c, 8, "observers of a point", &observers));
-  PAGS_TRY(pags_parsed_add_point(points, (int64_t)id, xyz, rgb, c->bytes->path));
-  for (int64_t i = 0; i < observers; i++) {
-    int64_t view, observation;
-    PAGS_TRY(take_u32(c, &view));
-    PAGS_TRY(take_u32(c, &observation));
-    PAGS_TRY(pags_parsed_observe(points, view, c->bytes->path));
-  }
-  return PAGS_OK;
-}
-
 pags_result pags_colmap_points_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
   cursor c = {.bytes = bytes};
   int64_t count = 0;
   PAGS_TRY(take_count(&c, 8 + 3 * sizeof(double) + 3 + 8 + 8, "points", &count));
-  for (int64_t i = 0; i < count; i++)
-    PAGS_TRY(take_point(&c, &model->parsed->points));
+  for (int64_t i = 0; i < count; i++) {
+    uint64_t id = 0;
+    double xyz[3], error;
+    uint8_t rgb[3];
+    int64_t observers = 0, view, observation;
+    PAGS_TRY(take(&c, &id, sizeof id));
+    PAGS_TRY(take(&c, xyz, sizeof xyz));
+    PAGS_TRY(take(&c, rgb, sizeof rgb));
+    PAGS_TRY(take(&c, &error, sizeof error));
+    PAGS_TRY(take_count(&c, 8, "observers of a point", &observers));
+    PAGS_TRY(pags_parsed_add_point(&model->parsed->points, (int64_t)id, xyz, rgb, bytes->path));
+    for (int64_t k = 0; k < observers; k++) {
+      PAGS_TRY(take_u32(&c, &view));
+      PAGS_TRY(take_u32(&c, &observation));
+      PAGS_TRY(pags_parsed_observe(&model->parsed->points, view, bytes->path));
+    }
+  }
   return PAGS_OK;
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Looks for COLMAP models below a folder, compares their numbers of pictures and states what is left out. */
-#include "dataset/colmap_models.h"
+#include "dataset/colmap.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,43 +40,36 @@ static void candidates_destroy(candidates *all) {
 /* The number of images of a model: the count at the head of images.bin, or the records of images.txt. 0 if it can't be
  * read, which is said when the model is opened. */
 static int64_t count_images(const char *folder) {
+  const bool binary = pags_folder_has(folder, "images.bin");
+  PAGS_AUTOFREE char *path = pags_path_join(folder, binary ? "images.bin" : "images.txt");
+  if (!path)
+    return 0;
+  if (binary) {
+    uint64_t value;
+    return pags_file_head(path, &value, sizeof value) == sizeof value && value < INT32_MAX ? (int64_t)value : 0;
+  }
   int64_t count = 0;
-  if (pags_folder_has(folder, "images.bin")) {
-    char *path = pags_path_join(folder, "images.bin");
-    FILE *file = path ? pags_port_open(path, "rb") : NULL;
-    uint64_t value = 0;
-    if (file && fread(&value, sizeof value, 1, file) == 1 && value < INT32_MAX)
-      count = (int64_t)value;
-    if (file)
-      fclose(file);
-    free(path);
-    return count;
-  }
-  char *path = pags_path_join(folder, "images.txt");
-  uint8_t *bytes = NULL;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
-  if (path && pags_file_read(path, &bytes, &size) == PAGS_OK) {
-    /* Two lines an image: its pose, and observations that may be an empty line. */
-    bool pose = true;
-    for (const char *line = (const char *)bytes; *line;) {
-      const size_t length = strcspn(line, "\n");
-      const bool comment = *line == '#', empty = strspn(line, " \t\r") >= length;
-      if (!comment && !(pose && empty)) {
-        count += pose;
-        pose = !pose;
-      }
-      line += length + (line[length] == '\n');
+  if (pags_file_read(path, &bytes, &size) != PAGS_OK)
+    return 0;
+  /* Two lines an image: its pose, and observations that may be an empty line. */
+  bool pose = true;
+  for (const char *line = (const char *)bytes; *line;) {
+    const size_t length = strcspn(line, "\n");
+    const bool comment = *line == '#', empty = strspn(line, " \t\r") >= length;
+    if (!comment && !(pose && empty)) {
+      count += pose;
+      pose = !pose;
     }
+    line += length + (line[length] == '\n');
   }
-  free(bytes);
-  free(path);
   return count;
 }
 
 /* Adds the folder if it is a model; takes it over. */
 static pags_result consider(candidates *all, char *folder) {
-  if (!folder)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(folder, NULL);
   if (all->count < (int)(sizeof all->items / sizeof *all->items) && pags_colmap_is_model(folder))
     all->items[all->count++] = (candidate){folder, count_images(folder)};
   else
@@ -94,13 +87,11 @@ static pags_dir_list list_of(const char *folder) {
 
 /* The models that are children of `folder`, and `folder` itself. */
 static pags_result consider_children(candidates *all, const char *folder) {
-  pags_dir_list list = list_of(folder);
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; result == PAGS_OK && i < list.count; i++)
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = list_of(folder);
+  for (int64_t i = 0; i < list.count; i++)
     if (!pags_is_picture_name(list.names[i]))
-      result = consider(all, pags_path_join(folder, list.names[i]));
-  pags_dir_list_destroy(&list);
-  return result == PAGS_OK ? consider(all, pags_text_copy(folder)) : result;
+      PAGS_TRY(consider(all, pags_path_join(folder, list.names[i])));
+  return consider(all, pags_text_copy(folder));
 }
 
 static int64_t most_pictures(const candidates *all) {
@@ -110,22 +101,6 @@ static int64_t most_pictures(const candidates *all) {
   return most;
 }
 
-/* Whether the folder is a data set that isn't COLMAP's. */
-static bool is_other_set(const char *folder) {
-  static const char *const files[] = {"transforms.json", "transforms_train.json", "dataset.json"};
-  bool found = false;
-  for (size_t i = 0; i < sizeof files / sizeof *files; i++)
-    found = found || pags_folder_has(folder, files[i]);
-  return found;
-}
-
-static bool has_images(const char *folder) {
-  char *images = pags_path_join(folder, "images");
-  const bool found = images && pags_dir_exists(images);
-  free(images);
-  return found;
-}
-
 /* Notes that `folder`, a data set with the models `more`, if any, lies next to `home`, which has those of `all`. Models
  * of the same pictures, dense/sparse next to distorted/sparse say, have as many, and one of the folders has no
  * pictures.
@@ -133,7 +108,7 @@ static bool has_images(const char *folder) {
 static pags_result add_other(candidates *all, const char *home, const candidates *more, const char *folder) {
   all->others += 1 + more->others;
   all->differ = all->differ || !more->count || more->differ || most_pictures(more) != most_pictures(all) ||
-                (has_images(home) && has_images(folder));
+                (pags_folder_has_folder(home, "images") && pags_folder_has_folder(folder, "images"));
   if (!all->other)
     all->other = pags_text_copy(more->count ? more->items[0].folder : folder);
   return all->other ? PAGS_OK : pags_out_of_memory("%s", folder);
@@ -147,40 +122,35 @@ static pags_result consider_below(candidates *all, const char *folder, int level
   PAGS_TRY(consider_children(all, folder));
   if (all->count || levels == 0 || (*left)-- <= 0)
     return PAGS_OK;
-  pags_result result = PAGS_OK;
   bool found = false;
-  for (int depth = 0; depth < levels && result == PAGS_OK && !found; depth++)
-    result = consider_level(all, folder, depth, left, &found);
-  return result;
+  for (int depth = 0; depth < levels && !found; depth++)
+    PAGS_TRY(consider_level(all, folder, depth, left, &found));
+  return PAGS_OK;
 }
 
 /* Looks for models `depth` levels below the children of `folder`. Of those next to the child that has them, data sets a
  * level further down are noted, too: a/sparse lies next to b/sparse/0. */
 static pags_result consider_level(candidates *all, const char *folder, int depth, int *left, bool *found) {
-  pags_dir_list list = list_of(folder);
-  pags_result result = PAGS_OK;
-  char *home = NULL; /* the child that has the models of `all` */
-  for (int pass = 0; pass < 2 && result == PAGS_OK && (pass == 0 || home); pass++)
-    for (int64_t i = 0; i < list.count && result == PAGS_OK && (pass == 1 || !home); i++) {
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = list_of(folder);
+  PAGS_AUTOFREE char *home = NULL; /* the child that has the models of `all` */
+  for (int pass = 0; pass < 2 && (pass == 0 || home); pass++)
+    for (int64_t i = 0; i < list.count && (pass == 1 || !home); i++) {
       if (pags_is_picture_name(list.names[i]) || list.names[i][0] == '.')
         continue;
-      char *inside = pags_path_join(folder, list.names[i]);
-      candidates more = {0};
-      const bool same = home && inside && strcmp(inside, home) == 0;
-      if (inside && !same && pags_dir_exists(inside)) {
-        result = consider_below(pass ? &more : all, inside, depth + pass, left);
-        if (result == PAGS_OK && pass && (more.count || is_other_set(inside)))
-          result = add_other(all, home, &more, inside);
-        if (result == PAGS_OK && !pass && all->count && !(home = pags_text_copy(inside)))
-          result = pags_out_of_memory("%s", inside);
+      PAGS_AUTOFREE char *inside = pags_path_join(folder, list.names[i]);
+      if (!inside || (home && strcmp(inside, home) == 0) || !pags_dir_exists(inside))
+        continue;
+      PAGS_AUTO(candidates_destroy) candidates more = {0};
+      PAGS_TRY(consider_below(pass ? &more : all, inside, depth + pass, left));
+      if (pass && (more.count || pags_folder_is_data_set(inside)))
+        PAGS_TRY(add_other(all, home, &more, inside));
+      if (!pass && all->count) {
+        home = pags_text_copy(inside);
+        PAGS_CHECK_MEMORY(home, "%s", inside);
       }
-      candidates_destroy(&more);
-      free(inside);
     }
   *found = home != NULL;
-  free(home);
-  pags_dir_list_destroy(&list);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Choosing ---- */
@@ -210,35 +180,29 @@ static void say_choice(const char *root, const candidates *all, const candidate 
 
 pags_result pags_colmap_find_model(const char *root, char **out) {
   static const char *const usual[] = {"sparse", "colmap/sparse"};
-  candidates all = {0};
+  PAGS_AUTO(candidates_destroy) candidates all = {0};
   int left = 500;
   *out = NULL;
-  pags_result result = consider(&all, pags_text_copy(root));
-  for (size_t i = 0; i < sizeof usual / sizeof *usual && result == PAGS_OK && !all.count; i++) {
-    char *folder = pags_path_join(root, usual[i]);
-    result = folder ? consider_children(&all, folder) : pags_out_of_memory("%s", root);
-    free(folder);
+  PAGS_TRY(consider(&all, pags_text_copy(root)));
+  for (size_t i = 0; i < sizeof usual / sizeof *usual && !all.count; i++) {
+    PAGS_AUTOFREE char *folder = pags_path_join(root, usual[i]);
+    PAGS_CHECK_MEMORY(folder, "%s", root);
+    PAGS_TRY(consider_children(&all, folder));
   }
-  if (result == PAGS_OK && !all.count)
-    result = consider_below(&all, root, 4, &left);
+  if (!all.count)
+    PAGS_TRY(consider_below(&all, root, 4, &left));
   candidate *chosen = NULL;
   for (int i = 0; i < all.count; i++)
     if (!chosen || all.items[i].pictures > chosen->pictures)
       chosen = &all.items[i];
-  if (result == PAGS_OK && chosen) {
+  if (chosen) {
     say_choice(root, &all, chosen);
-    *out = chosen->folder;
-    chosen->folder = NULL;
+    *out = pags_take(&chosen->folder);
   }
-  candidates_destroy(&all);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Pictures of no model ---- */
-
-static int by_text(const void *a, const void *b) {
-  return strcmp(*(const char *const *)a, *(const char *const *)b);
-}
 
 /* The path without the extensions of pictures: a copy in another format, or a mask NAME.jpg.png, belongs to its
  * picture. */
@@ -251,54 +215,53 @@ static char *stem_of(const char *folder, const char *name) {
   return path;
 }
 
-/* Counts the pictures in `folder` whose stems are not among `used`, sorted; *first: the path of the first, kept. */
-static pags_result count_unused_in(const char *folder, char *const *used, int64_t count, int64_t *pictures,
-                                   int64_t *unused, char **first) {
-  pags_dir_list list = list_of(folder);
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
+/* The pictures of the views, and what is found next to them. */
+typedef struct unused_search {
+  int64_t count, pictures, unused;
+  char **stems; /* of the views' pictures, sorted */
+  char *first;  /* path of the first that is unused, kept */
+} unused_search;
+
+static void unused_search_destroy(unused_search *s) {
+  for (int64_t i = 0; s->stems && i < s->count; i++)
+    free(s->stems[i]);
+  free(s->stems);
+  free(s->first);
+}
+
+static pags_result count_unused_in(const char *folder, unused_search *s) {
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = list_of(folder);
+  for (int64_t i = 0; i < list.count; i++) {
     if (!pags_is_picture_name(list.names[i]))
       continue;
-    char *stem = stem_of(folder, list.names[i]);
-    (*pictures)++;
-    if (!stem)
-      result = pags_out_of_memory("%s", folder);
-    else if (!bsearch(&stem, used, (size_t)count, sizeof *used, by_text) && !(*unused)++)
-      *first = pags_path_join(folder, list.names[i]);
-    free(stem);
+    s->pictures++;
+    PAGS_AUTOFREE char *stem = stem_of(folder, list.names[i]);
+    PAGS_CHECK_MEMORY(stem, "%s", folder);
+    if (!bsearch(&stem, s->stems, (size_t)s->count, sizeof *s->stems, pags_text_compare) && !s->unused++)
+      s->first = pags_path_join(folder, list.names[i]);
   }
-  pags_dir_list_destroy(&list);
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_count_unused_pictures(const pags_parsed_dataset *parsed) {
-  char **used = calloc((size_t)parsed->count + 1, sizeof *used), *folder = NULL, *first = NULL;
-  pags_result result = used ? PAGS_OK : pags_out_of_memory("%s", parsed->source);
-  int64_t count = 0, pictures = 0, unused = 0;
-  for (int64_t i = 0; i < parsed->count && result == PAGS_OK; i++)
-    if (!parsed->views[i].missing && !(used[count++] = stem_of(NULL, parsed->views[i].image_path)))
-      result = pags_out_of_memory("%s", parsed->source);
-  if (result == PAGS_OK)
-    pags_sort(used, count, sizeof *used, by_text);
-  for (int64_t i = 0; i < count && result == PAGS_OK; i++) {
-    char *next = pags_path_folder(used[i]);
-    if (!next) {
-      result = pags_out_of_memory("%s", parsed->source);
-    } else if (folder && strcmp(folder, next) == 0) {
-      free(next);
-    } else {
-      free(folder);
-      folder = next;
-      result = count_unused_in(folder, used, count, &pictures, &unused, &first);
-    }
+  PAGS_AUTO(unused_search_destroy) unused_search s = {.stems = calloc((size_t)parsed->count + 1, sizeof *s.stems)};
+  PAGS_CHECK_MEMORY(s.stems, "%s", parsed->source);
+  for (int64_t i = 0; i < parsed->count; i++)
+    if (!parsed->views[i].missing)
+      PAGS_CHECK_MEMORY(s.stems[s.count++] = stem_of(NULL, parsed->views[i].image_path), "%s", parsed->source);
+  pags_sort(s.stems, s.count, sizeof *s.stems, pags_text_compare);
+  PAGS_AUTOFREE char *folder = NULL;
+  for (int64_t i = 0; i < s.count; i++) {
+    PAGS_AUTOFREE char *next = pags_path_folder(s.stems[i]);
+    PAGS_CHECK_MEMORY(next, "%s", parsed->source);
+    if (folder && strcmp(folder, next) == 0)
+      continue;
+    free(folder);
+    folder = pags_take(&next);
+    PAGS_TRY(count_unused_in(folder, &s));
   }
-  if (result == PAGS_OK && unused)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld pictures beside the ones used are not in it, the first is %s",
-                     parsed->source, (long long)unused, (long long)pictures, first ? first : folder);
-  for (int64_t i = 0; used && i < count; i++)
-    free(used[i]);
-  free(used);
-  free(first);
-  free(folder);
-  return result;
+  if (s.unused)
+    PAGS_WARN("%s: %lld of %lld pictures beside the ones used are not in it, the first is %s", parsed->source,
+              (long long)s.unused, (long long)s.pictures, s.first ? s.first : folder);
+  return PAGS_OK;
 }

@@ -114,11 +114,9 @@ static pags_result take_lens(lines *l, pags_colmap_camera *camera) {
   l->field = skip_separator(end);
   snprintf(text, sizeof text, "%.*s", (int)(end - name < 63 ? end - name : 63), name);
   const int kind = pags_colmap_kind_by_name(text);
-  char *place = pags_text_format("%s:%d", l->bytes->path, l->number);
-  const pags_result result =
-      place ? pags_colmap_check_kind(place, kind, text) : pags_out_of_memory("%s", l->bytes->path);
-  free(place);
-  PAGS_TRY(result);
+  PAGS_AUTOFREE char *place = pags_text_format("%s:%d", l->bytes->path, l->number);
+  PAGS_CHECK_MEMORY(place, "%s", l->bytes->path);
+  PAGS_TRY(pags_colmap_check_kind(place, kind, text));
   int64_t width = 0, height = 0;
   double parameters[PAGS_COLMAP_PARAMETERS];
   PAGS_TRY(take_integer(l, "a width in pixels, 1..65535", 1, 65535, &width));
@@ -136,8 +134,7 @@ pags_result pags_colmap_cameras_txt(pags_colmap *model, const pags_colmap_bytes 
   PAGS_TRY(begin(bytes, &l));
   while (next_record(&l)) {
     pags_colmap_camera *camera = pags_colmap_add_camera(model);
-    if (!camera)
-      return pags_out_of_memory("%s", l.bytes->path);
+    PAGS_CHECK_MEMORY(camera, "%s", l.bytes->path);
     PAGS_TRY(take_integer(&l, "a camera's number", 0, LARGEST_ID, &camera->id));
     PAGS_TRY(pags_colmap_keep_problem(model, take_lens(&l, camera)));
   }
@@ -189,10 +186,9 @@ pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *
     while (end > l.field && is_blank(end[-1]))
       *--end = '\0';
     image.name = l.field; /* a file name may contain blanks */
-    char *where = pags_text_format("%s:%d", l.bytes->path, l.number);
-    pags_result result = where ? pags_colmap_add_image(model, where, &image) : pags_out_of_memory("%s", l.bytes->path);
-    free(where);
-    PAGS_TRY(result);
+    PAGS_AUTOFREE char *where = pags_text_format("%s:%d", l.bytes->path, l.number);
+    PAGS_CHECK_MEMORY(where, "%s", l.bytes->path);
+    PAGS_TRY(pags_colmap_add_image(model, where, &image));
     PAGS_TRY(pass_observations(&l));
   }
   return PAGS_OK;

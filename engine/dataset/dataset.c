@@ -3,16 +3,14 @@
  * marks the held-out views and gives every view its downscaled camera. Also holds the accessors of the public API. */
 #include "dataset/internal.h"
 
-#include "dataset/colmap_models.h"
+#include "dataset/colmap.h"
 #include "dataset/driving/looks.h"
 #include "dataset/driving/reader.h"
-#include "dataset/far_cameras.h"
-#include "dataset/foreign.h"
-#include "dataset/foreign_recording.h"
+#include "dataset/owners.h"
 #include "dataset/photo_mask.h"
 #include "dataset/pictures.h"
 #include "dataset/splits.h"
-#include "dataset/view_camera.h"
+#include "dataset/unsupported_formats.h"
 
 #include "base/file.h"
 #include "base/log.h"
@@ -35,62 +33,46 @@ pags_dataset_options pags_dataset_options_default(void) {
 
 /* Reads the COLMAP model in or below `folder`; *found: whether there is one. */
 static pags_result read_model(const char *root, const char *folder, pags_parsed_dataset *parsed, bool *found) {
-  char *model = NULL;
+  PAGS_AUTOFREE char *model = NULL;
   PAGS_TRY(pags_colmap_find_model(folder, &model));
   *found = model != NULL;
-  pags_result result = model ? pags_colmap_read(root, model, parsed) : PAGS_OK;
-  if (model && result == PAGS_OK)
-    result = pags_count_unused_pictures(parsed);
-  if (model && result == PAGS_OK)
-    result = pags_split_read_text(root, model, parsed);
-  free(model);
-  return result;
+  if (!model)
+    return PAGS_OK;
+  PAGS_TRY(pags_colmap_read(root, model, parsed));
+  PAGS_TRY(pags_count_unused_pictures(parsed));
+  return pags_split_read_text(root, model, parsed);
 }
 
 /* The caller named a COLMAP model, or a folder above it. Its path is tried relative to the data set's folder, then as
  * it stands. */
 static pags_result read_named_model(const char *path, const char *name, pags_parsed_dataset *parsed) {
-  char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
-  char *inside = root ? pags_path_join(root, name) : NULL;
+  PAGS_AUTOFREE char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
+  PAGS_AUTOFREE char *inside = root ? pags_path_join(root, name) : NULL;
+  PAGS_CHECK_MEMORY(inside, "%s", path);
   bool found = false;
-  pags_result result = inside ? PAGS_OK : pags_out_of_memory("%s", path);
-  if (result == PAGS_OK && pags_dir_exists(inside))
-    result = read_model(root, inside, parsed, &found);
-  if (result == PAGS_OK && !found && pags_dir_exists(name))
-    result = read_model(root, name, parsed, &found);
-  if (result == PAGS_OK && !found)
-    result = pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt, in this folder or below, "
-                       "in the data set %s or from here",
-                       name, root);
-  free(inside);
-  free(root);
-  return result;
-}
-
-/* Reads the transforms.json of a folder. Files of a split next to it are said to be ignored. */
-static pags_result read_transforms_of(const char *folder, const char *transforms, pags_parsed_dataset *parsed) {
-  if (pags_folder_has(folder, "transforms_train.json"))
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: transforms.json is used; transforms_train.json and the files of its split are not (without "
-                     "transforms.json they are one data set)",
-                     folder);
-  return pags_transforms_read(transforms, parsed);
+  if (pags_dir_exists(inside))
+    PAGS_TRY(read_model(root, inside, parsed, &found));
+  if (!found && pags_dir_exists(name))
+    PAGS_TRY(read_model(root, name, parsed, &found));
+  if (found)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt, in this folder or below, in "
+                   "the data set %s or from here",
+                   name, root);
 }
 
 /* Reads a folder by the rules that --kind names, if it is in drivestudio's layout at all. */
 static pags_result read_of_kind(const char *path, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   if (pags_driving_is_set(path))
     return pags_driving_read(path, options, parsed);
-  char *images = pags_path_join(path, "images");
-  const bool has_images = images && pags_dir_exists(images);
-  free(images);
-  PAGS_TRY(pags_foreign_recording_check(path, true));
+  PAGS_TRY(pags_unsupported_recording_check(path, true));
   return pags_fail(
       PAGS_ERROR_FORMAT,
       "%s: not in drivestudio's layout, which --kind %s asks for: expected the folders images, intrinsics, "
       "extrinsics and ego_pose (docs/dataset-layout.md), found %s; other data sets are read without --kind",
-      path, options->kind, has_images ? "images, but neither extrinsics nor ego_pose" : "no folder images");
+      path, options->kind,
+      pags_folder_has_folder(path, "images") ? "images, but neither extrinsics nor ego_pose" : "no folder images");
 }
 
 static pags_result read_parsed(const char *path, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
@@ -106,33 +88,35 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
   if (pags_dir_exists(path)) {
     /* The order decides which format wins: an explicit kind of driving set, transforms.json, a driving set, a COLMAP
      * model. */
-    char *transforms = pags_path_join(path, "transforms.json");
-    if (!transforms)
-      return pags_out_of_memory("%s", path);
-    pags_result result;
-    bool found = true;
+    const bool has_split = pags_folder_has(path, "transforms_train.json");
     if (options->kind)
-      result = read_of_kind(path, options, parsed);
-    else if (pags_file_exists(transforms))
-      result = read_transforms_of(path, transforms, parsed);
-    else if (pags_driving_is_set(path))
-      result = pags_driving_read(path, options, parsed);
-    else if (pags_folder_has(path, "transforms_train.json"))
-      result = pags_transforms_read_splits(path, parsed);
-    else
-      result = read_model(path, path, parsed, &found);
-    free(transforms);
-    return result != PAGS_OK || found ? result : pags_foreign_refuse(path);
+      return read_of_kind(path, options, parsed);
+    if (pags_folder_has(path, "transforms.json")) {
+      if (has_split)
+        PAGS_WARN(
+            "%s: transforms.json is used; transforms_train.json and the files of its split are not "
+            "(without transforms.json they are one data set)",
+            path);
+      PAGS_AUTOFREE char *transforms = pags_path_join(path, "transforms.json");
+      PAGS_CHECK_MEMORY(transforms, "%s", path);
+      return pags_transforms_read(transforms, false, parsed);
+    }
+    if (pags_driving_is_set(path))
+      return pags_driving_read(path, options, parsed);
+    if (has_split)
+      return pags_transforms_read(path, true, parsed);
+    bool found;
+    PAGS_TRY(read_model(path, path, parsed, &found));
+    return found ? PAGS_OK : pags_unsupported_refuse(path);
   }
   if (strcmp(pags_path_name(path), "dataset.json") == 0) {
-    char *folder = pags_path_folder(path);
-    pags_result result = folder ? pags_driving_read(folder, options, parsed) : pags_out_of_memory("%s", path);
-    free(folder);
-    return result;
+    PAGS_AUTOFREE char *folder = pags_path_folder(path);
+    PAGS_CHECK_MEMORY(folder, "%s", path);
+    return pags_driving_read(folder, options, parsed);
   }
   if (strcmp(pags_path_extension(path), ".json") == 0)
-    return pags_transforms_read(path, parsed);
-  return pags_foreign_refuse(path);
+    return pags_transforms_read(path, false, parsed);
+  return pags_unsupported_refuse(path);
 }
 
 /* Reads the recording that a block is of, and leaves in it what the block has. */
@@ -154,21 +138,11 @@ static pags_result read_block(const pags_block_file *block, const pags_dataset_o
 /* Resolves the folder that options.image_folder names: one below the data set's folder stays as it is, another becomes
  * absolute. */
 static pags_result find_image_folder(const char *root, const char *name, char **out) {
-  char *inside = pags_path_join(root, name);
-  if (!inside)
-    return pags_out_of_memory("%s", root);
-  const bool found = pags_dir_exists(inside);
-  free(inside);
+  const bool found = pags_folder_has_folder(root, name);
   if (!found && !pags_dir_exists(name))
     return pags_fail(PAGS_ERROR_IO, "%s: no such image folder, neither in %s nor here", name, root);
   *out = found ? pags_text_copy(name) : pags_port_real_path(name);
   return *out ? PAGS_OK : pags_out_of_memory("%s", name);
-}
-
-static void swap_views(pags_parsed_view *a, pags_parsed_view *b) {
-  pags_parsed_view keep = *a;
-  *a = *b;
-  *b = keep;
 }
 
 /* Refuses or tells of views that lack a file; `what` is "image" or "pose". */
@@ -185,15 +159,9 @@ static pags_result report_missing(const pags_dataset *dataset, const pags_parsed
     return pags_fail(PAGS_ERROR_IO,
                      "%s: no such %s: %s; %lld of %lld %ss are missing (--allow-missing leaves them out)", first->where,
                      what, path, missing, all, what);
-  pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld %ss are missing and left out, the first is %s",
-                   dataset->parsed.source, missing, all, what, path);
+  PAGS_WARN("%s: %lld of %lld %ss are missing and left out, the first is %s", dataset->parsed.source, missing, all,
+            what, path);
   return PAGS_OK;
-}
-
-/* Numbers the views, so that a missing picture doesn't change which others are held out. */
-static void number_views(pags_parsed_dataset *parsed) {
-  for (int64_t i = 0; i < parsed->count; i++)
-    parsed->views[i].number = i;
 }
 
 /* Moves the views without an image file or without a pose to the end of the array; the others keep their order, and
@@ -203,13 +171,15 @@ static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
   pags_parsed_view first_image = {0}, first_pose = {0}; /* copies, since views change places */
   int64_t images = 0, poses = 0;
   for (int64_t i = 0; i < parsed->count; i++) {
-    pags_parsed_view *view = &parsed->views[i];
-    if (!view->missing)
-      swap_views(view, &parsed->views[dataset->count++]);
-    else if (view->no_pose && poses++ == 0)
-      first_pose = *view;
-    else if (!view->no_pose && images++ == 0)
-      first_image = *view;
+    const pags_parsed_view view = parsed->views[i];
+    if (!view.missing) {
+      parsed->views[i] = parsed->views[dataset->count];
+      parsed->views[dataset->count++] = view;
+    } else if (view.no_pose && poses++ == 0) {
+      first_pose = view;
+    } else if (!view.no_pose && images++ == 0) {
+      first_image = view;
+    }
   }
   dataset->missing = images + poses;
   PAGS_TRY(report_missing(dataset, images ? &first_image : NULL, images, allowed));
@@ -235,8 +205,7 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
   size_t count = (size_t)dataset->count;
   dataset->views = calloc(count, sizeof *dataset->views);
   dataset->cameras = calloc(count, sizeof *dataset->cameras);
-  if (!dataset->views || !dataset->cameras)
-    return pags_out_of_memory("%s", dataset->path);
+  PAGS_CHECK_MEMORY(dataset->views && dataset->cameras, "%s", dataset->path);
   int64_t training = 0;
   const char *lossy = NULL, *bent = NULL; /* the first view of each sort */
   int64_t bent_count = 0, rolling = 0;
@@ -262,19 +231,17 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
       rolling += pags_camera_rolls(&camera);
       camera.shutter = (pags_shutter){0};
     }
-    char *what = pags_text_format("%s (%s)", from->where, view->name);
-    pags_result result = what ? pags_camera_check(&camera, what) : pags_out_of_memory("%s", from->where);
-    free(what);
+    PAGS_AUTOFREE char *what = pags_text_format("%s (%s)", from->where, view->name);
+    PAGS_CHECK_MEMORY(what, "%s", from->where);
+    PAGS_TRY(pags_camera_check(&camera, what));
     view->camera = pags_camera_downscale(&camera, options->downscale);
-    PAGS_TRY(result);
-
-    training += !dataset->views[i].test;
+    training += !view->test;
   }
   if (lossy)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: the distortion can't be undone at up to %.1f %% of a picture, which is left out; the first "
-                     "picture of such a camera is %s",
-                     dataset->parsed.source, 100 * worst, lossy);
+    PAGS_WARN(
+        "%s: the distortion can't be undone at up to %.1f %% of a picture, which is left out; the first "
+        "picture of such a camera is %s",
+        dataset->parsed.source, 100 * worst, lossy);
   if (bent && dataset->parsed.driving)
     PAGS_TRY(pags_driving_note(dataset->parsed.driving,
                                "lenses: %lld of %lld views keep theirs, of which a pinhole would lose a tenth or more, "
@@ -286,10 +253,10 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
                      "is %s (--undistort resamples them to pinholes)",
                      dataset->parsed.source, (long long)bent_count, (long long)dataset->count, bent);
   if (rolling)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld views that keep their lens have a rolling shutter, which isn't used with a lens: their "
-                     "pictures are taken as exposed at once",
-                     dataset->parsed.source, (long long)rolling);
+    PAGS_WARN(
+        "%s: %lld views that keep their lens have a rolling shutter, which isn't used with a lens: their "
+        "pictures are taken as exposed at once",
+        dataset->parsed.source, (long long)rolling);
   if (training == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: all of its views are held out; expected more views, or --split-every 0",
                      dataset->parsed.source);
@@ -352,26 +319,22 @@ static pags_result find_pictures(pags_dataset *dataset, const pags_dataset_optio
   pags_parsed_dataset *parsed = &dataset->parsed;
   if (parsed->count == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", parsed->source);
-  char *root = pags_dir_exists(dataset->path) ? pags_text_copy(dataset->path) : pags_path_folder(dataset->path);
-  pags_result result = root ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
-  if (result == PAGS_OK && options->image_folder)
-    result = find_image_folder(root, options->image_folder, &dataset->image_folder);
-  char *folder = NULL;
-  if (result == PAGS_OK && dataset->image_folder && !(folder = pags_path_join(root, dataset->image_folder)))
-    result = pags_out_of_memory("%s", root);
-  if (result == PAGS_OK)
-    result = pags_pictures_relocate(root, folder, parsed);
-  if (result == PAGS_OK)
-    result = pags_pictures_name(parsed);
-  if (result == PAGS_OK)
-    result = pags_pictures_check(parsed, folder != NULL, options->image_alpha);
-  if (result == PAGS_OK && !parsed->driving)
-    result = pags_photo_masks_find(root, parsed);
-  if (result == PAGS_OK && !parsed->driving)
-    result = pags_photo_masks_check(parsed);
-  free(folder);
-  free(root);
-  return result;
+  PAGS_AUTOFREE char *root =
+      pags_dir_exists(dataset->path) ? pags_text_copy(dataset->path) : pags_path_folder(dataset->path);
+  PAGS_CHECK_MEMORY(root, "%s", dataset->path);
+  PAGS_AUTOFREE char *folder = NULL;
+  if (options->image_folder) {
+    PAGS_TRY(find_image_folder(root, options->image_folder, &dataset->image_folder));
+    folder = pags_path_join(root, dataset->image_folder);
+    PAGS_CHECK_MEMORY(folder, "%s", root);
+  }
+  PAGS_TRY(pags_pictures_relocate(root, folder, parsed));
+  PAGS_TRY(pags_pictures_name(parsed));
+  PAGS_TRY(pags_pictures_check(parsed, folder != NULL, options->image_alpha));
+  if (parsed->driving)
+    return PAGS_OK;
+  PAGS_TRY(pags_photo_masks_find(root, parsed));
+  return pags_photo_masks_check(parsed);
 }
 
 /* Refuses options of driving sets for a static one, on which they have no effect. */
@@ -401,8 +364,7 @@ static pags_result check_static(const char *path, const pags_parsed_dataset *par
 static pags_result open_into(pags_dataset *dataset, const char *path, const pags_dataset_options *options) {
   dataset->path = pags_text_copy(path);
   dataset->colmap = pags_text_copy(options->colmap);
-  if (!dataset->path || (options->colmap && !dataset->colmap))
-    return pags_out_of_memory("%s", path);
+  PAGS_CHECK_MEMORY(dataset->path && (dataset->colmap || !options->colmap), "%s", path);
   dataset->image_alpha = options->image_alpha;
   for (int c = 0; c < 3; c++)
     dataset->background[c] = (uint8_t)(fmin(fmax(options->background[c], 0), 1) * 255 + 0.5);
@@ -411,8 +373,9 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   if (!dataset->parsed.driving)
     PAGS_TRY(check_static(path, &dataset->parsed, options));
   pags_dataset_options resolved = *options;
-  PAGS_TRY(find_pictures(dataset, options)); /* sorts the views */
-  number_views(&dataset->parsed);
+  PAGS_TRY(find_pictures(dataset, options));          /* sorts the views */
+  for (int64_t i = 0; i < dataset->parsed.count; i++) /* a missing picture doesn't change which others are held out */
+    dataset->parsed.views[i].number = i;
   /* The default of static sets; the driving reader applies its own default. */
   if (resolved.split_every == -1 && !dataset->parsed.split_by)
     resolved.split_every = dataset->parsed.count > 1 || dataset->parsed.driving ? 8 : 0;
@@ -444,17 +407,13 @@ pags_result pags_dataset_open(const char *path, const pags_dataset_options *opti
   if (chosen.random_points < 1 || chosen.random_points > 100000000)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%lld random points: expected 1..100000000", (long long)chosen.random_points);
 
-  pags_dataset *dataset = calloc(1, sizeof *dataset);
-  if (!dataset)
-    return pags_out_of_memory("%s", path);
-  pags_result result = pags_block_is(path) ? pags_block_read(path, &dataset->block, &chosen) : PAGS_OK;
-  if (result == PAGS_OK)
-    result = open_into(dataset, path, &chosen);
-  if (result != PAGS_OK)
-    pags_dataset_close(dataset);
-  else
-    *out = dataset;
-  return result;
+  PAGS_AUTO(pags_dataset_close_auto) pags_dataset *dataset = calloc(1, sizeof *dataset);
+  PAGS_CHECK_MEMORY(dataset, "%s", path);
+  if (pags_block_is(path))
+    PAGS_TRY(pags_block_read(path, &dataset->block, &chosen));
+  PAGS_TRY(open_into(dataset, path, &chosen));
+  *out = pags_take(&dataset);
+  return PAGS_OK;
 }
 
 void pags_dataset_close(pags_dataset *dataset) {

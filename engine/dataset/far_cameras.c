@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Finds the far cameras of a capture by its size, which is a quarter of the distance of what the cameras see. */
-#include "dataset/far_cameras.h"
+#include "dataset/internal.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -10,7 +10,6 @@
 #include "base/sort.h"
 #include "base/vec3.h"
 #include "dataset/focus.h"
-#include "dataset/internal.h"
 #include "maths/maths.h"
 #include "scene/splat_formats.h"
 #include "scene/survey.h"
@@ -22,25 +21,20 @@ enum { MOST_POINTS = 100000 };
 static pags_result find_seen(const pags_dataset *dataset, const double middle[3], double *out) {
   const pags_parsed_points *points = &dataset->parsed.points;
   const int64_t step = points->count / MOST_POINTS + 1;
-  int64_t count = 0;
-  double *distances = malloc((size_t)(points->count / step + 1) * sizeof *distances);
-  const pags_camera **cameras = malloc((size_t)dataset->count * sizeof *cameras);
-  pags_result result = distances && cameras ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
-  for (int64_t i = 0; result == PAGS_OK && i < points->count; i += step)
+  int64_t count = 0, others = 0;
+  PAGS_AUTOFREE double *distances = malloc((size_t)(points->count / step + 1) * sizeof *distances);
+  PAGS_AUTOFREE const pags_camera **cameras = malloc((size_t)dataset->count * sizeof *cameras);
+  PAGS_CHECK_MEMORY(distances && cameras, "%s", dataset->path);
+  for (int64_t i = 0; i < points->count; i += step)
     distances[count++] = pags_distance3(points->items[i].xyz, middle);
-  int64_t others = 0;
-  for (int64_t i = 0; result == PAGS_OK && i < dataset->count; i++)
+  for (int64_t i = 0; i < dataset->count; i++)
     if (!dataset->far[i])
       cameras[others++] = &dataset->views[i].camera;
-  if (result == PAGS_OK && count > 0) {
-    pags_sort_doubles(distances, count);
-    *out = distances[count / 2];
-  } else if (result == PAGS_OK) {
-    result = pags_focus_distance(cameras, others, out);
-  }
-  free(distances);
-  free(cameras);
-  return result;
+  if (count == 0)
+    return pags_focus_distance(cameras, others, out);
+  pags_sort_doubles(distances, count);
+  *out = distances[count / 2];
+  return PAGS_OK;
 }
 
 /* Marks the far cameras. */
@@ -61,25 +55,23 @@ static pags_result mark(pags_dataset *dataset, const double *positions) {
   for (int64_t i = 0; i < n && !training; i++)
     dataset->far[i] = false;
   if (found.count && training)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld cameras stand far from the others, the first is %s: %.3g from their middle, of "
-                     "which three quarters are within %.3g; the size of the scene is taken from the others; leave the "
-                     "picture out if its pose is wrong",
-                     dataset->parsed.source, (long long)found.count, (long long)n, dataset->views[first].name,
-                     pags_distance3(positions + 3 * first, found.middle), found.near);
+    PAGS_WARN(
+        "%s: %lld of %lld cameras stand far from the others, the first is %s: %.3g from their middle, of "
+        "which three quarters are within %.3g; the size of the scene is taken from the others; leave the "
+        "picture out if its pose is wrong",
+        dataset->parsed.source, (long long)found.count, (long long)n, dataset->views[first].name,
+        pags_distance3(positions + 3 * first, found.middle), found.near);
   return PAGS_OK;
 }
 
 pags_result pags_dataset_set_origin(pags_dataset *dataset) {
   dataset->far = calloc((size_t)dataset->count, sizeof *dataset->far);
-  double *positions = malloc(3 * (size_t)dataset->count * sizeof *positions);
-  pags_result result = dataset->far && positions ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
-  for (int64_t i = 0; result == PAGS_OK && i < 3 * dataset->count; i++)
+  PAGS_AUTOFREE double *positions = malloc(3 * (size_t)dataset->count * sizeof *positions);
+  PAGS_CHECK_MEMORY(dataset->far && positions, "%s", dataset->path);
+  for (int64_t i = 0; i < 3 * dataset->count; i++)
     positions[i] = dataset->views[i / 3].camera.world_from_camera[4 * (i % 3) + 3];
-  if (result == PAGS_OK && !dataset->parsed.driving)
-    result = mark(dataset, positions);
-  free(positions);
-  PAGS_TRY(result);
+  if (!dataset->parsed.driving)
+    PAGS_TRY(mark(dataset, positions));
   double mean[3] = {0}, largest = 0;
   int64_t count = 0;
   for (int64_t i = 0; i < dataset->count; i++)

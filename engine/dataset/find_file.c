@@ -33,14 +33,15 @@ bool pags_is_picture_name(const char *name) {
   return false;
 }
 
+bool pags_folder_is_data_set(const char *folder) {
+  return pags_folder_has(folder, "transforms.json") || pags_folder_has(folder, "transforms_train.json") ||
+         pags_folder_has(folder, "dataset.json");
+}
+
 pags_result pags_find_extension(const char *folder, const char *name, int length, const char *extension, char **out) {
-  *out = pags_text_format("%s/%.*s%s", folder, length, name, extension);
-  if (!*out)
-    return pags_out_of_memory("%s", folder);
-  if (!pags_file_exists(*out)) {
-    free(*out);
-    *out = NULL;
-  }
+  PAGS_AUTOFREE char *path = pags_text_format("%s/%.*s%s", folder, length, name, extension);
+  PAGS_CHECK_MEMORY(path, "%s", folder);
+  *out = pags_file_exists(path) ? pags_take(&path) : NULL;
   return PAGS_OK;
 }
 
@@ -98,44 +99,43 @@ static const char *entry_of_stem(const pags_file_finder *finder, const char *nam
 
 /* ---- A whole name ---- */
 
-static pags_spelling worse(pags_spelling a, pags_spelling b) {
-  return a > b ? a : b;
+/* Raises *how to a worse spelling. */
+static void worsen(pags_spelling *how, pags_spelling spelling) {
+  *how = spelling > *how ? spelling : *how;
+}
+
+/* The path of `part`, the next component of a name, in the folder `at`; NULL if not found. `last`: it is the file. */
+static char *follow_part(pags_file_finder *finder, const char *at, const char *part, bool last, pags_spelling *how) {
+  PAGS_AUTOFREE char *next = pags_path_join(at, part);
+  if (!next || (last ? pags_file_exists(next) : pags_dir_exists(next)))
+    return pags_take(&next);
+  const char *entry = NULL;
+  bool bare = false;
+  if (list_folder(finder, at)) {
+    entry = entry_of_case(finder, part, strlen(part));
+    if (entry)
+      worsen(how, PAGS_SPELLING_CASE);
+    else if (last && (entry = entry_of_stem(finder, part, &bare)))
+      worsen(how, bare ? PAGS_SPELLING_SAME : PAGS_SPELLING_EXTENSION);
+  }
+  return entry ? pags_path_join(at, entry) : NULL;
 }
 
 /* Follows `name` from `folder`, component by component, and returns the path of the file; NULL if not found.
  * *how: the worst spelling on the way. */
 static char *follow(pags_file_finder *finder, const char *folder, const char *name, pags_spelling *how) {
-  char *at = pags_text_copy(folder);
+  PAGS_AUTOFREE char *at = pags_text_copy(folder);
   while (at && *name) {
     const size_t length = strcspn(name, "/");
     const bool last = name[length] == '\0';
-    char *part = pags_text_format("%.*s", (int)length, name), *next = part ? pags_path_join(at, part) : NULL;
-    if (next && length && !(last ? pags_file_exists(next) : pags_dir_exists(next))) {
-      const char *entry = NULL;
-      bool bare = false;
-      free(next);
-      next = NULL;
-      if (list_folder(finder, at)) {
-        entry = entry_of_case(finder, part, length);
-        *how = entry ? worse(*how, PAGS_SPELLING_CASE) : *how;
-        if (!entry && last && (entry = entry_of_stem(finder, part, &bare)))
-          *how = worse(*how, bare ? PAGS_SPELLING_SAME : PAGS_SPELLING_EXTENSION);
-      }
-      next = entry ? pags_path_join(at, entry) : NULL;
-    } else if (next && !length) {
-      free(next);
-      next = pags_text_copy(at);
+    if (length) {
+      PAGS_AUTOFREE char *before = at;
+      PAGS_AUTOFREE char *part = pags_text_format("%.*s", (int)length, name);
+      at = part ? follow_part(finder, before, part, last, how) : NULL;
     }
-    free(part);
-    free(at);
-    at = next;
-    name += length + (last ? 0 : 1);
+    name += length + !last;
   }
-  if (at && !pags_file_exists(at)) {
-    free(at);
-    at = NULL;
-  }
-  return at;
+  return at && pags_file_exists(at) ? pags_take(&at) : NULL;
 }
 
 /* Looks for `name`, which has slashes alone, in all the ways. */
@@ -158,50 +158,51 @@ static char *search(pags_file_finder *finder, const char *folder, const char *na
   return NULL;
 }
 
-pags_result pags_find_file(pags_file_finder *finder, const char *folder, const char *name, char **out, bool *exists) {
+/* Counts a file that was found in this way, and keeps the first. */
+static void count_found(pags_file_finder *finder, pags_spelling how, const char *name, const char *found) {
+  if (finder->counts[how]++)
+    return;
+  finder->named[how] = pags_text_copy(name);
+  finder->found[how] = pags_text_copy(found);
+}
+
+/* Looks for a picture that is named without its extension. */
+static char *find_with_extension(pags_file_finder *finder, const char *path, const char *name) {
   static const char *const usual[] = {".png", ".jpg", ".jpeg", ".JPG", ".JPEG", ".PNG", ".exr"};
+  PAGS_AUTOFREE char *found = NULL;
+  for (size_t i = 0; i < sizeof usual / sizeof *usual; i++) {
+    PAGS_AUTOFREE char *longer = pags_text_format("%s%s", path, usual[i]);
+    if (!longer || !pags_file_exists(longer)) /* out of memory: the search by component may still find it */
+      continue;
+    if (!found)
+      found = pags_take(&longer);
+    else if (!same_letters(found, longer, strlen(longer) + 1))
+      count_found(finder, PAGS_SPELLING_SEVERAL, name, found);
+  }
+  return pags_take(&found);
+}
+
+pags_result pags_find_file(pags_file_finder *finder, const char *folder, const char *name, char **out, bool *exists) {
   finder->asked++;
-  *out = pags_path_join(folder, strncmp(name, "./", 2) == 0 ? name + 2 : name);
-  if (!*out)
-    return pags_out_of_memory("%s", name);
+  *out = pags_path_join(folder, pags_text_starts(name, "./") ? name + 2 : name);
+  PAGS_CHECK_MEMORY(*out, "%s", name);
   *exists = pags_path_exists(*out);
-  char *found = NULL;
-  for (size_t i = 0; i < sizeof usual / sizeof *usual && !*exists && !pags_is_picture_name(name); i++) {
-    char *longer = pags_text_format("%s%s", *out, usual[i]);
-    if (!longer)
-      continue; /* the search below may still find it */
-    if (pags_file_exists(longer) && !found) {
-      found = longer;
-    } else {
-      if (found && pags_file_exists(longer) && !same_letters(found, longer, strlen(longer) + 1) &&
-          !finder->counts[PAGS_SPELLING_SEVERAL]++) {
-        finder->named[PAGS_SPELLING_SEVERAL] = pags_text_copy(name);
-        finder->found[PAGS_SPELLING_SEVERAL] = pags_text_copy(found);
-      }
-      free(longer);
-    }
-  }
-  if (found) {
-    free(*out);
-    *out = found;
-    *exists = true;
-  }
   if (*exists)
     return PAGS_OK;
-  pags_spelling how = PAGS_SPELLING_SAME;
-  char *slashes = pags_text_copy(strncmp(name, "./", 2) == 0 || strncmp(name, ".\\", 2) == 0 ? name + 2 : name);
-  for (char *c = slashes; c && *c; c++)
-    if (*c == '\\') {
-      *c = '/';
-      how = PAGS_SPELLING_SLASHES;
-    }
-  found = slashes ? search(finder, folder, slashes, &how) : NULL;
-  free(slashes);
-  if (!found)
-    return PAGS_OK;
-  if (!finder->counts[how]++) {
-    finder->named[how] = pags_text_copy(name);
-    finder->found[how] = pags_text_copy(found);
+  char *found = pags_is_picture_name(name) ? NULL : find_with_extension(finder, *out, name);
+  if (!found) {
+    pags_spelling how = PAGS_SPELLING_SAME;
+    PAGS_AUTOFREE char *slashes =
+        pags_text_copy(pags_text_starts(name, "./") || pags_text_starts(name, ".\\") ? name + 2 : name);
+    for (char *c = slashes; c && *c; c++)
+      if (*c == '\\') {
+        *c = '/';
+        how = PAGS_SPELLING_SLASHES;
+      }
+    found = slashes ? search(finder, folder, slashes, &how) : NULL;
+    if (!found)
+      return PAGS_OK;
+    count_found(finder, how, name, found);
   }
   free(*out);
   *out = found;
@@ -211,12 +212,7 @@ pags_result pags_find_file(pags_file_finder *finder, const char *folder, const c
 
 char *pags_find_folder(pags_file_finder *finder, const char *folder, const char *name) {
   const char *entry = list_folder(finder, folder) ? entry_of_case(finder, name, strlen(name)) : NULL;
-  char *path = entry ? pags_path_join(folder, entry) : NULL;
-  if (path && !pags_dir_exists(path)) {
-    free(path);
-    path = NULL;
-  }
-  return path;
+  return entry && pags_folder_has_folder(folder, entry) ? pags_path_join(folder, entry) : NULL;
 }
 
 void pags_file_finder_drop(pags_file_finder *finder) {
@@ -238,8 +234,7 @@ void pags_file_finder_end(pags_file_finder *finder, const char *source, const ch
                                                    "with several extensions, of which the first is taken"};
   for (int i = PAGS_SPELLING_SAME + 1; i < PAGS_SPELLINGS; i++)
     if (finder->counts[i] && finder->named[i] && finder->found[i])
-      pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld %s are found %s, the first is %s for '%s'", source,
-                       (long long)finder->counts[i], (long long)finder->asked, what, ways[i], finder->found[i],
-                       finder->named[i]);
+      PAGS_WARN("%s: %lld of %lld %s are found %s, the first is %s for '%s'", source, (long long)finder->counts[i],
+                (long long)finder->asked, what, ways[i], finder->found[i], finder->named[i]);
   pags_file_finder_drop(finder);
 }

@@ -47,6 +47,9 @@ void pags_file_finder_drop(pags_file_finder *finder); /* frees it without a word
  * freed by the caller; NULL: not found. PAGS_ERROR_MEMORY. */
 pags_result pags_find_extension(const char *folder, const char *name, int length, const char *extension, char **out);
 
+/* Whether a folder is a data set of transforms files or with a dataset.json. */
+bool pags_folder_is_data_set(const char *folder);
+
 /* Whether a file of this name is a picture by its extension. */
 bool pags_is_picture_name(const char *name);
 

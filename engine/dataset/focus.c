@@ -26,11 +26,6 @@ static bool solve(const double a[6], const double b[3], double x[3]) {
   return true;
 }
 
-static void centre_of(const pags_camera *camera, double c[3]) {
-  for (int i = 0; i < 3; i++)
-    c[i] = camera->world_from_camera[4 * i + 3];
-}
-
 /* Computes the point x with the least sum of squared distances to all optical axes (camera centre c, direction d),
  * the solution of sum of (I - d d^T)(x - c) = 0. The sums are taken relative to `middle`, so that large coordinates
  * don't lose precision by cancellation. Returns false when the axes are (almost) parallel. */
@@ -60,19 +55,16 @@ static bool find_focus(const pags_camera *const *cameras, int64_t count, const d
 
 /* Computes the mean of the camera centres (`middle`) and returns their root mean square distance from it. */
 static double find_middle(const pags_camera *const *cameras, int64_t count, double middle[3]) {
-  double square = 0, c[3];
-  for (int j = 0; j < 3; j++)
-    middle[j] = 0;
-  for (int64_t i = 0; i < count; i++) {
-    centre_of(cameras[i], c);
+  double square = 0;
+  middle[0] = middle[1] = middle[2] = 0;
+  for (int64_t i = 0; i < count; i++)
     for (int j = 0; j < 3; j++)
-      middle[j] += c[j] / (double)count;
-  }
-  for (int64_t i = 0; i < count; i++) {
-    centre_of(cameras[i], c);
-    for (int j = 0; j < 3; j++)
-      square += (c[j] - middle[j]) * (c[j] - middle[j]);
-  }
+      middle[j] += cameras[i]->world_from_camera[4 * j + 3] / (double)count;
+  for (int64_t i = 0; i < count; i++)
+    for (int j = 0; j < 3; j++) {
+      const double off = cameras[i]->world_from_camera[4 * j + 3] - middle[j];
+      square += off * off;
+    }
   return sqrt(square / (double)count);
 }
 
@@ -83,9 +75,8 @@ pags_result pags_focus_distance(const pags_camera *const *cameras, int64_t count
   *out = spread > 1e-9 ? 4 * spread : 1;
   if (!find_focus(cameras, count, middle, focus))
     return PAGS_OK;
-  double *depths = malloc((size_t)count * sizeof *depths);
-  if (!depths)
-    return pags_out_of_memory("random points");
+  PAGS_AUTOFREE double *depths = malloc((size_t)count * sizeof *depths);
+  PAGS_CHECK_MEMORY(depths, "random points");
   int64_t ahead = 0;
   for (int64_t i = 0; i < count; i++) {
     const double *m = cameras[i]->world_from_camera;
@@ -95,7 +86,6 @@ pags_result pags_focus_distance(const pags_camera *const *cameras, int64_t count
   pags_sort_doubles(depths, ahead);
   if (2 * ahead > count && depths[ahead / 2] < 20 * spread)
     *out = depths[ahead / 2];
-  free(depths);
   return PAGS_OK;
 }
 

@@ -20,8 +20,8 @@ void pags_dataset_check_in_view(const pags_dataset *dataset) {
         return;
   }
   if (points > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: none of the %lld points looked at is in view of any camera: poses and points don't belong "
-                     "together, or their axes or units differ",
-                     dataset->parsed.source, (long long)((points + step - 1) / step));
+    PAGS_WARN(
+        "%s: none of the %lld points looked at is in view of any camera: poses and points don't belong "
+        "together, or their axes or units differ",
+        dataset->parsed.source, (long long)((points + step - 1) / step));
 }

@@ -16,8 +16,9 @@
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/parallel.h"
 #include "base/rng.h"
-#include "dataset/far_cameras.h"
+#include "base/vec3.h"
 #include "dataset/focus.h"
 #include "maths/maths.h"
 #include "port/port.h"
@@ -74,8 +75,6 @@ typedef struct matcher {
   int count;
   int64_t *views;
   picture *pictures;
-  pags_result *results; /* of loading each picture */
-  char (*messages)[256];
   int64_t ray_count;
   ray *rays;
   float *xyz; /* output: one point per ray */
@@ -93,8 +92,7 @@ static pags_result keep_photo(const pags_photo_data *photo, picture *p) {
   p->rgb = malloc(pixels * 3);
   p->grey = malloc(pixels * sizeof *p->grey);
   p->mask = photo->has_mask ? malloc(pixels) : NULL;
-  if (!p->rgb || !p->grey || (photo->has_mask && !p->mask))
-    return pags_out_of_memory("points from photographs");
+  PAGS_CHECK_MEMORY(p->rgb && p->grey && (p->mask || !photo->has_mask), "points from photographs");
   for (size_t y = 0; y < (size_t)photo->height; y++)
     for (size_t x = 0; x < (size_t)photo->width; x++) {
       size_t to = y * (size_t)photo->width + x, from = y * (size_t)photo->stride + x;
@@ -112,12 +110,9 @@ static pags_result keep_photo(const pags_photo_data *photo, picture *p) {
 static pags_result straighten(picture *p) {
   const pags_camera from = p->camera;
   const size_t pixels = (size_t)p->width * (size_t)p->height;
-  uint8_t *const rgb = calloc(pixels, 3), *const mask = calloc(pixels, 1);
-  if (!rgb || !mask) {
-    free(rgb);
-    free(mask);
-    return pags_out_of_memory("points from photographs");
-  }
+  PAGS_AUTOFREE uint8_t *rgb = calloc(pixels, 3);
+  PAGS_AUTOFREE uint8_t *mask = calloc(pixels, 1);
+  PAGS_CHECK_MEMORY(rgb && mask, "points from photographs");
   p->camera.lens = (pags_lens_model){0};
   for (int y = 0; y < p->height; y++)
     for (int x = 0; x < p->width; x++) {
@@ -142,50 +137,33 @@ static pags_result straighten(picture *p) {
     }
   free(p->rgb);
   free(p->mask);
-  p->rgb = rgb;
-  p->mask = mask;
+  p->rgb = pags_take(&rgb);
+  p->mask = pags_take(&mask);
   return PAGS_OK;
 }
 
-static void load_block(void *context, int64_t begin, int64_t end, int worker) {
+static pags_result load_picture(void *context, int64_t index, int worker) {
   (void)worker;
-  matcher *m = context;
-  for (int64_t i = begin; i < end; i++) {
-    const pags_camera *camera = &m->dataset->views[m->views[i]].camera;
-    int side = camera->width > camera->height ? camera->width : camera->height, shrink = 1;
-    while (side / shrink > SMALL_SIDE)
-      shrink *= 2;
-    pags_photo_data photo = {0};
-    m->pictures[i].camera = pags_camera_downscale(camera, shrink);
-    m->results[i] = pags_photo_decode(m->dataset, m->views[i], shrink, &photo);
-    if (m->results[i] == PAGS_OK)
-      m->results[i] = keep_photo(&photo, &m->pictures[i]);
-    if (m->results[i] == PAGS_OK && pags_camera_bends(camera))
-      m->results[i] = straighten(&m->pictures[i]);
-    if (m->results[i] != PAGS_OK)
-      snprintf(m->messages[i], sizeof m->messages[i], "%s", pags_error_message());
-    pags_port_aligned_free(photo.planes);
-  }
+  const matcher *m = context;
+  const pags_dataset *dataset = m->dataset;
+  picture *out = &m->pictures[index];
+  const int64_t view = m->views[index];
+  const pags_camera *camera = &dataset->views[view].camera;
+  int side = camera->width > camera->height ? camera->width : camera->height, shrink = 1;
+  while (side / shrink > SMALL_SIDE)
+    shrink *= 2;
+  out->camera = pags_camera_downscale(camera, shrink);
+  PAGS_AUTO(pags_photo_data_destroy) pags_photo_data photo = {0};
+  PAGS_TRY(pags_photo_decode(dataset, view, shrink, &photo));
+  PAGS_TRY(keep_photo(&photo, out));
+  return pags_camera_bends(camera) ? straighten(out) : PAGS_OK;
 }
 
 /* ---- Geometry and the choice of partners ---- */
 
 static void point_on_ray(const pags_camera *camera, double u, double v, double depth, double point[3]) {
-  const double *m = camera->world_from_camera;
-  double x = (u - camera->cx) / camera->fx * depth, y = (v - camera->cy) / camera->fy * depth;
-  for (int i = 0; i < 3; i++)
-    point[i] = m[4 * i] * x + m[4 * i + 1] * y + m[4 * i + 2] * depth + m[4 * i + 3];
-}
-
-static double angle_at(const double point[3], const pags_camera *a, const pags_camera *b) {
-  double dot = 0, aa = 0, bb = 0;
-  for (int i = 0; i < 3; i++) {
-    double p = a->world_from_camera[4 * i + 3] - point[i], q = b->world_from_camera[4 * i + 3] - point[i];
-    dot += p * q;
-    aa += p * p;
-    bb += q * q;
-  }
-  return pags_acos(fmax(-1, fmin(1, dot / sqrt(aa * bb))));
+  const double own[3] = {(u - camera->cx) / camera->fx * depth, (v - camera->cy) / camera->fy * depth, depth};
+  pags_rigid_point(camera->world_from_camera, own, point);
 }
 
 /* Returns the cost of matching picture `a` with picture `b`; smaller is better, infinity means that `b` is of no use.
@@ -194,7 +172,13 @@ static double angle_at(const double point[3], const pags_camera *a, const pags_c
 static double partner_cost(const matcher *m, const picture *a, const picture *b) {
   double point[3];
   point_on_ray(&a->camera, 0.5 * a->width, 0.5 * a->height, m->distance, point);
-  double angle = angle_at(point, &a->camera, &b->camera) * 180 / 3.14159265358979323846;
+  double p[3], q[3]; /* from the point to the cameras */
+  pags_pose_position(a->camera.world_from_camera, p);
+  pags_pose_position(b->camera.world_from_camera, q);
+  pags_add_scaled3(-1, point, p);
+  pags_add_scaled3(-1, point, q);
+  const double cosine = pags_dot3(p, q) / sqrt(pags_dot3(p, p) * pags_dot3(q, q));
+  const double angle = pags_acos(fmax(-1, fmin(1, cosine))) * 180 / 3.14159265358979323846;
   if (!(angle > 1.5 && angle < 40) || !pags_camera_sees(&b->camera, point, 0.1 * m->distance))
     return INFINITY;
   return fabs(pags_log(angle / 10));
@@ -338,28 +322,22 @@ static size_t pixel_of(const picture *p, double u, double v) {
   return (size_t)y * (size_t)p->width + (size_t)x;
 }
 
-/* Draws a random pixel of the ray's picture; draws again, up to TRIES draws in all, while the mask excludes the
- * pixel. */
-static void draw_ray(matcher *m, int64_t index) {
-  ray *r = &m->rays[index];
-  r->picture = (int)(index % m->count);
-  const picture *p = &m->pictures[r->picture];
-  for (uint64_t i = 0; i < TRIES; i++) {
-    double pixel[2];
-    pags_rng_uniform2(m->seed, STREAM + i, (uint64_t)index, pixel);
-    r->u = pixel[0] * p->width;
-    r->v = pixel[1] * p->height;
-    if (!p->mask || p->mask[pixel_of(p, r->u, r->v)])
-      break;
-  }
-}
-
 static void match_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   matcher *m = context;
   for (int64_t i = begin; i < end; i++) {
-    draw_ray(m, i);
-    match_ray(m, &m->rays[i]);
+    ray *r = &m->rays[i];
+    r->picture = (int)(i % m->count);
+    const picture *p = &m->pictures[r->picture];
+    for (uint64_t k = 0; k < TRIES; k++) { /* draw again while the mask excludes the pixel */
+      double pixel[2];
+      pags_rng_uniform2(m->seed, STREAM + k, (uint64_t)i, pixel);
+      r->u = pixel[0] * p->width;
+      r->v = pixel[1] * p->height;
+      if (!p->mask || p->mask[pixel_of(p, r->u, r->v)])
+        break;
+    }
+    match_ray(m, r);
   }
 }
 
@@ -381,34 +359,26 @@ static const ray *nearest_sure(const matcher *m, const ray *r) {
   return best;
 }
 
-static void emit(const matcher *m, const ray *r, double inverse, float xyz[3], uint8_t rgb[3]) {
-  const picture *p = &m->pictures[r->picture];
-  double point[3];
-  point_on_ray(&p->camera, r->u, r->v, 1 / inverse, point);
-  for (int c = 0; c < 3; c++)
-    xyz[c] = (float)(point[c] - m->dataset->origin[c]);
-  memcpy(rgb, p->rgb + 3 * pixel_of(p, r->u, r->v), 3);
-}
-
 static void emit_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   matcher *m = context;
   for (int64_t i = begin; i < end; i++) {
     const ray *r = &m->rays[i], *from = r->sure ? r : nearest_sure(m, r);
-    double draw = pags_rng_uniform(m->seed, STREAM + TRIES, (uint64_t)i);
-    emit(m, r, from ? from->inverse : 1 / pags_focus_depth(m->distance, draw), m->xyz + 3 * i, m->rgb + 3 * i);
+    const picture *p = &m->pictures[r->picture];
+    const double draw = pags_rng_uniform(m->seed, STREAM + TRIES, (uint64_t)i);
+    const double inverse = from ? from->inverse : 1 / pags_focus_depth(m->distance, draw);
+    double point[3];
+    point_on_ray(&p->camera, r->u, r->v, 1 / inverse, point);
+    for (int c = 0; c < 3; c++)
+      m->xyz[3 * i + c] = (float)(point[c] - m->dataset->origin[c]);
+    memcpy(m->rgb + 3 * i, p->rgb + 3 * pixel_of(p, r->u, r->v), 3);
   }
 }
 
 /* ---- The whole run ---- */
 
 static pags_result match_all(matcher *m, pags_tasks *tasks) {
-  if (!pags_parallel_for(tasks, m->count, 1, load_block, m))
-    return pags_fail(PAGS_CANCELLED, "cancelled while reading photographs");
-  for (int i = 0; i < m->count; i++)
-    if (m->results[i] != PAGS_OK)
-      return pags_fail(m->results[i], "%s", m->messages[i]);
-
+  PAGS_TRY(pags_parallel_try(tasks, m->count, load_picture, m, "cancelled while reading photographs"));
   for (int i = 0; i < m->count; i++) {
     /* Choose the NEIGHBOURS pictures with the least partner cost. */
     picture *p = &m->pictures[i];
@@ -444,24 +414,19 @@ static pags_result match_all(matcher *m, pags_tasks *tasks) {
 static pags_result prepare(matcher *m) {
   m->views = malloc(MOST_PICTURES * sizeof *m->views);
   m->pictures = calloc(MOST_PICTURES, sizeof *m->pictures);
-  m->results = calloc(MOST_PICTURES, sizeof *m->results);
-  m->messages = calloc(MOST_PICTURES, sizeof *m->messages);
   m->rays = calloc((size_t)m->ray_count, sizeof *m->rays);
   m->xyz = malloc((size_t)m->ray_count * 3 * sizeof *m->xyz);
   m->rgb = malloc((size_t)m->ray_count * 3);
-  if (!m->views || !m->pictures || !m->results || !m->messages || !m->rays || !m->xyz || !m->rgb)
-    return pags_out_of_memory("%s", m->dataset->path);
+  PAGS_CHECK_MEMORY(m->views && m->pictures && m->rays && m->xyz && m->rgb, "%s", m->dataset->path);
 
   /* Take every training view, or an evenly spaced choice of MOST_PICTURES of them. */
   int64_t training = 0, seen = 0;
-  int count = 0;
   for (int64_t i = 0; i < m->dataset->count; i++)
     training += !m->dataset->views[i].test && !pags_dataset_is_far(m->dataset, i);
   int64_t step = (training + MOST_PICTURES - 1) / MOST_PICTURES;
   for (int64_t i = 0; i < m->dataset->count; i++)
     if (!m->dataset->views[i].test && !pags_dataset_is_far(m->dataset, i) && seen++ % step == 0)
-      m->views[count++] = i;
-  m->count = count;
+      m->views[m->count++] = i;
 
   const pags_camera *cameras[MOST_PICTURES];
   for (int i = 0; i < m->count; i++)
@@ -469,30 +434,28 @@ static pags_result prepare(matcher *m) {
   return pags_focus_distance(cameras, m->count, &m->distance);
 }
 
+static void matcher_destroy(matcher *m) {
+  for (int i = 0; i < m->count; i++) {
+    free(m->pictures[i].rgb);
+    free(m->pictures[i].grey);
+    free(m->pictures[i].mask);
+  }
+  free(m->views);
+  free(m->pictures);
+  free(m->rays);
+  free(m->xyz);
+  free(m->rgb);
+}
+
 pags_result pags_dataset_match_points(const pags_dataset *dataset, pags_tasks *tasks, int64_t count, uint64_t seed,
                                       float **xyz, uint8_t **rgb) {
   assert(dataset && tasks && xyz && rgb && count > 0 && count < INT32_MAX);
-  matcher m = {.dataset = dataset, .seed = seed, .ray_count = count};
-  pags_result result = prepare(&m);
-  if (result == PAGS_OK)
-    result = match_all(&m, tasks);
-  for (int i = 0; i < m.count; i++) {
-    free(m.pictures[i].rgb);
-    free(m.pictures[i].grey);
-    free(m.pictures[i].mask);
-  }
-  free(m.views);
-  free(m.pictures);
-  free(m.results);
-  free(m.messages);
-  free(m.rays);
-  if (result != PAGS_OK) {
-    free(m.xyz);
-    free(m.rgb);
-    m.xyz = NULL;
-    m.rgb = NULL;
-  }
-  *xyz = m.xyz;
-  *rgb = m.rgb;
-  return result;
+  PAGS_AUTO(matcher_destroy) matcher m = {.dataset = dataset, .seed = seed, .ray_count = count};
+  *xyz = NULL;
+  *rgb = NULL;
+  PAGS_TRY(prepare(&m));
+  PAGS_TRY(match_all(&m, tasks));
+  *xyz = pags_take(&m.xyz);
+  *rgb = pags_take(&m.rgb);
+  return PAGS_OK;
 }

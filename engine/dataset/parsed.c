@@ -36,26 +36,11 @@ void pags_parsed_destroy(pags_parsed_dataset *parsed) {
   memset(parsed, 0, sizeof *parsed);
 }
 
-/* Makes room for one more item of `size` bytes in *items by doubling the capacity; false when out of memory. */
-static bool grow(void **items, int64_t count, int64_t *capacity, size_t size) {
-  if (count < *capacity)
-    return true;
-  int64_t larger = *capacity ? 2 * *capacity : 64;
-  void *moved = (uint64_t)larger <= SIZE_MAX / size ? realloc(*items, (size_t)larger * size) : NULL;
-  if (!moved)
-    return false;
-  *items = moved;
-  *capacity = larger;
-  return true;
-}
-
 pags_parsed_view *pags_parsed_add(pags_parsed_dataset *parsed) {
-  void *views = parsed->views;
-  if (!grow(&views, parsed->count, &parsed->capacity, sizeof *parsed->views))
+  if (!pags_grow(&parsed->views, parsed->count + 1, &parsed->capacity, sizeof *parsed->views))
     return NULL;
-  parsed->views = views;
   pags_parsed_view *view = &parsed->views[parsed->count++];
-  memset(view, 0, sizeof *view);
+  *view = (pags_parsed_view){0};
   return view;
 }
 
@@ -68,10 +53,8 @@ pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const 
     points->left_out++;
     return PAGS_OK;
   }
-  void *items = points->items;
-  if (!grow(&items, points->count, &points->capacity, sizeof *points->items))
-    return pags_out_of_memory("%s", where);
-  points->items = items;
+  PAGS_CHECK_MEMORY(pags_grow(&points->items, points->count + 1, &points->capacity, sizeof *points->items), "%s",
+                    where);
   pags_parsed_point *point = &points->items[points->count++];
   *point = (pags_parsed_point){.id = id, .track_begin = points->track_count};
   memcpy(point->xyz, xyz, sizeof point->xyz);
@@ -83,10 +66,8 @@ pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const 
   if (points->dropped)
     return PAGS_OK;
   assert(points->count > 0);
-  void *track = points->track;
-  if (!grow(&track, points->track_count, &points->track_capacity, sizeof *points->track))
-    return pags_out_of_memory("%s", where);
-  points->track = track;
+  PAGS_CHECK_MEMORY(pags_grow(&points->track, points->track_count + 1, &points->track_capacity, sizeof *points->track),
+                    "%s", where);
   points->track[points->track_count++] = view;
   points->items[points->count - 1].track_count++;
   return PAGS_OK;
@@ -97,9 +78,8 @@ pags_result pags_parsed_check_points(const pags_parsed_points *points, const cha
   if (lost && points->count == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: none of its %lld points has a finite position", where, all);
   if (lost)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld points have no finite position and are left out, the first is point %lld", where,
-                     lost, all, (long long)points->first_left_out);
+    PAGS_WARN("%s: %lld of %lld points have no finite position and are left out, the first is point %lld", where, lost,
+              all, (long long)points->first_left_out);
   return PAGS_OK;
 }
 
@@ -109,6 +89,5 @@ static int by_id(const void *a, const void *b) {
 }
 
 void pags_parsed_sort_points(pags_parsed_points *points) {
-  if (points->count > 0)
-    pags_sort(points->items, points->count, sizeof *points->items, by_id);
+  pags_sort(points->items, points->count, sizeof *points->items, by_id);
 }

@@ -85,12 +85,10 @@ pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const 
 pags_result pags_parsed_check_points(const pags_parsed_points *points, const char *where);
 void pags_parsed_sort_points(pags_parsed_points *points);
 
-/* Reads a transforms.json of nerfstudio or instant-ngp. This reader and the COLMAP reader leave an empty parsed set
- * on failure. */
-pags_result pags_transforms_read(const char *path, pags_parsed_dataset *parsed);
-/* Reads the files transforms_train.json, transforms_val.json and transforms_test.json of `folder` as one data set (the
- * layout of the synthetic NeRF scenes); the first must be there. */
-pags_result pags_transforms_read_splits(const char *folder, pags_parsed_dataset *parsed);
+/* Reads a transforms.json of nerfstudio or instant-ngp or, with `splits`, the files transforms_train.json,
+ * transforms_val.json and transforms_test.json of the folder `path` as one data set (the layout of the synthetic NeRF
+ * scenes); the first must be there. This reader and the COLMAP reader leave an empty parsed set on failure. */
+pags_result pags_transforms_read(const char *path, bool splits, pags_parsed_dataset *parsed);
 /* Reads the COLMAP model in folder `model` (cameras, images, points3D; .bin or .txt). The pictures are looked for in
  * folders around `root` and `model`. */
 pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *parsed);

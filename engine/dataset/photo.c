@@ -1,15 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Decodes a photograph into the planes of bytes that the loss reads: load the files, undistort, shrink, split the
- * colours, the mask and the labels into planes. */
+ * colours, the mask and the labels into planes. Alpha is composited in display values (as INRIA's trainer does it for
+ * its synthetic scenes) or taken for a mask. */
 #include "dataset/internal.h"
 
 #include "base/memory.h"
 #include "dataset/driving/driving_set.h"
 #include "dataset/driving/label_plane.h"
-#include "dataset/photo_colour.h"
 #include "dataset/photo_mask.h"
-#include "dataset/undistort.h"
-#include "dataset/view_camera.h"
 #include "image/pixels.h"
 #include "port/port.h"
 
@@ -25,51 +23,77 @@ typedef struct pictures {
   pags_image labels; /* data NULL: no label files */
 } pictures;
 
-static const pictures nothing = {{0}, {0}, {0}};
-
 static void destroy(pictures *p) {
   pags_image_destroy(&p->colour);
   pags_image_destroy(&p->mask);
   pags_image_destroy(&p->labels);
 }
 
-static pags_result check_size(const pags_image *image, const char *path, const pags_lens *lens) {
-  if (image->width == lens->width && image->height == lens->height)
-    return PAGS_OK;
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected %d x %d as its camera has", path, image->width,
-                   image->height, lens->width, lens->height);
+/* Takes over what was made of the pictures, which is destroyed as the source then. */
+static void replace(pictures *p, pictures *made) {
+  const pictures source = *p;
+  *p = *made;
+  *made = source;
 }
 
 /* Loads the mask file of a view. A pixel is used if it and the photograph's alpha, if that is a mask, say so. */
 static pags_result load_mask(const pags_parsed_view *from, pictures *out) {
-  pags_image mask;
+  PAGS_AUTO(pags_image_destroy) pags_image mask = {0};
   PAGS_TRY(pags_photo_mask_load(from->mask_path, &mask, NULL));
-  pags_result result = pags_photo_mask_fit(from->mask_path, from->lens.width, from->lens.height, from->turn, &mask);
-  if (result != PAGS_OK || !out->mask.data) {
-    pags_image_destroy(&out->mask);
+  PAGS_TRY(pags_photo_mask_fit(from->mask_path, from->lens.width, from->lens.height, from->turn, &mask));
+  if (!out->mask.data) {
     out->mask = mask;
-    return result;
+    mask = (pags_image){0};
+    return PAGS_OK;
   }
   const uint8_t *more = mask.data;
   uint8_t *used = out->mask.data;
   for (size_t i = 0; i < (size_t)mask.width * (size_t)mask.height; i++)
     used[i] &= more[i];
-  pags_image_destroy(&mask);
+  return PAGS_OK;
+}
+
+/* Whether alpha is read: that of the file, or what the data window of an EXR file covers of its picture. */
+static bool has_alpha(const pags_image_facts *facts, pags_image_alpha what) {
+  return (facts->alpha || facts->window == PAGS_WINDOW_PARTIAL) && what != PAGS_ALPHA_IGNORE;
+}
+
+/* Loads the colours of a photograph and, for PAGS_ALPHA_MASK, if it has alpha, the mask: 255 where alpha is 128 or
+ * more, else 0. */
+static pags_result load_colour(const pags_dataset *dataset, const char *path, pictures *out) {
+  PAGS_AUTO(pags_image_destroy) pags_image rgba = {0};
+  PAGS_TRY(pags_image_load_display(path, 4, &rgba));
+  PAGS_TRY(pags_image_create(&out->colour, rgba.width, rgba.height, 3, PAGS_U8));
+  if (dataset->image_alpha == PAGS_ALPHA_MASK)
+    PAGS_TRY(pags_image_create(&out->mask, rgba.width, rgba.height, 1, PAGS_U8));
+  const size_t pixels = (size_t)rgba.width * (size_t)rgba.height;
+  const uint8_t *from = rgba.data;
+  uint8_t *to = out->colour.data, *used = out->mask.data;
+  for (size_t i = 0; i < pixels; i++, from += 4, to += 3) {
+    const unsigned alpha = used ? 255 : from[3];
+    for (int c = 0; c < 3; c++)
+      to[c] = (uint8_t)((alpha * from[c] + (255 - alpha) * dataset->background[c] + 127) / 255);
+    if (used)
+      *used++ = from[3] >= 128 ? 255 : 0;
+  }
   return PAGS_OK;
 }
 
 static pags_result load(const pags_dataset *dataset, int64_t index, pictures *out) {
-  const pags_view *view = &dataset->views[index];
+  const char *path = dataset->views[index].image_path;
   const pags_parsed_view *from = &dataset->parsed.views[index];
-  pags_alpha_rule rule = {.what = dataset->image_alpha};
-  memcpy(rule.background, dataset->background, sizeof rule.background);
-  PAGS_TRY(pags_photo_colour_load(view->image_path, &from->picture, &rule, &out->colour, &out->mask));
+  const pags_lens *lens = &from->lens;
+  pags_image *colour = &out->colour;
+  PAGS_TRY(has_alpha(&from->picture, dataset->image_alpha) ? load_colour(dataset, path, out)
+                                                           : pags_image_load_display(path, 3, colour));
   if (from->turn > 1)
-    PAGS_TRY(pags_image_turn(&out->colour, from->turn));
+    PAGS_TRY(pags_image_turn(colour, from->turn));
   if (from->turn > 1 && out->mask.data)
     PAGS_TRY(pags_image_turn(&out->mask, from->turn));
-  PAGS_TRY(check_size(&out->colour, view->image_path, &from->lens));
-  if (view->mask_path)
+  if (colour->width != lens->width || colour->height != lens->height)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected %d x %d as its camera has", path, colour->width,
+                     colour->height, lens->width, lens->height);
+  if (from->mask_path)
     PAGS_TRY(load_mask(from, out));
   return pags_label_plane_load(dataset, index, &out->labels, &out->mask);
 }
@@ -106,12 +130,12 @@ static pags_result undistort(const pags_lens *lens, const pags_camera *camera, p
     return PAGS_OK;
   if (pags_camera_bends(camera))
     return pags_view_camera_mask(camera, &p->mask);
-  pictures out = nothing;
+  PAGS_AUTO(destroy) pictures out = {0};
   PAGS_TRY(pags_undistort(lens, camera, &p->colour, p->mask.data ? &p->mask : NULL, &out.colour, &out.mask));
-  pags_result result = p->labels.data ? pags_undistort_labels(lens, camera, &p->labels, &out.labels) : PAGS_OK;
-  destroy(p);
-  *p = out;
-  return result;
+  if (p->labels.data)
+    PAGS_TRY(pags_undistort_labels(lens, camera, &p->labels, &out.labels));
+  replace(p, &out);
+  return PAGS_OK;
 }
 
 static bool is_full_size(const pags_camera *from, const pags_camera *to) {
@@ -136,23 +160,19 @@ static pags_result shrink(const pags_camera *from, const pags_camera *to, pictur
   double step_x = fmax(from->fx / to->fx, 1), step_y = fmax(from->fy / to->fy, 1);
   if (is_full_size(from, to))
     return PAGS_OK;
-  pictures out = nothing;
-  pags_result result = pags_image_create(&out.colour, to->width, to->height, 3, PAGS_U8);
-  if (result == PAGS_OK)
-    result = pags_shrink_mean(&p->colour, step_x, step_y, &out.colour);
-  if (result == PAGS_OK && p->mask.data) {
-    result = pags_image_create(&out.mask, to->width, to->height, 1, PAGS_U8);
-    if (result == PAGS_OK)
-      pags_shrink_mask(&p->mask, step_x, step_y, &out.mask);
+  PAGS_AUTO(destroy) pictures out = {0};
+  PAGS_TRY(pags_image_create(&out.colour, to->width, to->height, 3, PAGS_U8));
+  PAGS_TRY(pags_shrink_mean(&p->colour, step_x, step_y, &out.colour));
+  if (p->mask.data) {
+    PAGS_TRY(pags_image_create(&out.mask, to->width, to->height, 1, PAGS_U8));
+    pags_shrink_mask(&p->mask, step_x, step_y, &out.mask);
   }
-  if (result == PAGS_OK && p->labels.data) {
-    result = pags_image_create(&out.labels, to->width, to->height, 1, PAGS_U8);
-    if (result == PAGS_OK)
-      pick_labels(&p->labels, step_x, step_y, &out.labels);
+  if (p->labels.data) {
+    PAGS_TRY(pags_image_create(&out.labels, to->width, to->height, 1, PAGS_U8));
+    pick_labels(&p->labels, step_x, step_y, &out.labels);
   }
-  destroy(p);
-  *p = out;
-  return result;
+  replace(p, &out);
+  return PAGS_OK;
 }
 
 static int stride_of(int width) {
@@ -181,8 +201,7 @@ static pags_result split(const pictures *p, bool has_labels, pags_photo_data *ou
   uint64_t plane = plane_bytes(out->width, out->height);
   uint64_t bytes = plane * (uint64_t)(3 + out->has_mask + out->has_labels);
   out->planes = pags_port_aligned_alloc(64, (size_t)((bytes + 63) & ~(uint64_t)63));
-  if (!out->planes)
-    return pags_out_of_memory("a photograph of %d x %d pixels", out->width, out->height);
+  PAGS_CHECK_MEMORY(out->planes, "a photograph of %d x %d pixels", out->width, out->height);
   const uint8_t *colour = p->colour.data;
   for (size_t c = 0; c < 3; c++)
     split_plane(colour + c, 3, out, out->planes + c * plane);
@@ -197,35 +216,29 @@ static pags_result split(const pictures *p, bool has_labels, pags_photo_data *ou
   return PAGS_OK;
 }
 
-static pags_result add_labels(const pags_dataset *dataset, int64_t index, const pags_camera *target,
-                              pags_photo_data *out) {
-  if (!out->has_labels)
-    return PAGS_OK;
-  uint8_t *plane = out->planes + (out->has_mask ? 4 : 3) * plane_bytes(out->width, out->height);
-  pags_result result = pags_label_plane_add(dataset, index, target, out->stride, plane);
-  if (result == PAGS_OK)
-    return PAGS_OK;
-  pags_port_aligned_free(out->planes);
-  memset(out, 0, sizeof *out);
-  return result;
+void pags_photo_data_destroy(pags_photo_data *photo) {
+  pags_port_aligned_free(photo->planes);
+  *photo = (pags_photo_data){0};
 }
 
 pags_result pags_photo_decode(const pags_dataset *dataset, int64_t index, int factor, pags_photo_data *out) {
   assert(index >= 0 && index < dataset->count && factor >= 1);
-  const pags_lens *lens = &dataset->parsed.views[index].lens;
   const pags_camera *camera = &dataset->cameras[index];
-  pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
-  memset(out, 0, sizeof *out);
-  pictures p = nothing;
-  pags_result result = load(dataset, index, &p);
-  if (result == PAGS_OK)
-    result = undistort(lens, camera, &p);
-  if (result == PAGS_OK)
-    result = shrink(camera, &target, &p);
-  if (result == PAGS_OK)
-    result = split(&p, pags_label_planes_exist(dataset, index), out);
-  destroy(&p);
-  return result == PAGS_OK ? add_labels(dataset, index, &target, out) : result;
+  const pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
+  *out = (pags_photo_data){0};
+  PAGS_AUTO(destroy) pictures p = {0};
+  PAGS_TRY(load(dataset, index, &p));
+  PAGS_TRY(undistort(&dataset->parsed.views[index].lens, camera, &p));
+  PAGS_TRY(shrink(camera, &target, &p));
+  PAGS_TRY(split(&p, pags_label_planes_exist(dataset, index), out));
+  destroy(&p); /* before the labels need memory */
+  if (!out->has_labels)
+    return PAGS_OK;
+  uint8_t *plane = out->planes + (out->has_mask ? 4 : 3) * plane_bytes(out->width, out->height);
+  const pags_result result = pags_label_plane_add(dataset, index, &target, out->stride, plane);
+  if (result != PAGS_OK)
+    pags_photo_data_destroy(out);
+  return result;
 }
 
 void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, uint64_t *kept, uint64_t *decoding) {
@@ -238,7 +251,7 @@ void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, ui
    * labels: the label image and one of the files it is made of, which are loaded one at a time. */
   uint64_t labels = pags_label_planes_exist(dataset, index) ? 1 : 0;
   const pags_parsed_view *view = &dataset->parsed.views[index];
-  const bool alpha = pags_photo_has_alpha(&view->picture, dataset->image_alpha);
+  const bool alpha = has_alpha(&view->picture, dataset->image_alpha);
   /* What a photograph takes more before it is colours and a mask of bytes: alpha, linear light, that it is turned, and
    * what its lens sees. */
   const int channels = alpha ? 4 : 3;

@@ -18,7 +18,7 @@
 
 #include "base/memory.h"
 #include "base/text.h"
-#include "port/port.h"
+#include "dataset/owners.h"
 
 typedef enum slot_state { EMPTY, DECODING, READY } slot_state;
 
@@ -71,16 +71,11 @@ static void book(pags_photo_cache *cache, slot *s, uint64_t bytes) {
     cache->peak = cache->used;
 }
 
-static uint64_t held_bytes(const pags_photo_data *data) {
-  return (uint64_t)data->stride * (uint64_t)data->height * (uint64_t)(3 + data->has_mask + data->has_labels) + 64;
-}
-
 static void drop(pags_photo_cache *cache, slot *s) {
   assert(s->state != DECODING);
-  pags_port_aligned_free(s->data.planes);
+  pags_photo_data_destroy(&s->data);
   free(s->message);
   s->message = NULL;
-  memset(&s->data, 0, sizeof s->data);
   s->state = EMPTY;
   book(cache, s, 0);
 }
@@ -88,8 +83,10 @@ static void drop(pags_photo_cache *cache, slot *s) {
 /* Ends a decode: marks the slot as ready and books only the bytes of the photograph. A failed decode keeps its error
  * in the slot, which the next get of the view returns. */
 static void settle(pags_photo_cache *cache, slot *s) {
+  const pags_photo_data *data = &s->data;
+  const uint64_t planes = (uint64_t)(3 + data->has_mask + data->has_labels);
   s->state = READY;
-  book(cache, s, s->result == PAGS_OK ? held_bytes(&s->data) : 0);
+  book(cache, s, s->result == PAGS_OK ? (uint64_t)data->stride * (uint64_t)data->height * planes + 64 : 0);
 }
 
 /* Waits for the background decode of a slot and settles the slot. */
@@ -169,30 +166,25 @@ pags_result pags_photo_cache_create(const pags_dataset *dataset, pags_tasks *tas
                                     pags_photo_cache **out) {
   assert(dataset && tasks && out);
   *out = NULL;
-  pags_photo_cache *cache = calloc(1, sizeof *cache);
-  slot *slots = calloc((size_t)dataset->count, sizeof *slots);
-  int64_t *order = calloc((size_t)dataset->count, sizeof *order);
-  if (!cache || !slots || !order) {
-    free(cache);
-    free(slots);
-    free(order);
-    return pags_out_of_memory("%s", dataset->path);
-  }
+  PAGS_AUTO(pags_photo_cache_destroy_auto) pags_photo_cache *cache = calloc(1, sizeof *cache);
+  PAGS_CHECK_MEMORY(cache, "%s", dataset->path);
   cache->dataset = dataset;
   cache->tasks = tasks;
   cache->budget = budget;
-  cache->count = dataset->count;
-  cache->slots = slots;
-  cache->order = order;
   cache->current = -1;
   atomic_init(&cache->closing, false);
+  cache->slots = calloc((size_t)dataset->count, sizeof *cache->slots);
+  cache->order = calloc((size_t)dataset->count, sizeof *cache->order);
+  PAGS_CHECK_MEMORY(cache->slots && cache->order, "%s", dataset->path);
+  cache->count = dataset->count;
   for (int64_t i = 0; i < cache->count; i++) {
-    slots[i].cache = cache;
-    slots[i].wanted_at = INT64_MAX;
-    slots[i].job = (pags_job){.run = run_job, .context = &slots[i]};
-    atomic_init(&slots[i].done, false);
+    slot *s = &cache->slots[i];
+    s->cache = cache;
+    s->wanted_at = INT64_MAX;
+    s->job = (pags_job){.run = run_job, .context = s};
+    atomic_init(&s->done, false);
   }
-  *out = cache;
+  *out = pags_take(&cache);
   return PAGS_OK;
 }
 

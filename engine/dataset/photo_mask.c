@@ -13,43 +13,33 @@
 #include "base/sort.h"
 #include "base/text.h"
 #include "dataset/find_file.h"
-#include "dataset/photo_size.h"
 #include "dataset/pictures.h"
 
 /* ---- Reading one ---- */
 
-/* The largest and smallest value of channel `c`, at the file's depth. */
+/* The sample at index `at`, at the file's depth. */
+static unsigned sample_of(const pags_image *image, size_t at) {
+  return image->sample == PAGS_U16 ? ((const uint16_t *)image->data)[at] : ((const uint8_t *)image->data)[at];
+}
+
+/* The largest and smallest value of channel `c`. */
 static void find_range(const pags_image *image, int c, unsigned *least, unsigned *most) {
   const size_t pixels = (size_t)image->width * (size_t)image->height, step = (size_t)image->channels;
   *least = UINT16_MAX;
   *most = 0;
   for (size_t i = 0, at = (size_t)c; i < pixels; i++, at += step) {
-    const unsigned v =
-        image->sample == PAGS_U16 ? ((const uint16_t *)image->data)[at] : ((const uint8_t *)image->data)[at];
+    const unsigned v = sample_of(image, at);
     *least = v < *least ? v : *least;
     *most = v > *most ? v : *most;
   }
 }
 
-/* Turns channel `c` into the mask. */
-static pags_result threshold(const pags_image *image, int c, unsigned least_used, pags_image *mask) {
-  PAGS_TRY(pags_image_create(mask, image->width, image->height, 1, PAGS_U8));
-  const size_t pixels = (size_t)image->width * (size_t)image->height, step = (size_t)image->channels;
-  uint8_t *to = mask->data;
-  for (size_t i = 0, at = (size_t)c; i < pixels; i++, at += step) {
-    const unsigned v =
-        image->sample == PAGS_U16 ? ((const uint16_t *)image->data)[at] : ((const uint8_t *)image->data)[at];
-    to[i] = v >= least_used ? 255 : 0;
-  }
-  return PAGS_OK;
-}
-
 pags_result pags_photo_mask_load(const char *path, pags_image *mask, pags_mask_facts *facts) {
   pags_image_facts file;
-  pags_image image;
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   pags_mask_facts found = {PAGS_MASK_BYTES, false, false};
   unsigned least, most;
-  memset(mask, 0, sizeof *mask);
+  *mask = (pags_image){0};
   PAGS_TRY(pags_image_inspect(path, &file));
   PAGS_TRY(pags_image_load(path, file.sample == PAGS_U8 ? PAGS_U8 : PAGS_U16, file.alpha ? 4 : 1, &image));
   const unsigned full = image.sample == PAGS_U8 ? 255 : UINT16_MAX, half = full / 2 + 1;
@@ -69,11 +59,13 @@ pags_result pags_photo_mask_load(const char *path, pags_image *mask, pags_mask_f
     least_used = 128;
   }
   found.blank = most < least_used;
-  const pags_result result = threshold(&image, channel, least_used, mask);
-  pags_image_destroy(&image);
   if (facts)
     *facts = found;
-  return result;
+  PAGS_TRY(pags_image_create(mask, image.width, image.height, 1, PAGS_U8));
+  uint8_t *to = mask->data;
+  for (size_t i = 0; i < (size_t)image.width * (size_t)image.height; i++)
+    to[i] = sample_of(&image, i * (size_t)image.channels + (size_t)channel) >= least_used ? 255 : 0;
+  return PAGS_OK;
 }
 
 pags_result pags_photo_mask_fit(const char *path, int width, int height, int turn, pags_image *mask) {
@@ -108,12 +100,9 @@ pags_result pags_photo_mask_fit(const char *path, int width, int height, int tur
  * NULL: it has none. */
 static const char *find_images(const char *path) {
   const char *found = NULL;
-  for (const char *at = path, *slash; (slash = strchr(at, '/')); at = slash + 1) {
-    const size_t length = (size_t)(slash - at);
-    if ((length == 5 && strncmp(at, "input", 5) == 0) ||
-        (length >= 6 && strncmp(at, "images", 6) == 0 && (length == 6 || at[6] == '_')))
+  for (const char *at = path, *slash; (slash = strchr(at, '/')); at = slash + 1)
+    if (pags_text_starts(at, "input/") || pags_text_starts(at, "images/") || pags_text_starts(at, "images_"))
       found = at;
-  }
   return found;
 }
 
@@ -128,10 +117,6 @@ static pags_result find_mask(const char *folder, const char *name, char **out) {
   return PAGS_OK;
 }
 
-static int by_text(const void *a, const void *b) {
-  return strcmp(*(const char *const *)a, *(const char *const *)b);
-}
-
 /* Reports which files of the folder are the mask of no photograph. Only the folder itself is looked at. */
 static pags_result say_unused(const char *folder, const pags_parsed_dataset *parsed) {
   pags_dir_list list;
@@ -142,7 +127,7 @@ static pags_result say_unused(const char *folder, const pags_parsed_dataset *par
     return pags_out_of_memory("%s", folder);
   for (int64_t i = 0; i < parsed->count; i++)
     used[i] = parsed->views[i].mask_path ? parsed->views[i].mask_path + strlen(folder) + 1 : "";
-  pags_sort(used, parsed->count, sizeof *used, by_text);
+  pags_sort(used, parsed->count, sizeof *used, pags_text_compare);
   long long shared = 0;
   const char *first_shared = NULL;
   for (int64_t i = 1; i < parsed->count; i++)
@@ -151,24 +136,24 @@ static pags_result say_unused(const char *folder, const pags_parsed_dataset *par
       shared++;
     }
   if (shared)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld photographs share the mask of another whose name differs in the extension alone, the "
-                     "first is %s; a mask for each is NAME.jpg.png and NAME.png.png",
-                     folder, shared, first_shared);
+    PAGS_WARN(
+        "%s: %lld photographs share the mask of another whose name differs in the extension alone, the "
+        "first is %s; a mask for each is NAME.jpg.png and NAME.png.png",
+        folder, shared, first_shared);
   pags_result result = pags_dir_list_read(folder, &list);
   for (int64_t i = 0; result == PAGS_OK && i < list.count; i++) {
     const char *name = list.names[i];
     char *path = pags_path_join(folder, name);
     const bool picture = path && pags_file_exists(path) && name[0] != '.';
     free(path);
-    if (!picture || bsearch(&name, used, (size_t)parsed->count, sizeof *used, by_text))
+    if (!picture || bsearch(&name, used, (size_t)parsed->count, sizeof *used, pags_text_compare))
       continue;
     first = first ? first : name;
     unused++;
   }
   if (unused)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld files are masks of no photograph, the first is %s", folder,
-                     unused, (long long)list.count, first);
+    PAGS_WARN("%s: %lld of %lld files are masks of no photograph, the first is %s", folder, unused,
+              (long long)list.count, first);
   if (result == PAGS_OK)
     pags_dir_list_destroy(&list);
   free(used);
@@ -192,13 +177,13 @@ static pags_result find_all(const char *root, const char *folder, pags_parsed_da
     without += !view->mask_path && !view->missing;
   }
   if (without == parsed->count)
-    pags_log_message(PAGS_LOG_WARNING, "%s: no file there is the mask of a photograph; expected %s%s", folder,
-                     pags_path_name(parsed->views[0].image_path), ".png and the like");
+    PAGS_WARN("%s: no file there is the mask of a photograph; expected %s%s", folder,
+              pags_path_name(parsed->views[0].image_path), ".png and the like");
   else if (without)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld photographs have no mask there, and all of their pixels are used, the first is "
-                     "%s",
-                     folder, without, (long long)parsed->count, first);
+    PAGS_WARN(
+        "%s: %lld of %lld photographs have no mask there, and all of their pixels are used, the first is "
+        "%s",
+        folder, without, (long long)parsed->count, first);
   return without == parsed->count ? PAGS_OK : say_unused(folder, parsed);
 }
 
@@ -314,26 +299,26 @@ pags_result pags_photo_masks_check(pags_parsed_dataset *parsed) {
   free(list);
   PAGS_TRY(result);
   if (found.ones)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of the %lld masks looked at have no value over 1: 1 is taken for 255, use the pixel; "
-                     "the first is %s",
-                     parsed->source, found.ones, found.looked_at, found.first_ones);
+    PAGS_WARN(
+        "%s: %lld of the %lld masks looked at have no value over 1: 1 is taken for 255, use the pixel; "
+        "the first is %s",
+        parsed->source, found.ones, found.looked_at, found.first_ones);
   if (found.narrow)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of the %lld masks looked at have 16 bits but no value over 255, and are taken for "
-                     "bytes; the first is %s",
-                     parsed->source, found.narrow, found.looked_at, found.first_narrow);
+    PAGS_WARN(
+        "%s: %lld of the %lld masks looked at have 16 bits but no value over 255, and are taken for "
+        "bytes; the first is %s",
+        parsed->source, found.narrow, found.looked_at, found.first_narrow);
   if (found.blank && found.blank == parsed->count) {
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: the masks leave no pixel of any of the %lld photographs, and are ignored; expected 128 or "
-                     "more of 255 where a pixel is used",
-                     parsed->source, (long long)count);
+    PAGS_WARN(
+        "%s: the masks leave no pixel of any of the %lld photographs, and are ignored; expected 128 or "
+        "more of 255 where a pixel is used",
+        parsed->source, (long long)count);
     drop_masks(parsed);
   } else if (found.blank) {
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of the %lld masks looked at leave no pixel of their photograph, which then teaches "
-                     "nothing; the first photograph is %s",
-                     parsed->source, found.blank, found.looked_at, found.first_blank);
+    PAGS_WARN(
+        "%s: %lld of the %lld masks looked at leave no pixel of their photograph, which then teaches "
+        "nothing; the first photograph is %s",
+        parsed->source, found.blank, found.looked_at, found.first_blank);
   }
   return PAGS_OK;
 }

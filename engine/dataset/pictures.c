@@ -13,7 +13,6 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "dataset/find_file.h"
-#include "dataset/photo_size.h"
 #include "image/colour.h"
 
 /* ---- Folders ---- */
@@ -55,8 +54,7 @@ static pags_result move_views(const char *root, const char *folder, pags_parsed_
     view->missing = !found;
     if (!found)
       found = pags_path_join(folder, pags_path_name(name));
-    if (!found)
-      return pags_out_of_memory("%s", folder);
+    PAGS_CHECK_MEMORY(found, "%s", folder);
     free(view->image_path);
     view->image_path = found;
     view->picture = (pags_image_facts){0};
@@ -69,46 +67,31 @@ static pags_result move_views(const char *root, const char *folder, pags_parsed_
   return PAGS_OK;
 }
 
-static pags_result count_in(const char *root, const char *folder, const pags_parsed_dataset *parsed, int64_t *count) {
-  *count = 0;
-  for (int64_t i = 0; i < parsed->count && pags_dir_exists(folder); i++) {
-    char *found;
-    PAGS_TRY(find_in(folder, pags_path_below(root, parsed->views[i].image_path), &found));
-    *count += found != NULL;
-    free(found);
-  }
-  return PAGS_OK;
-}
-
 /* Finds the folder of other usual names that has the most of the pictures. */
 static pags_result find_usual(const char *root, pags_parsed_dataset *parsed) {
   static const char *const usual[] = {"images", "input", "images_2", "images_4", "images_8"};
   int64_t most = 0;
-  char *best = NULL;
+  PAGS_AUTOFREE char *best = NULL;
   for (size_t i = 0; i < sizeof usual / sizeof *usual; i++) {
+    PAGS_AUTOFREE char *folder = pags_path_join(root, usual[i]);
+    PAGS_CHECK_MEMORY(folder, "%s", root);
     int64_t count = 0;
-    char *folder = pags_path_join(root, usual[i]);
-    const pags_result result = folder ? count_in(root, folder, parsed, &count) : pags_out_of_memory("%s", root);
+    for (int64_t k = 0; k < parsed->count && pags_dir_exists(folder); k++) {
+      PAGS_AUTOFREE char *found = NULL;
+      PAGS_TRY(find_in(folder, pags_path_below(root, parsed->views[k].image_path), &found));
+      count += found != NULL;
+    }
     if (count > most) {
       most = count;
       free(best);
-      best = folder;
-    } else {
-      free(folder);
-    }
-    if (result != PAGS_OK) {
-      free(best);
-      return result;
+      best = pags_take(&folder);
     }
   }
   if (!best)
     return PAGS_OK;
-  pags_log_message(PAGS_LOG_WARNING,
-                   "%s: no picture is where it says; %lld of %lld are in %s, which is taken (--image-folder %s)",
-                   parsed->source, (long long)most, (long long)parsed->count, best, pags_path_name(best));
-  const pags_result result = move_views(root, best, parsed);
-  free(best);
-  return result;
+  PAGS_WARN("%s: no picture is where it says; %lld of %lld are in %s, which is taken (--image-folder %s)",
+            parsed->source, (long long)most, (long long)parsed->count, best, pags_path_name(best));
+  return move_views(root, best, parsed);
 }
 
 pags_result pags_pictures_relocate(const char *root, const char *image_folder, pags_parsed_dataset *parsed) {
@@ -291,16 +274,16 @@ static const char *layer_of(const pags_parsed_view *view) {
 static void report_files(const pags_parsed_dataset *parsed, const findings *found, pags_image_alpha alpha) {
   static const char *const rest[] = {"the background colour", "left out of the loss", "black"};
   if (found->partial.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld photographs are EXR files whose data window covers only a part of their display "
-                     "window, the rest of which is %s (--image-alpha); the first is %s",
-                     parsed->source, found->partial.count, found->views, rest[alpha], found->partial.first->name);
+    PAGS_WARN(
+        "%s: %lld of %lld photographs are EXR files whose data window covers only a part of their display "
+        "window, the rest of which is %s (--image-alpha); the first is %s",
+        parsed->source, found->partial.count, found->views, rest[alpha], found->partial.first->name);
   if (found->first_layer.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld photographs are EXR files in which several layers may be the picture; of %s, %s "
-                     "is used",
-                     parsed->source, found->first_layer.count, found->views, found->first_layer.first->name,
-                     layer_of(found->first_layer.first));
+    PAGS_WARN(
+        "%s: %lld of %lld photographs are EXR files in which several layers may be the picture; of %s, %s "
+        "is used",
+        parsed->source, found->first_layer.count, found->views, found->first_layer.first->name,
+        layer_of(found->first_layer.first));
   if (found->oblong.count)
     pags_log_message(
         PAGS_LOG_WARNING,
@@ -348,20 +331,19 @@ static void report(const pags_parsed_dataset *parsed, const findings *found, boo
                      found->lens_width, found->lens_height);
   }
   if (found->unclear.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld photographs have an EXIF orientation that their size doesn't tell the meaning "
-                     "of, and are taken as they are stored; the first is %s (orientation %d). If the cameras are those "
-                     "of upright pictures, store them upright",
-                     parsed->source, found->unclear.count, found->views, found->unclear.first->name,
-                     found->unclear.first->picture.orientation);
+    PAGS_WARN(
+        "%s: %lld of %lld photographs have an EXIF orientation that their size doesn't tell the meaning "
+        "of, and are taken as they are stored; the first is %s (orientation %d). If the cameras are those "
+        "of upright pictures, store them upright",
+        parsed->source, found->unclear.count, found->views, found->unclear.first->name,
+        found->unclear.first->picture.orientation);
   if (found->aside.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld cameras have their principal point at the edge of the picture or outside, the "
-                     "first is that of %s, at %.0f,%.0f in %d x %d pixels: intrinsics of pictures of another size? "
-                     "'w' and 'h' say of which",
-                     parsed->source, found->aside.count, found->views, found->aside.first->name,
-                     found->aside.first->lens.cx, found->aside.first->lens.cy, found->aside.first->lens.width,
-                     found->aside.first->lens.height);
+    PAGS_WARN(
+        "%s: %lld of %lld cameras have their principal point at the edge of the picture or outside, the "
+        "first is that of %s, at %.0f,%.0f in %d x %d pixels: intrinsics of pictures of another size? "
+        "'w' and 'h' say of which",
+        parsed->source, found->aside.count, found->views, found->aside.first->name, found->aside.first->lens.cx,
+        found->aside.first->lens.cy, found->aside.first->lens.width, found->aside.first->lens.height);
   note(parsed, found, &found->turned, "are turned by their EXIF orientation, as their cameras are");
   note(parsed, found, &found->as_stored, "are not turned by their EXIF orientation, as their cameras aren't");
   report_files(parsed, found, alpha);

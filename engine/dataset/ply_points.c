@@ -76,9 +76,8 @@ static pags_result read_points(const cloud *c, pags_parsed_points *points) {
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected points with finite coordinates, found none among %lld", path,
                      (long long)c->vertex->count);
   if (left_out)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld points are left out, since a coordinate isn't finite; the first is vertex %lld",
-                     path, (long long)left_out, (long long)c->vertex->count, (long long)first);
+    PAGS_WARN("%s: %lld of %lld points are left out, since a coordinate isn't finite; the first is vertex %lld", path,
+              (long long)left_out, (long long)c->vertex->count, (long long)first);
   return PAGS_OK;
 }
 

@@ -3,7 +3,6 @@
  * else random points. A driving set without such points gets none here, because its training starts from LiDAR
  * points. */
 #include "dataset/driving/reader.h"
-#include "dataset/far_cameras.h"
 #include "dataset/internal.h"
 
 #include "base/log.h"
@@ -14,42 +13,24 @@
 #include <stdlib.h>
 #include <string.h>
 
+static pags_result allocate(pags_dataset *dataset, int64_t count) {
+  free(dataset->xyz);
+  free(dataset->rgb);
+  dataset->xyz = malloc(((size_t)count + 1) * 3 * sizeof *dataset->xyz);
+  dataset->rgb = malloc(((size_t)count + 1) * 3);
+  return dataset->xyz && dataset->rgb ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
+}
+
 /* Whether the view with this id is a training view. The tracks of points name their observers by these ids; the table
  * is sorted by id. */
 typedef struct id_use {
   int64_t id;
-  int training;
+  bool training;
 } id_use;
 
 static int by_id(const void *a, const void *b) {
   int64_t left = ((const id_use *)a)->id, right = ((const id_use *)b)->id;
   return left < right ? -1 : left > right;
-}
-
-static id_use *list_uses(const pags_dataset *dataset) {
-  id_use *uses = malloc((size_t)dataset->count * sizeof *uses);
-  if (!uses)
-    return NULL;
-  for (int64_t i = 0; i < dataset->count; i++) {
-    uses[i].id = dataset->parsed.views[i].id;
-    uses[i].training = !dataset->views[i].test;
-  }
-  pags_sort(uses, dataset->count, sizeof *uses, by_id);
-  return uses;
-}
-
-/* How many training views of the data set observe a point, counted up to 2; *known: whether any of its views does. */
-static int count_training(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses,
-                          int64_t views, bool *known) {
-  int seen = 0;
-  *known = false;
-  for (int64_t i = 0; i < point->track_count && seen < 2; i++) {
-    id_use key = {.id = points->track[point->track_begin + i]};
-    const id_use *found = bsearch(&key, uses, (size_t)views, sizeof key, by_id);
-    *known = *known || found;
-    seen += found && found->training;
-  }
-  return seen;
 }
 
 /* Whether a point is used: at least `least` training views must observe it, if tracks are known. `least` is 2 where
@@ -59,71 +40,67 @@ static int count_training(const pags_parsed_points *points, const pags_parsed_po
  * from a scanner or another program. */
 static bool is_used(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses, int64_t views,
                     int least) {
-  bool known;
-  return !points->tracked || count_training(points, point, uses, views, &known) >= least || !known;
+  int seen = 0; /* training views that observe the point, counted up to 2 */
+  bool known = false;
+  for (int64_t i = 0; i < point->track_count && seen < 2; i++) {
+    id_use key = {.id = points->track[point->track_begin + i]};
+    const id_use *found = bsearch(&key, uses, (size_t)views, sizeof key, by_id);
+    known = known || found;
+    seen += found && found->training;
+  }
+  return !points->tracked || seen >= least || !known;
 }
 
-static int64_t longest_track(const pags_parsed_points *points) {
-  int64_t longest = 0;
+/* Copies the usable points of the reconstruction, relative to the origin. */
+static pags_result use_reconstruction(pags_dataset *dataset) {
+  const pags_parsed_points *points = &dataset->parsed.points;
+  PAGS_TRY(allocate(dataset, points->count));
+  PAGS_AUTOFREE id_use *uses = malloc((size_t)dataset->count * sizeof *uses);
+  PAGS_CHECK_MEMORY(uses, "%s", dataset->path);
+  for (int64_t i = 0; i < dataset->count; i++)
+    uses[i] = (id_use){dataset->parsed.views[i].id, !dataset->views[i].test};
+  pags_sort(uses, dataset->count, sizeof *uses, by_id);
+  int64_t longest = 0, kept = 0;
   for (int64_t i = 0; i < points->count; i++)
     longest = points->items[i].track_count > longest ? points->items[i].track_count : longest;
-  return longest;
-}
-
-static pags_result allocate(pags_dataset *dataset, int64_t count) {
-  free(dataset->xyz);
-  free(dataset->rgb);
-  dataset->xyz = malloc(((size_t)count + 1) * 3 * sizeof *dataset->xyz);
-  dataset->rgb = malloc(((size_t)count + 1) * 3);
-  return dataset->xyz && dataset->rgb ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
+  const int least = longest < 2 ? 1 : 2;
+  for (int64_t i = 0; i < points->count; i++) {
+    const pags_parsed_point *point = &points->items[i];
+    if (!is_used(points, point, uses, dataset->count, least))
+      continue;
+    for (int c = 0; c < 3; c++)
+      dataset->xyz[3 * kept + c] = (float)(point->xyz[c] - dataset->origin[c]);
+    memcpy(dataset->rgb + 3 * kept, point->rgb, 3);
+    kept++;
+  }
+  dataset->point_count = kept;
+  if (kept < points->count)
+    pags_log_message(kept ? PAGS_LOG_INFO : PAGS_LOG_WARNING,
+                     "%s: %lld of %lld points are left out: fewer than %d training view%s them", dataset->parsed.source,
+                     (long long)(points->count - kept), (long long)points->count, least,
+                     least == 1 ? " sees" : "s see");
+  return PAGS_OK;
 }
 
 static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_options *options) {
   PAGS_TRY(allocate(dataset, options->random_points));
-  const pags_camera **cameras = malloc((size_t)dataset->count * sizeof(const pags_camera *));
-  if (!cameras)
-    return pags_out_of_memory("%s", dataset->path);
+  PAGS_AUTOFREE const pags_camera **cameras = malloc((size_t)dataset->count * sizeof(const pags_camera *));
+  PAGS_CHECK_MEMORY(cameras, "%s", dataset->path);
   int64_t training = 0;
   for (int64_t i = 0; i < dataset->count; i++)
     if (!dataset->views[i].test && !pags_dataset_is_far(dataset, i))
       cameras[training++] = &dataset->views[i].camera;
-  pags_result result = pags_random_points(cameras, training, dataset->origin, options->seed, options->random_points,
-                                          dataset->xyz, dataset->rgb);
-  free(cameras);
   dataset->point_count = options->random_points;
   dataset->random = 1;
-  return result;
+  return pags_random_points(cameras, training, dataset->origin, options->seed, options->random_points, dataset->xyz,
+                            dataset->rgb);
 }
 
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options) {
   if (dataset->parsed.driving && options->sfm)
     PAGS_TRY(pags_sfm_points_read(options->sfm, &dataset->parsed));
-  if (dataset->parsed.points.count > 0) {
-    /* Copy the usable points of the reconstruction, relative to the origin. */
-    const pags_parsed_points *points = &dataset->parsed.points;
-    PAGS_TRY(allocate(dataset, points->count));
-    id_use *uses = list_uses(dataset);
-    if (!uses)
-      return pags_out_of_memory("%s", dataset->path);
-    const int least = longest_track(points) < 2 ? 1 : 2;
-    int64_t kept = 0;
-    for (int64_t i = 0; i < points->count; i++) {
-      const pags_parsed_point *point = &points->items[i];
-      if (!is_used(points, point, uses, dataset->count, least))
-        continue;
-      for (int c = 0; c < 3; c++)
-        dataset->xyz[3 * kept + c] = (float)(point->xyz[c] - dataset->origin[c]);
-      memcpy(dataset->rgb + 3 * kept, point->rgb, 3);
-      kept++;
-    }
-    free(uses);
-    dataset->point_count = kept;
-    if (kept < points->count)
-      pags_log_message(kept ? PAGS_LOG_INFO : PAGS_LOG_WARNING,
-                       "%s: %lld of %lld points are left out: fewer than %d training view%s them",
-                       dataset->parsed.source, (long long)(points->count - kept), (long long)points->count, least,
-                       least == 1 ? " sees" : "s see");
-  }
+  if (dataset->parsed.points.count > 0)
+    PAGS_TRY(use_reconstruction(dataset));
   if (dataset->point_count > 0)
     return PAGS_OK;
   return dataset->parsed.driving ? allocate(dataset, 0) : make_random_points(dataset, options);

@@ -17,26 +17,16 @@ enum { DRAW_VIEW, DRAW_PIXEL, DRAW_DEPTH, DRAW_COLOUR };
 /* Random number stream of this file, so that other users of the same seed draw independent numbers. */
 #define STREAM UINT64_C(0x706f696e74730000)
 
-/* Whether at least `enough` cameras see the point at a depth of `nearest` or more. */
-static bool seen_by(const pags_camera *const *cameras, int64_t count, const double point[3], double nearest,
-                    int64_t enough) {
-  for (int64_t i = 0; i < count && enough > 0; i++)
-    enough -= pags_camera_sees(cameras[i], point, nearest);
-  return enough <= 0;
-}
-
 static void draw_point(const pags_camera *const *cameras, int64_t count, double distance, uint64_t seed, uint64_t draw,
                        double point[3]) {
   const pags_camera *camera = cameras[pags_rng_below(seed, STREAM + DRAW_VIEW, draw, (uint64_t)count)];
-  const double *m = camera->world_from_camera;
   double pixel[2];
   pags_rng_uniform2(seed, STREAM + DRAW_PIXEL, draw, pixel);
   const double depth = pags_focus_depth(distance, pags_rng_uniform(seed, STREAM + DRAW_DEPTH, draw));
   double p[3];
   if (!pags_camera_point(camera, pixel[0] * camera->width, pixel[1] * camera->height, depth, p))
     p[0] = p[1] = 0, p[2] = depth; /* outside its circle a lens sees nothing: use its axis then */
-  for (int i = 0; i < 3; i++)
-    point[i] = m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3];
+  pags_rigid_point(camera->world_from_camera, p, point);
 }
 
 pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera_count, const double origin[3],
@@ -46,12 +36,16 @@ pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera
   PAGS_TRY(pags_focus_distance(cameras, camera_count, &distance));
   /* Each point must be seen by three views, or by all views of a set with fewer than three. After 16 * count rejected
    * points every point is accepted, so that views without overlap get initial points, too. */
-  int64_t enough = camera_count < 3 ? camera_count : 3, misses = 0;
+  const int64_t enough = camera_count < 3 ? camera_count : 3;
+  int64_t misses = 0;
   uint64_t draw = 0;
   for (int64_t i = 0; i < count;) {
     double point[3];
     draw_point(cameras, camera_count, distance, seed, draw++, point);
-    if (misses < 16 * count && !seen_by(cameras, camera_count, point, 0.2 * distance, enough)) {
+    int64_t seen = 0;
+    for (int64_t k = 0; k < camera_count && seen < enough && misses < 16 * count; k++)
+      seen += pags_camera_sees(cameras[k], point, 0.2 * distance);
+    if (misses < 16 * count && seen < enough) {
       misses++;
       continue;
     }

@@ -19,7 +19,7 @@ typedef struct pags_split_name {
 } split_name;
 
 static char *plain_name(const char *name) {
-  char *copy = pags_text_copy(strncmp(name, "./", 2) == 0 || strncmp(name, ".\\", 2) == 0 ? name + 2 : name);
+  char *copy = pags_text_copy(pags_text_starts(name, "./") || pags_text_starts(name, ".\\") ? name + 2 : name);
   for (char *c = copy; c && *c; c++)
     *c = *c == '\\' ? '/' : *c;
   return copy;
@@ -46,15 +46,13 @@ static pags_result add_list(const pags_json *json, const pags_json_value *root, 
     return PAGS_OK;
   PAGS_TRY(pags_json_array(json, root, key, &list));
   split_name *names = realloc(out->names, ((size_t)(out->count + list->count) + 1) * sizeof *names);
-  if (!names)
-    return pags_out_of_memory("%s", pags_json_path(json));
+  PAGS_CHECK_MEMORY(names, "%s", pags_json_path(json));
   out->names = names;
   for (const pags_json_value *item = list->first; item; item = item->next) {
     const char *name;
     PAGS_TRY(pags_json_as_string(json, item, key, &name));
     char *plain = plain_name(name);
-    if (!plain)
-      return pags_out_of_memory("%s", pags_json_path(json));
+    PAGS_CHECK_MEMORY(plain, "%s", pags_json_path(json));
     names[out->count++] = (split_name){.name = plain, .split = split};
   }
   return PAGS_OK;
@@ -84,8 +82,8 @@ pags_result pags_split_lists_read(const pags_json *json, const pags_json_value *
   }
   out->count = kept;
   if (twice)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld pictures are in train_filenames and held out, too; they are held out",
-                     pags_json_path(json), (long long)twice);
+    PAGS_WARN("%s: %lld pictures are in train_filenames and held out, too; they are held out", pags_json_path(json),
+              (long long)twice);
   return PAGS_OK;
 }
 
@@ -97,11 +95,10 @@ static split_name *find(const pags_split_lists *lists, const char *name) {
 pags_split pags_split_of(pags_split_lists *lists, const char *name) {
   if (!lists->names)
     return PAGS_SPLIT_NONE;
-  char *plain = plain_name(name);
+  PAGS_AUTOFREE char *plain = plain_name(name);
   split_name *found = plain ? find(lists, plain) : NULL;
   if (plain && !found)
     found = find(lists, pags_path_name(plain));
-  free(plain);
   if (found) {
     found->used = true;
     return found->split;
@@ -122,15 +119,15 @@ void pags_split_lists_end(pags_split_lists *lists, const char *source) {
       unused++;
     }
   if (unused)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld names in train_filenames, val_filenames and test_filenames are "
-                     "of no frame, the first is %s",
-                     source, (long long)unused, (long long)lists->count, first);
+    PAGS_WARN(
+        "%s: %lld of %lld names in train_filenames, val_filenames and test_filenames are "
+        "of no frame, the first is %s",
+        source, (long long)unused, (long long)lists->count, first);
   if (lists->left_out)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld frames are in none of its lists of file names and left out, the first "
-                     "is %s",
-                     source, (long long)lists->left_out, lists->first_left_out ? lists->first_left_out : "?");
+    PAGS_WARN(
+        "%s: %lld frames are in none of its lists of file names and left out, the first "
+        "is %s",
+        source, (long long)lists->left_out, lists->first_left_out ? lists->first_left_out : "?");
   for (int64_t i = 0; i < lists->count; i++)
     free(lists->names[i].name);
   free(lists->names);
@@ -140,10 +137,10 @@ void pags_split_lists_end(pags_split_lists *lists, const char *source) {
 
 /* ---- Lists in text files ---- */
 
+/* Whether the last components of the path are `name`. */
 static bool ends_in(const char *path, const char *name) {
   const size_t length = strlen(path), end = strlen(name);
-  return end && length >= end && strcmp(path + length - end, name) == 0 &&
-         (length == end || path[length - end - 1] == '/');
+  return end && pags_text_ends(path, name) && (length == end || path[length - end - 1] == '/');
 }
 
 /* Marks the views of the pictures that `text` lists, names with or without folders and extension. Views are few
@@ -173,20 +170,18 @@ pags_result pags_split_read_text(const char *root, const char *model, pags_parse
   for (int i = 0; i < 2; i++) {
     if (!pags_folder_has(folders[i], files[i]))
       continue;
-    uint8_t *bytes = NULL;
+    PAGS_AUTOFREE char *path = pags_path_join(folders[i], files[i]);
+    PAGS_CHECK_MEMORY(path, "%s", root);
+    PAGS_AUTOFREE uint8_t *bytes = NULL;
     size_t size;
     int64_t names = 0, held_out = 0;
-    char *path = pags_path_join(folders[i], files[i]);
-    pags_result result = path ? pags_file_read(path, &bytes, &size) : pags_out_of_memory("%s", root);
-    if (result == PAGS_OK)
-      mark_views((char *)bytes, parsed, &names, &held_out);
-    if (result == PAGS_OK && held_out < names)
-      pags_log_message(PAGS_LOG_WARNING, "%s: %lld of its %lld names are of no picture of the model", path,
-                       (long long)(names - held_out), (long long)names);
+    PAGS_TRY(pags_file_read(path, &bytes, &size));
+    mark_views((char *)bytes, parsed, &names, &held_out);
+    if (held_out < names)
+      PAGS_WARN("%s: %lld of its %lld names are of no picture of the model", path, (long long)(names - held_out),
+                (long long)names);
     parsed->split_by = held_out ? files[i] : NULL;
-    free(bytes);
-    free(path);
-    return result;
+    return PAGS_OK;
   }
   return PAGS_OK;
 }

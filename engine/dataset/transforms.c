@@ -5,11 +5,10 @@
  * frame takes precedence. transform_matrix is camera-to-world with OpenGL camera axes (x right, y up, z backward);
  * negating its y and z columns gives OpenCV's axes. The world axes are left as they are; nerfstudio's tools rotate
  * the world so that +z is up. */
-#include "dataset/colmap_models.h"
+#include "dataset/colmap.h"
 #include "dataset/find_file.h"
-#include "dataset/foreign.h"
-#include "dataset/parsed.h"
 #include "dataset/splits.h"
+#include "dataset/unsupported_formats.h"
 
 #include "base/file.h"
 #include "base/json.h"
@@ -54,6 +53,14 @@ static pags_result find_number_or(const reader *r, const pags_json_value *frame,
   bool given;
   *out = fallback;
   return find_number(r, frame, key, out, &given);
+}
+
+/* The same for numbers of several keys, 0 where they are missing. */
+static pags_result find_numbers(const reader *r, const pags_json_value *frame, const char *const *keys, int count,
+                                double *out) {
+  for (int i = 0; i < count; i++)
+    PAGS_TRY(find_number_or(r, frame, keys[i], 0, &out[i]));
+  return PAGS_OK;
 }
 
 /* Reads a width or a height: a whole number of pixels, though often written as 540.0. The result is 0 if it is not
@@ -189,23 +196,14 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
     return find_number_or(r, frame,
                           pags_json_member(r->root, "omega") || pags_json_member(frame, "omega") ? "omega" : "k1", 0,
                           &lens->model.k[0]);
-  for (int i = 0; i < (lens->model.kind == PAGS_LENS_RATIONAL ? 3 : 4); i++)
-    PAGS_TRY(find_number_or(r, frame, radial[i], 0, &lens->model.k[i]));
-  for (int i = 0; i < 3 && lens->model.kind == PAGS_LENS_RATIONAL; i++)
-    PAGS_TRY(find_number_or(r, frame, below[i], 0, &lens->model.d[i]));
-  for (int i = 0; i < 2; i++)
-    PAGS_TRY(find_number_or(r, frame, tangential[i], 0, &lens->model.p[i]));
-  for (int i = 0; i < 2 && lens->model.kind == PAGS_LENS_THIN_PRISM; i++)
-    PAGS_TRY(find_number_or(r, frame, prism[i], 0, &lens->model.s[i]));
-  return PAGS_OK;
+  const bool rational = lens->model.kind == PAGS_LENS_RATIONAL, thin_prism = lens->model.kind == PAGS_LENS_THIN_PRISM;
+  PAGS_TRY(find_numbers(r, frame, radial, rational ? 3 : 4, lens->model.k));
+  PAGS_TRY(find_numbers(r, frame, below, rational ? 3 : 0, lens->model.d));
+  PAGS_TRY(find_numbers(r, frame, tangential, 2, lens->model.p));
+  return find_numbers(r, frame, prism, thin_prism ? 2 : 0, lens->model.s);
 }
 
 /* ---- Files of a frame ---- */
-
-/* Finds the file that `key` of a frame or of the top names. */
-static pags_result find_file(reader *r, const char *name, char **out, bool *exists) {
-  return pags_find_file(&r->files, r->folder, name, out, exists);
-}
 
 static pags_result find_mask(reader *r, const pags_json_value *frame, pags_parsed_view *view) {
   const char *file;
@@ -213,7 +211,7 @@ static pags_result find_mask(reader *r, const pags_json_value *frame, pags_parse
   if (!file || view->missing)
     return PAGS_OK;
   bool exists;
-  PAGS_TRY(find_file(r, file, &view->mask_path, &exists));
+  PAGS_TRY(pags_find_file(&r->files, r->folder, file, &view->mask_path, &exists));
   if (!exists)
     return pags_json_fail(r->json, frame, "mask_path names %s, which does not exist", view->mask_path);
   return PAGS_OK;
@@ -224,14 +222,11 @@ static pags_result read_points(reader *r) {
   PAGS_TRY(pags_json_string_or(r->json, r->root, "ply_file_path", NULL, &file));
   if (!file || !*file)
     return PAGS_OK;
-  char *path;
+  PAGS_AUTOFREE char *path = NULL;
   bool exists; /* if not, the reader says so */
-  PAGS_TRY(find_file(r, file, &path, &exists));
-  pags_result result = pags_ply_points_read(path, &r->parsed->points);
-  if (result == PAGS_OK)
-    result = pags_parsed_check_points(&r->parsed->points, path);
-  free(path);
-  return result;
+  PAGS_TRY(pags_find_file(&r->files, r->folder, file, &path, &exists));
+  PAGS_TRY(pags_ply_points_read(path, &r->parsed->points));
+  return pags_parsed_check_points(&r->parsed->points, path);
 }
 
 /* ---- What is not used ---- */
@@ -259,8 +254,8 @@ static void report_unused(const reader *r, const pags_json_value *frames) {
       count++;
     }
     if (count)
-      pags_log_message(PAGS_LOG_WARNING, "%s: '%s' of %lld frames is ignored: %s; the first is %s",
-                       pags_json_path(r->json), unused[i].key, (long long)count, unused[i].what, first);
+      PAGS_WARN("%s: '%s' of %lld frames is ignored: %s; the first is %s", pags_json_path(r->json), unused[i].key,
+                (long long)count, unused[i].what, first);
   }
 }
 
@@ -302,14 +297,12 @@ static pags_result read_frame(reader *r, const pags_json_value *frame, pags_spli
   if (split == PAGS_SPLIT_LEFT_OUT)
     return PAGS_OK;
   pags_parsed_view *view = pags_parsed_add(r->parsed);
-  if (!view)
-    return pags_out_of_memory("%s", pags_json_path(r->json));
+  PAGS_CHECK_MEMORY(view, "%s", pags_json_path(r->json));
   view->where = pags_text_format("%s:%d", pags_json_path(r->json), frame->line);
-  if (!view->where)
-    return pags_out_of_memory("%s", pags_json_path(r->json));
+  PAGS_CHECK_MEMORY(view->where, "%s", pags_json_path(r->json));
   view->split = split;
   bool exists;
-  PAGS_TRY(find_file(r, file, &view->image_path, &exists));
+  PAGS_TRY(pags_find_file(&r->files, r->folder, file, &view->image_path, &exists));
   view->missing = !exists;
   PAGS_TRY(find_mask(r, frame, view));
 
@@ -319,13 +312,12 @@ static pags_result read_frame(reader *r, const pags_json_value *frame, pags_spli
 
 static pags_result read_all(reader *r, const char *path, pags_split split) {
   r->folder = pags_path_folder(path);
-  if (!r->folder)
-    return pags_out_of_memory("%s", path);
+  PAGS_CHECK_MEMORY(r->folder, "%s", path);
   PAGS_TRY(pags_json_parse_file(path, &r->json));
   r->root = pags_json_root(r->json);
   const pags_json_value *frames = pags_json_member(r->root, "frames");
   if (!frames || (frames->type == PAGS_JSON_ARRAY && frames->first && frames->first->type == PAGS_JSON_NUMBER))
-    return pags_foreign_refuse_json(r->json);
+    return pags_unsupported_refuse_json(r->json);
   PAGS_TRY(pags_json_array(r->json, r->root, "frames", &frames));
   PAGS_TRY(pags_split_lists_read(r->json, r->root, &r->lists));
   if (r->lists.names)
@@ -340,11 +332,11 @@ static pags_result read_all(reader *r, const char *path, pags_split split) {
         (long long)frames->count);
   report_unused(r, frames);
   if (r->scaled)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: 'transform_matrix' of %lld of %lld frames has a scale (%.4g to %.4g), which is left out: "
-                     "rotation and position are used as they are; the first is %s",
-                     pags_json_path(r->json), (long long)r->scaled, (long long)frames->count, r->scale_range[0],
-                     r->scale_range[1], r->first_scaled);
+    PAGS_WARN(
+        "%s: 'transform_matrix' of %lld of %lld frames has a scale (%.4g to %.4g), which is left out: "
+        "rotation and position are used as they are; the first is %s",
+        pags_json_path(r->json), (long long)r->scaled, (long long)frames->count, r->scale_range[0], r->scale_range[1],
+        r->first_scaled);
   return r->parsed->points.count ? PAGS_OK : read_points(r);
 }
 
@@ -359,41 +351,34 @@ static pags_result append(const char *path, pags_split split, pags_parsed_datase
   return result;
 }
 
-static pags_result begin(const char *source, pags_parsed_dataset *parsed) {
-  memset(parsed, 0, sizeof *parsed);
-  parsed->kind = "transforms.json";
-  parsed->up = PAGS_UP_Z;
-  parsed->source = pags_text_copy(source);
-  return parsed->source ? PAGS_OK : pags_out_of_memory("%s", source);
-}
-
-pags_result pags_transforms_read(const char *path, pags_parsed_dataset *parsed) {
-  pags_result result = begin(path, parsed);
-  if (result == PAGS_OK)
-    result = append(path, PAGS_SPLIT_NONE, parsed);
-  /* A file of another name may be meant as a part of the capture. */
-  if (result == PAGS_OK && !parsed->split_by && strcmp(pags_path_name(path), "transforms.json") == 0)
-    result = pags_count_unused_pictures(parsed);
-  if (result != PAGS_OK)
-    pags_parsed_destroy(parsed);
-  return result;
-}
-
-pags_result pags_transforms_read_splits(const char *folder, pags_parsed_dataset *parsed) {
+/* Reads the file `source` or, with `splits`, those of the folder `source`. */
+static pags_result read_source(const char *source, bool splits, pags_parsed_dataset *parsed) {
   static const char *const names[] = {"transforms_train.json", "transforms_val.json", "transforms_test.json"};
-  pags_result result = begin(folder, parsed);
+  parsed->source = pags_text_copy(source);
+  PAGS_CHECK_MEMORY(parsed->source, "%s", source);
+  if (!splits) {
+    PAGS_TRY(append(source, PAGS_SPLIT_NONE, parsed));
+    /* A file of another name may be meant as a part of the capture. */
+    const bool whole = !parsed->split_by && strcmp(pags_path_name(source), "transforms.json") == 0;
+    return whole ? pags_count_unused_pictures(parsed) : PAGS_OK;
+  }
   int files = 0;
-  for (int i = 0; i < 3 && result == PAGS_OK; i++) {
-    if (!pags_folder_has(folder, names[i]))
+  for (int i = 0; i < 3; i++) {
+    if (!pags_folder_has(source, names[i]))
       continue;
-    char *path = pags_path_join(folder, names[i]);
-    result =
-        path ? append(path, i == 0 ? PAGS_SPLIT_TRAIN : PAGS_SPLIT_TEST, parsed) : pags_out_of_memory("%s", folder);
-    free(path);
+    PAGS_AUTOFREE char *path = pags_path_join(source, names[i]);
+    PAGS_CHECK_MEMORY(path, "%s", source);
+    PAGS_TRY(append(path, i == 0 ? PAGS_SPLIT_TRAIN : PAGS_SPLIT_TEST, parsed));
     files++;
   }
   if (files > 1)
     parsed->split_by = "transforms_val.json or transforms_test.json";
+  return PAGS_OK;
+}
+
+pags_result pags_transforms_read(const char *path, bool splits, pags_parsed_dataset *parsed) {
+  *parsed = (pags_parsed_dataset){.kind = "transforms.json", .up = PAGS_UP_Z};
+  const pags_result result = read_source(path, splits, parsed);
   if (result != PAGS_OK)
     pags_parsed_destroy(parsed);
   return result;

@@ -5,7 +5,7 @@
  * The centre of output pixel (x, y) lies at (x + 0.5, y + 0.5). The distortion model maps its ray to a source
  * position (u, v), which lies between the four source pixels whose centres surround it. Within half a pixel of the
  * border, the outermost source pixels are repeated. */
-#include "dataset/undistort.h"
+#include "dataset/internal.h"
 
 #include <assert.h>
 #include <stdlib.h>
@@ -60,68 +60,42 @@ static bool mask_uses(const uint8_t *mask, const taps *t) {
   return true;
 }
 
-/* Resamples one row. Returns whether every pixel of the row has a source. `source` is scratch space for two numbers
- * per pixel. */
-static bool resample_row(const pags_lens *lens, const pags_camera *pinhole, int y, const pags_image *from,
-                         const pags_image *from_mask, double *source, uint8_t *row, uint8_t *mask) {
-  bool complete = true;
-  double step = 1 / pinhole->fx, first = (0.5 - pinhole->cx) * step;
-  pags_lens_project_row(lens, pinhole->width, first, step, (y + 0.5 - pinhole->cy) / pinhole->fy, source);
-  for (int x = 0; x < pinhole->width; x++) {
-    taps t;
-    bool has_source = find_taps(lens, source[2 * x], source[2 * x + 1], &t);
-    if (has_source)
-      mix(from->data, &t, row + 3 * x);
-    complete = complete && has_source;
-    mask[x] = has_source && (!from_mask || mask_uses(from_mask->data, &t)) ? 255 : 0;
-  }
-  return complete;
-}
-
-static pags_result resample(const pags_lens *lens, const pags_camera *pinhole, const pags_image *from,
-                            const pags_image *from_mask, pags_image *to, pags_image *to_mask) {
-  double *source = malloc((size_t)pinhole->width * 2 * sizeof *source);
-  if (!source)
-    return pags_out_of_memory("a row of %d pixels", pinhole->width);
-  bool complete = true;
-  for (int y = 0; y < pinhole->height; y++) {
-    size_t begin = (size_t)y * (size_t)pinhole->width;
-    uint8_t *row = (uint8_t *)to->data + 3 * begin, *mask = (uint8_t *)to_mask->data + begin;
-    complete = resample_row(lens, pinhole, y, from, from_mask, source, row, mask) && complete;
-  }
-  free(source);
-  if (complete && !from_mask)
-    pags_image_destroy(to_mask);
-  return PAGS_OK;
-}
-
 pags_result pags_undistort(const pags_lens *lens, const pags_camera *pinhole, const pags_image *from,
                            const pags_image *from_mask, pags_image *to, pags_image *to_mask) {
   assert(from->sample == PAGS_U8 && from->channels == 3 && from->width == lens->width && from->height == lens->height);
   assert(!from_mask || (from_mask->sample == PAGS_U8 && from_mask->channels == 1));
   assert(!from_mask || (from_mask->width == lens->width && from_mask->height == lens->height));
-  *to_mask = (pags_image){0};
-  pags_result result = pags_image_create(to, pinhole->width, pinhole->height, 3, PAGS_U8);
-  if (result == PAGS_OK)
-    result = pags_image_create(to_mask, pinhole->width, pinhole->height, 1, PAGS_U8);
-  if (result == PAGS_OK)
-    result = resample(lens, pinhole, from, from_mask, to, to_mask);
-  if (result != PAGS_OK) {
-    pags_image_destroy(to);
-    pags_image_destroy(to_mask);
+  *to = *to_mask = (pags_image){0};
+  PAGS_AUTOFREE double *source = malloc((size_t)pinhole->width * 2 * sizeof *source); /* two numbers per pixel */
+  PAGS_CHECK_MEMORY(source, "a row of %d pixels", pinhole->width);
+  PAGS_TRY(pags_image_create(to, pinhole->width, pinhole->height, 3, PAGS_U8));
+  PAGS_TRY(pags_image_create(to_mask, pinhole->width, pinhole->height, 1, PAGS_U8));
+  const double step = 1 / pinhole->fx, first = (0.5 - pinhole->cx) * step;
+  uint8_t *out = to->data, *mask = to_mask->data;
+  bool complete = true; /* every pixel has a source */
+  for (int y = 0; y < pinhole->height; y++) {
+    pags_lens_project_row(lens, pinhole->width, first, step, (y + 0.5 - pinhole->cy) / pinhole->fy, source);
+    for (int x = 0; x < pinhole->width; x++, out += 3) {
+      taps t;
+      const bool has_source = find_taps(lens, source[2 * x], source[2 * x + 1], &t);
+      if (has_source)
+        mix(from->data, &t, out);
+      complete = complete && has_source;
+      *mask++ = has_source && (!from_mask || mask_uses(from_mask->data, &t)) ? 255 : 0;
+    }
   }
-  return result;
+  if (complete && !from_mask)
+    pags_image_destroy(to_mask);
+  return PAGS_OK;
 }
 
 pags_result pags_undistort_labels(const pags_lens *lens, const pags_camera *pinhole, const pags_image *from,
                                   pags_image *to) {
   assert(from->sample == PAGS_U8 && from->channels == 1 && from->width == lens->width && from->height == lens->height);
+  PAGS_AUTOFREE double *source = malloc((size_t)pinhole->width * 2 * sizeof *source);
+  PAGS_CHECK_MEMORY(source, "a row of %d pixels", pinhole->width);
   PAGS_TRY(pags_image_create(to, pinhole->width, pinhole->height, 1, PAGS_U8));
-  double *source = malloc((size_t)pinhole->width * 2 * sizeof *source), step = 1 / pinhole->fx;
-  if (!source) {
-    pags_image_destroy(to);
-    return pags_out_of_memory("a row of %d pixels", pinhole->width);
-  }
+  const double step = 1 / pinhole->fx;
   const uint8_t *labels = from->data;
   uint8_t *out = to->data;
   for (int y = 0; y < pinhole->height; y++) {
@@ -133,6 +107,5 @@ pags_result pags_undistort_labels(const pags_lens *lens, const pags_camera *pinh
         *out = labels[(size_t)clamp((int)v, lens->height) * (size_t)lens->width + (size_t)clamp((int)u, lens->width)];
     }
   }
-  free(source);
   return PAGS_OK;
 }

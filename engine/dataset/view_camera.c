@@ -3,7 +3,7 @@
  *
  * Whatever is seen lies within the image of the circle at the lens's widest angle from its axis, a smooth closed curve
  * around the principal point; a polygon of it is a thousandth of a pixel off. */
-#include "dataset/view_camera.h"
+#include "dataset/internal.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -24,16 +24,6 @@ static bool same_lens(const pags_lens *a, const pags_lens *b) {
          a->cx == b->cx && a->cy == b->cy && memcmp(m->k, n->k, sizeof m->k) == 0 &&
          memcmp(m->d, n->d, sizeof m->d) == 0 && memcmp(m->p, n->p, sizeof m->p) == 0 &&
          memcmp(m->s, n->s, sizeof m->s) == 0 && m->field == n->field;
-}
-
-static pags_camera camera_of(const pags_lens *lens) {
-  return (pags_camera){.width = lens->width,
-                       .height = lens->height,
-                       .fx = lens->fx,
-                       .fy = lens->fy,
-                       .cx = lens->cx,
-                       .cy = lens->cy,
-                       .lens = lens->model};
 }
 
 /* Compares a grid of the lens's pixels with what the pinhole shows. *unseen: the share of the picture that the lens
@@ -72,7 +62,13 @@ pags_result pags_view_camera_choose(pags_dataset *dataset, int64_t index, bool u
     PAGS_TRY(pags_lens_check_inverse(lens, where, share));
   if (undistort || pags_lens_is_pinhole(lens))
     return pags_lens_pinhole(lens, where, out);
-  const pags_camera own = camera_of(lens);
+  const pags_camera own = {.width = lens->width,
+                           .height = lens->height,
+                           .fx = lens->fx,
+                           .fy = lens->fy,
+                           .cx = lens->cx,
+                           .cy = lens->cy,
+                           .lens = lens->model};
   double unseen;
   const pags_result result = pags_lens_pinhole(lens, where, out);
   const bool turns = pags_lens_is_of_angle(lens->model.kind) || lens->model.kind == PAGS_LENS_EQUIRECTANGULAR;
@@ -112,9 +108,8 @@ pags_result pags_view_camera_mask(const pags_camera *camera, pags_image *mask) {
   const size_t pixels = (size_t)camera->width * (size_t)camera->height;
   if (!pags_camera_bends(camera))
     return PAGS_OK;
-  uint8_t *const seen = calloc(pixels, 1);
-  if (!seen)
-    return pags_out_of_memory("a mask of %d x %d pixels", camera->width, camera->height);
+  PAGS_AUTOFREE uint8_t *seen = calloc(pixels, 1);
+  PAGS_CHECK_MEMORY(seen, "a mask of %d x %d pixels", camera->width, camera->height);
   if (camera->lens.kind == PAGS_LENS_EQUIRECTANGULAR) {
     for (int y = 0; y < camera->height; y++)
       for (int x = 0; x < camera->width; x++) {
@@ -125,15 +120,12 @@ pags_result pags_view_camera_mask(const pags_camera *camera, pags_image *mask) {
   } else {
     mark_circle(camera, seen);
   }
-  pags_result result = PAGS_OK;
   if (!mask->data && memchr(seen, 0, pixels)) {
-    result = pags_image_create(mask, camera->width, camera->height, 1, PAGS_U8);
-    if (result == PAGS_OK)
-      memset(mask->data, 255, pixels);
+    PAGS_TRY(pags_image_create(mask, camera->width, camera->height, 1, PAGS_U8));
+    memset(mask->data, 255, pixels);
   }
   uint8_t *const used = mask->data;
   for (size_t i = 0; used && i < pixels; i++)
     used[i] &= seen[i];
-  free(seen);
-  return result;
+  return PAGS_OK;
 }

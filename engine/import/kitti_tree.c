@@ -10,7 +10,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "dataset/foreign_recording.h"
+#include "dataset/unsupported_formats.h"
 #include "import/importer.h"
 
 /* ---- Paths ---- */
@@ -230,7 +230,7 @@ static pags_result find_root(pags_kitti_tree *tree, const char *path, const char
     return pags_fail(PAGS_ERROR_IO, "%s: no such folder", path);
   if (has_any(path, drive_signs))
     return set_drive(tree, path);
-  PAGS_TRY(pags_foreign_recording_check(path, false));
+  PAGS_TRY(pags_unsupported_recording_check(path, false));
   if (has_any(path, tracking_signs))
     return set_root(tree, path);
   PAGS_TRY(find_drives(path, sequence, true, &drives));

@@ -32,7 +32,7 @@
 #include "base/vec3.h"
 #include "dataset/driving/motion.h"
 #include "dataset/driving/writer.h"
-#include "dataset/foreign_recording.h"
+#include "dataset/unsupported_formats.h"
 #include "import/importer.h"
 #include "import/tfrecord.h"
 #include "import/waymo_lidar.h"
@@ -180,7 +180,8 @@ static pags_result read_image(importer *im, const pags_waymo_frame *message, int
   exposure_pose(&im->exposures[photo], im->ego_poses + 12 * frame, ego);
   pags_rigid_multiply(ego, im->ego_from_camera[index], pose);
   PAGS_TRY(pags_layout_put_extrinsics(&im->layout, frame, camera->number, pose));
-  PAGS_TRY(pags_layout_put_image(&im->layout, frame, camera->number, ".jpg", image->image.data, image->image.len));
+  PAGS_TRY(
+      pags_layout_put_file(&im->layout, "images", frame, camera->number, ".jpg", image->image.data, image->image.len));
   PAGS_TRY(pags_waymo_put_semantic(&im->layout, image, frame, camera, where, &labelled));
   im->labelled += labelled;
   return PAGS_OK;
@@ -225,14 +226,14 @@ static pags_result count_records(const char *source, int64_t *count) {
   PAGS_AUTO(pags_tfrecord_close_auto) pags_tfrecord *reader = NULL;
   int end = 0;
   if (pags_dir_exists(source)) {
-    PAGS_TRY(pags_foreign_recording_check(source, false));
+    PAGS_TRY(pags_unsupported_recording_check(source, false));
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: is a folder, expected one segment's .tfrecord file", source);
   }
   PAGS_TRY(pags_tfrecord_open(source, &reader));
   for (*count = 0;; ++*count) {
     const pags_result result = pags_tfrecord_skip(reader, &end);
     /* Report what a file is that begins with no record, if that is known; else keep the message that there is. */
-    if (result == PAGS_ERROR_FORMAT && *count == 0 && pags_foreign_recording_check(source, false) != PAGS_OK) {
+    if (result == PAGS_ERROR_FORMAT && *count == 0 && pags_unsupported_recording_check(source, false) != PAGS_OK) {
       char message[WHERE];
       snprintf(message, sizeof message, "%s", pags_error_message());
       return pags_fail(PAGS_ERROR_FORMAT, "%.900s; expected an uncompressed TFRecord file of Waymo Open v1", message);

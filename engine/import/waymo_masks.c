@@ -166,8 +166,8 @@ pags_result pags_waymo_put_semantic(const pags_layout *layout, const Pags__Waymo
   if (label->panoptic_label_divisor < 1)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: panoptic label of camera %d: divisor %d, expected at least 1", where,
                      number, label->panoptic_label_divisor);
-  PAGS_TRY(pags_layout_put_picture(layout, "panoptic", frame, number, ".png", label->panoptic_label.data,
-                                   label->panoptic_label.len));
+  PAGS_TRY(pags_layout_put_file(layout, "panoptic", frame, number, ".png", label->panoptic_label.data,
+                                label->panoptic_label.len));
   PAGS_AUTO(pags_image_destroy) pags_image panoptic = {0};
   char name[64];
   snprintf(name, sizeof name, "panoptic/%03lld_%d.png", (long long)frame, number);

@@ -10,7 +10,7 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
-#include "dataset/far_cameras.h"
+#include "dataset/internal.h"
 #include "init/knn.h"
 #include "maths/maths.h"
 #include "scene/morton.h"

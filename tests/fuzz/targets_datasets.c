@@ -40,7 +40,7 @@ static void open_dataset(const char *folder) {
 
 static int run_transforms(const uint8_t *data, size_t size) {
   pags_parsed_dataset parsed;
-  const pags_result result = pags_transforms_read(fuzz_file("set/transforms.json", data, size), &parsed);
+  const pags_result result = pags_transforms_read(fuzz_file("set/transforms.json", data, size), false, &parsed);
   if (result != PAGS_OK) {
     FUZZ_CHECK(!parsed.views && !parsed.points.items);
     fuzz_refused(result, ""); /* in a build without picture formats the message names no file */

@@ -83,7 +83,7 @@ static void put_photos(const pags_layout *layout, const char *path, int t, int c
   uint8_t *data;
   size_t size;
   scratch_ok(pags_file_read(path, &data, &size));
-  scratch_ok(pags_layout_put_image(layout, t, c, ".jpg", data, size));
+  scratch_ok(pags_layout_put_file(layout, "images", t, c, ".jpg", data, size));
   free(data);
   for (int i = 0; i < WIDTH * HEIGHT; i++)
     mask[i] = ids[(i / 11 + i / WIDTH / 7 + t) % (int)sizeof ids];

@@ -7,31 +7,31 @@
 #include <stdio.h>
 #include <string.h>
 
-static pags_account_row *add_row(pags_account *account, const char *what, int64_t count) {
+static pags_account_row *add_row(pags_account *account, const char *what, int64_t count, const char *why,
+                                 va_list arguments) {
   assert(account->count < PAGS_ACCOUNT_ROWS);
   pags_account_row *row = &account->rows[account->count++];
   *row = (pags_account_row){.what = what, .count = count};
+  vsnprintf(row->why, sizeof row->why, why, arguments);
   return row;
 }
 
 void pags_account_leave_out(pags_account *account, const char *what, const pags_tally *left, const char *why, ...) {
   if (!account || !left->count)
     return;
-  pags_account_row *row = add_row(account, what, left->count);
-  snprintf(row->first, sizeof row->first, "%s", left->first);
   va_list arguments;
   va_start(arguments, why);
-  vsnprintf(row->why, sizeof row->why, why, arguments);
+  pags_account_row *row = add_row(account, what, left->count, why, arguments);
   va_end(arguments);
+  snprintf(row->first, sizeof row->first, "%s", left->first);
 }
 
 void pags_account_lacks(pags_account *account, const char *what, const char *why, ...) {
   if (!account)
     return;
-  pags_account_row *row = add_row(account, what, 0);
   va_list arguments;
   va_start(arguments, why);
-  vsnprintf(row->why, sizeof row->why, why, arguments);
+  add_row(account, what, 0, why, arguments);
   va_end(arguments);
 }
 

@@ -10,8 +10,10 @@
 #include <assert.h>
 #include <math.h>
 #include <stdbool.h>
+#include <string.h>
 
 #include "base/sort.h"
+#include "base/vec3.h"
 
 /* Most points that span a clipped box: 8 corners, or at most 7 corners and 6 intersections, because a plane cuts at
  * most six of the twelve edges and then leaves at most seven corners. */
@@ -38,9 +40,10 @@ static int clip(const pags_camera *camera, double corners[8][3], double out[MOST
       int j = i | 1 << axis; /* the edge from corner i to corner j, visited once */
       if (j == i || (corners[i][2] >= nearest) == (corners[j][2] >= nearest))
         continue;
-      double share = (nearest - corners[i][2]) / (corners[j][2] - corners[i][2]), crossing[3];
-      for (int k = 0; k < 2; k++)
-        crossing[k] = corners[i][k] + share * (corners[j][k] - corners[i][k]);
+      const double share = (nearest - corners[i][2]) / (corners[j][2] - corners[i][2]);
+      double crossing[3];
+      pags_subtract3(corners[j], corners[i], crossing);
+      pags_along3(corners[i], share, crossing, crossing);
       crossing[2] = nearest;
       project(camera, crossing, out[count++]);
     }
@@ -76,12 +79,8 @@ static int hull(double points[][2], int count, double *out, int room) {
     }
     length--; /* the next chain begins with this point, or the first one began with it */
   }
-  if (length > room)
-    length = room;
-  for (int i = 0; i < length; i++) {
-    out[2 * i] = chain[i][0];
-    out[2 * i + 1] = chain[i][1];
-  }
+  length = length > room ? room : length;
+  memcpy(out, chain, (size_t)length * sizeof *chain);
   return length;
 }
 
@@ -94,12 +93,10 @@ static int outline_through_lens(const pags_camera *camera, double box[8][3], dou
   for (int i = 0; i < 8; i++)
     for (int axis = 0; axis < 3; axis++)
       for (int s = 0; s <= PER_EDGE && !(i >> axis & 1); s++) {
-        double p[3], square = 0;
-        for (int k = 0; k < 3; k++) {
+        double p[3];
+        for (int k = 0; k < 3; k++)
           p[k] = box[i][k] + (box[i | 1 << axis][k] - box[i][k]) * s / PER_EDGE;
-          square += p[k] * p[k];
-        }
-        if (square < nearest * nearest || !pags_camera_project(camera, p, points[count], NULL))
+        if (pags_dot3(p, p) < nearest * nearest || !pags_camera_project(camera, p, points[count], NULL))
           continue;
         least = fmin(least, points[count][0]);
         most = fmax(most, points[count++][0]);

@@ -5,6 +5,7 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/vec3.h"
 
 #include <pags/camera.h>
 
@@ -156,12 +157,7 @@ static double uprightness(const pags_driving *driving, const double read[12], in
   return -pose[9]; /* the second column is the picture's downward direction */
 }
 
-/* The pose of the file extrinsics/ that the camera's first photograph has: to the car or, per frame, to the world. */
-static const double *extrinsics_of(const pags_driving *driving, const pags_sensor *sensor,
-                                   const pags_parsed_view *view) {
-  return driving->rules.per_frame ? view->world_from_camera : sensor->ego_from_camera;
-}
-
+/* Looks at the extrinsics that each camera's first photograph has: to the car or, per frame, to the world. */
 static void check_upright(const pags_driving *driving, const pags_parsed_dataset *parsed) {
   static const char *const advice[] = {
       "", "; inverted they would be upright: expected camera-to-car (or camera-to-world), not its inverse",
@@ -173,7 +169,7 @@ static void check_upright(const pags_driving *driving, const pags_parsed_dataset
     const pags_parsed_view *view = find_view(parsed, sensor, NULL);
     if (!view)
       continue;
-    const double *pose = extrinsics_of(driving, sensor, view);
+    const double *pose = driving->rules.per_frame ? view->world_from_camera : sensor->ego_from_camera;
     total++;
     for (int r = 0; r < READINGS; r++)
       upright[r] += uprightness(driving, pose, r) > 0.5;
@@ -184,10 +180,10 @@ static void check_upright(const pags_driving *driving, const pags_parsed_dataset
   for (int r = BOTH; r > AS_READ; r--)
     better = upright[r] == total ? r : better;
   if (first >= 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/extrinsics: %d of %d cameras don't stand upright, the first is camera %d: extrinsics or "
-                     "camera_axes may be wrong%s",
-                     driving->root, total - upright[AS_READ], total, first, advice[better]);
+    PAGS_WARN(
+        "%s/extrinsics: %d of %d cameras don't stand upright, the first is camera %d: extrinsics or "
+        "camera_axes may be wrong%s",
+        driving->root, total - upright[AS_READ], total, first, advice[better]);
 }
 
 /* Warns of cameras that move up or down rather than forward, as they do with inverted poses of each exposure: these
@@ -202,11 +198,11 @@ static void check_way(const pags_driving *driving, const pags_parsed_dataset *pa
         end = &parsed->views[j];
     if (!begin)
       continue;
-    double d[3], square = 0;
-    for (int k = 0; k < 3; k++) {
-      d[k] = end->world_from_camera[4 * k + 3] - begin->world_from_camera[4 * k + 3];
-      square += d[k] * d[k];
-    }
+    double from[3], d[3];
+    pags_pose_position(begin->world_from_camera, from);
+    pags_pose_position(end->world_from_camera, d);
+    pags_subtract3(d, from, d);
+    const double square = pags_dot3(d, d);
     total++;
     if (square < least_way * least_way || fabs(d[2]) < steepest * sqrt(square) || climbing++ > 0)
       continue;

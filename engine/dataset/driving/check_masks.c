@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/memory.h"
 
 #include <stddef.h>
 #include <stdio.h>
@@ -56,7 +57,7 @@ static const pags_parsed_view *choose(const files *f, int look) {
 
 /* Looks at the first `rows` rows, or all if that is 0. */
 static pags_result look_at_rows(const char *path, const pags_lens *lens, int rows, mask_look *out) {
-  pags_image mask;
+  PAGS_AUTO(pags_image_destroy) pags_image mask = {0};
   int64_t counts[256] = {0};
   *out = (mask_look){0};
   PAGS_TRY(pags_driving_load_mask_top(path, lens, rows, &mask));
@@ -81,7 +82,6 @@ static pags_result look_at_rows(const char *path, const pags_lens *lens, int row
   }
   out->most = white == 1 ? 1 : out->most;
   out->quarter = (int64_t)quarter * mask.width;
-  pags_image_destroy(&mask);
   return PAGS_OK;
 }
 
@@ -111,7 +111,7 @@ static pags_result check_kind(const pags_driving *driving, const char *folder, c
   for (int i = 0; i < looks; i++) {
     const pags_parsed_view *view = choose(f, i);
     mask_look other;
-    const char *at = *(char *const *)((const char *)view + f->member);
+    const char *at = path_of(f, view - f->parsed->views);
     PAGS_TRY(look_at_mask(at, &view->lens, sky, &other));
     looked++;
     inverted += looks_inverted(&other, sky);
@@ -126,23 +126,20 @@ static pags_result check_kind(const pags_driving *driving, const char *folder, c
     return PAGS_OK;
   const char *root = driving->root, *name = pags_path_name(path);
   if (look.most == 1)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: masks of 0 and 1, as %s is, in place of 0 and 255: 1 is taken as white (%lld masks)", root,
-                     folder, name, (long long)f->count);
+    PAGS_WARN("%s/%s: masks of 0 and 1, as %s is, in place of 0 and 255: 1 is taken as white (%lld masks)", root,
+              folder, name, (long long)f->count);
   else if (look.most > 0 && look.white == 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: no pixel of %s is white (128 or above), though values go up to %d; expected 0 and 255 "
-                     "(%lld masks)",
-                     root, folder, name, look.most, (long long)f->count);
+    PAGS_WARN(
+        "%s/%s: no pixel of %s is white (128 or above), though values go up to %d; expected 0 and 255 "
+        "(%lld masks)",
+        root, folder, name, look.most, (long long)f->count);
   else if (is_grey(&look))
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: %.0f %% of the pixels of %s are grey: it may be no mask; expected 0 and 255 (%lld masks)",
-                     root, folder, 100.0 * (double)look.grey / (double)look.pixels, name, (long long)f->count);
+    PAGS_WARN("%s/%s: %.0f %% of the pixels of %s are grey: it may be no mask; expected 0 and 255 (%lld masks)", root,
+              folder, 100.0 * (double)look.grey / (double)look.pixels, name, (long long)f->count);
   if (4 * inverted >= 3 * looked && inverted > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: masks look inverted: %s in %d of %d looked at, %s among them; expected white for %s", root,
-                     folder, sky ? "the lower quarter is white" : "more than half is white", inverted, looked, name,
-                     sky ? "the sky" : "what moves");
+    PAGS_WARN("%s/%s: masks look inverted: %s in %d of %d looked at, %s among them; expected white for %s", root,
+              folder, sky ? "the lower quarter is white" : "more than half is white", inverted, looked, name,
+              sky ? "the sky" : "what moves");
   return PAGS_OK;
 }
 
@@ -161,12 +158,11 @@ static pags_result check_colours(const files *f) {
   int looks = 0;
   for (int64_t i = 0; i < f->parsed->count && looks < MOST_LOOKS; i++) {
     const pags_parsed_view *view = &f->parsed->views[i];
-    pags_image labels;
+    PAGS_AUTO(pags_image_destroy) pags_image labels = {0};
     if (!view->semantic_path || !pags_driving_has_colours(view->semantic_path))
       continue;
     looks++;
     PAGS_TRY(pags_driving_load_labels(view->semantic_path, &view->lens, &labels));
-    pags_image_destroy(&labels);
   }
   return PAGS_OK;
 }
@@ -177,17 +173,12 @@ static pags_result check_labels(const pags_driving *driving, const files *f) {
     return PAGS_OK;
   PAGS_TRY(check_colours(f));
   const pags_parsed_view *view = choose(f, 0);
-  pags_image labels;
-  int64_t counts[256] = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image labels = {0};
+  int64_t counts[256] = {0}, looked = 0;
   PAGS_TRY(pags_driving_load_labels(view->semantic_path, &view->lens, &labels));
   const size_t size = (size_t)labels.width * (size_t)labels.height;
-  const uint8_t *data = labels.data;
-  int64_t looked = 0;
-  for (size_t i = 0; i < size; i += 3) {
-    counts[data[i]]++;
-    looked++;
-  }
-  pags_image_destroy(&labels);
+  for (size_t i = 0; i < size; i += 3, looked++)
+    counts[((const uint8_t *)labels.data)[i]]++;
   const int64_t unknown = count_unknown(set, counts);
   if (100 * unknown <= looked)
     return PAGS_OK;
@@ -196,11 +187,11 @@ static pags_result check_labels(const pags_driving *driving, const files *f) {
     most--;
   for (int i = 0; i < PAGS_LABEL_SETS && !other; i++)
     other = 100 * count_unknown(&pags_label_sets[i], counts) <= looked ? &pags_label_sets[i] : NULL;
-  pags_log_message(PAGS_LOG_WARNING,
-                   "%s/semantic: %.0f %% of the pixels of %s have ids (up to %d) that %s labels don't have; "
-                   "expected 'labels' of dataset.json to say what they are%s%s (%lld label images)",
-                   driving->root, 100.0 * (double)unknown / (double)looked, pags_path_name(view->semantic_path), most,
-                   set->name, other ? ", such as " : "", other ? other->name : "", (long long)f->count);
+  PAGS_WARN(
+      "%s/semantic: %.0f %% of the pixels of %s have ids (up to %d) that %s labels don't have; "
+      "expected 'labels' of dataset.json to say what they are%s%s (%lld label images)",
+      driving->root, 100.0 * (double)unknown / (double)looked, pags_path_name(view->semantic_path), most, set->name,
+      other ? ", such as " : "", other ? other->name : "", (long long)f->count);
   return PAGS_OK;
 }
 

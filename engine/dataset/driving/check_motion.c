@@ -7,7 +7,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
-#include "base/text.h"
+#include "base/vec3.h"
 #include "dataset/driving/motion.h"
 #include "dataset/driving/reader.h"
 
@@ -18,6 +18,12 @@ typedef struct track {
   double *times;
   double (*poses)[12];
 } track;
+
+static void track_destroy(track *t) {
+  free(t->steps);
+  free(t->times);
+  free(t->poses);
+}
 
 /* Copies the poses of a camera at the time steps where it has one; returns their number. `any`: cameras are fixed to
  * the car, so that at a step without a photograph of this one another camera's pose states where it is. */
@@ -52,9 +58,10 @@ pags_result pags_driving_check_motion(pags_driving *driving, const pags_parsed_d
   const size_t steps = (size_t)driving->step_count;
   pags_tally found = {0}, repeated = {0};
   int64_t all = 0;
+  PAGS_AUTO(track_destroy)
   track t = {malloc(steps * sizeof *t.steps), malloc(steps * sizeof *t.times), malloc(steps * sizeof *t.poses)};
-  pags_result result = t.steps && t.times && t.poses ? PAGS_OK : pags_out_of_memory("%s", driving->root);
-  for (int64_t sensor = 0; result == PAGS_OK && sensor < (each ? driving->sensor_count : 1); sensor++) {
+  PAGS_CHECK_MEMORY(t.steps && t.times && t.poses, "%s", driving->root);
+  for (int64_t sensor = 0; sensor < (each ? driving->sensor_count : 1); sensor++) {
     const int64_t count = take_poses(driving, parsed, sensor, !each, &t);
     const pags_leaps leaps = pags_find_leaps((const double(*)[12])t.poses, t.times, count);
     char camera[24] = "";
@@ -76,19 +83,16 @@ pags_result pags_driving_check_motion(pags_driving *driving, const pags_parsed_d
   }
   driving->poses_leap = found.count > 0;
   if (found.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: %lld of %lld steps between poses leap as no car does, so poses or times may be wrong; the "
-                     "first is %s",
-                     driving->root, folder, (long long)found.count, (long long)all, found.first);
+    PAGS_WARN(
+        "%s/%s: %lld of %lld steps between poses leap as no car does, so poses or times may be wrong; the "
+        "first is %s",
+        driving->root, folder, (long long)found.count, (long long)all, found.first);
   if (repeated.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: %lld of %lld poses repeat the one before though the car drives on; the first is of frame "
-                     "%s; expected a pose of its own for each time step",
-                     driving->root, folder, (long long)repeated.count, (long long)all, repeated.first);
-  free(t.steps);
-  free(t.times);
-  free(t.poses);
-  return result;
+    PAGS_WARN(
+        "%s/%s: %lld of %lld poses repeat the one before though the car drives on; the first is of frame "
+        "%s; expected a pose of its own for each time step",
+        driving->root, folder, (long long)repeated.count, (long long)all, repeated.first);
+  return PAGS_OK;
 }
 
 enum { FARTHEST = 500 }; /* m; no label of a LiDAR or a photograph lies beyond */
@@ -100,19 +104,17 @@ void pags_driving_check_places(const pags_driving *driving) {
     const pags_object *object = &driving->objects[i];
     for (int64_t k = 0; k < object->keyframe_count; k++, all++) {
       const double *eye = driving->steps[pags_driving_step(driving, object->keyframes[k].frame)].eye;
-      double square = 0;
-      for (int axis = 0; axis < 3; axis++) {
-        const double d = object->keyframes[k].world_from_object[4 * axis + 3] - eye[axis];
-        square += d * d;
-      }
+      double place[3];
+      pags_pose_position(object->keyframes[k].world_from_object, place);
+      const double square = pags_distance_squared3(place, eye);
       if (square > (double)FARTHEST * FARTHEST)
         pags_tally_add(&far, "%s '%s' in frame %d, at %.0f m", object->class_name, object->id,
                        object->keyframes[k].frame, sqrt(square));
     }
   }
   if (far.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/instances/instances_info.json: %lld of %lld boxes lie more than %d m from the cameras, so "
-                     "obj_to_world may be in other axes than those of the world; the first is %s",
-                     driving->root, (long long)far.count, (long long)all, FARTHEST, far.first);
+    PAGS_WARN(
+        "%s/instances/instances_info.json: %lld of %lld boxes lie more than %d m from the cameras, so "
+        "obj_to_world may be in other axes than those of the world; the first is %s",
+        driving->root, (long long)far.count, (long long)all, FARTHEST, far.first);
 }

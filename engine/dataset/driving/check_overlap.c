@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 
 #include <pags/camera.h>
 
@@ -32,19 +33,20 @@ typedef struct points {
   double pose[12];
 } points;
 
-static int by_height(const void *a, const void *b) {
-  const float left = *(const float *)a, right = *(const float *)b;
-  return left < right ? -1 : left > right;
-}
+typedef struct work {
+  points a, b;
+  uint64_t slots[SLOTS]; /* the voxels of one sweep */
+} work;
 
 /* Takes at most MOST_POINTS points of a sweep that are above the ground, which is where a fifth of all are below. */
 static pags_result take(const pags_driving *driving, int64_t index, points *out) {
-  float heights[MOST_HEIGHTS], *xyz;
+  float heights[MOST_HEIGHTS];
+  PAGS_AUTOFREE float *xyz = NULL;
   int64_t count, looked = 0;
   PAGS_TRY(pags_sweep_read(driving, index, &count, &xyz, NULL));
   for (int64_t i = 0; i < MOST_HEIGHTS && count > 0; i++)
     heights[looked++] = xyz[3 * (i * count / MOST_HEIGHTS) + 2];
-  pags_sort(heights, looked, sizeof *heights, by_height);
+  pags_sort_floats(heights, looked);
   const double ground = looked ? (double)heights[looked / 5] + above_ground : 0;
   const int64_t step = count / (2 * MOST_POINTS) + 1;
   out->count = 0;
@@ -53,15 +55,14 @@ static pags_result take(const pags_driving *driving, int64_t index, points *out)
     if ((double)p[2] > ground)
       memcpy(out->xyz[out->count++], p, sizeof out->xyz[0]);
   }
-  free(xyz);
   memcpy(out->pose, driving->sweeps[index].world_from_sweep, sizeof out->pose);
   return PAGS_OK;
 }
 
 /* Whether a point, moved by the pose, can be counted; *key: its voxel. */
 static bool voxel_of(const points *from, int64_t index, const double pose[12], uint64_t *key) {
-  const double p[3] = {(double)from->xyz[index][0], (double)from->xyz[index][1], (double)from->xyz[index][2]};
-  double world[3];
+  double p[3], world[3];
+  pags_widen3(from->xyz[index], p);
   pags_rigid_point(pose, p, world);
   *key = 0;
   for (int k = 0; k < 3; k++) {
@@ -100,9 +101,8 @@ static int64_t find_partner(const pags_driving *driving, int64_t middle) {
   int64_t best = -1;
   double nearest = (double)INFINITY;
   for (int64_t i = 0; i < driving->sweep_count; i++) {
-    const double *a = driving->sweeps[middle].world_from_sweep, *b = driving->sweeps[i].world_from_sweep;
     const double way =
-        sqrt((a[3] - b[3]) * (a[3] - b[3]) + (a[7] - b[7]) * (a[7] - b[7]) + (a[11] - b[11]) * (a[11] - b[11]));
+        pags_pose_distance(driving->sweeps[middle].world_from_sweep, driving->sweeps[i].world_from_sweep);
     if (way < least_way || way > reach || fabs(way - best_way) >= nearest)
       continue;
     nearest = fabs(way - best_way);
@@ -156,10 +156,10 @@ static void warn(const pags_driving *driving, const points *a, const points *b, 
         "wrong; points in the world's frame want \"lidar_frame\": \"world\" in dataset.json",
         driving->root, 100 * world, folder, 100 * as_read);
   else
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: %.0f %% of the points of two sweeps meet with the inverse poses, %.0f %% with those read: "
-                     "the poses may be wrong; expected car-to-world, not world-to-car",
-                     driving->root, folder, 100 * inverse, 100 * as_read);
+    PAGS_WARN(
+        "%s/%s: %.0f %% of the points of two sweeps meet with the inverse poses, %.0f %% with those read: "
+        "the poses may be wrong; expected car-to-world, not world-to-car",
+        driving->root, folder, 100 * inverse, 100 * as_read);
 }
 
 pags_result pags_sweep_poses_check(const pags_driving *driving) {
@@ -168,17 +168,11 @@ pags_result pags_sweep_poses_check(const pags_driving *driving) {
   const int64_t partner = sure ? find_partner(driving, middle) : -1;
   if (partner < 0)
     return PAGS_OK;
-  struct work {
-    points a, b;
-    uint64_t slots[SLOTS];
-  } *w = malloc(sizeof *w);
-  if (!w)
-    return pags_out_of_memory("%s", driving->root);
-  pags_result result = take(driving, middle, &w->a);
-  if (result == PAGS_OK)
-    result = take(driving, partner, &w->b);
-  if (result == PAGS_OK && w->a.count >= 100 && w->b.count >= 100)
+  PAGS_AUTOFREE work *w = malloc(sizeof *w);
+  PAGS_CHECK_MEMORY(w, "%s", driving->root);
+  PAGS_TRY(take(driving, middle, &w->a));
+  PAGS_TRY(take(driving, partner, &w->b));
+  if (w->a.count >= 100 && w->b.count >= 100)
     warn(driving, &w->a, &w->b, w->slots);
-  free(w);
-  return result;
+  return PAGS_OK;
 }

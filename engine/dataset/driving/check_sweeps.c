@@ -14,6 +14,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 #include "port/port.h"
 
@@ -42,7 +43,7 @@ typedef struct sample {
 
 static pags_result read_sample(const char *path, sample *out) {
   PAGS_TRY(pags_file_size(path, &out->file));
-  FILE *stream = pags_port_open(path, "rb");
+  PAGS_AUTO(pags_file_close) FILE *stream = pags_port_open(path, "rb");
   if (!stream)
     return pags_fail_errno(path, "can't be read");
   const uint64_t room = out->file > PIECE ? out->file - PIECE : 0;
@@ -54,7 +55,6 @@ static pags_result read_sample(const char *path, sample *out) {
     if (out->at[i] < out->file && pags_port_seek(stream, (int64_t)out->at[i], SEEK_SET))
       out->size[i] = fread(out->bytes[i], 1, PIECE, stream);
   }
-  fclose(stream);
   return PAGS_OK;
 }
 
@@ -87,11 +87,6 @@ static double load(const reading *how, const uint8_t *at) {
   return how->wide ? pags_load_f64(from) : (double)pags_load_f32(from);
 }
 
-static int by_value(const void *a, const void *b) {
-  const double left = *(const double *)a, right = *(const double *)b;
-  return left < right ? -1 : left > right;
-}
-
 static void look_at_points(const sample *s, const reading *how, points_look *out) {
   double distances[PIECES * PIECE / 12], sum[3] = {0}, squares[3] = {0};
   const uint64_t row = (uint64_t)how->columns * (how->wide ? 8 : 4);
@@ -99,14 +94,14 @@ static void look_at_points(const sample *s, const reading *how, points_look *out
   for (int i = 0; i < PIECES; i++)
     for (uint64_t at = (s->at[i] + row - 1) / row * row; at + row <= s->at[i] + s->size[i]; at += row) {
       const uint8_t *bytes = s->bytes[i] + (at - s->at[i]);
-      double p[3], square = 0;
+      double p[3];
       bool odd = false;
       out->rows++;
       for (int k = 0; k < 3; k++) {
         p[k] = (load(how, bytes + how->position[k] * (how->wide ? 8 : 4)) - how->from[k]) * how->unit;
-        square += p[k] * p[k];
         odd = odd || (p[k] != 0 && fabs(p[k]) < small);
       }
+      const double square = pags_dot3(p, p);
       if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]) || square == 0) /* a beam that met nothing */
         continue;
       distances[out->points++] = sqrt(square);
@@ -125,7 +120,7 @@ static void look_at_points(const sample *s, const reading *how, points_look *out
     const double mean = sum[k] / (double)out->points;
     out->spread[k] = sqrt(fmax(squares[k] / (double)out->points - mean * mean, 0));
   }
-  pags_sort(distances, out->points, sizeof *distances, by_value);
+  pags_sort_doubles(distances, out->points);
   out->median = out->points ? distances[out->points / 2] : 0;
 }
 
@@ -152,8 +147,7 @@ static const char *guess(const sample *s, const reading *declared, const pags_sw
   if (fits(s, &how))
     return "; read as big-endian they would be: write them as little-endian";
   how = *declared;
-  for (int k = 0; k < 3; k++)
-    how.from[k] = sweep->world_from_sweep[4 * k + 3];
+  pags_pose_position(sweep->world_from_sweep, how.from);
   if (fits(s, &how))
     return "; they lie about the car's place in the world: if they are in the world's frame, put \"lidar_frame\": "
            "\"world\" into dataset.json";
@@ -314,14 +308,14 @@ static void warn_of_rows(const pags_driving *driving, const pags_sweep_rows *sum
                          const pags_tally *wanting, const pags_tally *empty) {
   const long long left_out = (long long)(sum->not_finite + sum->no_return + sum->far);
   if (left_out)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/lidar: %lld of %lld rows in %lld sweeps are no points and left out: %lld not finite, %lld "
-                     "without a return (zero, or at one repeated place), %lld beyond %d m; the first such sweep is %s",
-                     driving->root, left_out, (long long)sum->all, (long long)looked, (long long)sum->not_finite,
-                     (long long)sum->no_return, (long long)sum->far, (int)PAGS_FARTHEST, wanting->first);
+    PAGS_WARN(
+        "%s/lidar: %lld of %lld rows in %lld sweeps are no points and left out: %lld not finite, %lld "
+        "without a return (zero, or at one repeated place), %lld beyond %d m; the first such sweep is %s",
+        driving->root, left_out, (long long)sum->all, (long long)looked, (long long)sum->not_finite,
+        (long long)sum->no_return, (long long)sum->far, (int)PAGS_FARTHEST, wanting->first);
   if (empty->count)
-    pags_log_message(PAGS_LOG_WARNING, "%s/lidar: %lld of %lld sweeps have no points, the first is %s", driving->root,
-                     (long long)empty->count, (long long)looked, empty->first);
+    PAGS_WARN("%s/lidar: %lld of %lld sweeps have no points, the first is %s", driving->root, (long long)empty->count,
+              (long long)looked, empty->first);
 }
 
 /* Counts the rows that are no points in all sweeps or, of a long recording, in every Nth, so that MOST_BYTES are read
@@ -340,9 +334,8 @@ static pags_result count_rows(const pags_driving *driving) {
     const char *name = pags_path_name(driving->sweeps[i].path);
     pags_sweep_rows rows;
     int64_t count;
-    float *xyz;
+    PAGS_AUTOFREE float *xyz = NULL;
     PAGS_TRY(pags_sweep_read(driving, i, &count, &xyz, &rows));
-    free(xyz);
     if (count == 0)
       pags_tally_add(&empty, "%s", name);
     if (count < rows.all)
@@ -357,10 +350,8 @@ static pags_result count_rows(const pags_driving *driving) {
 }
 
 pags_result pags_sweeps_check(pags_driving *driving, bool look) {
-  sample *s = malloc(sizeof *s);
-  if (!s)
-    return pags_out_of_memory("%s", driving->root);
-  pags_result result = check_form(driving, s);
-  free(s);
-  return result == PAGS_OK && look ? count_rows(driving) : result;
+  PAGS_AUTOFREE sample *s = malloc(sizeof *s);
+  PAGS_CHECK_MEMORY(s, "%s", driving->root);
+  PAGS_TRY(check_form(driving, s));
+  return look ? count_rows(driving) : PAGS_OK;
 }

@@ -7,6 +7,7 @@
 #include "dataset/driving/checks.h"
 
 #include "base/log.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 #include <math.h>
@@ -32,50 +33,38 @@ static void add(direction *d, const double pose[12], int column, double sign) {
 
 /* The angle in degrees between the mean of a direction and an axis; 0 without one. */
 static double angle(const direction *d, const double axis[3]) {
-  double dot = 0, square = 0, length = 0;
-  for (int k = 0; k < 3; k++) {
-    dot += d->sum[k] * axis[k];
-    square += d->sum[k] * d->sum[k];
-    length += axis[k] * axis[k];
-  }
-  return square > 0 && length > 0 ? degrees * pags_acos(fmax(-1, fmin(1, dot / sqrt(square * length)))) : 0;
-}
-
-/* Adds up the upward directions of the photographs, of the car where extrinsics are constant, and the places. */
-static void add_views(const pags_driving *driving, const pags_parsed_dataset *parsed, direction *cameras,
-                      direction *car, double place[3]) {
-  for (int64_t i = 0; i < parsed->count; i++) {
-    const pags_parsed_view *view = &parsed->views[i];
-    if (view->missing)
-      continue;
-    add(cameras, view->world_from_camera, 1, -1); /* the second column is the picture's downward direction */
-    for (int k = 0; k < 3; k++)
-      place[k] += view->world_from_camera[4 * k + 3];
-    if (driving->rules.per_frame)
-      continue;
-    double back[12], ego[12];
-    pags_rigid_inverse(driving->sensors[i % driving->sensor_count].ego_from_camera, back);
-    pags_rigid_multiply(view->world_from_camera, back, ego);
-    add(car, ego, 2, 1);
-  }
+  const double squares = pags_dot3(d->sum, d->sum) * pags_dot3(axis, axis);
+  return squares > 0 ? degrees * pags_acos(fmax(-1, fmin(1, pags_dot3(d->sum, axis) / sqrt(squares)))) : 0;
 }
 
 void pags_world_check(const pags_driving *driving, const pags_parsed_dataset *parsed) {
   static const double up[3] = {0, 0, 1};
   direction cameras = {{0}, 0}, car = {{0}, 0}, boxes = {{0}, 0};
   double place[3] = {0};
-  add_views(driving, parsed, &cameras, &car, place);
+  for (int64_t i = 0; i < parsed->count; i++) {
+    const pags_parsed_view *view = &parsed->views[i];
+    if (view->missing)
+      continue;
+    double position[3], back[12], ego[12];
+    add(&cameras, view->world_from_camera, 1, -1); /* the second column is the picture's downward direction */
+    pags_pose_position(view->world_from_camera, position);
+    pags_add3(place, position, place);
+    if (driving->rules.per_frame)
+      continue;
+    pags_rigid_inverse(driving->sensors[i % driving->sensor_count].ego_from_camera, back);
+    pags_rigid_multiply(view->world_from_camera, back, ego);
+    add(&car, ego, 2, 1);
+  }
   const double off = car.count ? fmin(angle(&cameras, up), angle(&car, up)) : angle(&cameras, up);
-  for (int k = 0; k < 3; k++)
-    place[k] /= (double)(cameras.count ? cameras.count : 1);
-  const double radius = sqrt(place[0] * place[0] + place[1] * place[1] + place[2] * place[2]);
+  pags_divide3(place, (double)(cameras.count ? cameras.count : 1));
+  const double radius = pags_length3(place);
   const bool on_earth = radius > least_earth && radius < most_earth && angle(&cameras, place) < off_earth;
   const char *folder = driving->rules.per_frame ? "extrinsics" : "ego_pose";
   if (on_earth && off > steepest_ecef)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: positions are %.0f km from zero, and up is the direction from there, %.0f degrees off the "
-                     "world's z: axes look earth-fixed (ECEF); expected z up: turn poses and boxes to east, north, up",
-                     driving->root, folder, radius / 1000, off);
+    PAGS_WARN(
+        "%s/%s: positions are %.0f km from zero, and up is the direction from there, %.0f degrees off the "
+        "world's z: axes look earth-fixed (ECEF); expected z up: turn poses and boxes to east, north, up",
+        driving->root, folder, radius / 1000, off);
   else if (off > steepest)
     pags_log_message(
         PAGS_LOG_WARNING,

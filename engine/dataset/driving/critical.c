@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Decides which classes of label images, which boxes and which dynamic masks count as critical, and writes the notes
- * that say so (critical.h).
+ * that say so (masks.h).
  *
  * A word of --critical is a kind (vehicle, pedestrian, cyclist), a class of the label images by name or number, or
  * the class of boxes. A class of label images also makes the boxes of the same class critical or, if no box has that
  * class, all boxes of its kind; such boxes are drawn only in views without label images. A class that only boxes have
  * is drawn from the boxes in every view. Dynamic masks distinguish only vehicles and people; they are used if a kind,
  * or a class of label images of that kind, is named. */
-#include "dataset/driving/critical.h"
+#include "dataset/driving/masks.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,7 +16,6 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
-#include "dataset/driving/masks.h"
 
 enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
 
@@ -35,6 +34,12 @@ static pags_category kind_of(const char *word) {
   return PAGS_CATEGORY_OTHER;
 }
 
+static void take_boxes_of_kind(pags_driving *driving, pags_category category) {
+  for (int64_t i = 0; i < driving->object_count; i++)
+    if (driving->objects[i].category == category && !driving->critical.objects[i])
+      driving->critical.objects[i] = PAGS_CRITICAL_WITHOUT_LABELS;
+}
+
 /* Marks all classes and boxes of a kind as critical. */
 static void take_kind(pags_driving *driving, pags_category category) {
   const pags_label_set *set = driving->rules.labels;
@@ -42,9 +47,7 @@ static void take_kind(pags_driving *driving, pags_category category) {
   for (int i = 0; i < set->count; i++)
     if (set->classes[i].category == category)
       driving->critical.classes[set->classes[i].id] |= PAGS_LABEL_CRITICAL;
-  for (int64_t i = 0; i < driving->object_count; i++)
-    if (driving->objects[i].category == category && !driving->critical.objects[i])
-      driving->critical.objects[i] = PAGS_CRITICAL_WITHOUT_LABELS;
+  take_boxes_of_kind(driving, category);
 }
 
 /* Marks the objects whose class is `name` as critical, in the manner `how` (PAGS_CRITICAL_*); returns how many there
@@ -64,11 +67,8 @@ static int64_t take_boxes(pags_driving *driving, const char *name, int how) {
 static void take_class(pags_driving *driving, const pags_label_class *class) {
   driving->critical.classes[class->id] |= PAGS_LABEL_CRITICAL;
   driving->critical.kinds[class->category] = true;
-  if (take_boxes(driving, class->name, PAGS_CRITICAL_WITHOUT_LABELS) > 0 || class->category == PAGS_CATEGORY_OTHER)
-    return;
-  for (int64_t i = 0; i < driving->object_count; i++)
-    if (driving->objects[i].category == class->category && !driving->critical.objects[i])
-      driving->critical.objects[i] = PAGS_CRITICAL_WITHOUT_LABELS;
+  if (take_boxes(driving, class->name, PAGS_CRITICAL_WITHOUT_LABELS) == 0 && class->category != PAGS_CATEGORY_OTHER)
+    take_boxes_of_kind(driving, class->category);
 }
 
 /* ---- Reading the list ---- */
@@ -113,8 +113,11 @@ static pags_result unknown_word(const pags_driving *driving, const char *word) {
 }
 
 /* Splits the list at its commas, strips blanks around the words, and marks what each word names as critical. */
-static pags_result take_list(pags_driving *driving, char *list) {
-  for (char *word = list, *next; word; word = next) {
+static pags_result take_list(pags_driving *driving, const char *list) {
+  PAGS_AUTOFREE char *copy = pags_text_copy(list);
+  driving->critical.list = pags_text_copy(list);
+  PAGS_CHECK_MEMORY(copy && driving->critical.list, "%s", driving->root);
+  for (char *word = copy, *next; word; word = next) {
     next = strchr(word, ',');
     if (next)
       *next++ = '\0';
@@ -140,19 +143,9 @@ static pags_result take_list(pags_driving *driving, char *list) {
   return PAGS_OK;
 }
 
-static pags_result take_all(pags_driving *driving, const char *list) {
-  char *copy = pags_text_copy(list);
-  driving->critical.list = pags_text_copy(list);
-  pags_result result =
-      copy && driving->critical.list ? take_list(driving, copy) : pags_out_of_memory("%s", driving->root);
-  free(copy);
-  return result;
-}
-
 pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_parsed_dataset *parsed) {
   driving->critical.objects = calloc((size_t)driving->object_count + 1, 1);
-  if (!driving->critical.objects)
-    return pags_out_of_memory("%s", driving->root);
+  PAGS_CHECK_MEMORY(driving->critical.objects, "%s", driving->root);
 
   /* Bits of each class of the label images that don't depend on the list: sky, a class of things that can move, or no
    * class. */
@@ -168,7 +161,7 @@ pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_p
     driving->critical.classes[sky->id] = PAGS_LABEL_SKY;
 
   if (list)
-    PAGS_TRY(take_all(driving, list));
+    PAGS_TRY(take_list(driving, list));
   else
     for (int c = PAGS_CATEGORY_VEHICLE; c < CATEGORIES; c++)
       take_kind(driving, (pags_category)c);
@@ -227,18 +220,6 @@ static tally count_views(const pags_driving *driving, const pags_parsed_dataset 
   return t;
 }
 
-static void say_sources(int sources, phrase *out) {
-  char text[64] = "";
-  phrase names = {text, sizeof text, 0};
-  if (sources & FROM_LABELS)
-    add_word(&names, " and ", "semantic");
-  if (sources & FROM_DYNAMIC)
-    add_word(&names, " and ", "dynamic_masks");
-  if (sources & FROM_BOXES)
-    add_word(&names, " and ", "boxes");
-  add_word(out, ", ", sources ? text : "unknown (neither masks nor boxes)");
-}
-
 pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset *parsed) {
   const tally t = count_views(driving, parsed);
   bool lidar = driving->provides & PAGS_PROVIDES_LIDAR;
@@ -253,10 +234,18 @@ pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset 
   /* The text has the form "semantic and dynamic_masks in 200 of 240 views, boxes in 40 of 240 views". */
   char text[300] = "", classes[500] = "", count[64];
   phrase sources = {text, sizeof text, 0}, names = {classes, sizeof classes, 0};
+  static const char *const from_names[] = {"unknown (neither masks nor boxes)",
+                                           "boxes",
+                                           "dynamic_masks",
+                                           "dynamic_masks and boxes",
+                                           "semantic",
+                                           "semantic and boxes",
+                                           "semantic and dynamic_masks",
+                                           "semantic and dynamic_masks and boxes"};
   for (int from = 7; from >= 0; from--) {
     if (t.critical[from] == 0)
       continue;
-    say_sources(from, &sources);
+    add_word(&sources, ", ", from_names[from]);
     snprintf(count, sizeof count, " in %lld of %lld views", (long long)t.critical[from], (long long)t.views);
     add_word(&sources, "", count);
   }

@@ -65,13 +65,11 @@ pags_result pags_driving_note(pags_driving *driving, const char *format, ...) {
   va_start(arguments, format);
   vsnprintf(line, sizeof line, format, arguments);
   va_end(arguments);
-  char **notes = realloc(driving->notes, ((size_t)driving->note_count + 1) * sizeof *notes);
-  if (!notes)
-    return pags_out_of_memory("%s", driving->root);
-  driving->notes = notes;
-  notes[driving->note_count] = pags_text_copy(line);
-  if (!notes[driving->note_count])
-    return pags_out_of_memory("%s", driving->root);
+  PAGS_CHECK_MEMORY(
+      pags_grow(&driving->notes, driving->note_count + 1, &driving->note_capacity, sizeof *driving->notes), "%s",
+      driving->root);
+  driving->notes[driving->note_count] = pags_text_copy(line);
+  PAGS_CHECK_MEMORY(driving->notes[driving->note_count], "%s", driving->root);
   driving->note_count++;
   return PAGS_OK;
 }

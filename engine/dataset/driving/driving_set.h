@@ -70,7 +70,7 @@ typedef struct pags_driving {
   bool exposure_poses; /* views have ego_pose/TTT_C.txt, the car's pose at the exposure, in place of ego_pose/TTT.txt */
   int provides;
   double fps;
-  int64_t sensor_count;
+  int64_t sensor_count, sensor_capacity;
   pags_sensor *sensors; /* in ascending order of their numbers */
   int holdout;          /* number of the held-out camera, -1: none */
   int64_t step_count;
@@ -80,7 +80,7 @@ typedef struct pags_driving {
   pags_critical critical;
   int64_t sweep_count;
   pags_sweep *sweeps; /* each sweep owns its `path` */
-  int64_t note_count;
+  int64_t note_count, note_capacity;
   char **notes;
 } pags_driving;
 

@@ -13,9 +13,8 @@
 #include "dataset/internal.h"
 
 #include "dataset/driving/driving_set.h"
+#include "dataset/driving/looks.h"
 #include "dataset/driving/masks.h"
-#include "dataset/driving/small_photo.h"
-#include "dataset/view_camera.h"
 #include "image/pixels.h"
 
 #include "base/file.h"
@@ -49,13 +48,10 @@ static pags_result load_mask(const char *path, pags_sensor *sensor) {
 static pags_result load_given(const pags_driving *driving, const char *given, pags_sensor *sensor, int *loaded) {
   if (!pags_dir_exists(given))
     return load_mask(given, sensor);
-  char *path = pags_text_format("%s/%d.png", given, sensor->number);
-  pags_result result = path ? PAGS_OK : pags_out_of_memory("%s", driving->root);
-  *loaded = path && pags_file_exists(path);
-  if (*loaded)
-    result = load_mask(path, sensor);
-  free(path);
-  return result;
+  PAGS_AUTOFREE char *path = pags_text_format("%s/%d.png", given, sensor->number);
+  PAGS_CHECK_MEMORY(path, "%s", driving->root);
+  *loaded = pags_file_exists(path);
+  return *loaded ? load_mask(path, sensor) : PAGS_OK;
 }
 
 static pags_result check_size(const pags_dataset *dataset, const pags_sensor *sensor, const char *given) {
@@ -130,6 +126,15 @@ typedef struct search {
   int *stack;
 } search;
 
+static void search_destroy(search *s) {
+  free(s->sum);
+  free(s->square);
+  free(s->still);
+  free(s->scratch);
+  free(s->stack);
+  pags_image_destroy(&s->seen);
+}
+
 /* Chooses training views of camera `number` in order of time: the first one, then each view that is at least `reach`
  * metres of driven path after the last chosen one; at most `most`. Returns their number. */
 static int choose_spaced(const search *s, int number, double reach, int most, int64_t *out) {
@@ -164,20 +169,18 @@ static double way_driven(const search *s, int number) {
 }
 
 static pags_result add_photograph(search *s, int64_t view) {
-  pags_image full, small;
+  PAGS_AUTO(pags_image_destroy) pags_image full = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image small = {0};
   PAGS_TRY(pags_image_load_display(s->dataset->views[view].image_path, 3, &full));
-  pags_result result = pags_image_create(&small, s->width, s->height, 3, PAGS_U8);
-  if (result == PAGS_OK)
-    result = pags_shrink_mean(&full, s->step, s->step, &small);
+  PAGS_TRY(pags_image_create(&small, s->width, s->height, 3, PAGS_U8));
+  PAGS_TRY(pags_shrink_mean(&full, s->step, s->step, &small));
   const uint8_t *p = small.data;
-  for (int i = 0; result == PAGS_OK && i < s->width * s->height; i++, p += 3) {
+  for (int i = 0; i < s->width * s->height; i++, p += 3) {
     float level = (float)(p[0] + 2 * p[1] + p[2]) / 4;
     s->sum[i] += level;
     s->square[i] += level * level;
   }
-  pags_image_destroy(&full);
-  pags_image_destroy(&small);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Finding still pixels ---- */
@@ -200,12 +203,6 @@ static bool sees(const search *s, int at) {
   return !s->seen.data || ((const uint8_t *)s->seen.data)[at] != 0;
 }
 
-/* Whether nothing is seen below the pixel of a column. */
-static bool is_lowest(const search *s, int at) {
-  const int below = at + s->width;
-  return below >= s->width * s->height || !sees(s, below);
-}
-
 /* Flood fill: marks the connected component of still pixels around `seed` with 2. Returns its number of pixels;
  * *lowest is the number of them at the lower edge. */
 static int flood(search *s, int seed, int *lowest) {
@@ -218,7 +215,7 @@ static int flood(search *s, int seed, int *lowest) {
     const int next[4] = {x > 0 ? at - 1 : at, x + 1 < s->width ? at + 1 : at, y > 0 ? at - s->width : at,
                          y + 1 < s->height ? at + s->width : at};
     size++;
-    *lowest += is_lowest(s, at);
+    *lowest += y + 1 == s->height || !sees(s, at + s->width); /* nothing is seen below the pixel */
     for (int i = 0; i < 4; i++)
       if (s->still[next[i]] == 1) {
         s->still[next[i]] = 2;
@@ -239,11 +236,10 @@ static int propose(search *s) {
     if (s->still[seed] != 1)
       continue;
     int size = flood(s, seed, &lowest);
-    bool large = 100 * size >= s->width * s->height && 20 * lowest >= s->width;
-    uint8_t from = 2;
-    uint8_t to = large ? 3 : 0;
+    const bool large = 100 * size >= s->width * s->height && 20 * lowest >= s->width;
     for (int i = 0; i < s->width * s->height; i++)
-      s->still[i] = s->still[i] == from ? to : s->still[i];
+      if (s->still[i] == 2)
+        s->still[i] = large ? 3 : 0;
     total += large ? size : 0;
   }
   return total;
@@ -311,18 +307,11 @@ static pags_result begin_search(search *s) {
   s->still = malloc(pixels);
   s->scratch = malloc(pixels);
   s->stack = malloc(pixels * sizeof *s->stack);
-  if (!(s->sum && s->square && s->still && s->scratch && s->stack))
-    return pags_out_of_memory("%s", s->dataset->path);
+  PAGS_CHECK_MEMORY(s->sum && s->square && s->still && s->scratch && s->stack, "%s", s->dataset->path);
   pags_camera small = pags_camera_downscale(&s->dataset->cameras[s->views[0]], s->step);
   small.width = s->width;
   small.height = s->height;
   return pags_view_camera_mask(&small, &s->seen);
-}
-
-/* Whether a view's camera stands upright, give or take 45 degrees: the second column is the picture's downward
- * direction, and z is up. */
-static bool stands_upright(const pags_view *view) {
-  return view->camera.world_from_camera[9] < -0.7;
 }
 
 static pags_result search_all(pags_dataset *dataset) {
@@ -330,10 +319,11 @@ static pags_result search_all(pags_dataset *dataset) {
   int slow = 0, tilted = 0, first_tilted = 0; /* cameras that move too little, and that don't stand upright */
   for (int64_t i = 0; i < driving->sensor_count; i++) {
     pags_sensor *sensor = &driving->sensors[i];
-    search s = {.dataset = dataset};
+    PAGS_AUTO(search_destroy) search s = {.dataset = dataset};
     double reach = fmax(spacing, way_driven(&s, sensor->number) / MANY);
     s.count = choose_spaced(&s, sensor->number, reach, MANY, s.views);
-    if (s.count > 0 && !stands_upright(dataset->views + s.views[0])) {
+    /* Upright, give or take 45 degrees: the second column is the picture's downward direction, and z is up. */
+    if (s.count > 0 && !(dataset->views[s.views[0]].camera.world_from_camera[9] < -0.7)) {
       first_tilted = tilted++ ? first_tilted : sensor->number;
       continue;
     }
@@ -341,18 +331,8 @@ static pags_result search_all(pags_dataset *dataset) {
       slow++;
       continue;
     }
-    pags_result result = begin_search(&s);
-    if (result == PAGS_OK)
-      result = search_camera(&s, sensor);
-
-    free(s.sum);
-    free(s.square);
-    free(s.still);
-    free(s.scratch);
-    free(s.stack);
-    pags_image_destroy(&s.seen);
-
-    PAGS_TRY(result);
+    PAGS_TRY(begin_search(&s));
+    PAGS_TRY(search_camera(&s, sensor));
   }
   if (tilted > 0)
     PAGS_TRY(pags_driving_note(
@@ -369,10 +349,7 @@ static pags_result search_all(pags_dataset *dataset) {
 pags_result pags_ego_masks_make(pags_dataset *dataset, const pags_dataset_options *options) {
   if (options->ego_mask)
     return take_given(dataset, options->ego_mask);
-  char *folder = pags_path_join(dataset->parsed.driving->root, "ego_masks");
-  if (!folder)
-    return pags_out_of_memory("%s", dataset->path);
-  pags_result result = pags_dir_exists(folder) ? take_given(dataset, folder) : search_all(dataset);
-  free(folder);
-  return result;
+  PAGS_AUTOFREE char *folder = pags_path_join(dataset->parsed.driving->root, "ego_masks");
+  PAGS_CHECK_MEMORY(folder, "%s", dataset->path);
+  return pags_dir_exists(folder) ? take_given(dataset, folder) : search_all(dataset);
 }

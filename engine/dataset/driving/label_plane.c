@@ -7,7 +7,7 @@
  * frame's time step is used without correction for the exposure time. */
 #include "dataset/driving/label_plane.h"
 
-#include "dataset/driving/critical.h"
+#include "base/memory.h"
 #include "dataset/driving/masks.h"
 
 #include <assert.h>
@@ -27,7 +27,7 @@ static size_t area(const pags_lens *lens) {
 
 /* Sets `bits` in `labels` where the mask file is white and, unless `mask` is NULL, clears `mask` there. */
 static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bits, uint8_t *labels, uint8_t *mask) {
-  pags_image white;
+  PAGS_AUTO(pags_image_destroy) pags_image white = {0};
   PAGS_TRY(pags_driving_load_mask(path, lens, &white));
   const uint8_t *from = white.data, least = pags_driving_white(&white);
   for (size_t i = 0; i < area(lens); i++) {
@@ -35,7 +35,6 @@ static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bit
     if (mask && from[i] >= least)
       mask[i] = 0;
   }
-  pags_image_destroy(&white);
   return PAGS_OK;
 }
 
@@ -77,7 +76,7 @@ static pags_result load_files(const pags_driving *driving, const pags_parsed_vie
     PAGS_TRY(add_mask(view->sky_path, &view->lens, PAGS_LABEL_SKY, labels, NULL));
   if (view->semantic_path) {
     /* Class ids become label bits; a sky mask takes precedence over the class sky. */
-    pags_image classes;
+    PAGS_AUTO(pags_image_destroy) pags_image classes = {0};
     int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY | PAGS_LABEL_SKY_UNKNOWN);
     PAGS_TRY(pags_driving_load_labels(view->semantic_path, &view->lens, &classes));
     const uint8_t *from = classes.data;
@@ -87,7 +86,6 @@ static pags_result load_files(const pags_driving *driving, const pags_parsed_vie
       if (left_out && bits & PAGS_LABEL_MOVING)
         left_out[i] = 0;
     }
-    pags_image_destroy(&classes);
   }
   uint8_t dynamic = PAGS_LABEL_MOVING | (driving->critical.all_dynamic ? PAGS_LABEL_CRITICAL : 0);
   if (view->dynamic_path)
@@ -128,30 +126,30 @@ pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t index, con
                                  uint8_t *plane) {
   const pags_driving *driving = dataset->parsed.driving;
   const pags_parsed_view *view = &dataset->parsed.views[index];
-  pags_pixel_rays rays;
+  PAGS_AUTO(pags_pixel_rays_destroy) pags_pixel_rays rays = {0};
   PAGS_TRY(pags_pixel_rays_create(camera, &rays));
 
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *object = &driving->objects[i];
     const pags_keyframe *keyframe = pags_object_keyframe(object, view->frame);
+    if (!keyframe)
+      continue;
+    const uint8_t bits = bits_of(driving, i, view);
     double corners[32];
     if (rays.direction) {
-      if (keyframe)
-        pags_pixel_rays_fill_box(&rays, camera, keyframe->world_from_object, object->size, stride,
-                                 bits_of(driving, i, view), plane);
+      pags_pixel_rays_fill_box(&rays, camera, keyframe->world_from_object, object->size, stride, bits, plane);
       continue;
     }
-    int count = keyframe ? pags_box_outline(camera, keyframe->world_from_object, object->size, corners) : 0;
-    pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(driving, i, view), plane);
+    const int count = pags_box_outline(camera, keyframe->world_from_object, object->size, corners);
+    pags_outline_fill(corners, count, camera->width, camera->height, stride, bits, plane);
   }
 
-  const bool known = view->sky_path || (view->semantic_path && pags_labels_know_sky(driving));
-  for (int y = 0; y < camera->height && !known && driving->sweep_count == 0; y++)
+  if (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)))
+    return PAGS_OK;
+  if (driving->sweep_count > 0)
+    return pags_sky_from_lidar(driving, view->frame, camera, &rays, stride, plane);
+  for (int y = 0; y < camera->height; y++)
     for (int x = 0; x < camera->width; x++)
       plane[(size_t)y * (size_t)stride + (size_t)x] |= PAGS_LABEL_SKY_UNKNOWN;
-  pags_result result = PAGS_OK;
-  if (!known && driving->sweep_count > 0)
-    result = pags_sky_from_lidar(driving, view->frame, camera, &rays, stride, plane);
-  pags_pixel_rays_destroy(&rays);
-  return result;
+  return PAGS_OK;
 }

@@ -5,6 +5,7 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "dataset/driving/motion.h"
 #include "scene/object.h"
 
@@ -38,11 +39,7 @@ static double time_of(const pags_driving *driving, int frame) {
 }
 
 static double distance(const pags_keyframe *a, const pags_keyframe *b) {
-  double square = 0;
-  for (int axis = 3; axis < 12; axis += 4)
-    square += (a->world_from_object[axis] - b->world_from_object[axis]) *
-              (a->world_from_object[axis] - b->world_from_object[axis]);
-  return sqrt(square);
+  return pags_pose_distance(a->world_from_object, b->world_from_object);
 }
 
 /* Sorts the labels by frame and leaves out those without a size and all but one of a frame: that which is nearest to
@@ -77,16 +74,15 @@ static int64_t sort_out(pags_labels *all, const pags_object *object, pags_label 
 /* Gives a box the extents that its object has in the middle of all labels where its own are three times or a third of
  * them, since an object's size is the mean of its labels'. */
 static pags_result mend_sizes(pags_labels *all, const pags_object *object, pags_label *labels, int64_t count) {
-  double *sorted = malloc(((size_t)count + 1) * sizeof *sorted), middle[3];
-  if (!sorted)
-    return pags_out_of_memory("%s", all->source);
+  PAGS_AUTOFREE double *sorted = malloc(((size_t)count + 1) * sizeof *sorted);
+  PAGS_CHECK_MEMORY(sorted, "%s", all->source);
+  double middle[3];
   for (int k = 0; k < 3 && count; k++) {
     for (int64_t i = 0; i < count; i++)
       sorted[i] = labels[i].size[k];
     pags_sort_doubles(sorted, count);
     middle[k] = sorted[count / 2];
   }
-  free(sorted);
   for (int64_t i = 0; i < count && count > 2; i++) {
     bool wrong = false;
     for (int k = 0; k < 3; k++)
@@ -134,33 +130,14 @@ static pags_result check_id(pags_labels *all, pags_object *object) {
   const pags_object *other = object_of_id(all->driving, object->id);
   if (!other)
     return PAGS_OK;
-  char *longer = pags_text_format("%s-%s", object->id, object->class_name);
-  if (!longer)
-    return pags_out_of_memory("%s", all->source);
-  if (strcmp(other->class_name, object->class_name) == 0 || object_of_id(all->driving, longer)) {
-    free(longer);
+  PAGS_AUTOFREE char *longer = pags_text_format("%s-%s", object->id, object->class_name);
+  PAGS_CHECK_MEMORY(longer, "%s", all->source);
+  if (strcmp(other->class_name, object->class_name) == 0 || object_of_id(all->driving, longer))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the id '%s' occurs twice, both times of a %s; expected unique ids",
                      all->source, object->id, object->class_name);
-  }
   pags_tally_add(&all->renamed, "'%s', of a %s and a %s", object->id, other->class_name, object->class_name);
   free(object->id);
-  object->id = longer;
-  return PAGS_OK;
-}
-
-static pags_result add_object(pags_labels *all, pags_object *object) {
-  pags_driving *driving = all->driving;
-  PAGS_TRY(check_id(all, object));
-  if (driving->object_count == all->capacity) {
-    const int64_t capacity = all->capacity ? 2 * all->capacity : 64;
-    pags_object *objects = realloc(driving->objects, (size_t)capacity * sizeof *objects);
-    if (!objects)
-      return pags_out_of_memory("%s", all->source);
-    driving->objects = objects;
-    all->capacity = capacity;
-  }
-  driving->objects[driving->object_count++] = *object;
-  *object = (pags_object){0};
+  object->id = pags_take(&longer);
   return PAGS_OK;
 }
 
@@ -190,29 +167,34 @@ static void use_labels(pags_labels *all, const uint8_t *present, const pags_labe
   }
 }
 
-/* Makes the object of the labels of one thing. `whole` has its id, class and room for all keyframes. */
-static pags_result take_thing(pags_labels *all, const uint8_t *present, pags_label *labels, int64_t count,
-                              uint8_t *mended, pags_object *whole) {
-  pags_object object = {.category = whole->category};
-  object.id = pags_text_copy(whole->id);
-  object.class_name = pags_text_copy(whole->class_name);
-  object.keyframes = calloc((size_t)count, sizeof *object.keyframes);
-  pags_result result =
-      object.id && object.class_name && object.keyframes ? PAGS_OK : pags_out_of_memory("%s", all->source);
-  if (result == PAGS_OK)
-    result = mend_sizes(all, whole, labels, count);
+static void take_keyframes(pags_object *whole, const pags_label *labels, int64_t count) {
   for (int64_t i = 0; i < count; i++)
     whole->keyframes[i] = labels[i].keyframe;
   whole->keyframe_count = count;
-  if (result == PAGS_OK) {
-    mend_poses(all, whole, labels, mended);
-    object.moving = whole->moving;
-    use_labels(all, present, labels, count, &object);
-  }
-  if (result == PAGS_OK && object.keyframe_count > 0)
-    result = add_object(all, &object);
-  pags_object_destroy(&object);
-  return result;
+}
+
+/* Makes the object of the labels of one thing. `whole` has its id, class and room for all keyframes. */
+static pags_result take_thing(pags_labels *all, const uint8_t *present, pags_label *labels, int64_t count,
+                              uint8_t *mended, pags_object *whole) {
+  pags_driving *driving = all->driving;
+  PAGS_AUTO(pags_object_destroy) pags_object object = {.category = whole->category};
+  object.id = pags_text_copy(whole->id);
+  object.class_name = pags_text_copy(whole->class_name);
+  object.keyframes = calloc((size_t)count, sizeof *object.keyframes);
+  PAGS_CHECK_MEMORY(object.id && object.class_name && object.keyframes, "%s", all->source);
+  PAGS_TRY(mend_sizes(all, whole, labels, count));
+  take_keyframes(whole, labels, count);
+  mend_poses(all, whole, labels, mended);
+  object.moving = whole->moving;
+  use_labels(all, present, labels, count, &object);
+  if (object.keyframe_count == 0)
+    return PAGS_OK;
+  PAGS_TRY(check_id(all, &object));
+  PAGS_CHECK_MEMORY(pags_grow(&driving->objects, driving->object_count + 1, &all->capacity, sizeof object), "%s",
+                    all->source);
+  driving->objects[driving->object_count++] = object;
+  object = (pags_object){0};
+  return PAGS_OK;
 }
 
 /* What is known of each label of an id. */
@@ -224,60 +206,57 @@ typedef struct work {
   uint8_t *mended_of_one;
 } work;
 
+static void work_destroy(work *w) {
+  free(w->part);
+  free(w->mended);
+  free(w->scratch);
+  free(w->labels);
+  free(w->mended_of_one);
+}
+
 /* Takes the things that an id goes along with. */
 static pags_result take_things(pags_labels *all, const uint8_t *present, const pags_label *labels, int64_t count,
                                work *w, pags_object *whole) {
-  char *const id = whole->id;
-  for (int64_t i = 0; i < count; i++)
-    whole->keyframes[i] = labels[i].keyframe;
-  whole->keyframe_count = count;
+  take_keyframes(whole, labels, count);
   const int parts = pags_track_split(whole, w->part, w->mended, w->scratch);
   if (parts > 1)
-    pags_tally_add(&all->split, "%s '%s', to %d things", whole->class_name, id, parts);
-  pags_result result = PAGS_OK;
-  for (int p = 0; p < parts && result == PAGS_OK; p++) {
+    pags_tally_add(&all->split, "%s '%s', to %d things", whole->class_name, whole->id, parts);
+  PAGS_AUTOFREE char *id = pags_text_copy(whole->id);
+  PAGS_CHECK_MEMORY(id, "%s", all->source);
+  for (int p = 0; p < parts; p++) {
     int64_t n = 0;
     for (int64_t i = 0; i < count; i++)
       if (w->part[i] == p) {
         w->labels[n] = labels[i];
         w->mended_of_one[n++] = w->mended[i];
       }
-    whole->id = p ? pags_text_format("%s-part%d", id, p + 1) : id;
-    result = whole->id ? take_thing(all, present, w->labels, n, w->mended_of_one, whole)
-                       : pags_out_of_memory("%s", all->source);
-    if (p)
+    if (p) {
       free(whole->id);
+      whole->id = pags_text_format("%s-part%d", id, p + 1);
+      PAGS_CHECK_MEMORY(whole->id, "%s", all->source);
+    }
+    PAGS_TRY(take_thing(all, present, w->labels, n, w->mended_of_one, whole));
   }
-  whole->id = id;
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_labels_take(pags_labels *all, const char *id, const char *class_name, const uint8_t *present,
                              pags_label *labels, int64_t count) {
   const size_t room = (size_t)count + 1;
+  PAGS_AUTO(pags_object_destroy)
   pags_object whole = {.id = pags_text_copy(id),
                        .class_name = pags_text_copy(class_name),
                        .category = pags_category_of(class_name),
                        .keyframes = calloc(room, sizeof *whole.keyframes)};
+  PAGS_AUTO(work_destroy)
   work w = {calloc(room, sizeof *w.part), calloc(room, 1), calloc(2 * room, sizeof *w.scratch),
             calloc(room, sizeof *w.labels), calloc(room, 1)};
-  const bool made =
-      whole.id && whole.class_name && whole.keyframes && w.part && w.mended && w.scratch && w.labels && w.mended_of_one;
+  PAGS_CHECK_MEMORY(whole.id && whole.class_name && whole.keyframes, "%s", all->source);
+  PAGS_CHECK_MEMORY(w.part && w.mended && w.scratch && w.labels && w.mended_of_one, "%s", all->source);
   all->ids++;
   all->boxes += count;
-  pags_result result = made ? PAGS_OK : pags_out_of_memory("%s", all->source);
-  if (made) {
-    count = sort_out(all, &whole, labels, count);
-    if (count > 0)
-      result = take_things(all, present, labels, count, &w, &whole);
-  }
-  free(w.part);
-  free(w.mended);
-  free(w.scratch);
-  free(w.labels);
-  free(w.mended_of_one);
-  pags_object_destroy(&whole);
-  return result;
+  count = sort_out(all, &whole, labels, count);
+  return count > 0 ? take_things(all, present, labels, count, &w, &whole) : PAGS_OK;
 }
 
 /* ---- What is said ---- */
@@ -300,17 +279,16 @@ static void warn(const pags_labels *all) {
        "objects have boxes that jitter by more than 0.5 m about one place, and are taken as parked"}};
   for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
     if (kinds[i].tally->count)
-      pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld %s; the first is %s", all->source,
-                       (long long)kinds[i].tally->count, (long long)kinds[i].of, kinds[i].what, kinds[i].tally->first);
+      PAGS_WARN("%s: %lld of %lld %s; the first is %s", all->source, (long long)kinds[i].tally->count,
+                (long long)kinds[i].of, kinds[i].what, kinds[i].tally->first);
   if (all->leaping.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: the boxes of %lld of %lld objects leap as nothing does that moves, so some may be wrong; the "
-                     "first is %s",
-                     all->source, (long long)all->leaping.count, (long long)all->ids, all->leaping.first);
+    PAGS_WARN(
+        "%s: the boxes of %lld of %lld objects leap as nothing does that moves, so some may be wrong; the "
+        "first is %s",
+        all->source, (long long)all->leaping.count, (long long)all->ids, all->leaping.first);
   if (all->renamed.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld ids are used in several classes, the class was added to them; the first is %s",
-                     all->source, (long long)all->renamed.count, all->renamed.first);
+    PAGS_WARN("%s: %lld ids are used in several classes, the class was added to them; the first is %s", all->source,
+              (long long)all->renamed.count, all->renamed.first);
 }
 
 pags_result pags_labels_end(pags_labels *all, const char *of) {
@@ -322,10 +300,10 @@ pags_result pags_labels_end(pags_labels *all, const char *of) {
   if (driving->object_count > 0)
     driving->provides |= PAGS_PROVIDES_BOXES;
   else
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: none of its %lld objects has a box at a time step used: the set is taken as one without "
-                     "boxes; delete the file if it has none",
-                     all->source, (long long)all->ids);
+    PAGS_WARN(
+        "%s: none of its %lld objects has a box at a time step used: the set is taken as one without "
+        "boxes; delete the file if it has none",
+        all->source, (long long)all->ids);
   return pags_driving_note(driving, "boxes: %lld objects%s, %lld of them moving", (long long)driving->object_count, of,
                            (long long)moving);
 }

@@ -14,7 +14,6 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "dataset/driving/driving_set.h"
-#include "dataset/driving/small_photo.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -43,14 +42,15 @@ typedef struct plane {
 } plane;
 
 static pags_result make_plane(const pags_dataset *dataset, int64_t view, plane *out) {
-  pags_image grey;
+  PAGS_AUTO(pags_image_destroy) pags_image grey = {0};
   PAGS_TRY(pags_small_photo_load(dataset, view, WIDTH, &grey, &out->step));
   out->view = view;
   out->width = grey.width;
   out->height = grey.height;
   out->detail = malloc((size_t)grey.width * (size_t)grey.height * sizeof *out->detail);
+  PAGS_CHECK_MEMORY(out->detail, "%s", dataset->views[view].image_path);
   const uint8_t *data = grey.data;
-  for (int y = 0; out->detail && y < grey.height; y++)
+  for (int y = 0; y < grey.height; y++)
     for (int x = 0; x < grey.width; x++) {
       int sum = 0, count = 0;
       for (int j = y > ABOUT ? y - ABOUT : 0; j <= y + ABOUT && j < grey.height; j++)
@@ -58,8 +58,7 @@ static pags_result make_plane(const pags_dataset *dataset, int64_t view, plane *
           sum += data[j * grey.width + i];
       out->detail[y * grey.width + x] = (float)data[y * grey.width + x] - (float)sum / (float)count;
     }
-  pags_image_destroy(&grey);
-  return out->detail ? PAGS_OK : pags_out_of_memory("%s", dataset->views[view].image_path);
+  return PAGS_OK;
 }
 
 /* Where the photograph shows a point of the camera's frame, in pixels of the small one; false: nowhere. */
@@ -178,25 +177,27 @@ typedef struct verdict {
   double as_read, flipped;      /* sums of the correlations */
 } verdict;
 
+static void destroy_pair(plane (*pair)[2]) {
+  free((*pair)[0].detail);
+  free((*pair)[1].detail);
+}
+
 static pags_result look_at_pair(const pags_dataset *dataset, int64_t view, verdict *v) {
   const int64_t partner = find_partner(dataset, view);
   double read = 0, flipped = 0;
-  plane pair[2] = {0};
   if (partner < 0 || dataset->parsed.views[view].lens.width < LEAST_WIDTH)
     return PAGS_OK;
-  pags_result result = make_plane(dataset, view, &pair[0]);
-  if (result == PAGS_OK)
-    result = make_plane(dataset, partner, &pair[1]);
-  if (result == PAGS_OK && compare_patches(dataset, pair, &read, &flipped) >= LEAST_PATCHES) {
-    v->pairs++;
-    v->mirrored += flipped - read > telling;
-    v->upright += read - flipped > telling;
-    v->as_read += read;
-    v->flipped += flipped;
-  }
-  free(pair[0].detail);
-  free(pair[1].detail);
-  return result;
+  PAGS_AUTO(destroy_pair) plane pair[2] = {0};
+  PAGS_TRY(make_plane(dataset, view, &pair[0]));
+  PAGS_TRY(make_plane(dataset, partner, &pair[1]));
+  if (compare_patches(dataset, pair, &read, &flipped) < LEAST_PATCHES)
+    return PAGS_OK;
+  v->pairs++;
+  v->mirrored += flipped - read > telling;
+  v->upright += read - flipped > telling;
+  v->as_read += read;
+  v->flipped += flipped;
+  return PAGS_OK;
 }
 
 /* The view of a camera at the `step`-th of STEPS time steps spread over the recording that has a sweep and a

@@ -17,7 +17,6 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "dataset/driving/driving_set.h"
-#include "dataset/driving/small_photo.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -158,43 +157,38 @@ static void compare_cameras(looks *all) {
         pags_tally_add(&all->twin, "%s, which shows what %s does", d->views[j].name, d->views[i].name);
 }
 
-static void warn(const looks *all) {
-  const struct {
-    const pags_tally *tally;
-    const char *what;
-  } kinds[] = {{&all->blank, "show nothing: they are black or of one colour"},
-               {&all->repeated, "repeat an earlier one though the camera moved"},
-               {&all->twin, "are those of another camera"}};
-  for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
-    if (kinds[i].tally->count)
-      pags_log_message(PAGS_LOG_WARNING,
-                       "%s/images: %lld of %lld photographs looked at %s; the first is %s. Delete them and pass "
-                       "--allow-missing, or choose others by --cameras and --frames",
-                       all->dataset->parsed.driving->root, (long long)kinds[i].tally->count, (long long)all->looked,
-                       kinds[i].what, kinds[i].tally->first);
+static void looks_destroy(looks *all) {
+  for (int64_t i = 0; all->views && i < all->dataset->count; i++)
+    pags_image_destroy(&all->views[i].cells);
+  free(all->views);
 }
 
 pags_result pags_look_at_photographs(const pags_dataset *dataset) {
   const pags_driving *driving = dataset->parsed.driving;
+  PAGS_AUTO(looks_destroy)
   looks all = {.dataset = dataset, .views = calloc((size_t)dataset->count, sizeof *all.views)};
-  int64_t *views = malloc((size_t)dataset->count * sizeof *views);
-  double *sizes = malloc(2 * (size_t)dataset->count * sizeof *sizes);
-  pags_result result = all.views && views && sizes ? PAGS_OK : pags_out_of_memory("%s", driving->root);
-  for (int64_t s = 0; s < driving->sensor_count && result == PAGS_OK; s++) {
+  PAGS_AUTOFREE int64_t *views = malloc((size_t)dataset->count * sizeof *views);
+  PAGS_AUTOFREE double *sizes = malloc(2 * (size_t)dataset->count * sizeof *sizes);
+  PAGS_CHECK_MEMORY(all.views && views && sizes, "%s", driving->root);
+  for (int64_t s = 0; s < driving->sensor_count; s++) {
     int64_t count = 0;
     for (int64_t i = 0; i < dataset->count; i++)
       if (dataset->views[i].sensor == driving->sensors[s].number)
         views[count++] = i;
-    result = look_at_camera(&all, views, count, sizes);
+    PAGS_TRY(look_at_camera(&all, views, count, sizes));
   }
-  if (result == PAGS_OK) {
-    compare_cameras(&all);
-    warn(&all);
-  }
-  for (int64_t i = 0; all.views && i < dataset->count; i++)
-    pags_image_destroy(&all.views[i].cells);
-  free(all.views);
-  free(views);
-  free(sizes);
-  return result;
+  compare_cameras(&all);
+  const struct {
+    const pags_tally *tally;
+    const char *what;
+  } kinds[] = {{&all.blank, "show nothing: they are black or of one colour"},
+               {&all.repeated, "repeat an earlier one though the camera moved"},
+               {&all.twin, "are those of another camera"}};
+  for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
+    if (kinds[i].tally->count)
+      PAGS_WARN(
+          "%s/images: %lld of %lld photographs looked at %s; the first is %s. Delete them and pass "
+          "--allow-missing, or choose others by --cameras and --frames",
+          driving->root, (long long)kinds[i].tally->count, (long long)all.looked, kinds[i].what, kinds[i].tally->first);
+  return PAGS_OK;
 }

@@ -3,7 +3,39 @@
 #include "dataset/driving/looks.h"
 
 #include "base/log.h"
+#include "base/memory.h"
+#include "base/vec3.h"
 #include "dataset/driving/driving_set.h"
+#include "image/pixels.h"
+#include "maths/maths.h"
+
+#include <math.h>
+
+/* ---- Small photographs ---- */
+
+pags_result pags_small_photo_load(const pags_dataset *dataset, int64_t view, int width, pags_image *grey,
+                                  double *step) {
+  PAGS_AUTO(pags_image_destroy) pags_image full = {0};
+  const int turn = dataset->parsed.views[view].turn;
+  *grey = (pags_image){0};
+  PAGS_TRY(pags_image_load(dataset->views[view].image_path, PAGS_U8, 1, &full));
+  if (turn > 1)
+    PAGS_TRY(pags_image_turn(&full, turn));
+  *step = fmax((double)full.width / width, 1);
+  PAGS_TRY(pags_image_create(grey, (int)fmax(full.width / *step, 1), (int)fmax(full.height / *step, 1), 1, PAGS_U8));
+  return pags_shrink_mean(&full, *step, *step, grey);
+}
+
+double pags_view_distance(const pags_dataset *dataset, int64_t a, int64_t b) {
+  return pags_pose_distance(dataset->views[a].camera.world_from_camera, dataset->views[b].camera.world_from_camera);
+}
+
+double pags_view_angle(const pags_dataset *dataset, int64_t a, int64_t b) {
+  const double *p = dataset->views[a].camera.world_from_camera, *q = dataset->views[b].camera.world_from_camera;
+  return 57.29577951308232 * pags_acos(fmax(-1, fmin(1, p[2] * q[2] + p[6] * q[6] + p[10] * q[10])));
+}
+
+/* ---- All looks ---- */
 
 /* A camera of a lower rate may have its photographs just at the time steps that are held out. */
 static void check_held_out(const pags_dataset *dataset) {

@@ -6,6 +6,14 @@
 
 #include "dataset/internal.h"
 
+/* Loads a photograph in grey, shrunk by area to about `width` pixels across; *step: pixels of the photograph a pixel.
+ * The caller destroys *grey, also on failure. */
+pags_result pags_small_photo_load(const pags_dataset *dataset, int64_t view, int width, pags_image *grey, double *step);
+
+/* Distance in metres between the cameras of two views, and the angle in degrees between their axes. */
+double pags_view_distance(const pags_dataset *dataset, int64_t a, int64_t b);
+double pags_view_angle(const pags_dataset *dataset, int64_t a, int64_t b);
+
 /* Finds ego masks; with `look`, looks at the photographs; warns of cameras of which most photographs are held out. Call
  * it after the views are made. */
 pags_result pags_driving_views_check(pags_dataset *dataset, const pags_dataset_options *options);

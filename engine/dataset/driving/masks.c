@@ -13,13 +13,10 @@
 
 pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_parsed_view *view,
                                    char **out) {
-  *out = pags_text_format("%s/%s/%0*d_%d.png", driving->root, folder, driving->digits, view->frame, view->sensor);
-  if (!*out)
-    return pags_out_of_memory("%s", driving->root);
-  if (!pags_file_exists(*out)) {
-    free(*out);
-    *out = NULL;
-  }
+  PAGS_AUTOFREE char *path =
+      pags_text_format("%s/%s/%0*d_%d.png", driving->root, folder, driving->digits, view->frame, view->sensor);
+  PAGS_CHECK_MEMORY(path, "%s", driving->root);
+  *out = pags_file_exists(path) ? pags_take(&path) : NULL;
   return PAGS_OK;
 }
 
@@ -30,15 +27,9 @@ static pags_result check_size(const char *path, const pags_lens *lens, int width
                    lens->width, lens->height);
 }
 
-static pags_result finish(pags_result result, pags_image *out) {
-  if (result != PAGS_OK)
-    pags_image_destroy(out);
-  return result;
-}
-
 pags_result pags_driving_load_mask(const char *path, const pags_lens *lens, pags_image *out) {
   PAGS_TRY(pags_image_load(path, PAGS_U8, 1, out));
-  return finish(check_size(path, lens, out->width, out->height), out);
+  return check_size(path, lens, out->width, out->height);
 }
 
 pags_result pags_driving_load_mask_top(const char *path, const pags_lens *lens, int rows, pags_image *out) {
@@ -121,10 +112,6 @@ pags_result pags_driving_load_labels(const char *path, const pags_lens *lens, pa
   read_form(path, &depth, &type);
   const bool wide = depth == 16;
   PAGS_TRY(pags_image_load(path, wide ? PAGS_U16 : PAGS_U8, wide ? 1 : 0, out));
-  pags_result result = check_size(path, lens, out->width, out->height);
-  if (result == PAGS_OK && wide)
-    result = narrow(path, out);
-  else if (result == PAGS_OK && out->channels > 1)
-    result = keep_one(path, out);
-  return finish(result, out);
+  PAGS_TRY(check_size(path, lens, out->width, out->height));
+  return wide ? narrow(path, out) : out->channels > 1 ? keep_one(path, out) : PAGS_OK;
 }

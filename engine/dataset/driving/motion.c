@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 static const double degrees = 57.29577951308232;
@@ -35,7 +36,7 @@ static double median(double *values, int count) {
 static double angle_between(const double a[12], const double b[12]) {
   double trace = 0;
   for (int row = 0; row < 12; row += 4)
-    trace += a[row] * b[row] + a[row + 1] * b[row + 1] + a[row + 2] * b[row + 2];
+    trace += pags_dot3(a + row, b + row);
   return degrees * pags_acos(fmax(-1, fmin(1, 0.5 * (trace - 1))));
 }
 
@@ -76,12 +77,7 @@ static bool is_leap(double metres, double dt) {
 }
 
 static double step_length(const sequence *s, int64_t at) {
-  double square = 0;
-  for (int axis = 3; axis < 12; axis += 4) {
-    const double step = pose_at(s, at + 1)[axis] - pose_at(s, at)[axis];
-    square += step * step;
-  }
-  return sqrt(square);
+  return pags_pose_distance(pose_at(s, at + 1), pose_at(s, at));
 }
 
 /* Whether the step leads nowhere while those around it lead on. */
@@ -160,13 +156,6 @@ static bool is_flip(const pags_object *object, const pags_keyframe *a, const pag
   return angle > 135 && angle > fastest * (b->time - a->time);
 }
 
-static void turn_back(double m[12]) {
-  for (int row = 0; row < 12; row += 4) {
-    m[row] = -m[row];
-    m[row + 1] = -m[row + 1];
-  }
-}
-
 /* The labels fall into two groups, which face opposite ways. The smaller one is turned; of two equal ones that which
  * faces against the way that the object goes. */
 static void turn_flips(const pags_object *object, uint8_t *mended) {
@@ -188,8 +177,11 @@ static void turn_flips(const pags_object *object, uint8_t *mended) {
   for (int64_t i = 0; i < object->keyframe_count && flips; i++) {
     if (swap)
       mended[i] ^= PAGS_MENDED_TURNED;
-    if (mended[i] & PAGS_MENDED_TURNED)
-      turn_back(object->keyframes[i].world_from_object);
+    double *m = object->keyframes[i].world_from_object;
+    for (int row = 0; row < 12 && mended[i] & PAGS_MENDED_TURNED; row += 4) {
+      m[row] = -m[row];
+      m[row + 1] = -m[row + 1];
+    }
   }
 }
 
@@ -235,13 +227,12 @@ static int predict(const pags_object *object, const uint8_t *mended, int64_t at,
 /* Distance of a label from its prediction, in units of what motion and noise explain; `place` is the prediction. */
 static double place_error(const pags_object *object, const uint8_t *mended, int64_t at, double spacing,
                           double place[3]) {
-  const double *m = object->keyframes[at].world_from_object;
-  double square = 0;
+  double labelled[3];
+  pags_pose_position(object->keyframes[at].world_from_object, labelled);
   const int kind = predict(object, mended, at, 4.5 * spacing, place);
-  for (int k = 0; k < 3 && kind; k++)
-    square += (m[4 * k + 3] - place[k]) * (m[4 * k + 3] - place[k]);
+  const double off = kind ? pags_distance3(labelled, place) : 0;
   /* 0.7 m of noise; 6 m/s^2 over two spacings on either side, over three spacings at an end */
-  return sqrt(square) / ((kind == 2 ? 1.4 : 1.0) * (0.7 + 12 * spacing * spacing));
+  return off / ((kind == 2 ? 1.4 : 1.0) * (0.7 + 12 * spacing * spacing));
 }
 
 /* Whether most labels are off by more than a quarter of `worst`: then jitter explains the worst. */
@@ -297,8 +288,7 @@ void pags_track_mend(const pags_object *object, uint8_t *mended) {
   /* A moved label gets the place that those which weren't moved predict. */
   for (int64_t i = 0; i < object->keyframe_count; i++)
     if (mended[i] & PAGS_MENDED_MOVED && predict(object, mended, i, 4.5 * spacing, place))
-      for (int k = 0; k < 3; k++)
-        object->keyframes[i].world_from_object[4 * k + 3] = place[k];
+      pags_pose_place(object->keyframes[i].world_from_object, place);
   for (int64_t i = 0; i < object->keyframe_count && object->keyframe_count >= LEAST_KEYFRAMES; i++)
     if (mend_turn(object, i))
       mended[i] |= PAGS_MENDED_TURNED;

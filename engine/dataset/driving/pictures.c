@@ -47,8 +47,7 @@ pags_result pags_driving_pictures(const char *folder, const pags_dir_list *list,
                                   pags_driving_picture **out) {
   *count = 0;
   *out = malloc(((size_t)list->count + 1) * sizeof **out);
-  if (!*out)
-    return pags_out_of_memory("%s", folder);
+  PAGS_CHECK_MEMORY(*out, "%s", folder);
   for (int64_t i = 0; i < list->count; i++)
     *count += pags_driving_parse_picture(list->names[i], &(*out)[*count]);
   pags_sort(*out, *count, sizeof **out, by_frame);

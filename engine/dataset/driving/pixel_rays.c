@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Directions of a lens's pixels, and boxes by rays: the slabs of Kay and Kajiya (1986). */
-#include "dataset/driving/pixel_rays.h"
+#include "dataset/driving/label_plane.h"
 
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 
 /* Goes along a row from the column nearest to the principal point outwards, each direction beginning at the last. */
 static void find_row(const pags_camera *camera, int row, int from, int to, int step, float *out) {
@@ -15,8 +16,7 @@ static void find_row(const pags_camera *camera, int row, int from, int to, int s
     const double at[2] = {(x + 0.5 - camera->cx) / camera->fx, (row + 0.5 - camera->cy) / camera->fy};
     if (!pags_lens_look(&camera->lens, at, direction))
       return;
-    for (int k = 0; k < 3; k++)
-      out[3 * x + k] = (float)direction[k];
+    pags_narrow3(direction, out + 3 * x);
   }
 }
 
@@ -25,8 +25,7 @@ pags_result pags_pixel_rays_create(const pags_camera *camera, pags_pixel_rays *o
   if (!pags_camera_bends(camera))
     return PAGS_OK;
   out->direction = calloc((size_t)camera->width * (size_t)camera->height, 3 * sizeof *out->direction);
-  if (!out->direction)
-    return pags_out_of_memory("the directions of %d x %d pixels", camera->width, camera->height);
+  PAGS_CHECK_MEMORY(out->direction, "the directions of %d x %d pixels", camera->width, camera->height);
   const int middle = (int)fmin(fmax(camera->cx, 0), camera->width);
   for (int row = 0; row < camera->height; row++) {
     float *const rays = out->direction + 3 * (size_t)row * (size_t)camera->width;
@@ -62,13 +61,10 @@ void pags_pixel_rays_fill_box(const pags_pixel_rays *rays, const pags_camera *ca
   double object_from_world[12], m[12], eye[3], half[3];
   pags_rigid_inverse(world_from_object, object_from_world);
   pags_rigid_multiply(object_from_world, camera->world_from_camera, m);
-  for (int k = 0; k < 3; k++) {
-    eye[k] = m[4 * k + 3];
-    half[k] = 0.5 * size[k];
-  }
+  pags_pose_position(m, eye);
+  pags_scale3(0.5, size, half);
   /* Most rays miss the sphere around the box: those farther from its middle than `least` says. */
-  const double away2 = eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2];
-  const double radius2 = half[0] * half[0] + half[1] * half[1] + half[2] * half[2];
+  const double away2 = pags_dot3(eye, eye), radius2 = pags_dot3(half, half);
   const double least = away2 > radius2 ? sqrt(away2 - radius2) - 1e-4 * sqrt(away2) : -INFINITY;
   for (int y = 0; y < rays->height; y++)
     for (int x = 0; x < rays->width; x++) {

@@ -12,7 +12,6 @@
 #include "base/sort.h"
 #include "base/text.h"
 #include "dataset/driving/checks.h"
-#include "dataset/driving/critical.h"
 #include "dataset/driving/masks.h"
 #include "dataset/driving/pictures.h"
 
@@ -24,19 +23,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-static bool has_folder(const char *root, const char *name) {
-  char *path = pags_path_join(root, name);
-  bool found = path && pags_dir_exists(path);
-  free(path);
-  return found;
-}
-
 bool pags_driving_is_set(const char *folder) {
-  char *path = pags_path_join(folder, "dataset.json");
-  bool described = path && pags_file_exists(path);
-  free(path);
-  return described ||
-         (has_folder(folder, "images") && (has_folder(folder, "ego_pose") || has_folder(folder, "extrinsics")));
+  return pags_folder_has(folder, "dataset.json") ||
+         (pags_folder_has_folder(folder, "images") &&
+          (pags_folder_has_folder(folder, "ego_pose") || pags_folder_has_folder(folder, "extrinsics")));
 }
 
 /* ---- Selection of cameras and frames ---- */
@@ -82,14 +72,12 @@ static int by_number(const void *a, const void *b) {
 static pags_result add_sensor(pags_driving *driving, int number) {
   if (pags_driving_sensor(driving, number))
     return PAGS_OK;
-  pags_sensor *sensors = realloc(driving->sensors, ((size_t)driving->sensor_count + 1) * sizeof *sensors);
-  if (!sensors)
-    return pags_out_of_memory("%s", driving->root);
-  driving->sensors = sensors;
-  pags_sensor *sensor = &sensors[driving->sensor_count];
+  PAGS_CHECK_MEMORY(
+      pags_grow(&driving->sensors, driving->sensor_count + 1, &driving->sensor_capacity, sizeof *driving->sensors),
+      "%s", driving->root);
+  pags_sensor *sensor = &driving->sensors[driving->sensor_count];
   *sensor = (pags_sensor){.number = number, .name = pags_text_format("%d", number)};
-  if (!sensor->name)
-    return pags_out_of_memory("%s", driving->root);
+  PAGS_CHECK_MEMORY(sensor->name, "%s", driving->root);
   driving->sensor_count++;
   return PAGS_OK;
 }
@@ -100,8 +88,7 @@ static pags_result add_sensor(pags_driving *driving, int number) {
 static pags_result make_steps(pags_driving *driving, const pags_driving_picture *chosen, int64_t count,
                               const pags_driving_picture *all, int every) {
   driving->steps = calloc((size_t)count, sizeof *driving->steps);
-  if (!driving->steps)
-    return pags_out_of_memory("%s", driving->root);
+  PAGS_CHECK_MEMORY(driving->steps, "%s", driving->root);
   int64_t step = 0; /* of the recording */
   for (int64_t i = 0, at = 0; i < count; i++) {
     const int frame = chosen[i].frame;
@@ -115,14 +102,6 @@ static pags_result make_steps(pags_driving *driving, const pags_driving_picture 
   }
   driving->digits = chosen[0].digits;
   pags_sort(driving->sensors, driving->sensor_count, sizeof *driving->sensors, by_number);
-  return PAGS_OK;
-}
-
-static pags_result check_cameras(const pags_driving *driving, const selection *selected) {
-  for (int64_t i = 0; i < selected->count; i++)
-    if (!pags_driving_sensor(driving, selected->cameras[i]))
-      return pags_fail(PAGS_ERROR_ARGUMENT, "%s/images: camera %d is asked for, but no picture is its", driving->root,
-                       selected->cameras[i]);
   return PAGS_OK;
 }
 
@@ -162,28 +141,26 @@ static bool take_lens(const double *n, int count, pags_lens *out) {
 static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sensor) {
   double n[16] = {0};
   int count = 0;
-  char *path = pags_text_format("%s/intrinsics/%d.txt", driving->root, sensor->number);
-  if (!path)
-    return pags_out_of_memory("%s", driving->root);
+  PAGS_AUTOFREE char *path = pags_text_format("%s/intrinsics/%d.txt", driving->root, sensor->number);
+  PAGS_CHECK_MEMORY(path, "%s", driving->root);
   const pags_lens_model stated = sensor->lens.model;
-  pags_result result = pags_text_matrix_read(path, 16, n, &count);
-  if (result == PAGS_OK && !take_lens(n, count, &sensor->lens))
-    result = pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: %d numbers, expected fx fy cx cy, or these and k1 k2 p1 p2 or k1 k2 p1 p2 k3, or a camera "
-                       "matrix of 3x3, 3x4 or 4x4 without skew and without a fourth column",
-                       path, count);
-  if (result == PAGS_OK && sensor->lens_stated && !pags_lens_is_pinhole(&sensor->lens))
-    result = pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: %d numbers, expected fx fy cx cy alone, since 'lenses' of dataset.json has the distortion "
-                       "of camera %d",
-                       path, count, sensor->number);
+  PAGS_TRY(pags_text_matrix_read(path, 16, n, &count));
+  if (!take_lens(n, count, &sensor->lens))
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: %d numbers, expected fx fy cx cy, or these and k1 k2 p1 p2 or k1 k2 p1 p2 k3, or a camera "
+                     "matrix of 3x3, 3x4 or 4x4 without skew and without a fourth column",
+                     path, count);
+  if (sensor->lens_stated && !pags_lens_is_pinhole(&sensor->lens))
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: %d numbers, expected fx fy cx cy alone, since 'lenses' of dataset.json has the distortion of "
+                     "camera %d",
+                     path, count, sensor->number);
   if (sensor->lens_stated)
     sensor->lens.model = stated;
-  if (result == PAGS_OK && !(sensor->lens.fx > 0 && sensor->lens.fy > 0))
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s:1: expected focal lengths above 0, found %g and %g", path,
-                       sensor->lens.fx, sensor->lens.fy);
-  free(path);
-  return result;
+  if (!(sensor->lens.fx > 0 && sensor->lens.fy > 0))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:1: expected focal lengths above 0, found %g and %g", path, sensor->lens.fx,
+                     sensor->lens.fy);
+  return PAGS_OK;
 }
 
 /* Rotation whose columns are OpenCV's axes x (right), y (down), z (forward) in Waymo's camera axes (x forward, y
@@ -197,17 +174,6 @@ static pags_result read_extrinsics(const pags_driving *driving, const char *path
   return PAGS_OK;
 }
 
-static pags_result read_sensor(const pags_driving *driving, pags_sensor *sensor) {
-  PAGS_TRY(read_intrinsics(driving, sensor));
-  if (driving->rules.per_frame)
-    return PAGS_OK;
-  char *path = pags_text_format("%s/extrinsics/%d.txt", driving->root, sensor->number);
-  pags_result result =
-      path ? read_extrinsics(driving, path, sensor->ego_from_camera) : pags_out_of_memory("%s", driving->root);
-  free(path);
-  return result;
-}
-
 /* ---- Views and the whole set ---- */
 
 /* Adds the view of a camera at a frame: image size, masks, pose. `name` NULL: the picture is missing; the view then
@@ -215,8 +181,7 @@ static pags_result read_sensor(const pags_driving *driving, pags_sensor *sensor)
 static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, int frame, const char *name,
                             const char *extension, pags_parsed_dataset *parsed) {
   pags_parsed_view *view = pags_parsed_add(parsed);
-  if (!view)
-    return pags_out_of_memory("%s", driving->root);
+  PAGS_CHECK_MEMORY(view, "%s", driving->root);
   view->frame = frame;
   view->sensor = sensor->number;
   view->missing = !name;
@@ -225,8 +190,7 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
       name ? pags_text_format("%s/images/%s", driving->root, name)
            : pags_text_format("%s/images/%0*d_%d%s", driving->root, driving->digits, frame, sensor->number, extension);
   view->where = pags_text_format("%s/images", driving->root);
-  if (!view->image_path || !view->where)
-    return pags_out_of_memory("%s", driving->root);
+  PAGS_CHECK_MEMORY(view->image_path && view->where, "%s", driving->root);
   if (!name)
     return PAGS_OK;
   view->lens = sensor->lens;
@@ -244,23 +208,20 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
   /* The pose is camera-to-world itself (per-frame extrinsics) or ego-to-world times camera-to-ego. */
   const char *root = driving->root;
   int digits = driving->digits;
-  char *path =
+  PAGS_AUTOFREE char *path =
       driving->rules.per_frame  ? pags_text_format("%s/extrinsics/%0*d_%d.txt", root, digits, frame, sensor->number)
       : driving->exposure_poses ? pags_text_format("%s/ego_pose/%0*d_%d.txt", root, digits, frame, sensor->number)
                                 : pags_text_format("%s/ego_pose/%0*d.txt", root, digits, frame);
-  if (!path)
-    return pags_out_of_memory("%s", root);
-  pags_result result = driving->rules.per_frame ? read_extrinsics(driving, path, view->world_from_camera)
-                                                : pags_text_pose_read(path, view->world_from_camera);
+  PAGS_CHECK_MEMORY(path, "%s", root);
+  const pags_result result = driving->rules.per_frame ? read_extrinsics(driving, path, view->world_from_camera)
+                                                      : pags_text_pose_read(path, view->world_from_camera);
   if (result == PAGS_OK && !driving->rules.per_frame)
     pags_rigid_multiply(view->world_from_camera, sensor->ego_from_camera, view->world_from_camera);
-  if (result != PAGS_OK && pags_text_pose_is_missing(path)) {
-    view->missing = true; /* dataset.c says so, or refuses */
-    view->no_pose = path;
-    return PAGS_OK;
-  }
-  free(path);
-  return result;
+  if (result == PAGS_OK || !pags_text_pose_is_missing(path))
+    return result;
+  view->missing = true; /* dataset.c says so, or refuses */
+  view->no_pose = pags_take(&path);
+  return PAGS_OK;
 }
 
 /* Takes a camera's name or lens from dataset.json (pags_camera_fact_fn). */
@@ -274,8 +235,7 @@ static pags_result take_fact(void *context, int number, const char *name, const 
   if (!sensor || !name)
     return PAGS_OK;
   char *copy = pags_text_copy(name);
-  if (!copy)
-    return pags_out_of_memory("%s", driving->root);
+  PAGS_CHECK_MEMORY(copy, "%s", driving->root);
   free(sensor->name);
   sensor->name = copy;
   return PAGS_OK;
@@ -283,22 +243,9 @@ static pags_result take_fact(void *context, int number, const char *name, const 
 
 /* Whether the folder has a file TTT_C.txt for the first frame and camera. */
 static bool has_poses_per_view(const pags_driving *driving, const char *folder) {
-  char *path = pags_text_format("%s/%s/%0*d_%d.txt", driving->root, folder, driving->digits, driving->steps[0].frame,
-                                driving->sensors[0].number);
-  bool found = path && pags_file_exists(path);
-  free(path);
-  return found;
-}
-
-/* Sets where the car is at each time step, by the first of its cameras that has a pose. */
-static void find_eyes(pags_driving *driving, const pags_parsed_dataset *parsed) {
-  for (int64_t i = 0; i < driving->step_count; i++) {
-    const pags_parsed_view *view = &parsed->views[i * driving->sensor_count], *end = view + driving->sensor_count;
-    while (view < end && view->missing)
-      view++;
-    for (int k = 0; k < 3; k++)
-      driving->steps[i].eye[k] = view < end ? view->world_from_camera[4 * k + 3] : (double)NAN;
-  }
+  PAGS_AUTOFREE char *path = pags_text_format("%s/%s/%0*d_%d.txt", driving->root, folder, driving->digits,
+                                              driving->steps[0].frame, driving->sensors[0].number);
+  return path && pags_file_exists(path);
 }
 
 /* Reads the conventions, calibration, views, times, objects and sweeps of the set; `pictures` is sorted by frame and
@@ -317,14 +264,22 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
                                                   : "ego",
                              rules->forward_y ? "+y" : "+x"));
 
-  driving->sky_folder = has_folder(driving->root, "sky_masks") ? "sky_masks" : "sky_mask";
-  driving->dynamic_folder = has_folder(driving->root, "dynamic_masks/all") ? "dynamic_masks/all" : "dynamic_mask";
+  driving->sky_folder = pags_folder_has_folder(driving->root, "sky_masks") ? "sky_masks" : "sky_mask";
+  driving->dynamic_folder =
+      pags_folder_has_folder(driving->root, "dynamic_masks/all") ? "dynamic_masks/all" : "dynamic_mask";
   driving->exposure_poses = !rules->per_frame && has_poses_per_view(driving, "ego_pose");
   if (driving->exposure_poses)
     PAGS_TRY(pags_driving_note(driving, "poses: the car's at each exposure, ego_pose/TTT_C.txt"));
   PAGS_TRY(choose_holdout(driving, options->holdout_camera));
-  for (int64_t i = 0; i < driving->sensor_count; i++)
-    PAGS_TRY(read_sensor(driving, &driving->sensors[i]));
+  for (int64_t i = 0; i < driving->sensor_count; i++) {
+    pags_sensor *sensor = &driving->sensors[i];
+    PAGS_TRY(read_intrinsics(driving, sensor));
+    if (rules->per_frame)
+      continue;
+    PAGS_AUTOFREE char *path = pags_text_format("%s/extrinsics/%d.txt", driving->root, sensor->number);
+    PAGS_CHECK_MEMORY(path, "%s", driving->root);
+    PAGS_TRY(read_extrinsics(driving, path, sensor->ego_from_camera));
+  }
 
   /* One view for every camera at every time step, ordered by step, then by camera, so that the index of a view is
    * step * sensor_count + sensor. */
@@ -339,7 +294,14 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
       at += found;
     }
 
-  find_eyes(driving, parsed);
+  /* The car is where the first of its cameras is that has a pose. */
+  for (int64_t i = 0; i < driving->step_count; i++) {
+    const pags_parsed_view *view = &parsed->views[i * driving->sensor_count], *end = view + driving->sensor_count;
+    while (view < end && view->missing)
+      view++;
+    for (int k = 0; k < 3; k++)
+      driving->steps[i].eye[k] = view < end ? view->world_from_camera[4 * k + 3] : (double)NAN;
+  }
   PAGS_TRY(pags_calibration_check(driving, parsed));
   PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_rolling_read(driving, parsed));
@@ -361,11 +323,8 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
 
 static pags_result read_listed(pags_driving *driving, const char *folder, const pags_dir_list *list,
                                const pags_dataset_options *options, pags_parsed_dataset *parsed) {
-  selection selected;
-
-  selected.count = 0;
-  selected.first = options->frame_first;
-  selected.last = options->frame_last < 0 ? INT64_MAX : options->frame_last;
+  selection selected = {.first = options->frame_first,
+                        .last = options->frame_last < 0 ? INT64_MAX : options->frame_last};
   if (selected.first < 0 || selected.last < selected.first)
     return pags_fail(PAGS_ERROR_ARGUMENT, "frames %lld to %lld: expected 0 <= first <= last",
                      (long long)options->frame_first, (long long)options->frame_last);
@@ -383,54 +342,40 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
   }
 
   int64_t all, count = 0;
-  pags_driving_picture *pictures, *chosen;
+  PAGS_AUTOFREE pags_driving_picture *pictures = NULL;
   PAGS_TRY(pags_driving_pictures(folder, list, &all, &pictures));
-  chosen = malloc(((size_t)all + 1) * sizeof *chosen);
-  if (!chosen) {
-    free(pictures);
-    return pags_out_of_memory("%s", folder);
-  }
+  PAGS_AUTOFREE pags_driving_picture *chosen = malloc(((size_t)all + 1) * sizeof *chosen);
+  PAGS_CHECK_MEMORY(chosen, "%s", folder);
   for (int64_t i = 0; i < all; i++)
     if (is_selected(&selected, &pictures[i]))
       chosen[count++] = pictures[i];
-  pags_result result = check_pictures(folder, list, chosen, count, all);
-  if (result == PAGS_OK)
-    result = make_steps(driving, chosen, count, pictures, options->split_every == -1 ? 4 : options->split_every);
-  if (result == PAGS_OK)
-    result = check_cameras(driving, &selected);
-  if (result == PAGS_OK)
-    result = read_parts(driving, options, chosen, count, parsed);
-  if (result == PAGS_OK)
-    result = pags_driving_say_unread(driving, list, pictures, all);
-  free(chosen);
-  free(pictures);
-  return result;
+  PAGS_TRY(check_pictures(folder, list, chosen, count, all));
+  PAGS_TRY(make_steps(driving, chosen, count, pictures, options->split_every == -1 ? 4 : options->split_every));
+  for (int64_t i = 0; i < selected.count; i++)
+    if (!pags_driving_sensor(driving, selected.cameras[i]))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s/images: camera %d is asked for, but no picture is its", driving->root,
+                       selected.cameras[i]);
+  PAGS_TRY(read_parts(driving, options, chosen, count, parsed));
+  return pags_driving_say_unread(driving, list, pictures, all);
 }
 
 static pags_result read_set(const char *root, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
-  pags_driving *driving = parsed->driving;
-  char *folder = pags_path_join(root, "images");
+  pags_driving *driving = parsed->driving = calloc(1, sizeof *parsed->driving);
+  PAGS_CHECK_MEMORY(driving, "%s", root);
+  PAGS_AUTOFREE char *folder = pags_path_join(root, "images");
   driving->root = pags_text_copy(root);
   parsed->source = pags_text_copy(root);
-  pags_dir_list list = {0};
-  pags_result result = folder && driving->root && parsed->source ? PAGS_OK : pags_out_of_memory("%s", root);
-  if (result == PAGS_OK)
-    result = pags_dir_list_read(folder, &list);
-  if (result == PAGS_OK)
-    result = read_listed(driving, folder, &list, options, parsed);
-  pags_dir_list_destroy(&list);
-  free(folder);
+  PAGS_CHECK_MEMORY(folder && driving->root && parsed->source, "%s", root);
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  PAGS_TRY(pags_dir_list_read(folder, &list));
+  PAGS_TRY(read_listed(driving, folder, &list, options, parsed));
   parsed->kind = driving->rules.kind;
-  parsed->up = PAGS_UP_Z;
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_driving_read(const char *root, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
-  memset(parsed, 0, sizeof *parsed);
-  parsed->driving = calloc(1, sizeof *parsed->driving);
-  if (!parsed->driving)
-    return pags_out_of_memory("%s", root);
-  pags_result result = read_set(root, options, parsed);
+  *parsed = (pags_parsed_dataset){.up = PAGS_UP_Z};
+  const pags_result result = read_set(root, options, parsed);
   if (result != PAGS_OK)
     pags_parsed_destroy(parsed);
   return result;

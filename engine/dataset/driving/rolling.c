@@ -9,9 +9,7 @@
  * photograph's. */
 #include "dataset/driving/reader.h"
 
-#include "base/file.h"
 #include "base/json.h"
-#include "base/memory.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -127,25 +125,13 @@ static pags_result read_all(const rolling *r) {
   return PAGS_OK;
 }
 
-/* Parses a file of the set; *out is NULL if not found. */
-static pags_result parse(const pags_driving *driving, const char *name, pags_json **out) {
-  char *path = pags_path_join(driving->root, name);
-  *out = NULL;
-  if (!path)
-    return pags_out_of_memory("%s", driving->root);
-  const pags_result result = pags_file_exists(path) ? pags_json_parse_file(path, out) : PAGS_OK;
-  free(path);
-  return result;
-}
-
 pags_result pags_rolling_read(pags_driving *driving, pags_parsed_dataset *parsed) {
-  pags_json *description = NULL, *times = NULL;
-  pags_result result = parse(driving, "dataset.json", &description);
-  if (result == PAGS_OK && description && pags_json_member(pags_json_root(description), "rolling_shutter"))
-    result = parse(driving, "timestamps.json", &times);
-  if (result == PAGS_OK && description)
-    result = read_all(&(rolling){description, times, driving, parsed});
-  pags_json_destroy(description);
-  pags_json_destroy(times);
-  return result;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *description = NULL;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *times = NULL;
+  PAGS_TRY(pags_json_parse_in_folder(driving->root, "dataset.json", &description));
+  if (!description)
+    return PAGS_OK;
+  if (pags_json_member(pags_json_root(description), "rolling_shutter"))
+    PAGS_TRY(pags_json_parse_in_folder(driving->root, "timestamps.json", &times));
+  return read_all(&(rolling){description, times, driving, parsed});
 }

@@ -6,9 +6,8 @@
  * of PandaSet's boxes is +y was measured. A key of dataset.json overrides the default of the kind. */
 #include "dataset/driving/reader.h"
 
-#include "base/file.h"
 #include "base/json.h"
-#include "base/memory.h"
+#include "base/text.h"
 #include "scene/scene_json.h"
 
 #include <math.h>
@@ -47,7 +46,7 @@ static const pags_rules *find_kind(const char *name) {
 }
 
 typedef struct source {
-  pags_json *json; /* NULL if there is no dataset.json */
+  const pags_json *json; /* NULL if there is no dataset.json */
   const pags_json_value *root;
 } source;
 
@@ -94,10 +93,10 @@ static pags_result read_choice(const source *s, const char *key, const char *fir
   if (!states(s, key))
     return PAGS_OK;
   PAGS_TRY(pags_json_string(s->json, s->root, key, &text));
-  if (strncmp(text, first, strlen(first)) != 0 && strncmp(text, other, strlen(other)) != 0)
+  *second = pags_text_starts(text, other);
+  if (!*second && !pags_text_starts(text, first))
     return pags_json_fail(s->json, pags_json_member(s->root, key), "expected '%s' to be '%s' or '%s', found '%s'", key,
                           first, other, text);
-  *second = strncmp(text, other, strlen(other)) == 0;
   return PAGS_OK;
 }
 
@@ -111,9 +110,9 @@ static pags_result read_columns(const source *s, pags_rules *rules) {
   for (const pags_json_value *item = list->first; item; item = item->next, index++) {
     const char *name;
     PAGS_TRY(pags_json_as_string(s->json, item, "a column", &name));
-    for (int i = 0; i < 3; i++)
-      if (strcmp(name, axes[i]) == 0)
-        found[i] = index;
+    const int axis = pags_text_find(name, axes, 3);
+    if (axis >= 0)
+      found[axis] = index;
   }
   if (list->count > 64 || found[0] < 0 || found[1] < 0 || found[2] < 0)
     return pags_json_fail(s->json, list, "expected 'lidar_columns' to name at most 64 columns, x, y and z among them");
@@ -124,16 +123,14 @@ static pags_result read_columns(const source *s, pags_rules *rules) {
 
 /* Reads lidar_frame: "ego", "laser" or "world". */
 static pags_result read_lidar_frame(const source *s, pags_rules *rules) {
-  const char *text;
-  if (states(s, "lidar_frame")) {
+  const char *text = "";
+  if (states(s, "lidar_frame"))
     PAGS_TRY(pags_json_string(s->json, s->root, "lidar_frame", &text));
-    rules->lidar_world = strncmp(text, "world", 5) == 0;
-    if (rules->lidar_world) {
-      rules->lidar_frame = false;
-      return PAGS_OK;
-    }
-  }
-  return read_choice(s, "lidar_frame", "ego", "laser", &rules->lidar_frame);
+  rules->lidar_world = pags_text_starts(text, "world");
+  if (!rules->lidar_world)
+    return read_choice(s, "lidar_frame", "ego", "laser", &rules->lidar_frame);
+  rules->lidar_frame = false;
+  return PAGS_OK;
 }
 
 static pags_result read_fps(const source *s, pags_rules *rules) {
@@ -197,22 +194,16 @@ static pags_result read_labels(const source *s, pags_rules *rules) {
   return PAGS_OK;
 }
 
-static pags_result require_all(const source *s, const char *root) {
-  static const char *const keys[] = {"camera_axes", "extrinsics", "object_forward"};
-  for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
-    if (!states(s, keys[i]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s/dataset.json: kind pags has no rules of its own: expected '%s'", root,
-                       keys[i]);
-  return PAGS_OK;
-}
-
 /* ---- Reading all rules ---- */
 
 static pags_result read_rules(const char *root, const char *kind, bool per_frame_files, const source *s,
                               pags_rules *rules) {
   PAGS_TRY(choose_kind(root, kind, per_frame_files, s, rules));
-  if (strcmp(rules->kind, "pags") == 0)
-    PAGS_TRY(require_all(s, root));
+  static const char *const required[] = {"camera_axes", "extrinsics", "object_forward"};
+  for (int i = 0; i < 3 && strcmp(rules->kind, "pags") == 0; i++)
+    if (!states(s, required[i]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s/dataset.json: kind pags has no rules of its own: expected '%s'", root,
+                       required[i]);
   bool constant = !rules->per_frame;
   PAGS_TRY(read_choice(s, "camera_axes", "opencv", "waymo", &rules->waymo_axes));
   PAGS_TRY(read_choice(s, "extrinsics", "per-frame", "constant", &constant));
@@ -227,22 +218,12 @@ static pags_result read_rules(const char *root, const char *kind, bool per_frame
 
 pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_files, pags_rules *rules,
                             pags_camera_fact_fn *take, void *context) {
-  char *path = pags_path_join(root, "dataset.json");
-  if (!path)
-    return pags_out_of_memory("%s", root);
-  source s = {NULL, NULL};
-  pags_result result = pags_file_exists(path) ? pags_json_parse_file(path, &s.json) : PAGS_OK;
-  if (s.json) {
-    s.root = pags_json_root(s.json);
-    result = pags_json_as_object(s.json, s.root, "a description of a data set");
-  }
-  if (result == PAGS_OK)
-    result = read_rules(root, kind, per_frame_files, &s, rules);
-  if (result == PAGS_OK)
-    result = read_cameras(&s, "cameras", false, take, context);
-  if (result == PAGS_OK)
-    result = read_cameras(&s, "lenses", true, take, context);
-  pags_json_destroy(s.json);
-  free(path);
-  return result;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_TRY(pags_json_parse_in_folder(root, "dataset.json", &json));
+  const source s = {json, json ? pags_json_root(json) : NULL};
+  if (json)
+    PAGS_TRY(pags_json_as_object(json, s.root, "a description of a data set"));
+  PAGS_TRY(read_rules(root, kind, per_frame_files, &s, rules));
+  PAGS_TRY(read_cameras(&s, "cameras", false, take, context));
+  return read_cameras(&s, "lenses", true, take, context);
 }

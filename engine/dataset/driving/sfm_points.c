@@ -5,7 +5,9 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -14,15 +16,12 @@
  * relative to the data set. Returns NULL if not found; the caller frees the path. */
 static char *find_model(const char *root, const char *named) {
   static const char *const below[] = {"", "sparse/0", "sparse"};
-  const char *const bases[] = {NULL, root};
-  for (size_t i = 0; i < sizeof bases / sizeof *bases; i++)
+  for (size_t i = 0; i < 2; i++)
     for (size_t j = 0; j < sizeof below / sizeof *below; j++) {
-      char *base = bases[i] ? pags_path_join(bases[i], named) : pags_text_copy(named);
-      char *folder = base && *below[j] ? pags_path_join(base, below[j]) : pags_text_copy(base);
-      free(base);
+      PAGS_AUTOFREE char *base = i ? pags_path_join(root, named) : pags_text_copy(named);
+      PAGS_AUTOFREE char *folder = base && *below[j] ? pags_path_join(base, below[j]) : pags_text_copy(base);
       if (folder && pags_colmap_is_model(folder))
-        return folder;
-      free(folder);
+        return pags_take(&folder);
     }
   return NULL;
 }
@@ -49,18 +48,14 @@ static void drop_far(const pags_driving *driving, pags_parsed_points *points, co
   const double *eye = driving->steps[driving->step_count / 2].eye;
   const int64_t all = points->count;
   points->count = 0;
-  for (int64_t i = 0; i < all; i++) {
-    double square = 0;
-    for (int k = 0; k < 3; k++)
-      square += (points->items[i].xyz[k] - eye[k]) * (points->items[i].xyz[k] - eye[k]);
-    if (!(square > (double)FARTHEST * FARTHEST))
+  for (int64_t i = 0; i < all; i++)
+    if (!(pags_distance_squared3(points->items[i].xyz, eye) > (double)FARTHEST * FARTHEST))
       points->items[points->count++] = points->items[i];
-  }
   if (points->count < all)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld points are more than %d km from the car and left out; expected a model in the "
-                     "recording's world, in metres",
-                     model, (long long)(all - points->count), (long long)all, FARTHEST / 1000);
+    PAGS_WARN(
+        "%s: %lld of %lld points are more than %d km from the car and left out; expected a model in the "
+        "recording's world, in metres",
+        model, (long long)(all - points->count), (long long)all, FARTHEST / 1000);
 }
 
 static pags_result take_points(pags_parsed_dataset *model, const char *folder, pags_parsed_dataset *parsed) {
@@ -81,15 +76,10 @@ static pags_result take_points(pags_parsed_dataset *model, const char *folder, p
 }
 
 pags_result pags_sfm_points_read(const char *named, pags_parsed_dataset *parsed) {
-  char *folder = find_model(parsed->driving->root, named);
+  PAGS_AUTOFREE char *folder = find_model(parsed->driving->root, named);
   if (!folder)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt", named);
-  pags_parsed_dataset model;
-  pags_result result = pags_colmap_read(folder, folder, &model);
-  if (result == PAGS_OK) {
-    result = take_points(&model, folder, parsed);
-    pags_parsed_destroy(&model);
-  }
-  free(folder);
-  return result;
+  PAGS_AUTO(pags_parsed_destroy) pags_parsed_dataset model = {0};
+  PAGS_TRY(pags_colmap_read(folder, folder, &model));
+  return take_points(&model, folder, parsed);
 }

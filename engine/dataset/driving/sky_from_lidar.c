@@ -11,6 +11,9 @@
  * the sky are static. */
 #include "dataset/driving/label_plane.h"
 #include "dataset/driving/reader.h"
+
+#include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 #include <math.h>
@@ -65,20 +68,19 @@ static pags_result gather(const pags_driving *driving, int frame, const pags_cam
   int distance = 0;
   for (int taken = 0; taken < MOST_SWEEPS && total < ENOUGH_POINTS; taken++) {
     int64_t count;
-    float *xyz;
+    PAGS_AUTOFREE float *xyz = NULL;
     distance = next_sweep(driving, frame, distance, index, &index);
     if (distance < 0)
       break;
     PAGS_TRY(pags_sweep_read(driving, index, &count, &xyz, NULL));
 
     const double *m = driving->sweeps[index].world_from_sweep, *c = camera->world_from_camera;
+    double eye[3], p[3], d[3];
+    pags_pose_position(c, eye);
     for (int64_t i = 0; i < count; i++) {
-      double d[3];
-      for (int k = 0; k < 3; k++) {
-        const double *row = m + 4 * k;
-        d[k] = row[0] * (double)xyz[3 * i] + row[1] * (double)xyz[3 * i + 1] + row[2] * (double)xyz[3 * i + 2] +
-               row[3] - c[4 * k + 3];
-      }
+      pags_widen3(xyz + 3 * i, p);
+      pags_rigid_point(m, p, d);
+      pags_subtract3(d, eye, d);
       double flat = pags_hypot(d[0], d[1]), elevation = pags_atan2(d[2], flat);
       int bin = bin_of(d[0], d[1]);
       if (flat > closest)
@@ -88,7 +90,6 @@ static pags_result gather(const pags_driving *driving, int frame, const pags_cam
     }
 
     total += count;
-    free(xyz);
   }
   return PAGS_OK;
 }

@@ -38,6 +38,10 @@ typedef struct rows {
   row *items;
 } rows;
 
+static void rows_destroy(rows *list) {
+  free(list->items);
+}
+
 bool pags_street_tracks_exist(const char *root) {
   return pags_folder_has(root, track_file);
 }
@@ -93,28 +97,16 @@ static pags_result read_row(const rows *list, const char *at, int64_t line, row 
   return PAGS_OK;
 }
 
-static pags_result add_row(rows *list, const row *item) {
-  if (list->count == list->capacity) {
-    const int64_t capacity = list->capacity ? 2 * list->capacity : 256;
-    row *grown = realloc(list->items, (size_t)capacity * sizeof *grown);
-    if (!grown)
-      return pags_out_of_memory("%s", list->path);
-    list->items = grown;
-    list->capacity = capacity;
-  }
-  list->items[list->count++] = *item;
-  return PAGS_OK;
-}
-
 static pags_result read_rows(rows *list, const char *text) {
   int64_t line = 1;
   for (const char *at = text; *at; line++) {
     const size_t length = strcspn(at, "\n");
-    row item;
-    const bool blank = strspn(at, " \t\r") >= length, names = line == 1 && strncmp(at, "frame", 5) == 0;
+    const bool blank = strspn(at, " \t\r") >= length, names = line == 1 && pags_text_starts(at, "frame");
     if (!blank && !names) {
-      PAGS_TRY(read_row(list, at, line, &item));
-      PAGS_TRY(add_row(list, &item));
+      PAGS_CHECK_MEMORY(pags_grow(&list->items, list->count + 1, &list->capacity, sizeof *list->items), "%s",
+                        list->path);
+      PAGS_TRY(read_row(list, at, line, &list->items[list->count]));
+      list->count++;
     }
     at += length + (at[length] == '\n');
   }
@@ -146,14 +138,12 @@ static pags_result place(const pags_driving *driving, rows *list, int64_t *lone)
   for (int64_t i = 0; i < list->count; i++) {
     row *item = &list->items[i];
     if (item->frame != frame) {
-      char *path = pags_text_format("%s/ego_pose/%0*d.txt", driving->root, driving->digits, item->frame);
-      if (!path)
-        return pags_out_of_memory("%s", driving->root);
+      PAGS_AUTOFREE char *path = pags_text_format("%s/ego_pose/%0*d.txt", driving->root, driving->digits, item->frame);
+      PAGS_CHECK_MEMORY(path, "%s", driving->root);
       frame = item->frame;
       known = pags_file_exists(path);
-      pags_result result = known ? pags_text_pose_read(path, ego) : PAGS_OK;
-      free(path);
-      PAGS_TRY(result);
+      if (known)
+        PAGS_TRY(pags_text_pose_read(path, ego));
     }
     *lone += !known;
     if (!known)
@@ -167,9 +157,9 @@ static pags_result place(const pags_driving *driving, rows *list, int64_t *lone)
 }
 
 static pags_result make_objects(pags_labels *all, const rows *list) {
-  pags_label *labels = malloc(((size_t)list->count + 1) * sizeof *labels);
-  pags_result result = labels ? PAGS_OK : pags_out_of_memory("%s", list->path);
-  for (int64_t begin = 0, end; begin < list->count && result == PAGS_OK; begin = end) {
+  PAGS_AUTOFREE pags_label *labels = malloc(((size_t)list->count + 1) * sizeof *labels);
+  PAGS_CHECK_MEMORY(labels, "%s", list->path);
+  for (int64_t begin = 0, end; begin < list->count; begin = end) {
     const row *first = &list->items[begin];
     char id[32];
     for (end = begin; end < list->count && list->items[end].track == first->track; end++) {
@@ -180,34 +170,25 @@ static pags_result make_objects(pags_labels *all, const rows *list) {
       memcpy(label->size, item->size, sizeof item->size);
     }
     snprintf(id, sizeof id, "%lld", (long long)first->track);
-    result = pags_labels_take(all, id, first->class_name, NULL, labels, end - begin);
+    PAGS_TRY(pags_labels_take(all, id, first->class_name, NULL, labels, end - begin));
   }
-  free(labels);
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_street_tracks_read(pags_driving *driving) {
-  uint8_t *bytes = NULL;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
   int64_t lone = 0;
-  char *path = pags_path_join(driving->root, track_file);
-  if (!path)
-    return pags_out_of_memory("%s", driving->root);
-  rows list = {.path = path};
-  pags_result result = pags_file_read(path, &bytes, &size);
-  if (result == PAGS_OK)
-    result = read_rows(&list, (const char *)bytes);
-  if (result == PAGS_OK)
-    result = place(driving, &list, &lone);
+  PAGS_AUTOFREE char *path = pags_path_join(driving->root, track_file);
+  PAGS_CHECK_MEMORY(path, "%s", driving->root);
+  PAGS_AUTO(rows_destroy) rows list = {.path = path};
   pags_labels all = {.driving = driving, .source = path};
-  if (result == PAGS_OK)
-    result = make_objects(&all, &list);
-  if (result == PAGS_OK)
-    result = pags_labels_end(&all, " of track/track_info.txt");
-  if (result == PAGS_OK && lone > 0)
-    result = pags_driving_note(driving, "boxes: %lld are left out, whose frames have no ego_pose", (long long)lone);
-  free(list.items);
-  free(bytes);
-  free(path);
-  return result;
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  PAGS_TRY(read_rows(&list, (const char *)bytes));
+  PAGS_TRY(place(driving, &list, &lone));
+  PAGS_TRY(make_objects(&all, &list));
+  PAGS_TRY(pags_labels_end(&all, " of track/track_info.txt"));
+  if (lone == 0)
+    return PAGS_OK;
+  return pags_driving_note(driving, "boxes: %lld are left out, whose frames have no ego_pose", (long long)lone);
 }

@@ -10,6 +10,7 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
+#include "base/vec3.h"
 
 #include <assert.h>
 #include <math.h>
@@ -60,16 +61,21 @@ static pags_result read_pose(const pags_driving *driving, int frame, double out[
   if (driving->rules.lidar_world)
     return PAGS_OK;
   const char *folder = driving->rules.lidar_frame ? "lidar_pose" : "ego_pose";
-  char *path = pags_text_format("%s/%s/%0*d.txt", driving->root, folder, driving->digits, frame);
-  pags_result result = path ? pags_text_pose_read(path, out) : pags_out_of_memory("%s", driving->root);
-  *missing = path && result != PAGS_OK && pags_text_pose_is_missing(path);
+  PAGS_AUTOFREE char *path = pags_text_format("%s/%s/%0*d.txt", driving->root, folder, driving->digits, frame);
+  PAGS_CHECK_MEMORY(path, "%s", driving->root);
+  const pags_result result = pags_text_pose_read(path, out);
+  *missing = result != PAGS_OK && pags_text_pose_is_missing(path);
   if (*missing && (driving->rules.lidar_frame || driving->rules.per_frame)) /* else its photographs are, too */
     pags_tally_add(lost, "%s", path);
-  free(path);
   return *missing ? PAGS_OK : result;
 }
 
-static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, char *path, pags_tally *lost) {
+/* Adds the sweep of a time step, if it has one. */
+static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, pags_tally *lost) {
+  PAGS_AUTOFREE char *path = pags_text_format("%s/lidar/%0*d.bin", driving->root, driving->digits, step->frame);
+  PAGS_CHECK_MEMORY(path, "%s", driving->root);
+  if (!pags_file_exists(path))
+    return PAGS_OK;
   uint64_t size;
   pags_sweep *sweep = &driving->sweeps[driving->sweep_count];
   if (driving->rules.columns == 0)
@@ -82,7 +88,7 @@ static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, 
   PAGS_TRY(read_pose(driving, step->frame, sweep->world_from_sweep, &missing, lost));
   if (missing)
     return PAGS_OK;
-  sweep->path = path;
+  sweep->path = pags_take(&path);
   driving->sweep_count++;
   return PAGS_OK;
 }
@@ -90,21 +96,12 @@ static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, 
 pags_result pags_sweeps_find(pags_driving *driving) {
   pags_tally lost = {0};
   driving->sweeps = calloc((size_t)driving->step_count, sizeof *driving->sweeps);
-  if (!driving->sweeps)
-    return pags_out_of_memory("%s", driving->root);
-  for (int64_t i = 0; i < driving->step_count; i++) {
-    char *path = pags_text_format("%s/lidar/%0*d.bin", driving->root, driving->digits, driving->steps[i].frame);
-    if (!path)
-      return pags_out_of_memory("%s", driving->root);
-    int64_t before = driving->sweep_count;
-    pags_result result = pags_file_exists(path) ? add_sweep(driving, &driving->steps[i], path, &lost) : PAGS_OK;
-    if (driving->sweep_count == before)
-      free(path);
-    PAGS_TRY(result);
-  }
+  PAGS_CHECK_MEMORY(driving->sweeps, "%s", driving->root);
+  for (int64_t i = 0; i < driving->step_count; i++)
+    PAGS_TRY(add_sweep(driving, &driving->steps[i], &lost));
   if (lost.count)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps have no pose and are left out; the first pose is %s",
-                     driving->root, (long long)lost.count, (long long)driving->step_count, lost.first);
+    PAGS_WARN("%s: %lld of %lld sweeps have no pose and are left out; the first pose is %s", driving->root,
+              (long long)lost.count, (long long)driving->step_count, lost.first);
   if (driving->sweep_count > 0)
     driving->provides |= PAGS_PROVIDES_LIDAR;
 
@@ -143,11 +140,6 @@ static void load_point(const pags_rules *rules, const uint8_t *row, float point[
     point[c] = pags_load_f32(row + 4 * rules->position[c]);
 }
 
-/* Whether a point is at the scanner, to a millimetre. */
-static bool is_zero(const float p[3]) {
-  return fabsf(p[0]) < 1e-3f && fabsf(p[1]) < 1e-3f && fabsf(p[2]) < 1e-3f;
-}
-
 /* Finds places where many rows lie: beams without a return are rows of zeros, which a converter may have moved to the
  * scanner's place in the car or in the world. At most SAMPLED rows are looked at; REPEATED are at the same place to the
  * last bit: no surface gives more than a few returns of equal coordinates. Returns the number of such places. */
@@ -181,11 +173,12 @@ static int64_t take_points(const pags_rules *rules, const uint8_t *bytes, const 
       rows->not_finite++;
       continue;
     }
-    bool none = is_zero(p);
+    bool none = fabsf(p[0]) < 1e-3f && fabsf(p[1]) < 1e-3f && fabsf(p[2]) < 1e-3f; /* at the scanner */
     for (int k = 0; k < place_count; k++)
       none = none || memcmp(p, places[k], sizeof places[k]) == 0;
-    const double x = (double)p[0] - centre[0], y = (double)p[1] - centre[1], z = (double)p[2] - centre[2];
-    const bool far = x * x + y * y + z * z > (double)PAGS_FARTHEST * PAGS_FARTHEST;
+    double at[3];
+    pags_widen3(p, at);
+    const bool far = pags_distance_squared3(at, centre) > (double)PAGS_FARTHEST * PAGS_FARTHEST;
     rows->no_return += none;
     rows->far += far && !none;
     count += !none && !far;
@@ -199,21 +192,17 @@ pags_result pags_sweep_read(const pags_driving *driving, int64_t index, int64_t 
   const pags_sweep *sweep = &driving->sweeps[index];
   const pags_time_step *step = &driving->steps[pags_driving_step(driving, sweep->frame)];
   const double zero[3] = {0}, *centre = driving->rules.lidar_world && isfinite(step->eye[0]) ? step->eye : zero;
-  uint8_t *bytes;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
   *xyz = NULL;
   *count = 0;
   PAGS_TRY(pags_file_read(sweep->path, &bytes, &size));
+  PAGS_TRY(check_size(driving, sweep->path, size)); /* it may have changed since the data set was opened */
   pags_sweep_rows counted = {.all = (int64_t)(size / row_bytes(driving))};
-  pags_result result = check_size(driving, sweep->path, size); /* it may have changed since the data set was opened */
-  if (result == PAGS_OK)
-    *xyz = malloc(((size_t)counted.all + 1) * 3 * sizeof **xyz);
-  if (*xyz)
-    *count = take_points(&driving->rules, bytes, centre, *xyz, &counted);
-  else if (result == PAGS_OK)
-    result = pags_out_of_memory("%s", sweep->path);
-  free(bytes);
+  *xyz = malloc(((size_t)counted.all + 1) * 3 * sizeof **xyz);
+  PAGS_CHECK_MEMORY(*xyz, "%s", sweep->path);
+  *count = take_points(&driving->rules, bytes, centre, *xyz, &counted);
   if (rows)
     *rows = counted;
-  return result;
+  return PAGS_OK;
 }

@@ -37,16 +37,14 @@ static pags_result parse(const char *path, const char *text, size_t size, int ca
 }
 
 pags_result pags_text_matrix_read(const char *path, int capacity, double *out, int *count) {
-  uint8_t *bytes;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  pags_result result = parse(path, (const char *)bytes, size, capacity, true, out, count);
-  free(bytes);
-  return result;
+  return parse(path, (const char *)bytes, size, capacity, true, out, count);
 }
 
 bool pags_text_pose_is_missing(const char *path) {
-  uint8_t *bytes;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
   double numbers[16];
   int count = 0, unknown = 0;
@@ -57,7 +55,6 @@ bool pags_text_pose_is_missing(const char *path) {
   if (parse(path, (const char *)bytes, size, 16, false, numbers, &count) == PAGS_OK)
     for (int i = 0; i < count; i++)
       unknown += !isfinite(numbers[i]);
-  free(bytes);
   return size == 0 || unknown > 0;
 }
 
@@ -72,8 +69,7 @@ pags_result pags_text_pose_read(const char *path, double out[12]) {
     if (fabs(numbers[12 + i] - last[i]) > 1e-6)
       return pags_fail(PAGS_ERROR_FORMAT, "%s:4: expected 0 0 0 1 as the matrix's last row", path);
   memcpy(out, numbers, 12 * sizeof *out);
-  char *what = pags_text_format("%s:1", path);
-  pags_result result = what ? pags_rigid_check(out, what) : pags_out_of_memory("%s", path);
-  free(what);
-  return result;
+  PAGS_AUTOFREE char *what = pags_text_format("%s:1", path);
+  PAGS_CHECK_MEMORY(what, "%s", path);
+  return pags_rigid_check(out, what);
 }

@@ -6,10 +6,9 @@
  * Times that by their distance are milli-, micro- or nanoseconds are turned into seconds, with a warning. */
 #include "dataset/driving/reader.h"
 
-#include "base/file.h"
 #include "base/json.h"
 #include "base/log.h"
-#include "base/memory.h"
+#include "base/text.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -29,10 +28,6 @@ typedef struct times {
 
 /* ---- Reading ---- */
 
-static double *exposure_of(const times *t, int64_t step, int64_t sensor) {
-  return &t->parsed->views[step * t->driving->sensor_count + sensor].shutter_time;
-}
-
 /* Returns the index of a frame's time step by its number, or by its place in a list if it has no key; -1: not used. */
 static int64_t step_of(const pags_driving *driving, const pags_json_value *item, int64_t place) {
   char *end;
@@ -45,9 +40,9 @@ static int64_t step_of(const pags_driving *driving, const pags_json_value *item,
 static pags_result read_exposures(const times *t, const pags_json_value *list, int64_t sensor) {
   int64_t frame = 0;
   for (const pags_json_value *item = list->first; item; item = item->next, frame++) {
-    const int64_t step = step_of(t->driving, item, frame);
+    const int64_t step = step_of(t->driving, item, frame), view = step * t->driving->sensor_count + sensor;
     if (step >= 0 && item->type != PAGS_JSON_NULL)
-      PAGS_TRY(pags_json_as_number(t->json, item, "the time of an exposure", exposure_of(t, step, sensor)));
+      PAGS_TRY(pags_json_as_number(t->json, item, "the time of an exposure", &t->parsed->views[view].shutter_time));
   }
   return PAGS_OK;
 }
@@ -84,8 +79,8 @@ static int64_t sensor_of(const pags_driving *driving, const char *key, bool name
   long number = strtol(key, &end, 10);
   if (*end || end == key)
     number = -1;
-  for (int i = 0; named && i < 5; i++)
-    number = strcmp(key, names[i]) == 0 ? i : number;
+  if (named && pags_text_find(key, names, 5) >= 0)
+    number = pags_text_find(key, names, 5);
   for (int64_t i = 0; i < driving->sensor_count; i++)
     if (number >= 0 && driving->sensors[i].number == number)
       return i;
@@ -147,10 +142,10 @@ static const char *find_unit(const pags_driving *driving, const char *path) {
   if (unit >= 0) {
     for (int64_t i = 0; i < driving->step_count; i++)
       driving->steps[i].time *= units[unit].seconds;
-    pags_log_message(PAGS_LOG_WARNING, "%s: times are taken as %s, since frames are %g apart; expected seconds", path,
-                     units[unit].name, isnan(spacing) ? driving->steps[0].time / units[unit].seconds : spacing);
+    PAGS_WARN("%s: times are taken as %s, since frames are %g apart; expected seconds", path, units[unit].name,
+              isnan(spacing) ? driving->steps[0].time / units[unit].seconds : spacing);
   } else if (spacing > longest || spacing < 1e-3) {
-    pags_log_message(PAGS_LOG_WARNING, "%s: frames are %g s apart: the times may not be seconds", path, spacing);
+    PAGS_WARN("%s: frames are %g s apart: the times may not be seconds", path, spacing);
   }
   return unit >= 0 ? units[unit].name : NULL;
 }
@@ -177,7 +172,7 @@ static void find_exposure_unit(const times *t, const char *path, const char *tol
       first_off = *time - step;
   }
   if (name && name != told)
-    pags_log_message(PAGS_LOG_WARNING, "%s: times of exposures are taken as %s; expected seconds", path, name);
+    PAGS_WARN("%s: times of exposures are taken as %s; expected seconds", path, name);
   if (off > 0)
     pags_log_message(
         PAGS_LOG_WARNING,
@@ -186,52 +181,40 @@ static void find_exposure_unit(const times *t, const char *path, const char *tol
         path, (long long)off, (long long)count, first_off);
 }
 
-/* Without fps in dataset.json, the mean rate over the used frames is taken. */
-static void choose_fps(pags_driving *driving, const char *path) {
+/* ---- All times ---- */
+
+static pags_result read_times(const times *t, const char *path) {
+  pags_driving *driving = t->driving;
+  PAGS_TRY(read_file(t));
+  find_exposure_unit(t, path, find_unit(driving, path));
+
+  /* Without fps in dataset.json, the mean rate over the used frames is taken. */
   const double spacing = spacing_of(driving), stated = driving->rules.fps;
   driving->fps = stated > 0 ? stated : isnan(spacing) ? usual_fps : 1 / spacing;
   if (stated > 0 && fabs(spacing * stated - 1) > 0.5)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: frames are %g s apart, %g a second, but dataset.json says fps %g; one of them may be wrong",
-                     path, spacing, 1 / spacing, stated);
-}
-
-/* ---- All times ---- */
-
-static pags_result read_times(pags_driving *driving, const char *path, pags_parsed_dataset *parsed) {
-  pags_json *json;
-  PAGS_TRY(pags_json_parse_file(path, &json));
-  const times t = {json, driving, parsed};
-  pags_result result = read_file(&t);
-  if (result == PAGS_OK) {
-    find_exposure_unit(&t, path, find_unit(driving, path));
-    choose_fps(driving, path);
-  }
-  for (int64_t i = 1; i < driving->step_count && result == PAGS_OK; i++)
+    PAGS_WARN("%s: frames are %g s apart, %g a second, but dataset.json says fps %g; one of them may be wrong", path,
+              spacing, 1 / spacing, stated);
+  for (int64_t i = 1; i < driving->step_count; i++)
     if (!(driving->steps[i].time > driving->steps[i - 1].time)) /* equal in seconds, if not in the file's unit */
-      result = pags_fail(PAGS_ERROR_FORMAT, "%s: frame %d: expected a later time than frame %d's", path,
-                         driving->steps[i].frame, driving->steps[i - 1].frame);
-  pags_json_destroy(json);
-  return result;
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: frame %d: expected a later time than frame %d's", path,
+                       driving->steps[i].frame, driving->steps[i - 1].frame);
+  return PAGS_OK;
 }
 
 pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed) {
-  char *path = pags_path_join(driving->root, "timestamps.json");
-  if (!path)
-    return pags_out_of_memory("%s", driving->root);
-  pags_result result = PAGS_OK;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_TRY(pags_json_parse_in_folder(driving->root, "timestamps.json", &json));
   for (int64_t i = 0; i < parsed->count; i++)
     parsed->views[i].shutter_time = (double)NAN;
-  if (pags_file_exists(path)) {
-    result = read_times(driving, path, parsed);
+  if (json) {
+    PAGS_TRY(read_times(&(times){json, driving, parsed}, pags_json_path(json)));
   } else {
     driving->fps = driving->rules.fps > 0 ? driving->rules.fps : usual_fps;
     for (int64_t i = 0; i < driving->step_count; i++)
       driving->steps[i].time = driving->steps[i].frame / driving->fps;
-    result = pags_driving_note(driving, "times: no timestamps.json, frame t is at t / %g s", driving->fps);
+    PAGS_TRY(pags_driving_note(driving, "times: no timestamps.json, frame t is at t / %g s", driving->fps));
   }
-  for (int64_t i = 0; i < parsed->count && result == PAGS_OK; i++)
+  for (int64_t i = 0; i < parsed->count; i++)
     parsed->views[i].time = driving->steps[i / driving->sensor_count].time;
-  free(path);
-  return result;
+  return PAGS_OK;
 }

@@ -11,7 +11,6 @@
 #include "dataset/driving/labels.h"
 #include "dataset/driving/reader.h"
 
-#include "base/file.h"
 #include "base/json.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -78,15 +77,14 @@ static pags_result take_pose(const reader *r, const pags_json_value *value, cons
   snprintf(what, sizeof what, "obj_to_world of %.64s '%.64s' in frame %d", at->class_name, at->id, at->frame);
   PAGS_TRY(take_array(r->info, value, what, 16, numbers));
   memcpy(out, numbers, 12 * sizeof *out);
-  char *where = pags_text_format("%s:%d: %s", pags_json_path(r->info), value->line, what);
-  pags_result result = where ? pags_rigid_check(out, where) : pags_out_of_memory("%s", pags_json_path(r->info));
-  free(where);
-  if (result == PAGS_OK && r->driving->rules.forward_y) {
-    /* The columns are the object's x, y, z axes in the axes of the file's box. */
-    static const double turn[12] = {0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0};
+  PAGS_AUTOFREE char *where = pags_text_format("%s:%d: %s", pags_json_path(r->info), value->line, what);
+  PAGS_CHECK_MEMORY(where, "%s", pags_json_path(r->info));
+  PAGS_TRY(pags_rigid_check(out, where));
+  /* The columns are the object's x, y, z axes in the axes of the file's box. */
+  static const double turn[12] = {0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0};
+  if (r->driving->rules.forward_y)
     pags_rigid_multiply(out, turn, out);
-  }
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result take_size(const reader *r, const pags_json_value *value, const place *at, double out[3]) {
@@ -157,23 +155,18 @@ static pags_result take_id(const reader *r, const pags_json_value *instance, cha
 
 static pags_result read_instance(reader *r, const pags_json_value *instance, int64_t row) {
   const char *class_name;
-  char *id = NULL;
+  PAGS_AUTOFREE char *id = NULL;
   annotation at = {NULL, NULL, NULL};
   int64_t count = 0;
   PAGS_TRY(pags_json_as_object(r->info, instance, "an instance"));
   PAGS_TRY(pags_json_string(r->info, instance, "class_name", &class_name));
   PAGS_TRY(begin_annotations(r, instance, &at, &count));
   PAGS_TRY(take_id(r, instance, &id));
-  pags_label *labels = malloc(((size_t)count + 1) * sizeof *labels);
-  pags_result result = labels ? PAGS_OK : pags_out_of_memory("%s", pags_json_path(r->info));
-  if (result == PAGS_OK)
-    result = read_boxes(r, id, class_name, at, labels);
+  PAGS_AUTOFREE pags_label *labels = malloc(((size_t)count + 1) * sizeof *labels);
+  PAGS_CHECK_MEMORY(labels, "%s", pags_json_path(r->info));
+  PAGS_TRY(read_boxes(r, id, class_name, at, labels));
   const uint8_t *present = r->present ? r->present + row * r->driving->step_count : NULL;
-  if (result == PAGS_OK)
-    result = pags_labels_take(&r->labels, id, class_name, present, labels, count);
-  free(labels);
-  free(id);
-  return result;
+  return pags_labels_take(&r->labels, id, class_name, present, labels, count);
 }
 
 static int by_number(const void *a, const void *b) {
@@ -186,8 +179,7 @@ static pags_result read_numbers(reader *r) {
   int64_t count = 0;
   r->instances = pags_json_root(r->info)->count;
   r->numbers = malloc(((size_t)r->instances + 1) * sizeof *r->numbers);
-  if (!r->numbers)
-    return pags_out_of_memory("%s", pags_json_path(r->info));
+  PAGS_CHECK_MEMORY(r->numbers, "%s", pags_json_path(r->info));
   for (const pags_json_value *item = pags_json_root(r->info)->first; item; item = item->next) {
     char *end;
     long long number = strtoll(item->key, &end, 10);
@@ -208,13 +200,11 @@ static int64_t row_of(const reader *r, int64_t number) {
 /* ---- Reading the files ---- */
 
 /* Reads which instances frame_instances.json lists at each time step used. */
-static pags_result read_present(reader *r, const char *path) {
-  PAGS_TRY(pags_json_parse_file(path, &r->frames));
+static pags_result read_present(reader *r) {
   const pags_json_value *root = pags_json_root(r->frames);
   PAGS_TRY(pags_json_as_object(r->frames, root, "the instances of frames"));
   r->present = calloc((size_t)r->instances + 1, (size_t)r->driving->step_count);
-  if (!r->present)
-    return pags_out_of_memory("%s", pags_json_path(r->frames));
+  PAGS_CHECK_MEMORY(r->present, "%s", pags_json_path(r->frames));
   for (const pags_json_value *list = root->first; list; list = list->next) {
     char *end;
     long long frame = strtoll(list->key, &end, 10);
@@ -258,40 +248,32 @@ static pags_result note_others(pags_driving *driving) {
   return length ? pags_driving_note(driving, "neither vehicles nor pedestrians nor cyclists: %s", names) : PAGS_OK;
 }
 
-static pags_result read_files(reader *r, const char *info, const char *frames) {
-  PAGS_TRY(pags_json_parse_file(info, &r->info));
+static void reader_destroy(reader *r) {
+  pags_json_destroy(r->info);
+  pags_json_destroy(r->frames);
+  free(r->present);
+  free(r->numbers);
+}
+
+static pags_result read_files(reader *r) {
   r->labels = (pags_labels){.driving = r->driving, .source = pags_json_path(r->info)};
   PAGS_TRY(pags_json_as_object(r->info, pags_json_root(r->info), "the instances"));
   PAGS_TRY(read_numbers(r));
-  if (pags_file_exists(frames))
-    PAGS_TRY(read_present(r, frames));
+  PAGS_TRY(pags_json_parse_in_folder(r->driving->root, "instances/frame_instances.json", &r->frames));
+  if (r->frames)
+    PAGS_TRY(read_present(r));
 
   for (const pags_json_value *item = pags_json_root(r->info)->first; item; item = item->next)
     PAGS_TRY(read_instance(r, item, row_of(r, strtoll(item->key, NULL, 10))));
   if (r->unknown.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld entries name instances that instances_info.json doesn't have; the first is %s",
-                     pags_json_path(r->frames), (long long)r->unknown.count, r->unknown.first);
+    PAGS_WARN("%s: %lld entries name instances that instances_info.json doesn't have; the first is %s",
+              pags_json_path(r->frames), (long long)r->unknown.count, r->unknown.first);
   PAGS_TRY(pags_labels_end(&r->labels, ""));
   return note_others(r->driving);
 }
 
 pags_result pags_tracks_read(pags_driving *driving) {
-  reader r = {.driving = driving};
-  char *info = pags_path_join(driving->root, "instances/instances_info.json");
-  char *frames = pags_path_join(driving->root, "instances/frame_instances.json");
-  pags_result result = PAGS_OK;
-  if (!info || !frames)
-    result = pags_out_of_memory("%s", driving->root);
-  else if (pags_file_exists(info))
-    result = read_files(&r, info, frames);
-  else
-    result = pags_driving_note(driving, "boxes: none (no instances/instances_info.json)");
-  pags_json_destroy(r.info);
-  pags_json_destroy(r.frames);
-  free(r.present);
-  free(r.numbers);
-  free(info);
-  free(frames);
-  return result;
+  PAGS_AUTO(reader_destroy) reader r = {.driving = driving};
+  PAGS_TRY(pags_json_parse_in_folder(driving->root, "instances/instances_info.json", &r.info));
+  return r.info ? read_files(&r) : pags_driving_note(driving, "boxes: none (no instances/instances_info.json)");
 }

@@ -77,21 +77,18 @@ static bool has_form(const survey *s, const known_folder *folder, const char *na
 
 /* ---- Known folders ---- */
 
-static bool is_folder(const char *parent, const char *name) {
-  char *path = pags_path_join(parent, name);
-  const bool found = path && pags_dir_exists(path);
-  free(path);
-  return found;
+/* Lists FOLDER of the set, which has no files if it isn't there. */
+static pags_result list_folder(const survey *s, const char *folder, char **path, pags_dir_list *list) {
+  *path = pags_path_join(s->driving->root, folder);
+  PAGS_CHECK_MEMORY(*path, "%s", s->driving->root);
+  return pags_dir_exists(*path) ? pags_dir_list_read(*path, list) : PAGS_OK;
 }
 
 /* Warns of the files of a folder that aren't read. A folder that isn't there has none. */
 static pags_result survey_folder(const survey *s, const known_folder *folder) {
-  const pags_driving *driving = s->driving;
-  char *path = pags_path_join(driving->root, folder->name);
-  pags_dir_list list = {0};
-  if (!path)
-    return pags_out_of_memory("%s", driving->root);
-  pags_result result = pags_dir_exists(path) ? pags_dir_list_read(path, &list) : PAGS_OK;
+  PAGS_AUTOFREE char *path = NULL;
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  PAGS_TRY(list_folder(s, folder->name, &path, &list));
   int64_t files = 0, odd = 0, lone = 0;
   const char *first_odd = NULL, *first_lone = NULL;
   for (int64_t i = 0; i < list.count; i++) {
@@ -101,7 +98,7 @@ static pags_result survey_folder(const survey *s, const known_folder *folder) {
       files++;
       if (!used)
         first_lone = lone++ ? first_lone : name;
-    } else if (!is_companion(name) && (*pags_path_extension(name) || is_folder(path, name))) {
+    } else if (!is_companion(name) && (*pags_path_extension(name) || pags_folder_has_folder(path, name))) {
       files++;
       first_odd = odd++ ? first_odd : name;
     }
@@ -109,21 +106,19 @@ static pags_result survey_folder(const survey *s, const known_folder *folder) {
   char expected[64];
   write_name(s, folder, s->pictures[0].frame, s->pictures[0].camera, expected, sizeof expected);
   if (odd > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld files aren't read, the first is %s; expected names like %s (%s, as the "
-                     "photographs have them)",
-                     path, (long long)odd, (long long)files, first_odd, expected,
-                     folder->form == FRAME_AND_CAMERA ? "frame_camera"
-                     : folder->form == FRAME          ? "frame"
-                                                      : "camera");
+    PAGS_WARN(
+        "%s: %lld of %lld files aren't read, the first is %s; expected names like %s (%s, as the "
+        "photographs have them)",
+        path, (long long)odd, (long long)files, first_odd, expected,
+        folder->form == FRAME_AND_CAMERA ? "frame_camera"
+        : folder->form == FRAME          ? "frame"
+                                         : "camera");
   if (lone > 0)
     pags_log_message(
         PAGS_LOG_WARNING,
         "%s: %lld of %lld files aren't read, since there is no photograph of their number; the first is %s", path,
         (long long)lone, (long long)files, first_lone);
-  pags_dir_list_destroy(&list);
-  free(path);
-  return result;
+  return PAGS_OK;
 }
 
 /* Warns of files in images/ that aren't photographs of the set. */
@@ -141,9 +136,8 @@ static void survey_images(const survey *s, const pags_dir_list *list) {
     }
   }
   if (others > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/images: %lld of %lld files aren't read, the first is %s; expected names like %s, .jpg or .png",
-                     s->driving->root, (long long)others, (long long)files, first, s->pictures[0].name);
+    PAGS_WARN("%s/images: %lld of %lld files aren't read, the first is %s; expected names like %s, .jpg or .png",
+              s->driving->root, (long long)others, (long long)files, first, s->pictures[0].name);
 }
 
 /* ---- Other folders and files ---- */
@@ -186,32 +180,20 @@ static const struct {
                 {"tracks", "instances"},
                 {"track", "instances"}};
 
-static const char *meant_by(const char *name) {
-  for (size_t i = 0; i < sizeof synonyms / sizeof *synonyms; i++)
-    if (strcasecmp(synonyms[i].other, name) == 0)
-      return synonyms[i].name;
-  return NULL;
-}
-
 /* Whether a name of the set's folder is one that the reader opens, or another tool's next to it. */
 static bool is_known(const pags_driving *driving, const char *name) {
   static const char *const
       names[] = {"images",    "intrinsics", "extrinsics",    "ego_pose",  "lidar",
                  "sky_masks", "semantic",   "dynamic_masks", "ego_masks", "instances",
                  "truth",     "sparse",     "colmap",        "panoptic"}; /* panoptic: kept by 'pags import waymo' */
-  for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-    if (strcmp(name, names[i]) == 0)
-      return true;
-  if (strcmp(name, driving->sky_folder) == 0 || strcmp(name, driving->dynamic_folder) == 0)
-    return true;
-  if (strcmp(name, "track") == 0 && driving->street_tracks)
-    return true;
-  return strcmp(name, "lidar_pose") == 0 && driving->rules.lidar_frame;
+  return pags_text_find(name, names, sizeof names / sizeof *names) >= 0 || strcmp(name, driving->sky_folder) == 0 ||
+         strcmp(name, driving->dynamic_folder) == 0 || (strcmp(name, "track") == 0 && driving->street_tracks) ||
+         (strcmp(name, "lidar_pose") == 0 && driving->rules.lidar_frame);
 }
 
 /* Counts the files of a folder, and those whose names begin with the number of a frame and go on as data do. */
 static pags_result count_files(const survey *s, const char *path, int64_t *files, int64_t *numbered) {
-  pags_dir_list list;
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
   *files = *numbered = 0;
   PAGS_TRY(pags_dir_list_read(path, &list));
   for (int64_t i = 0; i < list.count; i++) {
@@ -223,7 +205,6 @@ static pags_result count_files(const survey *s, const char *path, int64_t *files
     *numbered += pags_driving_number(&at, &frame) && (*at == '_' || *at == '.') && at - list.names[i] >= 2 &&
                  pags_driving_has_picture(s->pictures, s->count, frame, -1);
   }
-  pags_dir_list_destroy(&list);
   return PAGS_OK;
 }
 
@@ -270,56 +251,51 @@ static pags_result look_at(const survey *s, const char *path, const char *name, 
 /* Warns of unknown folders and files of the set's folder. */
 static pags_result survey_root(const survey *s) {
   const char *root = s->driving->root;
-  pags_dir_list list;
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
   finds found = {0};
   PAGS_TRY(pags_dir_list_read(root, &list));
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
+  for (int64_t i = 0; i < list.count; i++) {
     const char *name = list.names[i];
     if (*name == '.' || is_known(s->driving, name) || strcmp(name, "timestamps.json") == 0 ||
         strcmp(name, "dataset.json") == 0)
       continue;
-    char *path = pags_path_join(root, name);
-    result = path ? look_at(s, path, name, meant_by(name), &found) : pags_out_of_memory("%s", root);
-    free(path);
+    PAGS_AUTOFREE char *path = pags_path_join(root, name);
+    PAGS_CHECK_MEMORY(path, "%s", root);
+    const char *meant = NULL;
+    for (size_t k = 0; k < sizeof synonyms / sizeof *synonyms && !meant; k++)
+      meant = strcasecmp(synonyms[k].other, name) == 0 ? synonyms[k].name : NULL;
+    PAGS_TRY(look_at(s, path, name, meant, &found));
   }
-  pags_dir_list_destroy(&list);
   if (found.folders > 0)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld folders aren't read that look like parts of the set, the first is %s",
-                     root, (long long)found.folders, found.first_folder);
+    PAGS_WARN("%s: %lld folders aren't read that look like parts of the set, the first is %s", root,
+              (long long)found.folders, found.first_folder);
   if (found.files > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld files aren't read that look like parts of the set, the first is %s; expected names are "
-                     "those of docs/dataset-layout.md",
-                     root, (long long)found.files, found.first_file);
-  return result;
+    PAGS_WARN(
+        "%s: %lld files aren't read that look like parts of the set, the first is %s; expected names are "
+        "those of docs/dataset-layout.md",
+        root, (long long)found.files, found.first_file);
+  return PAGS_OK;
 }
 
 /* Warns of entries of `folder` that have none of the `count` names which are read there. If not `all`, only where none
  * of these is there. */
 static pags_result survey_names(const survey *s, const char *folder, const char *const *names, int count, bool all,
                                 const char *expected) {
-  char *path = pags_path_join(s->driving->root, folder);
-  pags_dir_list list = {0};
-  if (!path)
-    return pags_out_of_memory("%s", folder);
-  pags_result result = pags_dir_exists(path) ? pags_dir_list_read(path, &list) : PAGS_OK;
+  PAGS_AUTOFREE char *path = NULL;
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  PAGS_TRY(list_folder(s, folder, &path, &list));
   int64_t others = 0, read = 0;
   const char *first = NULL;
   for (int64_t i = 0; i < list.count; i++) {
-    bool known = false;
-    for (int j = 0; j < count; j++)
-      known = known || strcmp(list.names[i], names[j]) == 0;
+    const bool known = pags_text_find(list.names[i], names, count) >= 0;
     read += known;
     if (!known && *list.names[i] != '.')
       first = others++ ? first : list.names[i];
   }
   if (others > 0 && (all || read == 0))
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld entries aren't read, the first is %s; expected %s", path,
-                     (long long)others, (long long)(others + read), first, expected);
-  pags_dir_list_destroy(&list);
-  free(path);
-  return result;
+    PAGS_WARN("%s: %lld of %lld entries aren't read, the first is %s; expected %s", path, (long long)others,
+              (long long)(others + read), first, expected);
+  return PAGS_OK;
 }
 
 pags_result pags_driving_say_unread(const pags_driving *driving, const pags_dir_list *list,

@@ -42,44 +42,31 @@ void pags_layout_track_destroy(pags_layout_track *track) {
 
 /* ---- File names ---- */
 
-static pags_result join(const pags_layout *layout, const char *name, char **out) {
-  *out = pags_path_join(layout->folder, name);
-  return *out ? PAGS_OK : pags_out_of_memory("%s", layout->folder);
-}
-
-/* Makes the path folder/TTT_C.extension; folder/TTT.extension if camera is -1, folder/C.extension if frame is -1. */
-static pags_result file_path(const pags_layout *layout, const char *folder, int64_t frame, int camera,
-                             const char *extension, char **out) {
-  char name[128];
+/* Makes the path folder/TTT_C.extension; folder/TTT.extension if camera is -1, folder/C.extension if frame is -1. NULL
+ * if out of memory. */
+static char *file_path(const pags_layout *layout, const char *folder, int64_t frame, int camera,
+                       const char *extension) {
   assert(frame >= 0 || camera >= 0);
+  const char *root = layout->folder;
   if (frame < 0)
-    snprintf(name, sizeof name, "%s/%d%s", folder, camera, extension);
-  else if (camera < 0)
-    snprintf(name, sizeof name, "%s/%03lld%s", folder, (long long)frame, extension);
-  else
-    snprintf(name, sizeof name, "%s/%03lld_%d%s", folder, (long long)frame, camera, extension);
-  return join(layout, name, out);
+    return pags_text_format("%s/%s/%d%s", root, folder, camera, extension);
+  if (camera < 0)
+    return pags_text_format("%s/%s/%03lld%s", root, folder, (long long)frame, extension);
+  return pags_text_format("%s/%s/%03lld_%d%s", root, folder, (long long)frame, camera, extension);
 }
 
 bool pags_layout_has(const pags_layout *layout, const char *folder, int64_t frame, int camera, const char *extension) {
   static const char *const pictures[] = {".png", ".jpg", ".jpeg"};
-  bool found = false;
-  for (int i = 0; i < 3 && !found; i++) {
-    char *path = NULL;
-    if (file_path(layout, folder, frame, camera, extension ? extension : pictures[i], &path) == PAGS_OK)
-      found = pags_file_exists(path);
-    free(path);
-    if (extension)
-      break;
+  for (int i = 0; i < (extension ? 1 : 3); i++) {
+    PAGS_AUTOFREE char *path = file_path(layout, folder, frame, camera, extension ? extension : pictures[i]);
+    if (path && pags_file_exists(path))
+      return true;
   }
-  return found;
+  return false;
 }
 
 bool pags_layout_is_finished(const pags_layout *layout) {
-  char *path = pags_path_join(layout->folder, ("dataset.json"));
-  const bool found = path && pags_file_exists(path);
-  free(path);
-  return found;
+  return pags_folder_has(layout->folder, "dataset.json");
 }
 
 /* ---- Beginning an import ---- */
@@ -91,7 +78,7 @@ typedef enum work_state { WORK_NONE, WORK_SAME, WORK_OTHER } work_state;
 static pags_result compare_work(const char *marker, const pags_json_writer *writer, work_state *out) {
   static const char end[] = "\n}\n", result[] = ",\n  \"result\": ";
   const size_t common = writer->size - (sizeof end - 1);
-  uint8_t *bytes = NULL;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size = 0;
   *out = WORK_NONE;
   if (!pags_file_exists(marker))
@@ -101,7 +88,6 @@ static pags_result compare_work(const char *marker, const pags_json_writer *writ
   const bool ended = size > common + sizeof result && !memcmp(bytes, writer->data, common) &&
                      !memcmp(bytes + common, result, sizeof result - 1);
   *out = whole || ended ? WORK_SAME : WORK_OTHER;
-  free(bytes);
   return PAGS_OK;
 }
 
@@ -120,23 +106,17 @@ static void begin_marker(const pags_layout_info *info, pags_json_writer *writer)
   pags_json_put_string(writer, "version", PAGS_VERSION_STRING);
 }
 
-/* Whether a folder has nothing, or nothing but what a process has left that was killed while it wrote import.json. */
-static pags_result is_unused(const char *folder, bool *unused) {
-  pags_dir_list list;
-  PAGS_TRY(pags_dir_list_read(folder, &list));
-  *unused = list.count == 0 || (list.count == 1 && strcmp(list.names[0], "import.json.part") == 0);
-  pags_dir_list_destroy(&list);
-  return PAGS_OK;
-}
-
 /* Prepares the folder: continues unfinished work of the same import; otherwise the folder must be empty, or
  * `overwrite` set, in which case the files of the layout are removed. Then writes import.json. */
-static pags_result claim(const pags_layout *layout, const char *marker, const pags_json_writer *writer,
-                         bool overwrite) {
+static pags_result claim(const pags_layout *layout, const pags_json_writer *writer, bool overwrite) {
+  PAGS_AUTOFREE char *marker = pags_path_join(layout->folder, "import.json");
+  PAGS_CHECK_MEMORY(marker, "%s", layout->folder);
   work_state state = WORK_NONE;
-  bool unused = false;
   PAGS_TRY(compare_work(marker, writer, &state));
-  PAGS_TRY(is_unused(layout->folder, &unused));
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  PAGS_TRY(pags_dir_list_read(layout->folder, &list));
+  /* Nothing, or nothing but what a process has left that was killed while it wrote import.json. */
+  const bool unused = list.count == 0 || (list.count == 1 && strcmp(list.names[0], "import.json.part") == 0);
   if (state == WORK_SAME && !(overwrite && pags_layout_is_finished(layout)))
     return PAGS_OK;
   if (!unused && !overwrite)
@@ -145,41 +125,28 @@ static pags_result claim(const pags_layout *layout, const char *marker, const pa
                                          : "holds something else already");
 
   /* Remove the files of an earlier import. */
-  pags_result result = PAGS_OK;
-  for (int i = 0; i < FILES + FOLDERS && result == PAGS_OK; i++) {
-    char *path = NULL;
-    result = join(layout, i < FILES ? files[i] : folders[i - FILES], &path);
-    if (result == PAGS_OK)
-      result = pags_remove_tree(path);
-    free(path);
+  for (int i = 0; i < FILES + FOLDERS; i++) {
+    PAGS_AUTOFREE char *path = pags_path_join(layout->folder, i < FILES ? files[i] : folders[i - FILES]);
+    PAGS_CHECK_MEMORY(path, "%s", layout->folder);
+    PAGS_TRY(pags_remove_tree(path));
   }
-  PAGS_TRY(result);
   return pags_file_write(marker, writer->data, writer->size);
 }
 
 pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pags_layout_info *info, bool overwrite) {
-  pags_json_writer writer;
-  char *marker = NULL;
   assert(info->frame_count > 0 && info->camera_count > 0 && info->camera_count <= PAGS_LAYOUT_CAMERAS);
-  *layout = (pags_layout){.folder = pags_text_copy(folder), .info = info};
-  if (!layout->folder)
-    return pags_out_of_memory("%s", folder);
-
+  *layout = (pags_layout){0};
+  PAGS_AUTO(pags_layout_destroy) pags_layout begun = {.folder = pags_text_copy(folder), .info = info};
+  PAGS_CHECK_MEMORY(begun.folder, "%s", folder);
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {0};
   begin_marker(info, &writer);
   pags_json_end_object(&writer);
-  pags_result result = pags_json_writer_finish(&writer);
-
-  if (result == PAGS_OK)
-    result = pags_lock_folder(folder, &layout->lock);
-  if (result == PAGS_OK)
-    result = join(layout, "import.json", &marker);
-  if (result == PAGS_OK)
-    result = claim(layout, marker, &writer, overwrite);
-  free(marker);
-  pags_json_writer_destroy(&writer);
-  if (result != PAGS_OK)
-    pags_layout_destroy(layout);
-  return result;
+  PAGS_TRY(pags_json_writer_finish(&writer));
+  PAGS_TRY(pags_lock_folder(folder, &begun.lock));
+  PAGS_TRY(claim(&begun, &writer, overwrite));
+  *layout = begun;
+  begun = (pags_layout){0};
+  return PAGS_OK;
 }
 
 pags_result pags_layout_put_account(const pags_layout *layout, const pags_account *account,
@@ -193,17 +160,11 @@ pags_result pags_layout_put_account(const pags_layout *layout, const pags_accoun
     counts.sweeps += pags_layout_has(layout, "lidar", frame, -1, ".bin");
   for (int64_t i = 0; i < track_count; i++)
     counts.boxes += tracks[i].object.keyframe_count;
-  pags_json_writer writer;
-  char *marker = NULL;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {0};
   begin_marker(info, &writer);
   pags_account_put(account, &counts, "result", &writer);
   pags_json_end_object(&writer);
-  pags_result result = join(layout, "import.json", &marker);
-  if (result == PAGS_OK)
-    result = pags_json_writer_save(&writer, marker);
-  pags_json_writer_destroy(&writer);
-  free(marker);
-  return result;
+  return pags_json_writer_save_in_folder(&writer, layout->folder, "import.json");
 }
 
 void pags_layout_destroy(pags_layout *layout) {
@@ -215,45 +176,29 @@ void pags_layout_destroy(pags_layout *layout) {
 /* ---- Files of a frame ---- */
 
 pags_result pags_layout_make_folder(const char *path) {
-  char *parent = pags_path_folder(path);
-  const pags_result result = parent ? pags_make_dirs(parent) : pags_out_of_memory("%s", path);
-  free(parent);
-  return result;
+  PAGS_AUTOFREE char *parent = pags_path_folder(path);
+  PAGS_CHECK_MEMORY(parent, "%s", path);
+  return pags_make_dirs(parent);
 }
 
-static pags_result write_file(const char *path, const void *bytes, size_t size) {
+pags_result pags_layout_put_file(const pags_layout *layout, const char *folder, int64_t frame, int camera,
+                                 const char *extension, const void *bytes, size_t size) {
+  PAGS_AUTOFREE char *path = file_path(layout, folder, frame, camera, extension);
+  PAGS_CHECK_MEMORY(path, "%s", layout->folder);
+  if (pags_file_exists(path))
+    return PAGS_OK;
   PAGS_TRY(pags_layout_make_folder(path));
   return pags_file_write(path, bytes, size);
 }
 
-static pags_result put_file(const pags_layout *layout, const char *folder, int64_t frame, int camera,
-                            const char *extension, const void *bytes, size_t size) {
-  char *path = NULL;
-  PAGS_TRY(file_path(layout, folder, frame, camera, extension, &path));
-  const pags_result result = pags_file_exists(path) ? PAGS_OK : write_file(path, bytes, size);
-  free(path);
-  return result;
-}
-
-pags_result pags_layout_put_image(const pags_layout *layout, int64_t frame, int camera, const char *extension,
-                                  const void *bytes, size_t size) {
-  return put_file(layout, "images", frame, camera, extension, bytes, size);
-}
-
-pags_result pags_layout_put_picture(const pags_layout *layout, const char *folder, int64_t frame, int camera,
-                                    const char *extension, const void *bytes, size_t size) {
-  return put_file(layout, folder, frame, camera, extension, bytes, size);
-}
-
 pags_result pags_layout_copy_image(const pags_layout *layout, int64_t frame, int camera, const char *path) {
-  uint8_t *bytes = NULL;
+  const char *extension = pags_path_extension(path);
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size = 0;
-  if (pags_layout_has(layout, "images", frame, camera, pags_path_extension(path)))
+  if (pags_layout_has(layout, "images", frame, camera, extension))
     return PAGS_OK;
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  const pags_result result = pags_layout_put_image(layout, frame, camera, pags_path_extension(path), bytes, size);
-  free(bytes);
-  return result;
+  return pags_layout_put_file(layout, "images", frame, camera, extension, bytes, size);
 }
 
 /* Writes a rigid motion as four lines of four numbers with 17 significant digits, so that doubles are read back
@@ -266,7 +211,7 @@ static pags_result put_matrix(const pags_layout *layout, const char *folder, int
     const double value = i < 12 ? m[i] : i == 15;
     at += snprintf(text + at, sizeof text - (size_t)at, "%.17g%c", value, i % 4 == 3 ? '\n' : ' ');
   }
-  return put_file(layout, folder, frame, camera, ".txt", text, (size_t)at);
+  return pags_layout_put_file(layout, folder, frame, camera, ".txt", text, (size_t)at);
 }
 
 pags_result pags_layout_put_ego_pose(const pags_layout *layout, int64_t frame, const double world_from_ego[12]) {
@@ -287,12 +232,9 @@ pags_result pags_layout_put_lidar(const pags_layout *layout, int64_t frame, int6
   if (pags_layout_has(layout, "lidar", frame, -1, ".bin"))
     return PAGS_OK;
   const size_t count = (size_t)rows * columns;
-  uint8_t *bytes = malloc(count ? 4 * count : 1);
-  if (!bytes)
-    return pags_out_of_memory("%s: a sweep of %lld points", layout->folder, (long long)rows);
+  PAGS_AUTOFREE uint8_t *bytes = malloc(count ? 4 * count : 1);
+  PAGS_CHECK_MEMORY(bytes, "%s: a sweep of %lld points", layout->folder, (long long)rows);
   for (size_t i = 0; i < count; i++)
     pags_store_f32(bytes + 4 * i, values[i]);
-  const pags_result result = put_file(layout, "lidar", frame, -1, ".bin", bytes, 4 * count);
-  free(bytes);
-  return result;
+  return pags_layout_put_file(layout, "lidar", frame, -1, ".bin", bytes, 4 * count);
 }

@@ -101,12 +101,10 @@ bool pags_layout_has(const pags_layout *layout, const char *folder, int64_t fram
 /* Whether the data set is finished, that is whether dataset.json exists. */
 bool pags_layout_is_finished(const pags_layout *layout);
 
-/* Writes images/TTT_C.extension from the bytes of an encoded picture; `extension` includes its dot. */
-pags_result pags_layout_put_image(const pags_layout *layout, int64_t frame, int camera, const char *extension,
-                                  const void *bytes, size_t size);
-/* Writes another picture, `folder`/TTT_C.extension, from its encoded bytes. */
-pags_result pags_layout_put_picture(const pags_layout *layout, const char *folder, int64_t frame, int camera,
-                                    const char *extension, const void *bytes, size_t size);
+/* Writes `folder`/TTT_C.extension, such as images/012_0.jpg from the bytes of an encoded picture; `extension` includes
+ * its dot. */
+pags_result pags_layout_put_file(const pags_layout *layout, const char *folder, int64_t frame, int camera,
+                                 const char *extension, const void *bytes, size_t size);
 /* Copies a picture file to images/TTT_C with the extension of `path`. */
 pags_result pags_layout_copy_image(const pags_layout *layout, int64_t frame, int camera, const char *path);
 /* Writes ego_pose/TTT.txt; poses and extrinsics are 3x4 row-major and are written as 4x4. */

@@ -14,26 +14,20 @@
 /* Makes the path of a file of the layout and creates its folder. */
 static pags_result make_path(const pags_layout *layout, const char *name, char **out) {
   *out = pags_path_join(layout->folder, name);
-  return *out ? pags_layout_make_folder(*out) : pags_out_of_memory("%s", layout->folder);
+  PAGS_CHECK_MEMORY(*out, "%s", layout->folder);
+  return pags_layout_make_folder(*out);
 }
 
-static pags_result save(pags_json_writer *writer, const char *path) {
-  const pags_result result = pags_json_writer_save(writer, path);
-  pags_json_writer_destroy(writer);
-  return result;
+/* Begins an object or an array whose key is a number. */
+static const char *number_key(char key[24], int64_t number) {
+  snprintf(key, 24, "%lld", (long long)number);
+  return key;
 }
 
 /* ---- Instances ---- */
 
-static void put_pose(pags_json_writer *writer, const double m[12]) {
-  static const double last[4] = {0, 0, 0, 1};
-  pags_json_begin_array(writer, NULL);
-  for (int row = 0; row < 4; row++)
-    pags_json_put_numbers(writer, NULL, row < 3 ? m + 4 * row : last, 4);
-  pags_json_end_array(writer);
-}
-
 static void put_annotations(pags_json_writer *writer, const pags_layout_track *track) {
+  static const double last[4] = {0, 0, 0, 1};
   const pags_object *object = &track->object;
   pags_json_begin_object(writer, "frame_annotations");
   pags_json_begin_array(writer, "frame_idx");
@@ -41,8 +35,12 @@ static void put_annotations(pags_json_writer *writer, const pags_layout_track *t
     pags_json_put_integer(writer, NULL, object->keyframes[i].frame);
   pags_json_end_array(writer);
   pags_json_begin_array(writer, "obj_to_world");
-  for (int64_t i = 0; i < object->keyframe_count; i++)
-    put_pose(writer, object->keyframes[i].world_from_object);
+  for (int64_t i = 0; i < object->keyframe_count; i++) {
+    pags_json_begin_array(writer, NULL);
+    for (int row = 0; row < 4; row++)
+      pags_json_put_numbers(writer, NULL, row < 3 ? object->keyframes[i].world_from_object + 4 * row : last, 4);
+    pags_json_end_array(writer);
+  }
   pags_json_end_array(writer);
   pags_json_begin_array(writer, "box_size");
   for (int64_t i = 0; i < object->keyframe_count; i++)
@@ -52,52 +50,43 @@ static void put_annotations(pags_json_writer *writer, const pags_layout_track *t
 }
 
 pags_result pags_layout_write_instances(const char *path, const pags_layout_track *tracks, int64_t count) {
-  pags_json_writer writer;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {0};
   char key[24];
-  pags_json_writer_init(&writer, 0);
   pags_json_begin_object(&writer, NULL);
   for (int64_t i = 0; i < count; i++) {
-    snprintf(key, sizeof key, "%lld", (long long)i);
-    pags_json_begin_object(&writer, key);
+    pags_json_begin_object(&writer, number_key(key, i));
     pags_json_put_string(&writer, "id", tracks[i].object.id);
     pags_json_put_string(&writer, "class_name", tracks[i].object.class_name);
     put_annotations(&writer, &tracks[i]);
     pags_json_end_object(&writer);
   }
   pags_json_end_object(&writer);
-  return save(&writer, path);
+  return pags_json_writer_save(&writer, path);
 }
 
 pags_result pags_layout_write_frame_instances(const char *path, const pags_layout_track *tracks, int64_t count,
                                               int64_t frame_count) {
-  pags_json_writer writer;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {0};
   char key[24];
-  pags_json_writer_init(&writer, 0);
   pags_json_begin_object(&writer, NULL);
   for (int64_t frame = 0; frame < frame_count; frame++) {
-    snprintf(key, sizeof key, "%lld", (long long)frame);
-    pags_json_begin_array(&writer, key);
+    pags_json_begin_array(&writer, number_key(key, frame));
     for (int64_t i = 0; i < count; i++)
       if (pags_object_keyframe(&tracks[i].object, frame))
         pags_json_put_integer(&writer, NULL, i);
     pags_json_end_array(&writer);
   }
   pags_json_end_object(&writer);
-  return save(&writer, path);
+  return pags_json_writer_save(&writer, path);
 }
 
 pags_result pags_layout_put_instances(const pags_layout *layout, const pags_layout_track *tracks, int64_t count) {
-  char *infos = NULL, *frames = NULL;
-  pags_result result = make_path(layout, "instances/instances_info.json", &infos);
-  if (result == PAGS_OK)
-    result = make_path(layout, "instances/frame_instances.json", &frames);
-  if (result == PAGS_OK)
-    result = pags_layout_write_instances(infos, tracks, count);
-  if (result == PAGS_OK)
-    result = pags_layout_write_frame_instances(frames, tracks, count, layout->info->frame_count);
-  free(infos);
-  free(frames);
-  return result;
+  PAGS_AUTOFREE char *infos = NULL;
+  PAGS_AUTOFREE char *frames = NULL;
+  PAGS_TRY(make_path(layout, "instances/instances_info.json", &infos));
+  PAGS_TRY(make_path(layout, "instances/frame_instances.json", &frames));
+  PAGS_TRY(pags_layout_write_instances(infos, tracks, count));
+  return pags_layout_write_frame_instances(frames, tracks, count, layout->info->frame_count);
 }
 
 /* ---- Intrinsics ---- */
@@ -111,12 +100,9 @@ static pags_result put_intrinsics(const pags_layout *layout) {
     for (int i = 0; i < numbers; i++)
       at += snprintf(text + at, sizeof text - (size_t)at, "%.17g\n", info->cameras[c].intrinsics[i]);
     snprintf(name, sizeof name, "intrinsics/%d.txt", info->cameras[c].number);
-    char *path = NULL;
-    pags_result result = make_path(layout, name, &path);
-    if (result == PAGS_OK)
-      result = pags_file_write(path, text, (size_t)at);
-    free(path);
-    PAGS_TRY(result);
+    PAGS_AUTOFREE char *path = NULL;
+    PAGS_TRY(make_path(layout, name, &path));
+    PAGS_TRY(pags_file_write(path, text, (size_t)at));
   }
   return PAGS_OK;
 }
@@ -149,7 +135,7 @@ static bool is_known(const pags_layout_times *times, int64_t count, const struct
 }
 
 pags_result pags_layout_write_times(const char *path, const pags_layout_info *info, const pags_layout_times *times) {
-  pags_json_writer writer;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {0};
   pags_json_writer_init(&writer, 1);
   pags_json_begin_object(&writer, NULL);
   pags_json_begin_array(&writer, "frames");
@@ -161,8 +147,7 @@ pags_result pags_layout_write_times(const char *path, const pags_layout_info *in
       char key[24];
       pags_json_begin_object(&writer, columns[i].key);
       for (int c = 0; c < info->camera_count; c++) {
-        snprintf(key, sizeof key, "%d", info->cameras[c].number);
-        pags_json_begin_array(&writer, key);
+        pags_json_begin_array(&writer, number_key(key, info->cameras[c].number));
         for (int64_t t = 0; t < info->frame_count; t++) {
           const double *value = column_value(&times->exposures[t * info->camera_count + c], &columns[i]);
           if (columns[i].count == 1)
@@ -181,54 +166,46 @@ pags_result pags_layout_write_times(const char *path, const pags_layout_info *in
     pags_json_end_array(&writer);
   }
   pags_json_end_object(&writer);
-  return save(&writer, path);
+  return pags_json_writer_save(&writer, path);
 }
 
 /* ---- dataset.json ---- */
-
-static const char *extrinsics_words(const pags_layout_info *info) {
-  if (!info->extrinsics_per_frame)
-    return "constant camera-to-ego (C.txt)";
-  return info->extrinsics_from_world ? "per-frame camera-to-world (TTT_C.txt)" : "per-frame camera-to-ego (TTT_C.txt)";
-}
 
 static void put_cameras(pags_json_writer *writer, const pags_layout_info *info) {
   char key[24];
   bool rolling = false, bends = false;
   pags_json_begin_object(writer, "cameras");
   for (int c = 0; c < info->camera_count; c++) {
-    snprintf(key, sizeof key, "%d", info->cameras[c].number);
-    pags_json_put_string(writer, key, info->cameras[c].name);
+    pags_json_put_string(writer, number_key(key, info->cameras[c].number), info->cameras[c].name);
     rolling = rolling || info->cameras[c].rolling_shutter;
     bends = bends || !pags_lens_model_is_plain(&info->cameras[c].lens);
   }
   pags_json_end_object(writer);
   if (rolling) {
     pags_json_begin_object(writer, "rolling_shutter");
-    for (int c = 0; c < info->camera_count; c++) {
-      snprintf(key, sizeof key, "%d", info->cameras[c].number);
-      pags_json_put_string(writer, key, info->cameras[c].rolling_shutter);
-    }
+    for (int c = 0; c < info->camera_count; c++)
+      pags_json_put_string(writer, number_key(key, info->cameras[c].number), info->cameras[c].rolling_shutter);
     pags_json_end_object(writer);
   }
   if (!bends)
     return;
   pags_json_begin_object(writer, "lenses");
-  for (int c = 0; c < info->camera_count; c++) {
-    snprintf(key, sizeof key, "%d", info->cameras[c].number);
+  for (int c = 0; c < info->camera_count; c++)
     if (!pags_lens_model_is_plain(&info->cameras[c].lens))
-      pags_lens_to_json(writer, key, &info->cameras[c].lens);
-  }
+      pags_lens_to_json(writer, number_key(key, info->cameras[c].number), &info->cameras[c].lens);
   pags_json_end_object(writer);
 }
 
 pags_result pags_layout_write_description(const char *path, const pags_layout_info *info, int indent) {
-  pags_json_writer writer;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {0};
   pags_json_writer_init(&writer, indent);
   pags_json_begin_object(&writer, NULL);
   pags_json_put_string(&writer, "kind", info->kind);
   pags_json_put_string(&writer, "camera_axes", "opencv");
-  pags_json_put_string(&writer, "extrinsics", extrinsics_words(info));
+  pags_json_put_string(&writer, "extrinsics",
+                       !info->extrinsics_per_frame   ? "constant camera-to-ego (C.txt)"
+                       : info->extrinsics_from_world ? "per-frame camera-to-world (TTT_C.txt)"
+                                                     : "per-frame camera-to-ego (TTT_C.txt)");
   if (info->lidar_columns) {
     pags_json_begin_array(&writer, "lidar_columns");
     for (int i = 0; info->lidar_columns[i]; i++)
@@ -245,23 +222,17 @@ pags_result pags_layout_write_description(const char *path, const pags_layout_in
     pags_json_put_integer(&writer, "first_frame", info->first_frame);
   }
   pags_json_end_object(&writer);
-  return save(&writer, path);
+  return pags_json_writer_save(&writer, path);
 }
 
 pags_result pags_layout_finish(const pags_layout *layout, const pags_layout_times *times) {
   if (pags_layout_is_finished(layout))
     return PAGS_OK;
-  char *stamps = NULL, *description = NULL;
-  pags_result result = put_intrinsics(layout);
-  if (result == PAGS_OK)
-    result = make_path(layout, "timestamps.json", &stamps);
-  if (result == PAGS_OK)
-    result = pags_layout_write_times(stamps, layout->info, times);
-  if (result == PAGS_OK)
-    result = make_path(layout, "dataset.json", &description);
-  if (result == PAGS_OK)
-    result = pags_layout_write_description(description, layout->info, 2);
-  free(stamps);
-  free(description);
-  return result;
+  PAGS_AUTOFREE char *stamps = NULL;
+  PAGS_AUTOFREE char *description = NULL;
+  PAGS_TRY(put_intrinsics(layout));
+  PAGS_TRY(make_path(layout, "timestamps.json", &stamps));
+  PAGS_TRY(pags_layout_write_times(stamps, layout->info, times));
+  PAGS_TRY(make_path(layout, "dataset.json", &description));
+  return pags_layout_write_description(description, layout->info, 2);
 }

@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "dataset/driving/writer.h"
 
 enum { ALL, VEHICLE, HUMAN, MASKS };
@@ -16,22 +17,15 @@ static const char *const mask_folders[MASKS] = {"dynamic_masks/all", "dynamic_ma
 
 pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, int64_t frame, int camera, int width,
                                  int height, const uint8_t *pixels) {
-  char name[128];
-  if (pags_layout_has(layout, folder, frame, camera, ".png"))
+  PAGS_AUTOFREE char *path = pags_text_format("%s/%s/%03lld_%d.png", layout->folder, folder, (long long)frame, camera);
+  PAGS_CHECK_MEMORY(path, "%s", layout->folder);
+  if (pags_file_exists(path))
     return PAGS_OK;
-  snprintf(name, sizeof name, "%s/%03lld_%d.png", folder, (long long)frame, camera);
-  char *path = pags_path_join(layout->folder, name);
-  pags_image image = {0};
-  pags_result result = path ? pags_layout_make_folder(path) : pags_out_of_memory("%s", layout->folder);
-  if (result == PAGS_OK)
-    result = pags_image_create(&image, width, height, 1, PAGS_U8);
-  if (result == PAGS_OK) {
-    memcpy(image.data, pixels, (size_t)width * (size_t)height);
-    result = pags_image_save(path, &image);
-  }
-  pags_image_destroy(&image);
-  free(path);
-  return result;
+  PAGS_TRY(pags_layout_make_folder(path));
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
+  PAGS_TRY(pags_image_create(&image, width, height, 1, PAGS_U8));
+  memcpy(image.data, pixels, (size_t)width * (size_t)height);
+  return pags_image_save(path, &image);
 }
 
 static void draw_track(const pags_camera *camera, const pags_layout_track *track, int64_t frame,
@@ -45,11 +39,13 @@ static void draw_track(const pags_camera *camera, const pags_layout_track *track
   const int count = pags_box_outline(camera, keyframe->world_from_object, size, corners);
   if (count == 0)
     return;
-  pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[ALL]);
-  if (object->category == PAGS_CATEGORY_VEHICLE)
-    pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[VEHICLE]);
-  if (object->category == PAGS_CATEGORY_PEDESTRIAN || object->category == PAGS_CATEGORY_CYCLIST)
-    pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[HUMAN]);
+  const bool drawn[MASKS] = {
+      [ALL] = true,
+      [VEHICLE] = object->category == PAGS_CATEGORY_VEHICLE,
+      [HUMAN] = object->category == PAGS_CATEGORY_PEDESTRIAN || object->category == PAGS_CATEGORY_CYCLIST};
+  for (int m = 0; m < MASKS; m++)
+    if (drawn[m])
+      pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[m]);
 }
 
 static pags_result put_planes(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
@@ -77,15 +73,12 @@ pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int
     return PAGS_OK;
   const size_t pixels = (size_t)camera->width * (size_t)camera->height;
   const size_t seen = lens ? (size_t)lens->width * (size_t)lens->height : 0;
-  uint8_t *block = calloc(1, MASKS * pixels + seen);
-  if (!block)
-    return pags_out_of_memory("%s: masks of %dx%d", layout->folder, camera->width, camera->height);
+  PAGS_AUTOFREE uint8_t *block = calloc(1, MASKS * pixels + seen);
+  PAGS_CHECK_MEMORY(block, "%s: masks of %dx%d", layout->folder, camera->width, camera->height);
   uint8_t *planes[MASKS] = {block, block + pixels, block + 2 * pixels};
   for (int64_t i = 0; i < track_count; i++)
     draw_track(camera, &tracks[i], frame, planes);
-  const pags_result result = put_planes(layout, frame, number, camera, lens, planes, block + MASKS * pixels);
-  free(block);
-  return result;
+  return put_planes(layout, frame, number, camera, lens, planes, block + MASKS * pixels);
 }
 
 pags_result pags_layout_put_dynamic_masks(const pags_layout *layout, int64_t frame, int number,

@@ -3,9 +3,8 @@
  * size that COLMAP chooses; which lens a view keeps, and the view through it. */
 #include <pags/image.h>
 
-#include "dataset/driving/pixel_rays.h"
-#include "dataset/undistort.h"
-#include "dataset/view_camera.h"
+#include "dataset/driving/label_plane.h"
+#include "dataset/internal.h"
 #include "unit/scratch.h"
 
 #include <math.h>
