@@ -49,11 +49,10 @@ static const pags_option train_options[] = {
     PAGS_SESSION_OPTIONS(bench_arguments),
     {0}};
 
-static const pags_positional scene_positionals[] = {{"SCENE", "a scene folder or a splat file"}, {NULL, NULL}};
-static const pags_positional train_positionals[] = {{"DATASET", "as for pags train"}, {NULL, NULL}};
+#define SCENE_POSITIONALS {{"SCENE", "a scene folder or a splat file"}}
 
 #define SCENE_VERB(what, text) \
-  {.name = what, .usage = "SCENE [options]", .about = text, .positionals = scene_positionals, .options = scene_options}
+  {.name = what, .usage = "SCENE [options]", .about = text, .positionals = SCENE_POSITIONALS, .options = scene_options}
 
 static const pags_verb stages_verb =
     SCENE_VERB("stages",
@@ -90,7 +89,7 @@ static const pags_verb reference_verb = {
     .about =
         "Draws a view by the tests' renderer in double precision, to hold the pictures of any program against. "
         "Slow: a second or more for a picture of 960x540.",
-    .positionals = scene_positionals,
+    .positionals = SCENE_POSITIONALS,
     .options = reference_options};
 
 static const pags_verb error_verb = {.name = "error",
@@ -103,7 +102,7 @@ static const pags_verb error_verb = {.name = "error",
                                          "and scores. Times are the processor's; with --threads 1 none of it is "
                                          "waiting. The renderer in double precision is "
                                          "slow: pictures are small by default.",
-                                     .positionals = scene_positionals,
+                                     .positionals = SCENE_POSITIONALS,
                                      .options = error_options};
 #endif
 static const pags_verb train_verb = {
@@ -112,7 +111,7 @@ static const pags_verb train_verb = {
     .about =
         "Trains and reports milliseconds by stage, held-out PSNR against seconds, when whole decibels were "
         "reached, and the roofline of what was trained.",
-    .positionals = train_positionals,
+    .positionals = {{"DATASET", "as for pags train"}},
     .options = train_options};
 
 /* ---- Benchmarks on a scene ---- */

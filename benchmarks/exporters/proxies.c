@@ -242,21 +242,19 @@ static pags_result run(pags_proxy_bench *self) {
 
 static const pags_option options[] = {PAGS_SESSION_OPTIONS(pags_proxy_bench), {0}};
 
-static const pags_positional positionals[] = {
-    {"SCENE", "a scene trained on pags synth street"}, {"FILE.glb", "what pags export wrote of it"}, {NULL, NULL}};
-
-static const pags_verb verb = {.name = "proxies",
-                               .usage = "SCENE FILE.glb [options]",
-                               .about =
-                                   "Measures how far exported proxies are from the true meshes of the synthetic "
-                                   "street: of vehicles the distances both ways and "
-                                   "the overlap in the training views, of the ground its heights against the street "
-                                   "and against held-out LiDAR, of other objects "
-                                   "their distances from held-out LiDAR. Fails (exit code 1) where one exceeds its "
-                                   "bound: means of 0.1 m, an overlap of 0.9, a 95th "
-                                   "percentile of the ground of 0.05 m.",
-                               .positionals = positionals,
-                               .options = options};
+static const pags_verb verb = {
+    .name = "proxies",
+    .usage = "SCENE FILE.glb [options]",
+    .about =
+        "Measures how far exported proxies are from the true meshes of the synthetic "
+        "street: of vehicles the distances both ways and "
+        "the overlap in the training views, of the ground its heights against the street "
+        "and against held-out LiDAR, of other objects "
+        "their distances from held-out LiDAR. Fails (exit code 1) where one exceeds its "
+        "bound: means of 0.1 m, an overlap of 0.9, a 95th "
+        "percentile of the ground of 0.05 m.",
+    .positionals = {{"SCENE", "a scene trained on pags synth street"}, {"FILE.glb", "what pags export wrote of it"}},
+    .options = options};
 
 int pags_bench_proxies(int argc, char **argv) {
   pags_proxy_bench self = {0};

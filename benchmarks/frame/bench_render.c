@@ -46,8 +46,6 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(render_bench_arguments),
     {0}};
 
-static const pags_positional positionals[] = {{"SCENE", "a scene folder or a splat file"}, {NULL, NULL}};
-
 /* Names the replacement of a removed option. */
 static bool replacement(const char *name, char *text, size_t size) {
   if (strcmp(name, "plot") != 0)
@@ -65,7 +63,7 @@ static const pags_verb verb = {.name = "render",
                                    "binned, tested and blended, bytes moved by "
                                    "the stages' data structures, and what the picture lost against the first mode: "
                                    "PSNR, largest error, pixels with other bits.",
-                               .positionals = positionals,
+                               .positionals = {{"SCENE", "a scene folder or a splat file"}},
                                .options = options,
                                .replacement = replacement};
 

@@ -49,9 +49,6 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(scale_arguments),
     {0}};
 
-static const pags_positional positionals[] = {{"SCENE", "a scene folder; its background is copied (pags synth town)"},
-                                              {NULL, NULL}};
-
 static const pags_verb verb = {
     .name = "scale",
     .usage = "SCENE [options]",
@@ -61,7 +58,7 @@ static const pags_verb verb = {
         "what exists, what is in view and what is loaded, and memory. Shared: copies are parts over the same rows, "
         "which costs "
         "the memory of one. Packed: a file with every row, mapped; resident is what was looked at.",
-    .positionals = positionals,
+    .positionals = {{"SCENE", "a scene folder; its background is copied (pags synth town)"}},
     .options = options};
 
 typedef struct scale_row {

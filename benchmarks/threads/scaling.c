@@ -54,9 +54,6 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(scaling_arguments),
     {0}};
 
-static const pags_positional positionals[] = {
-    {"SCENE|DATASET", "a scene folder or a splat file; or a data set, as for pags train"}, {NULL, NULL}};
-
 static const pags_verb verb = {
     .name = "scaling",
     .usage = "SCENE|DATASET [options]",
@@ -64,7 +61,7 @@ static const pags_verb verb = {
         "Records frames, or the steps, densify, prune, checkpoint and scene of a training, on one worker, and replays "
         "them by the pool's own scheduling for 1 to 256 workers: predicted times as fast as a range, critical path, "
         "and what limits, stage by stage. docs/cluster.md says what is predicted and what isn't.",
-    .positionals = positionals,
+    .positionals = {{"SCENE|DATASET", "a scene folder or a splat file; or a data set, as for pags train"}},
     .options = options};
 
 typedef struct measured {

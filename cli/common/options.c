@@ -5,12 +5,12 @@
 #include <assert.h>
 #include <ctype.h>
 #include <errno.h>
-#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include "base/text.h"
 
 enum { MAX_ROWS = 256, HELP_WIDTH = 100, HELP_COLUMN = 30 };
 
@@ -74,19 +74,11 @@ const char *pags_nearest_name(const char *word, const char *const *names) {
   return best;
 }
 
-static const pags_option *find_long(const pags_verb *verb, const char *name, size_t length) {
-  for (const pags_option *option = verb->options; !is_end(option); option++)
-    if (option->name && strlen(option->name) == length && !strncmp(option->name, name, length))
-      return option;
-  return NULL;
-}
-
 /* Describes the values that an option accepts, for error messages: "a whole number of at least 1". */
 static void describe(const pags_option *option, char *text, size_t size) {
   static const char *const nouns[] = {[PAGS_OPTION_INT] = "a whole number",
                                       [PAGS_OPTION_INT64] = "a whole number",
                                       [PAGS_OPTION_UINT64] = "a whole number",
-                                      [PAGS_OPTION_FLOAT] = "a number",
                                       [PAGS_OPTION_DOUBLE] = "a number",
                                       [PAGS_OPTION_SIZE] = "a size in bytes such as 512M or 2G",
                                       [PAGS_OPTION_DURATION] = "a time such as 90s, 30m or 2h",
@@ -127,15 +119,15 @@ static bool parse_int64(const char *text, int64_t *value) {
   if (isspace((unsigned char)*text))
     return false;
   errno = 0;
-  long long parsed = strtoll(text, &end, 10);
-  *value = parsed;
+  *value = strtoll(text, &end, 10);
   return end != text && !*end && !errno;
 }
 
-static bool parse_size(const char *text, uint64_t *value) {
+/* A size in bytes, "512M": a number below 9.2e18. */
+static bool parse_size(const char *text, double *value) {
   const char *end;
-  double number, unit = 1;
-  if (!parse_real(text, &end, &number) || number < 0)
+  double unit = 1;
+  if (!parse_real(text, &end, value) || *value < 0)
     return false;
   switch (toupper((unsigned char)*end)) {
     case 'K': unit = 1024.0; break;
@@ -148,14 +140,12 @@ static bool parse_size(const char *text, uint64_t *value) {
     end++;
   if (unit > 1 && (*end == 'i' || *end == 'B')) /* 2GiB and 2GB: both mean powers of 1024 */
     end += end[0] == 'i' && end[1] == 'B' ? 2 : 1;
-  if (*end || number * unit >= 9.2e18)
-    return false;
-  *value = (uint64_t)(number * unit);
-  return true;
+  *value *= unit;
+  return !*end && *value < 9.2e18;
 }
 
 static bool parse_duration(const char *text, double *seconds) {
-  double total = 0;
+  *seconds = 0;
   if (!*text)
     return false;
   while (*text) {
@@ -166,31 +156,40 @@ static bool parse_duration(const char *text, double *seconds) {
     double unit = *end == 'd' ? 86400 : *end == 'h' ? 3600 : *end == 'm' ? 60 : *end == 's' || !*end ? 1 : 0;
     if (unit == 0)
       return false;
-    total += number * unit;
+    *seconds += number * unit;
     text = *end ? end + 1 : end;
   }
-  *seconds = total;
   return true;
 }
 
 static bool parse_span(const char *text, int64_t span[2]) {
-  const char *dash = strchr(text, '-');
   char first[24];
-  int64_t begin, end = -1;
-  size_t length = dash ? (size_t)(dash - text) : strlen(text);
-  if (length >= sizeof first)
+  const size_t length = strcspn(text, "-");
+  const bool open = text[length] && !text[length + 1];
+  snprintf(first, sizeof first, "%.*s", (int)length, text);
+  if (length >= sizeof first || !parse_int64(first, &span[0]) || span[0] < 0)
     return false;
-  memcpy(first, text, length);
-  first[length] = 0;
-  if (!parse_int64(first, &begin) || begin < 0)
-    return false;
-  if (!dash)
-    end = begin;
-  else if (dash[1] && (!parse_int64(dash + 1, &end) || end < begin))
-    return false;
-  span[0] = begin;
-  span[1] = end;
+  span[1] = open ? -1 : span[0];
+  return open || !text[length] || (parse_int64(text + length + 1, &span[1]) && span[1] >= span[0]);
+}
+
+static bool parse_color(const char *text, double rgb[3]) {
+  for (int c = 0; c < 3; c++, text++)
+    if (!parse_real(text, &text, &rgb[c]) || *text != (c < 2 ? ',' : '\0') || rgb[c] < 0 || rgb[c] > 1)
+      return false;
   return true;
+}
+
+/* Finds the index of a choice in a list such as "off|on", in any letter case. */
+static bool find_choice(const char *choices, const char *text, int *index) {
+  for (*index = 0;; ++*index) {
+    const size_t length = strcspn(choices, "|");
+    if (length == strlen(text) && !strncasecmp(choices, text, length))
+      return true;
+    if (!choices[length])
+      return false;
+    choices += length + 1;
+  }
 }
 
 static bool store_word(pags_words *words, const char *name, size_t length, const char *value) {
@@ -202,77 +201,45 @@ static bool store_word(pags_words *words, const char *name, size_t length, const
   return true;
 }
 
+/* Stores a pair given as NAME=VALUE in `text`, or as NAME in `text` and VALUE in **next, which is then taken. A VALUE
+ * contains a comma, so an '=' with no comma after it belongs to the name. */
+static bool store_pair(pags_words *words, const char *text, char ***next) {
+  const char *equals = strrchr(text, '=');
+  if (equals && strchr(equals, ','))
+    return store_word(words, text, (size_t)(equals - text), equals + 1);
+  return **next && store_word(words, text, strlen(text), *(*next)++);
+}
+
 /* Parses `text` as the option's type into `slot`; false leaves the message to the caller. */
-static bool store(const pags_option *option, const char *text, void *slot) {
-  double real;
-  int64_t whole;
-  uint64_t natural;
+static bool store(const pags_option *option, const char *text, void *slot, char ***next) {
+  double real = 0;
+  int64_t whole = 0;
   const char *end;
   char *stop;
   switch (option->type) {
     case PAGS_OPTION_INT:
-      if (!parse_int64(text, &whole) || whole < INT32_MIN || whole > INT32_MAX || !in_range(option, (double)whole))
+      if (!parse_int64(text, &whole) || whole < INT32_MIN || whole > INT32_MAX)
         return false;
       *(int *)slot = (int)whole;
-      return true;
-    case PAGS_OPTION_INT64:
-      if (!parse_int64(text, &whole) || !in_range(option, (double)whole))
-        return false;
-      *(int64_t *)slot = whole;
-      return true;
+      return in_range(option, (double)whole);
+    case PAGS_OPTION_INT64: return parse_int64(text, slot) && in_range(option, (double)*(int64_t *)slot);
     case PAGS_OPTION_UINT64:
       errno = 0;
-      natural = strtoull(text, &stop, 10);
-      if (!isdigit((unsigned char)*text) || *stop || errno || !in_range(option, (double)natural))
-        return false;
-      *(uint64_t *)slot = natural;
-      return true;
-    case PAGS_OPTION_FLOAT:
-    case PAGS_OPTION_DOUBLE:
-      if (!parse_real(text, &end, &real) || *end || !in_range(option, real))
-        return false;
-      if (option->type == PAGS_OPTION_FLOAT)
-        *(float *)slot = (float)real;
-      else
-        *(double *)slot = real;
-      return true;
+      *(uint64_t *)slot = strtoull(text, &stop, 10);
+      return isdigit((unsigned char)*text) && !*stop && !errno && in_range(option, (double)*(uint64_t *)slot);
+    case PAGS_OPTION_DOUBLE: return parse_real(text, &end, slot) && !*end && in_range(option, *(double *)slot);
+    case PAGS_OPTION_DURATION: return parse_duration(text, slot) && in_range(option, *(double *)slot);
     case PAGS_OPTION_SIZE:
-      if (!parse_size(text, &natural) || !in_range(option, (double)natural))
+      if (!parse_size(text, &real))
         return false;
-      *(uint64_t *)slot = natural;
-      return true;
-    case PAGS_OPTION_DURATION:
-      if (!parse_duration(text, &real) || !in_range(option, real))
-        return false;
-      *(double *)slot = real;
-      return true;
-    case PAGS_OPTION_ENUM:
-      end = option->metavar;
-      for (int index = 0;; index++) {
-        const size_t n = strcspn(end, "|");
-        if (n == strlen(text) && !strncasecmp(end, text, n)) {
-          *(int *)slot = index;
-          return true;
-        }
-        if (!end[n])
-          return false;
-        end += n + 1;
-      }
-    case PAGS_OPTION_COLOR:
-      for (int c = 0; c < 3; c++, text = end + 1) {
-        if (!parse_real(text, &end, &real) || *end != (c < 2 ? ',' : '\0') || real < 0 || real > 1)
-          return false;
-        ((double *)slot)[c] = real;
-      }
-      return true;
-    case PAGS_OPTION_SPAN: return parse_span(text, (int64_t *)slot);
-    case PAGS_OPTION_STRING:
-      if (!*text)
-        return false;
-      *(const char **)slot = text;
-      return true;
+      *(uint64_t *)slot = (uint64_t)real;
+      return in_range(option, (double)*(uint64_t *)slot);
+    case PAGS_OPTION_ENUM: return find_choice(option->metavar, text, slot);
+    case PAGS_OPTION_COLOR: return parse_color(text, slot);
+    case PAGS_OPTION_SPAN: return parse_span(text, slot);
+    case PAGS_OPTION_STRING: *(const char **)slot = text; return *text != '\0';
     case PAGS_OPTION_WORDS: return store_word(slot, text, strlen(text), NULL);
-    case PAGS_OPTION_PAIRS:
+    case PAGS_OPTION_PAIRS: return store_pair(slot, text, next);
     case PAGS_OPTION_FLAG:
     case PAGS_OPTION_GROUP:
     case PAGS_OPTION_END: break;
@@ -287,186 +254,132 @@ static bool was_given(const pags_parsed *parsed, const pags_option *option) {
   return parsed->given[row / 64] >> (row % 64) & 1;
 }
 
+static const pags_option *find_long(const pags_verb *verb, const char *name, size_t length) {
+  for (const pags_option *option = verb->options; !is_end(option); option++)
+    if (option->name && pags_text_is(name, length, option->name))
+      return option;
+  return NULL;
+}
+
 bool pags_option_given(const pags_parsed *parsed, const char *name) {
   const pags_option *option = find_long(parsed->verb, name, strlen(name));
   assert(option);
   return was_given(parsed, option);
 }
 
-/* Stores a pair given as NAME=VALUE in `text`, or as NAME in `text` and VALUE in `after`. A VALUE contains a comma,
- * so an '=' with no comma after it belongs to the name. Returns how many arguments after `text` were used, -1 if
- * neither form fits. */
-static int store_pair(pags_words *words, const char *text, const char *after) {
-  const char *equals = strrchr(text, '=');
-  if (equals && strchr(equals, ','))
-    return store_word(words, text, (size_t)(equals - text), equals + 1) ? 0 : -1;
-  return after && store_word(words, text, strlen(text), after) ? 1 : -1;
-}
-
-/* Stores one option's value. `value` is the text after '=' or directly after a short name; if NULL, the value is the
- * next argument. Returns how many further arguments were used, or -1 after printing a message. */
+/* Stores one option's value: `value`, the text after '=' or directly after a short name; if that is NULL, the next
+ * argument. Takes the arguments that it uses from *next. Returns an exit code, as the functions below. */
 static int take_option(pags_parsed *parsed, const pags_option *option, const char *shown, const char *value,
-                       char **next, void *values) {
+                       char ***next, void *values) {
   void *slot = (char *)values + option->offset;
-  char expected[160];
   const size_t row = (size_t)(option - parsed->verb->options);
   assert(row < MAX_ROWS);
   parsed->given[row / 64] |= (uint64_t)1 << (row % 64);
   if (option->type == PAGS_OPTION_FLAG) {
-    if (value) {
-      pags_usage_error(parsed->verb, "%s: takes no value, got '%s'", shown, value);
-      return -1;
-    }
+    if (value)
+      return pags_usage_error(parsed->verb, "%s: takes no value, got '%s'", shown, value);
     *(int *)slot = strncmp(option->name, "no-", 3) != 0;
-    return 0;
+    return PAGS_EXIT_OK;
   }
   int64_t whole;
   const bool optional = option->metavar && option->metavar[0] == '[';
-  if (optional && !value && !(next[0] && parse_int64(next[0], &whole)))
-    return 0;
+  if (optional && !value && !(**next && parse_int64(**next, &whole)))
+    return PAGS_EXIT_OK;
+  char expected[160];
   describe(option, expected, sizeof expected);
-  const char *text = value ? value : next[0];
-  if (!text) {
-    pags_usage_error(parsed->verb, "%s: expected %s, got nothing", shown, expected);
-    return -1;
-  }
-  int more = 0;
-  if (option->type == PAGS_OPTION_PAIRS)
-    more = store_pair(slot, text, value || !next[0] ? next[0] : next[1]);
-  else if (!store(option, text, slot))
-    more = -1;
-  if (more < 0) {
-    pags_usage_error(parsed->verb, "%s: expected %s, got '%s'", shown, expected, text);
-    return -1;
-  }
-  return more + !value;
+  const char *text = value ? value : **next;
+  if (!text)
+    return pags_usage_error(parsed->verb, "%s: expected %s, got nothing", shown, expected);
+  if (!value)
+    ++*next;
+  if (!store(option, text, slot, next))
+    return pags_usage_error(parsed->verb, "%s: expected %s, got '%s'", shown, expected, text);
+  return PAGS_EXIT_OK;
 }
 
-static int take_long(pags_parsed *parsed, const char *argument, char **next, void *values) {
-  const char *name = argument + 2, *equals = strchr(name, '=');
-  size_t length = equals ? (size_t)(equals - name) : strlen(name);
+/* Says which option may be meant by an unknown one. */
+static int refuse_long(const pags_verb *verb, const char *name, size_t length) {
+  const char *names[MAX_ROWS + 2];
+  char word[80], replacement[96];
+  int count = 0;
+  for (const pags_option *row = verb->options; !is_end(row); row++)
+    if (row->name && count < MAX_ROWS)
+      names[count++] = row->name;
+  names[count++] = "help";
+  names[count] = NULL;
+  snprintf(word, sizeof word, "%.*s", (int)(length < 79 ? length : 79), name);
+  if (verb->replacement && verb->replacement(word, replacement, sizeof replacement))
+    return pags_usage_error(verb, "--%s is now %s", word, replacement);
+  const char *nearest = pags_nearest_name(word, names);
+  if (nearest)
+    return pags_usage_error(verb, "unknown option '--%s'; did you mean '--%s'?", word, nearest);
+  return pags_usage_error(verb, "unknown option '--%s'; '%s %s --help' lists them", word, pags_program_name,
+                          verb->name);
+}
+
+static int take_long(pags_parsed *parsed, const char *name, char ***next, void *values) {
+  const size_t length = strcspn(name, "=");
   const pags_option *option = find_long(parsed->verb, name, length);
   char shown[84];
-  if (!option) {
-    const char *names[MAX_ROWS + 2];
-    char word[80];
-    int count = 0;
-    for (const pags_option *row = parsed->verb->options; !is_end(row); row++)
-      if (row->name && count < MAX_ROWS)
-        names[count++] = row->name;
-    names[count++] = "help";
-    names[count] = NULL;
-    snprintf(word, sizeof word, "%.*s", (int)(length < 79 ? length : 79), name);
-    char replacement[96];
-    if (parsed->verb->replacement && parsed->verb->replacement(word, replacement, sizeof replacement)) {
-      pags_usage_error(parsed->verb, "--%s is now %s", word, replacement);
-      return -1;
-    }
-    const char *nearest = pags_nearest_name(word, names);
-    if (nearest)
-      pags_usage_error(parsed->verb, "unknown option '--%s'; did you mean '--%s'?", word, nearest);
-    else
-      pags_usage_error(parsed->verb, "unknown option '--%s'; '%s %s --help' lists them", word, pags_program_name,
-                       parsed->verb->name);
-    return -1;
-  }
+  if (!option)
+    return refuse_long(parsed->verb, name, length);
   snprintf(shown, sizeof shown, "--%s", option->name);
-  return take_option(parsed, option, shown, equals ? equals + 1 : NULL, next, values);
+  return take_option(parsed, option, shown, name[length] ? name + length + 1 : NULL, next, values);
 }
 
-static int take_short(pags_parsed *parsed, const char *argument, char **next, void *values) {
+static int take_short(pags_parsed *parsed, const char *argument, char ***next, void *values) {
   const pags_option *option = parsed->verb->options;
-  char shown[3] = {'-', argument[1], 0};
+  const char shown[3] = {'-', argument[1], 0};
   while (!is_end(option) && option->short_name != argument[1])
     option++;
-  if (is_end(option)) {
-    pags_usage_error(parsed->verb, "unknown option '%s'; '%s %s --help' lists them", argument, pags_program_name,
-                     parsed->verb->name);
-    return -1;
-  }
+  if (is_end(option))
+    return pags_usage_error(parsed->verb, "unknown option '%s'; '%s %s --help' lists them", argument, pags_program_name,
+                            parsed->verb->name);
   const char *value = argument[2] == '=' ? argument + 3 : argument[2] ? argument + 2 : NULL;
   return take_option(parsed, option, shown, value, next, values);
 }
 
-static int positional_count(const pags_verb *verb) {
-  int count = 0;
-  while (verb->positionals[count].metavar)
-    count++;
-  assert(count <= PAGS_MAX_POSITIONALS);
-  return count;
+static int refuse_usage(const pags_verb *verb, const char *before, const char *what, const char *after) {
+  return pags_usage_error(verb, "%s%s%s; usage: %s %s %s", before, what, after, pags_program_name, verb->name,
+                          verb->usage);
 }
 
-static pags_parse_status check_complete(const pags_parsed *parsed, int positionals) {
+/* Whether all required arguments were given. */
+static int check_complete(const pags_parsed *parsed, int positionals) {
   const pags_verb *verb = parsed->verb;
-  if (positionals < positional_count(verb) && verb->positionals[positionals].metavar[0] != '[') {
-    pags_usage_error(verb, "%s is missing; usage: %s %s %s", verb->positionals[positionals].metavar, pags_program_name,
-                     verb->name, verb->usage);
-    return PAGS_PARSE_USAGE;
-  }
+  const char *lacking = verb->positionals[positionals].metavar;
+  if (lacking && lacking[0] != '[')
+    return refuse_usage(verb, "", lacking, " is missing");
   for (const pags_option *option = verb->options; !is_end(option); option++)
     if (option->required && !was_given(parsed, option)) {
-      pags_usage_error(verb, "%s%c%s%s %s is missing; usage: %s %s %s", option->short_name ? "-" : "",
-                       option->short_name ? option->short_name : '-', option->short_name ? "" : "-",
-                       option->short_name ? "" : option->name, option->metavar, pags_program_name, verb->name,
-                       verb->usage);
-      return PAGS_PARSE_USAGE;
+      char shown[84];
+      if (option->short_name)
+        snprintf(shown, sizeof shown, "-%c ", option->short_name);
+      else
+        snprintf(shown, sizeof shown, "--%s ", option->name);
+      return refuse_usage(verb, shown, option->metavar, " is missing");
     }
-  return PAGS_PARSE_OK;
-}
-
-pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **argv, void *values, pags_parsed *parsed) {
-  int positionals = 0, limit = positional_count(verb);
-  bool options_end = false;
-  memset(parsed, 0, sizeof *parsed);
-  parsed->verb = verb;
-  for (int i = 0; i < argc && strcmp(argv[i], "--"); i++)
-    if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h")) {
-      pags_options_help(verb, values);
-      return PAGS_PARSE_HELP;
-    }
-  for (int i = 0; i < argc; i++) {
-    const char *argument = argv[i];
-    char *next[2] = {i + 1 < argc ? argv[i + 1] : NULL, i + 2 < argc ? argv[i + 2] : NULL};
-    if (!options_end && !strcmp(argument, "--")) {
-      options_end = true;
-    } else if (!options_end && !strcmp(argument, "--check-options")) {
-      parsed->check_only = true;
-    } else if (!options_end && argument[0] == '-' && argument[1]) {
-      int used =
-          argument[1] == '-' ? take_long(parsed, argument, next, values) : take_short(parsed, argument, next, values);
-      if (used < 0)
-        return PAGS_PARSE_USAGE;
-      i += used;
-    } else if (positionals < limit) {
-      parsed->positionals[positionals++] = argument;
-    } else {
-      pags_usage_error(verb, "unexpected '%s'; usage: %s %s %s", argument, pags_program_name, verb->name, verb->usage);
-      return PAGS_PARSE_USAGE;
-    }
-  }
-  pags_parse_status status = check_complete(parsed, positionals);
-  return status == PAGS_PARSE_OK && parsed->check_only ? PAGS_PARSE_HELP : status;
+  return PAGS_EXIT_OK;
 }
 
 /* ---- Help ---- */
 
-/* Prints the shortest decimal that reads back as the same value of its type: 1e-4f prints as 0.0001, and whole
- * numbers below a million print as 20, not 2e+01. */
-static void print_real(char *text, size_t size, double value, bool single) {
+/* Prints the shortest decimal that reads back as the same value; whole numbers below a million print as 20, not 2e+01.
+ */
+static void print_real(char *text, size_t size, double value) {
   if (value == floor(value) && fabs(value) < 1e6) {
     snprintf(text, size, "%.0f", value);
     return;
   }
   for (int digits = 1; digits <= 17; digits++) {
     snprintf(text, size, "%.*g", digits, value);
-    double back = strtod(text, NULL);
-    if (single ? (float)back == (float)value : back == value)
+    if (strtod(text, NULL) == value)
       return;
   }
 }
 
 void pags_options_real(char *text, size_t size, double value) {
-  print_real(text, size, value, false);
+  print_real(text, size, value);
   char *exponent = strchr(text, 'e');
   if (exponent) { /* shorten the exponent: 1e+09 to 1e9, 1e-06 to 1e-6 */
     char *sign = exponent + 1, *digits = sign + 1 + strspn(sign + 1, "0");
@@ -474,8 +387,24 @@ void pags_options_real(char *text, size_t size, double value) {
   }
 }
 
+void pags_options_choice(const char *choices, int index, char *text, size_t size) {
+  for (; index > 0; index--)
+    choices += strcspn(choices, "|") + 1;
+  snprintf(text, size, "%.*s", (int)strcspn(choices, "|"), choices);
+}
+
+static void print_size(uint64_t bytes, char *text, size_t size) {
+  int k = 0;
+  for (; k < 3 && bytes && bytes % 1024 == 0; k++)
+    bytes /= 1024;
+  snprintf(text, size, "%llu%.*s", (unsigned long long)bytes, k > 0, &"KMG"[k > 0 ? k - 1 : 0]);
+}
+
 static void print_default(const pags_option *option, const void *defaults, char *text, size_t size) {
   const void *slot = (const char *)defaults + option->offset;
+  const double *reals = slot;
+  const int64_t *wholes = slot;
+  const char *string;
   text[0] = 0;
   if (option->fallback) {
     snprintf(text, size, "%s", option->fallback);
@@ -483,38 +412,20 @@ static void print_default(const pags_option *option, const void *defaults, char 
   }
   switch (option->type) {
     case PAGS_OPTION_INT: snprintf(text, size, "%d", *(const int *)slot); break;
-    case PAGS_OPTION_INT64: snprintf(text, size, "%lld", (long long)*(const int64_t *)slot); break;
+    case PAGS_OPTION_INT64: snprintf(text, size, "%lld", (long long)*wholes); break;
     case PAGS_OPTION_UINT64: snprintf(text, size, "%llu", (unsigned long long)*(const uint64_t *)slot); break;
-    case PAGS_OPTION_FLOAT: print_real(text, size, (double)*(const float *)slot, true); break;
     case PAGS_OPTION_DOUBLE:
-    case PAGS_OPTION_DURATION: print_real(text, size, *(const double *)slot, false); break;
-    case PAGS_OPTION_SIZE: {
-      uint64_t bytes = *(const uint64_t *)slot;
-      int k = 0;
-      for (; k < 3 && bytes && bytes % 1024 == 0; k++)
-        bytes /= 1024;
-      snprintf(text, size, "%llu%.*s", (unsigned long long)bytes, k > 0, &"KMG"[k > 0 ? k - 1 : 0]);
-      break;
-    }
-    case PAGS_OPTION_COLOR: {
-      const double *rgb = slot;
-      snprintf(text, size, "%g,%g,%g", rgb[0], rgb[1], rgb[2]);
-      break;
-    }
-    case PAGS_OPTION_ENUM: {
-      const char *choice = option->metavar;
-      for (int i = *(const int *)slot; i > 0; i--)
-        choice += strcspn(choice, "|") + 1;
-      snprintf(text, size, "%.*s", (int)strcspn(choice, "|"), choice);
-      break;
-    }
+    case PAGS_OPTION_DURATION: print_real(text, size, *reals); break;
+    case PAGS_OPTION_SIZE: print_size(*(const uint64_t *)slot, text, size); break;
+    case PAGS_OPTION_COLOR: snprintf(text, size, "%g,%g,%g", reals[0], reals[1], reals[2]); break;
+    case PAGS_OPTION_ENUM: pags_options_choice(option->metavar, *(const int *)slot, text, size); break;
     case PAGS_OPTION_SPAN:
-      if (((const int64_t *)slot)[1] >= 0)
-        snprintf(text, size, "%lld-%lld", (long long)((const int64_t *)slot)[0], (long long)((const int64_t *)slot)[1]);
+      if (wholes[1] >= 0)
+        snprintf(text, size, "%lld-%lld", (long long)wholes[0], (long long)wholes[1]);
       break;
     case PAGS_OPTION_STRING:
-      if (*(const char *const *)slot)
-        snprintf(text, size, "%s", *(const char *const *)slot);
+      string = *(const char *const *)slot;
+      snprintf(text, size, "%s", string ? string : "");
       break;
     case PAGS_OPTION_WORDS:
     case PAGS_OPTION_PAIRS:
@@ -540,8 +451,7 @@ static void print_wrapped(const char *text, int used, int column, int width) {
     printf("%.*s", length, text);
     at += length;
     text += length;
-    while (*text == ' ')
-      text++;
+    text += strspn(text, " ");
   }
   putchar('\n');
 }
@@ -556,39 +466,98 @@ void pags_options_entry(const char *left, const char *text, int width) {
   print_wrapped(text, HELP_COLUMN, HELP_COLUMN, width);
 }
 
-void pags_options_help(const pags_verb *verb, const void *defaults) {
+static void print_option(const pags_option *option, const void *defaults) {
+  char left[160], standard[120], text[1024], short_form[5] = "    ";
+  const bool value = option->type != PAGS_OPTION_FLAG;
+  if (option->short_name)
+    snprintf(short_form, sizeof short_form, "-%c, ", option->short_name);
+  snprintf(left, sizeof left, "  %s--%s%s%s", short_form, option->name, value ? " " : "", value ? option->metavar : "");
+  print_default(option, defaults, standard, sizeof standard);
+  const bool unit = option->unit != NULL, shown = standard[0] && !option->required; /* required options have none */
+  snprintf(text, sizeof text, "%s%s%s%s%s%s%s%s", option->help, unit || shown ? " [" : "", unit ? option->unit : "",
+           unit && shown ? "; " : "", shown ? "default " : "", shown ? standard : "", unit || shown ? "]" : "",
+           option->required ? " (required)" : "");
+  pags_options_entry(left, text, HELP_WIDTH);
+}
+
+static void print_help(const pags_verb *verb, const void *defaults) {
+  char line[512];
   if (silent)
     return;
-  char usage[512];
-  snprintf(usage, sizeof usage, "usage: %s %s %s", pags_program_name, verb->name, verb->usage);
-  print_wrapped(usage, 0, 0, HELP_WIDTH);
+  snprintf(line, sizeof line, "usage: %s %s %s", pags_program_name, verb->name, verb->usage);
+  print_wrapped(line, 0, 0, HELP_WIDTH);
   putchar('\n');
   print_wrapped(verb->about, 0, 0, HELP_WIDTH);
   putchar('\n');
-  for (const pags_positional *positional = verb->positionals; positional->metavar; positional++) {
-    char left[80];
-    snprintf(left, sizeof left, "  %s", positional->metavar);
-    pags_options_entry(left, positional->help, HELP_WIDTH);
+  for (int i = 0; verb->positionals[i].metavar; i++) {
+    snprintf(line, sizeof line, "  %s", verb->positionals[i].metavar);
+    pags_options_entry(line, verb->positionals[i].help, HELP_WIDTH);
   }
-  for (const pags_option *option = verb->options; !is_end(option); option++) {
-    if (option->type == PAGS_OPTION_GROUP) {
+  for (const pags_option *option = verb->options; !is_end(option); option++)
+    if (option->type == PAGS_OPTION_GROUP)
       printf("\n%s\n", option->help);
-      continue;
-    }
-    char left[160], standard[120], text[1024];
-    bool value = option->type != PAGS_OPTION_FLAG;
-    char short_form[5] = "    ";
-    if (option->short_name)
-      snprintf(short_form, sizeof short_form, "-%c, ", option->short_name);
-    snprintf(left, sizeof left, "  %s--%s%s%s", short_form, option->name, value ? " " : "",
-             value ? option->metavar : "");
-    print_default(option, defaults, standard, sizeof standard);
-    bool unit = option->unit != NULL, shown = standard[0] != 0 && !option->required; /* required options have none */
-    snprintf(text, sizeof text, "%s%s%s%s%s%s%s%s", option->help, unit || shown ? " [" : "", unit ? option->unit : "",
-             unit && shown ? "; " : "", shown ? "default " : "", shown ? standard : "", unit || shown ? "]" : "",
-             option->required ? " (required)" : "");
-    pags_options_entry(left, text, HELP_WIDTH);
-  }
+    else
+      print_option(option, defaults);
   pags_options_entry("  -h, --help", "Print this help.", HELP_WIDTH);
   printf("\nExit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
+}
+
+pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **argv, void *values, pags_parsed *parsed) {
+  int positionals = 0;
+  bool options_end = false;
+  *parsed = (pags_parsed){.verb = verb, .argc = argc, .argv = argv};
+  for (int i = 0; i < argc && strcmp(argv[i], "--"); i++)
+    if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h")) {
+      print_help(verb, values);
+      return PAGS_PARSE_HELP;
+    }
+  for (char **next = argv; *next;) {
+    const char *argument = *next++;
+    int code = PAGS_EXIT_OK;
+    if (!options_end && !strcmp(argument, "--"))
+      options_end = true;
+    else if (!options_end && !strcmp(argument, "--check-options"))
+      parsed->check_only = true;
+    else if (!options_end && argument[0] == '-' && argument[1] == '-')
+      code = take_long(parsed, argument + 2, &next, values);
+    else if (!options_end && argument[0] == '-' && argument[1])
+      code = take_short(parsed, argument, &next, values);
+    else if (verb->positionals[positionals].metavar)
+      parsed->positionals[positionals++] = argument;
+    else
+      code = refuse_usage(verb, "unexpected '", argument, "'");
+    if (code)
+      return PAGS_PARSE_USAGE;
+  }
+  if (check_complete(parsed, positionals))
+    return PAGS_PARSE_USAGE;
+  return parsed->check_only ? PAGS_PARSE_HELP : PAGS_PARSE_OK;
+}
+
+/* ---- Options without effect on the given input ---- */
+
+const pags_option_rule *pags_option_idle(const pags_parsed *parsed, const pags_option_rule *rules, char *names,
+                                         size_t size) {
+  *names = '\0';
+  for (const pags_option_rule *rule = rules; rule->names; rule++) {
+    if (rule->applies)
+      continue;
+    for (const char *at = rule->names; *at;) {
+      char name[32];
+      const size_t length = strcspn(at, " "), used = strlen(names);
+      snprintf(name, sizeof name, "%.*s", (int)length, at);
+      if (pags_option_given(parsed, name))
+        snprintf(names + used, size - used, "%s--%s", used ? ", " : "", name);
+      at += length + strspn(at + length, " ");
+    }
+    if (*names)
+      return rule;
+  }
+  return NULL;
+}
+
+int pags_options_check_effect(const pags_parsed *parsed, const pags_option_rule *rules) {
+  char names[128];
+  const pags_option_rule *idle = pags_option_idle(parsed, rules, names, sizeof names);
+  return idle ? pags_usage_error(parsed->verb, "%s: no effect without %s", names, idle->needs) : PAGS_EXIT_OK;
 }

@@ -11,9 +11,8 @@
 #define PAGS_CLI_OPTIONS_H
 
 #include <math.h>
+#include <pags/base.h>
 #include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
 
 /* The program's name in messages and help: "pags". Each program that links these files defines it. */
 extern const char pags_program_name[];
@@ -28,7 +27,6 @@ typedef enum pags_option_type {
   PAGS_OPTION_INT,      /* int */
   PAGS_OPTION_INT64,    /* int64_t */
   PAGS_OPTION_UINT64,   /* uint64_t */
-  PAGS_OPTION_FLOAT,    /* float */
   PAGS_OPTION_DOUBLE,   /* double */
   PAGS_OPTION_SIZE,     /* uint64_t, bytes; suffix K, M, G, T = 1024 to 1024^4 */
   PAGS_OPTION_DURATION, /* double, seconds; 90, 90s, 30m, 2h, 1h30m */
@@ -87,24 +85,37 @@ typedef struct pags_option {
   {.name = long_name, .short_name = letter, .type = PAGS_OPTION_FLAG, .metavar = meta, .field = field_name}
 #define PAGS_UNLIMITED HUGE_VAL
 
-typedef struct pags_positional {
-  const char *metavar; /* in brackets: optional; NULL ends the list */
-  const char *help;
-} pags_positional;
+typedef struct pags_verb pags_verb;
 
-typedef struct pags_verb {
-  const char *name;    /* "train" */
-  const char *summary; /* one line for `pags --help` */
-  const char *usage;   /* after "pags train " */
-  const char *about;   /* a paragraph */
-  const pags_positional *positionals;
+enum { PAGS_MAX_POSITIONALS = 4 };
+
+/* A command line that was parsed. */
+typedef struct pags_parsed {
+  const pags_verb *verb;
+  int argc; /* of the arguments after the verb */
+  char **argv;
+  const char *positionals[PAGS_MAX_POSITIONALS];
+  uint64_t given[4]; /* bit per row of the table */
+  bool check_only;   /* --check-options was given */
+} pags_parsed;
+
+struct pags_verb {
+  const char *name;  /* "train" */
+  const char *usage; /* after "pags train " */
+  const char *about; /* a paragraph */
+  struct {
+    const char *metavar; /* in brackets: optional; NULL ends the list */
+    const char *help;
+  } positionals[PAGS_MAX_POSITIONALS + 1];
   const pags_option *options; /* ends with a row of zeros */
   /* Writes into `text` the replacement of a removed option, such as "--set densify_from=N"; returns false if the name
    * is unknown. May be NULL. */
   bool (*replacement)(const char *name, char *text, size_t size);
-} pags_verb;
-
-enum { PAGS_MAX_POSITIONALS = 4 };
+  /* For pags_verb_run (session.h); `arguments` is the verb's struct. `check` refuses values that exclude each other: it
+   * returns PAGS_EXIT_OK or pags_usage_error. May be NULL. */
+  int (*check)(void *arguments, const pags_parsed *parsed);
+  pags_result (*run)(void *arguments, const pags_parsed *parsed);
+};
 
 typedef enum pags_parse_status {
   PAGS_PARSE_OK,
@@ -112,14 +123,8 @@ typedef enum pags_parse_status {
   PAGS_PARSE_USAGE /* usage error, one line was printed on stderr: exit 2 */
 } pags_parse_status;
 
-typedef struct pags_parsed {
-  const pags_verb *verb;
-  const char *positionals[PAGS_MAX_POSITIONALS];
-  uint64_t given[4]; /* bit per row of the table */
-  bool check_only;   /* --check-options was given */
-} pags_parsed;
-
-/* Parses `argv`, which excludes program and verb. `values` holds the defaults and receives the options' values. */
+/* Parses `argv`, which excludes program and verb and ends with NULL. `values` holds the defaults and receives the
+ * options' values. */
 pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **argv, void *values, pags_parsed *parsed);
 
 /* Whether the option was given on the command line; `name` must be in the table. */
@@ -129,11 +134,7 @@ bool pags_option_given(const pags_parsed *parsed, const char *name);
 void pags_options_silence(void);
 
 /* Prints "PROGRAM VERB: <message>" on stderr; returns PAGS_EXIT_USAGE. */
-int pags_usage_error(const pags_verb *verb, const char *format, ...)
-#if defined(__GNUC__)
-    __attribute__((format(printf, 2, 3)))
-#endif
-    ;
+int pags_usage_error(const pags_verb *verb, const char *format, ...) PAGS_PRINTF(2, 3);
 
 /* Prints one help entry: `left`, then, from the help column on, `text` wrapped to `width` columns. */
 void pags_options_entry(const char *left, const char *text, int width);
@@ -141,7 +142,8 @@ void pags_options_entry(const char *left, const char *text, int width);
 /* Prints the shortest decimal that is parsed to the same double: 0.0001, 20, 1e9. */
 void pags_options_real(char *text, size_t size, double value);
 
-void pags_options_help(const pags_verb *verb, const void *defaults);
+/* Copies a choice of a list such as "off|on" into `text`. */
+void pags_options_choice(const char *choices, int index, char *text, size_t size);
 
 /* Returns the entry of `names` (NULL-terminated) with the smallest edit distance to `word`; NULL if none is close. */
 const char *pags_nearest_name(const char *word, const char *const *names);
@@ -158,5 +160,7 @@ typedef struct pags_option_rule {
  * every given option has an effect. */
 const pags_option_rule *pags_option_idle(const pags_parsed *parsed, const pags_option_rule *rules, char *names,
                                          size_t size);
+/* Refuses such options: returns PAGS_EXIT_OK, or pags_usage_error with "--shift, --fps: no effect without NEEDS". */
+int pags_options_check_effect(const pags_parsed *parsed, const pags_option_rule *rules);
 
 #endif

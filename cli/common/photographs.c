@@ -4,12 +4,12 @@
 #include "cli/common/photographs.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 
 /* Tolerance for poses, which are rounded when they are written as decimals: metres, relative for large coordinates;
  * entries of the rotation matrix. */
@@ -33,10 +33,9 @@ static int64_t find_dataset_view(const pags_dataset *dataset, const char *name) 
  * lengths, rounded to 6 decimals, at least 1. */
 static pags_result scene_downscale(const pags_scene *scene, const pags_dataset *dataset, bool given, double *out) {
   int64_t index = -1, mine = 0;
-  for (int64_t i = 0; i < scene->view_count && index < 0; i++) {
-    index = find_dataset_view(dataset, scene->views[i].name);
-    mine = index < 0 ? 0 : i;
-  }
+  for (; mine < scene->view_count && index < 0; mine++)
+    index = find_dataset_view(dataset, scene->views[mine].name);
+  mine = index < 0 ? 0 : mine - 1;
   if (index < 0 && given && !pags_dir_exists(pags_dataset_path(dataset)))
     index = 0; /* another part of the capture, by the same camera */
   if (index < 0)
@@ -96,40 +95,38 @@ static bool is_other_part(const pags_scene *scene, const pags_dataset *dataset) 
 }
 
 static pags_result choose_views(const pags_scene *scene, bool given, pags_photographs *photographs) {
-  int64_t count = pags_dataset_view_count(photographs->dataset), lacking = 0;
-  const char *const path = pags_dataset_path(photographs->dataset);
-  const bool file = given && scene->view_count && !pags_dir_exists(path);
-  const bool other = file && is_other_part(scene, photographs->dataset);
+  const pags_dataset *dataset = photographs->dataset;
+  const int64_t count = pags_dataset_view_count(dataset);
+  const char *const path = pags_dataset_path(dataset);
+  const bool file = given && scene->view_count && !pags_dir_exists(path), other = file && is_other_part(scene, dataset);
   if (other)
     pags_log_message(PAGS_LOG_INFO, "%s: has no view that the scene was trained with: all %lld count as held out", path,
                      (long long)count);
   photographs->views = calloc((size_t)count + 1, sizeof *photographs->views);
-  if (!photographs->views)
-    return pags_out_of_memory("%lld views", (long long)count);
+  PAGS_CHECK_MEMORY(photographs->views, "%lld views", (long long)count);
   for (int64_t i = 0; i < count; i++) {
-    const pags_view *view = pags_dataset_view(photographs->dataset, i);
+    const pags_view *view = pags_dataset_view(dataset, i);
     const pags_scene_view *mine = other ? NULL : find_view(scene, view->name);
     if (scene->view_count && !mine && !other)
       continue;
     if (mine)
-      PAGS_TRY(check_same_camera(photographs->dataset, mine, &view->camera));
+      PAGS_TRY(check_same_camera(dataset, mine, &view->camera));
     photographs->views[photographs->count++] =
         (pags_photographs_view){i, mine ? mine->test : other || view->test, mine};
   }
+  int64_t lacking = 0;
   if (!other)
     for (int64_t i = 0; i < scene->view_count; i++) {
-      const bool missing = find_dataset_view(photographs->dataset, scene->views[i].name) < 0;
+      const bool missing = find_dataset_view(dataset, scene->views[i].name) < 0;
       lacking += missing;
       if (missing && !file)
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', which the scene was trained on, is missing",
-                         pags_dataset_path(photographs->dataset), scene->views[i].name);
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', which the scene was trained on, is missing", path,
+                         scene->views[i].name);
     }
   if (lacking)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld of the scene's %lld views are not in it and not compared", path,
                      (long long)lacking, (long long)scene->view_count);
-  if (!photographs->count)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: has no views", pags_dataset_path(photographs->dataset));
-  return PAGS_OK;
+  return photographs->count ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: has no views", path);
 }
 
 static pags_result open_dataset(const pags_scene *scene, const char *path, pags_dataset_options options, bool given,
@@ -139,69 +136,72 @@ static pags_result open_dataset(const pags_scene *scene, const char *path, pags_
     return pags_dataset_open(path, &options, out);
   options.downscale = 1;
   options.split_every = scene->fps > 0 ? options.split_every : 0; /* the scene stores which views are held out */
-  bool bends = false;
+  options.undistort = 1;
   for (int64_t i = 0; i < scene->view_count; i++)
-    bends = bends || pags_camera_bends(&scene->views[i].camera);
-  options.undistort = !bends; /* as in training */
-  options.allow_missing = 1;  /* the scene's own views decide which photographs are needed */
+    if (pags_camera_bends(&scene->views[i].camera))
+      options.undistort = 0; /* as in training */
+  options.allow_missing = 1; /* the scene's own views decide which photographs are needed */
   PAGS_TRY(pags_dataset_open(path, &options, out));
-  pags_result result = scene_downscale(scene, *out, given, &options.downscale);
+  PAGS_TRY(scene_downscale(scene, *out, given, &options.downscale));
   *downscale = options.downscale;
-  if (result == PAGS_OK && options.downscale == 1)
+  if (options.downscale == 1)
     return PAGS_OK;
   pags_dataset_close(*out);
-  *out = NULL;
-  return result == PAGS_OK ? pags_dataset_open(path, &options, out) : result;
+  return pags_dataset_open(path, &options, out);
 }
 
-pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
-                                  bool given, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
-  memset(out, 0, sizeof *out);
-  PAGS_TRY(open_dataset(scene, path, *options, given, &out->downscale, &out->dataset));
-  pags_result result = choose_views(scene, given, out);
-  if (result == PAGS_OK)
-    result = pags_photo_cache_create(out->dataset, tasks, image_cache, &out->photos);
-  if (result != PAGS_OK)
-    pags_photographs_close(out);
-  return result;
-}
-
-pags_result pags_photographs_open_for(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
-                                      pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
+pags_dataset_options pags_photographs_options(const pags_scene *scene, const char *dataset,
+                                              const pags_dataset_options *options) {
   pags_dataset_options chosen = *options;
   if (!chosen.colmap && !dataset)
     chosen.colmap = scene->colmap;
   if (!chosen.image_folder)
     chosen.image_folder = scene->image_folder;
   chosen.image_alpha = (pags_image_alpha)scene->image_alpha;
-  for (int c = 0; c < 3; c++)
-    chosen.background[c] = (double)scene->background[c];
-  return pags_photographs_open(scene, dataset ? dataset : scene->dataset, &chosen, dataset != NULL, tasks, image_cache,
-                               out);
+  pags_widen3(scene->background, chosen.background);
+  return chosen;
+}
+
+pags_result pags_photographs_open(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
+                                  pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
+  *out = (pags_photographs){0};
+  PAGS_AUTO(pags_photographs_close) pags_photographs opened = {0};
+  PAGS_TRY(open_dataset(scene, dataset ? dataset : scene->dataset, *options, dataset != NULL, &opened.downscale,
+                        &opened.dataset));
+  PAGS_TRY(choose_views(scene, dataset != NULL, &opened));
+  PAGS_TRY(pags_photo_cache_create(opened.dataset, tasks, image_cache, &opened.photos));
+  *out = opened;
+  opened = (pags_photographs){0};
+  return PAGS_OK;
+}
+
+pags_result pags_photographs_open_for(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
+                                      pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
+  const pags_dataset_options chosen = pags_photographs_options(scene, dataset, options);
+  return pags_photographs_open(scene, dataset, &chosen, tasks, image_cache, out);
 }
 
 pags_result pags_photographs_of(pags_dataset *dataset, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
   const int64_t count = pags_dataset_view_count(dataset);
-  *out = (pags_photographs){.dataset = dataset, .borrowed = true, .downscale = 1, .count = count};
-  out->views = calloc((size_t)count + 1, sizeof *out->views);
-  pags_result result = out->views ? PAGS_OK : pags_out_of_memory("%lld views", (long long)count);
-  if (out->views)
-    for (int64_t i = 0; i < count; i++)
-      out->views[i] = (pags_photographs_view){.index = i, .test = pags_dataset_view(dataset, i)->test};
-  if (result == PAGS_OK)
-    result = pags_photo_cache_create(dataset, tasks, image_cache, &out->photos);
-  if (result != PAGS_OK)
-    pags_photographs_close(out);
-  return result;
+  *out = (pags_photographs){0};
+  PAGS_AUTO(pags_photographs_close)
+  pags_photographs opened = {.dataset = dataset, .borrowed = true, .downscale = 1, .count = count};
+  opened.views = calloc((size_t)count + 1, sizeof *opened.views);
+  PAGS_CHECK_MEMORY(opened.views, "%lld views", (long long)count);
+  for (int64_t i = 0; i < count; i++)
+    opened.views[i] = (pags_photographs_view){.index = i, .test = pags_dataset_view(dataset, i)->test};
+  PAGS_TRY(pags_photo_cache_create(dataset, tasks, image_cache, &opened.photos));
+  *out = opened;
+  opened = (pags_photographs){0};
+  return PAGS_OK;
 }
 
 void pags_photographs_close(pags_photographs *photographs) {
-  if (photographs->photos)
-    pags_photo_cache_destroy(photographs->photos);
-  if (photographs->dataset && !photographs->borrowed)
+  pags_photo_cache_destroy(photographs->photos);
+  if (!photographs->borrowed)
     pags_dataset_close(photographs->dataset);
   free(photographs->views);
-  memset(photographs, 0, sizeof *photographs);
+  *photographs = (pags_photographs){0};
 }
 
 static void copy_photo(const pags_photo *photo, pags_image *image, uint8_t *mask) {
@@ -221,7 +221,7 @@ static void copy_photo(const pags_photo *photo, pags_image *image, uint8_t *mask
 void pags_photograph_destroy(pags_photograph *photo) {
   pags_image_destroy(&photo->image);
   free(photo->mask);
-  memset(photo, 0, sizeof *photo);
+  *photo = (pags_photograph){0};
 }
 
 pags_camera pags_photographs_camera(const pags_photographs *photographs, int64_t i) {
@@ -235,16 +235,12 @@ pags_camera pags_photographs_camera(const pags_photographs *photographs, int64_t
 }
 
 pags_result pags_photographs_read(pags_photographs *photographs, int64_t i, pags_photograph *out) {
-  memset(out, 0, sizeof *out);
   pags_photo *photo = &out->photo;
   PAGS_TRY(pags_photo_cache_get(photographs->photos, photographs->views[i].index, 1, photo));
   PAGS_TRY(pags_image_create(&out->image, photo->width, photo->height, 3, PAGS_F32));
   if (photo->mask) {
     out->mask = malloc((size_t)photo->width * (size_t)photo->height);
-    if (!out->mask) {
-      pags_photograph_destroy(out);
-      return pags_out_of_memory("a mask of %dx%d", photo->width, photo->height);
-    }
+    PAGS_CHECK_MEMORY(out->mask, "a mask of %dx%d", photo->width, photo->height);
   }
   copy_photo(photo, &out->image, out->mask);
   return PAGS_OK;

@@ -23,21 +23,24 @@ typedef struct pags_photographs {
   pags_photographs_view *views; /* the views to compare, in the data set's order */
 } pags_photographs;
 
-/* Opens the data set `path`; `scene` must outlive `out`. If the scene stores its views, they determine the downscale
- * factor (from the focal lengths), the compared views and which of them are held out; a missing photograph or a
- * different camera is an error. A file named by the user (`given`), such as a transforms_test.json, may be another part
- * of the capture: views may then be missing, and if all are, every view of the file counts as held out. For a scene
- * without views (a splat file), `options` determines all of this. */
-pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
-                                  bool given, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
-/* Opens `dataset`, or the scene's own data set if it is NULL, for a scene that stores its views. Options that aren't
- * set in `options` are those of the scene. */
+/* Returns the options for the scene's photographs: those that aren't set in `options` as in the scene; `dataset` as
+ * below. */
+pags_dataset_options pags_photographs_options(const pags_scene *scene, const char *dataset,
+                                              const pags_dataset_options *options);
+/* Opens `dataset`, or the scene's own data set if it is NULL; `scene` must outlive `out`. If the scene stores its
+ * views, they determine the downscale factor (from the focal lengths), the compared views and which of them are held
+ * out; a missing photograph or a different camera is an error. A `dataset` that is a file, such as a
+ * transforms_test.json, may be another part of the capture: views may then be missing, and if all are, every view of
+ * the file counts as held out. For a scene without views (a splat file), `options` determines all of this. */
+pags_result pags_photographs_open(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
+                                  pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
+/* As pags_photographs_open, with pags_photographs_options. */
 pags_result pags_photographs_open_for(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
                                       pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
 /* As pags_photographs_open, for all views of an open data set, which remains the caller's; view i is view i of the data
  * set. */
 pags_result pags_photographs_of(pags_dataset *dataset, pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
-void pags_photographs_close(pags_photographs *photographs);
+void pags_photographs_close(pags_photographs *photographs); /* a zeroed struct is allowed */
 
 /* The camera to render views[i] with: the data set's, or the scene's if training corrected its pose; with the rolling
  * shutter of training. */
@@ -50,7 +53,7 @@ typedef struct pags_photograph {
   pags_photo photo; /* the photograph as decoded, with its labels */
 } pags_photograph;
 
-/* Reads the photograph of views[i]. out->photo is valid until the next call. */
+/* Reads the photograph of views[i] into a zeroed struct. out->photo is valid until the next call. */
 pags_result pags_photographs_read(pags_photographs *photographs, int64_t i, pags_photograph *out);
 void pags_photograph_destroy(pags_photograph *photo); /* a zeroed struct is allowed */
 

@@ -37,10 +37,9 @@ int pags_output_end(int code) {
 }
 
 pags_progress pags_progress_begin(FILE *stream) {
-  pags_progress progress = {.stream = stream};
-  progress.terminal = stream && pags_port_is_terminal(stream);
-  progress.created = progress.shown_at = pags_seconds();
-  return progress;
+  const double now = pags_seconds();
+  return (pags_progress){
+      .stream = stream, .terminal = stream && pags_port_is_terminal(stream), .created = now, .shown_at = now};
 }
 
 bool pags_progress_due(const pags_progress *progress) {
@@ -55,32 +54,19 @@ static void clear_line(pags_progress *progress) {
   progress->length = 0;
 }
 
-static void print_line(pags_progress *progress, bool stays, const char *format, va_list list) {
+void pags_progress_show(pags_progress *progress, const char *format, ...) {
   char line[512];
+  va_list list;
   if (!progress->stream)
     return;
+  va_start(list, format);
   vsnprintf(line, sizeof line, format, list);
-  if (progress->terminal)
-    clear_line(progress);
-  int length = fprintf(progress->stream, "%s%s", line, progress->terminal && !stays ? "" : "\n");
-  if (progress->terminal && !stays)
-    progress->length = length;
+  va_end(list);
+  clear_line(progress);
+  const int length = fprintf(progress->stream, "%s%s", line, progress->terminal ? "" : "\n");
+  progress->length = progress->terminal ? length : 0;
   pags_output_flush(progress->stream);
-}
-
-void pags_progress_show(pags_progress *progress, const char *format, ...) {
-  va_list list;
-  va_start(list, format);
-  print_line(progress, false, format, list);
-  va_end(list);
   progress->shown_at = pags_seconds();
-}
-
-void pags_progress_say(pags_progress *progress, const char *format, ...) {
-  va_list list;
-  va_start(list, format);
-  print_line(progress, true, format, list);
-  va_end(list);
 }
 
 int pags_progress_watch(void *user, double fraction, const char *what) {

@@ -5,6 +5,7 @@
 #ifndef PAGS_CLI_PROGRESS_H
 #define PAGS_CLI_PROGRESS_H
 
+#include <pags/base.h>
 #include <pags/tasks.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -19,12 +20,6 @@ typedef struct pags_progress {
   double fraction; /* share of the work done, 0..1 */
 } pags_progress;
 
-#if defined(__GNUC__)
-#define PAGS_CLI_PRINTF __attribute__((format(printf, 2, 3)))
-#else
-#define PAGS_CLI_PRINTF
-#endif
-
 /* As fflush; on failure for standard output, stores the reason for pags_output_end. */
 void pags_output_flush(FILE *stream);
 /* Returns the exit code: `code`, but 1 instead of 0, with a message, if part of the output couldn't be written to
@@ -35,9 +30,7 @@ pags_progress pags_progress_begin(FILE *stream);
 /* Whether the next line is due; callers ask before they build a line, which may cost time. */
 bool pags_progress_due(const pags_progress *progress);
 /* Shows the status line: rewritten in place on a terminal, a new line elsewhere. */
-void pags_progress_show(pags_progress *progress, const char *format, ...) PAGS_CLI_PRINTF;
-/* Prints a permanent line above the status line. */
-void pags_progress_say(pags_progress *progress, const char *format, ...) PAGS_CLI_PRINTF;
+void pags_progress_show(pags_progress *progress, const char *format, ...) PAGS_PRINTF(2, 3);
 /* A pags_progress_fn whose user pointer is a pags_progress: shows `what`, the per cent done and the time left. Returns
  * 0, which cancels the work, after an interrupt. The time left is extrapolated from the first call, so that work done
  * earlier (resumed runs) doesn't count; a smaller fraction starts a new phase. */

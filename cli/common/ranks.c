@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "cli/common/ranks.h"
 
-#include <stdlib.h>
-
 #include "base/memory.h"
 
 static pags_transport *transport;
@@ -43,11 +41,14 @@ bool pags_ranks_stopping(void) {
   return ends_early;
 }
 
-pags_result pags_ranks_gather(const void *own, int64_t bytes, void **all, int64_t *all_bytes) {
+pags_result pags_ranks_gather(const void *own, int64_t count, size_t size, void *all, int64_t *all_count) {
   const int ranks = pags_transport_ranks(transport);
-  *all = NULL;
-  *all_bytes = 0;
-  int64_t *sizes = malloc(2 * (size_t)ranks * sizeof *sizes);
+  const int64_t bytes = count * (int64_t)size;
+  int64_t all_bytes = 0;
+  void *gathered = NULL;
+  memcpy(all, &gathered, sizeof gathered);
+  *all_count = 0;
+  PAGS_AUTOFREE int64_t *sizes = malloc(2 * (size_t)ranks * sizeof *sizes);
   if (!sizes)
     return pags_transport_give_up(transport, pags_out_of_memory("the sizes of %d ranks", ranks));
   int64_t *const of_sizes = sizes + ranks;
@@ -56,30 +57,29 @@ pags_result pags_ranks_gather(const void *own, int64_t bytes, void **all, int64_
   pags_result result = pags_transport_gather(transport, 0, &bytes, sizeof bytes, sizes, of_sizes);
   if (result == PAGS_OK && pags_ranks_lead()) {
     for (int rank = 0; rank < ranks; rank++)
-      *all_bytes += sizes[rank];
-    *all = malloc((size_t)*all_bytes + 1);
-    if (!*all)
+      all_bytes += sizes[rank];
+    gathered = malloc((size_t)all_bytes + 1);
+    if (!gathered)
       result = pags_out_of_memory("the report of %d ranks", ranks);
   }
   if (result == PAGS_OK)
-    result = pags_transport_gather(transport, 0, own, bytes, *all, sizes);
-  free(sizes);
-  if (result != PAGS_OK) {
-    free(*all);
-    *all = NULL;
+    result = pags_transport_gather(transport, 0, own, bytes, gathered, sizes);
+  if (result == PAGS_OK) {
+    memcpy(all, &gathered, sizeof gathered);
+    *all_count = all_bytes / (int64_t)size;
+  } else {
+    free(gathered);
   }
   return pags_transport_give_up(transport, result);
 }
 
 pags_result pags_ranks_sum(int64_t *value) {
-  void *all;
-  int64_t bytes;
-  PAGS_TRY(pags_ranks_gather(value, sizeof *value, &all, &bytes));
+  PAGS_AUTOFREE int64_t *all = NULL;
+  int64_t count;
+  PAGS_TRY(pags_ranks_gather(value, 1, sizeof *value, &all, &count));
   if (all)
     *value = 0;
-  if (all)
-    for (int64_t i = 0; i < bytes / (int64_t)sizeof *value; i++)
-      *value += ((int64_t *)all)[i];
-  free(all);
+  for (int64_t i = 0; i < count; i++)
+    *value += all[i];
   return pags_transport_broadcast(transport, 0, value, sizeof *value);
 }

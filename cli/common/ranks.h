@@ -27,8 +27,8 @@ bool pags_ranks_stopping(void);
 
 /* Makes *value the sum over all ranks. */
 pags_result pags_ranks_sum(int64_t *value);
-/* Gathers the bytes of all ranks on rank 0, in the order of ranks. The caller frees *all, which is NULL on other ranks.
- */
-pags_result pags_ranks_gather(const void *own, int64_t bytes, void **all, int64_t *all_bytes);
+/* Gathers the items of all ranks, of `size` bytes each, on rank 0 in the order of ranks: into the array at `all`, the
+ * address of a pointer, which becomes NULL on other ranks. The caller frees it. */
+pags_result pags_ranks_gather(const void *own, int64_t count, size_t size, void *all, int64_t *all_count);
 
 #endif

@@ -12,15 +12,9 @@
 enum { KEY_WIDTH = 16, INDENT = 2 };
 
 static void append(pags_report *report, const char *text, size_t length) {
-  if (report->size + length + 1 > report->capacity) {
-    size_t capacity = 2 * report->capacity + length + 256;
-    char *grown = realloc(report->text, capacity);
-    if (!grown) {
-      report->failed = true;
-      return;
-    }
-    report->text = grown;
-    report->capacity = capacity;
+  if (!pags_grow(&report->text, (int64_t)(report->size + length + 1), &report->capacity, 1)) {
+    report->failed = true;
+    return;
   }
   memcpy(report->text + report->size, text, length);
   report->size += length;
@@ -55,25 +49,21 @@ void pags_report_named(pags_report *report, const char *name, const char *format
   va_end(list);
 }
 
-void pags_report_begin(pags_report *report) {
-  memset(report, 0, sizeof *report);
-  pags_json_writer_init(&report->json, 2);
-  pags_json_begin_object(&report->json, NULL);
+pags_report pags_report_begin(void) {
+  return (pags_report){.json = pags_session_json_begin()};
 }
 
-pags_result pags_report_end(pags_report *report, const pags_session *session, pags_result result) {
-  if (result == PAGS_OK && report->failed)
-    result = pags_out_of_memory(NULL);
-  if (result == PAGS_OK) {
-    bool json_instead = session->json && !strcmp(session->json, "-");
-    if (report->text && !json_instead)
-      pags_say(session, "%s", report->text);
-    result = pags_session_json(session, &report->json);
-  } else {
-    pags_json_writer_destroy(&report->json);
-  }
+void pags_report_destroy(pags_report *report) {
+  pags_json_writer_destroy(&report->json);
   free(report->text);
-  return result;
+}
+
+pags_result pags_report_end(pags_report *report, const pags_session *session) {
+  PAGS_CHECK_MEMORY(!report->failed, NULL);
+  const bool json_instead = session->json && !strcmp(session->json, "-");
+  if (report->text && !json_instead)
+    pags_say(session, "%s", report->text);
+  return pags_session_json(session, &report->json);
 }
 
 void pags_report_text(pags_report *report, const char *key, const char *value) {
@@ -88,7 +78,7 @@ void pags_report_count(pags_report *report, const char *key, int64_t value) {
 
 void pags_report_number(pags_report *report, const char *key, double value) {
   if (isnan(value))
-    pags_report_line(report, key, "%s", "-");
+    pags_report_line(report, key, "-");
   else
     pags_report_line(report, key, "%.6g", value);
   pags_json_put_number(&report->json, key, value);

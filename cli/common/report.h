@@ -11,15 +11,16 @@
 typedef struct pags_report {
   pags_json_writer json;
   char *text; /* lines, printed only at the end, so that a failure prints none of them */
-  size_t size, capacity;
+  size_t size;
+  int64_t capacity;
   int indent;
   bool failed;
 } pags_report;
 
-void pags_report_begin(pags_report *report);
-/* Prints the gathered lines and writes the JSON if `result` is PAGS_OK; frees everything in either case. Returns the
- * first failure. */
-pags_result pags_report_end(pags_report *report, const pags_session *session, pags_result result);
+pags_report pags_report_begin(void);
+/* Prints the gathered lines and writes the JSON. */
+pags_result pags_report_end(pags_report *report, const pags_session *session);
+void pags_report_destroy(pags_report *report);
 
 /* Each adds one fact. `key` is the JSON key; in the printed line its underscores become spaces. */
 void pags_report_text(pags_report *report, const char *key, const char *value);

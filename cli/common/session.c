@@ -23,67 +23,67 @@ static pthread_mutex_t warnings_lock = PTHREAD_MUTEX_INITIALIZER;
 
 /* Stores a line; false if it was stored before (an input may be opened twice). If memory is short, the line is printed
  * but missing in --json. */
-static bool keep_line(char ***lines, int64_t *count, const char *line) {
-  for (int64_t i = 0; i < *count; i++)
-    if (!strcmp((*lines)[i], line))
+static bool keep_line(pags_lines *lines, const char *line) {
+  for (int64_t i = 0; i < lines->count; i++)
+    if (!strcmp(lines->items[i], line))
       return false;
-  char **grown = realloc(*lines, ((size_t)*count + 1) * sizeof *grown);
-  if (grown) {
-    *lines = grown;
-    grown[*count] = pags_text_copy(line);
-    *count += grown[*count] != NULL;
+  if (pags_grow(&lines->items, lines->count + 1, &lines->capacity, sizeof *lines->items)) {
+    lines->items[lines->count] = pags_text_copy(line);
+    lines->count += lines->items[lines->count] != NULL;
   }
   return true;
 }
 
-static void free_lines(char **lines, int64_t count) {
-  for (int64_t i = 0; i < count; i++)
-    free(lines[i]);
-  free(lines);
+static void free_lines(pags_lines *lines) {
+  for (int64_t i = 0; i < lines->count; i++)
+    free(lines->items[i]);
+  free(lines->items);
 }
 
 static void receive_log(void *user, pags_log_level level, const char *line) {
   pags_session *session = user;
-  pthread_mutex_lock(&warnings_lock);
   const bool warning = level == PAGS_LOG_WARNING;
-  const bool said = level == PAGS_LOG_DEBUG || (warning ? !keep_line(&session->warnings, &session->warning_count, line)
-                                                        : !keep_line(&session->notes, &session->note_count, line));
-  if (session->people && !said && !warning)
+  if (level == PAGS_LOG_DEBUG)
+    return;
+  pthread_mutex_lock(&warnings_lock);
+  const bool fresh = keep_line(warning ? &session->warnings : &session->notes, line);
+  if (fresh && session->people && !warning)
     fprintf(session->people, "%s\n", line);
-  if (session->people && !said && warning)
+  if (fresh && session->people && warning)
     pags_output_flush(session->people); /* so that the warning comes after what was printed before it */
-  if (!said && warning && pags_ranks_lead())
+  if (fresh && warning && pags_ranks_lead())
     fprintf(stderr, "warning: %s\n", line);
   pthread_mutex_unlock(&warnings_lock);
 }
 
 pags_result pags_session_check(const pags_session *session) {
-  if (!session->strict || !session->warning_count)
+  const pags_lines *warnings = &session->warnings;
+  if (!session->strict || !warnings->count)
     return PAGS_OK;
-  if (session->warning_count == 1)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s (an error because of --strict)", session->warnings[0]);
-  return pags_fail(PAGS_ERROR_FORMAT, "%s; and %lld more (errors because of --strict)", session->warnings[0],
-                   (long long)session->warning_count - 1);
+  if (warnings->count == 1)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s (an error because of --strict)", warnings->items[0]);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s; and %lld more (errors because of --strict)", warnings->items[0],
+                   (long long)warnings->count - 1);
 }
 
 /* Gathers the warnings of all ranks on rank 0, which prints the new ones. */
 static pags_result gather_warnings(pags_session *session) {
+  const pags_lines *warnings = &session->warnings;
   size_t size = 1;
-  for (int64_t i = 0; i < session->warning_count; i++)
-    size += strlen(session->warnings[i]) + 1;
-  char *own = malloc(size), *end = own;
+  for (int64_t i = 0; i < warnings->count; i++)
+    size += strlen(warnings->items[i]) + 1;
+  PAGS_AUTOFREE char *own = malloc(size);
+  char *end = own;
   if (!own)
-    return pags_transport_give_up(pags_ranks(), pags_out_of_memory("%lld warnings", (long long)session->warning_count));
+    return pags_transport_give_up(pags_ranks(), pags_out_of_memory("%lld warnings", (long long)warnings->count));
   if (!pags_ranks_lead())
-    for (int64_t i = 0; i < session->warning_count; i++)
-      end += snprintf(end, size - (size_t)(end - own), "%s", session->warnings[i]) + 1;
-  void *all;
+    for (int64_t i = 0; i < warnings->count; i++)
+      end += snprintf(end, size - (size_t)(end - own), "%s", warnings->items[i]) + 1;
+  PAGS_AUTOFREE char *all = NULL;
   int64_t bytes;
-  const pags_result result = pags_ranks_gather(own, end - own, &all, &bytes);
-  free(own);
-  for (const char *line = all; line && line < (char *)all + bytes; line += strlen(line) + 1)
+  const pags_result result = pags_ranks_gather(own, end - own, 1, &all, &bytes);
+  for (const char *line = all; line && line < all + bytes; line += strlen(line) + 1)
     receive_log(session, PAGS_LOG_WARNING, line);
-  free(all);
   return result;
 }
 
@@ -113,9 +113,7 @@ pags_result pags_session_begin(pags_session *session) {
   if (session->json && !json_on_stdout && pags_ranks_lead())
     PAGS_TRY(pags_check_writable(session->json));
   session->tasks = pags_tasks_create(session->threads);
-  if (!session->tasks)
-    return pags_fail(PAGS_ERROR_MEMORY, "can't start %d threads", session->threads);
-  return PAGS_OK;
+  return session->tasks ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "can't start %d threads", session->threads);
 }
 
 int pags_session_end(pags_session *session, pags_result result) {
@@ -130,13 +128,29 @@ int pags_session_end(pags_session *session, pags_result result) {
   if (result == PAGS_OK)
     result = pags_session_check(session);
   result = pags_session_meet(session, result);
-  free_lines(session->warnings, session->warning_count);
-  free_lines(session->notes, session->note_count);
+  free_lines(&session->warnings);
+  free_lines(&session->notes);
   if (result == PAGS_OK)
     return PAGS_EXIT_OK;
   if (pags_transport_speaks(pags_ranks()))
     fprintf(stderr, "%s: %s\n", pags_program_name, pags_error_message());
   return result == PAGS_CANCELLED && (pags_interrupted() || pags_ranks()) ? PAGS_EXIT_INTERRUPTED : PAGS_EXIT_FAILED;
+}
+
+int pags_verb_run(const pags_verb *verb, int argc, char **argv, void *arguments) {
+  pags_session *session = arguments;
+  pags_parsed parsed;
+  const pags_parse_status status = pags_options_parse(verb, argc, argv, arguments, &parsed);
+  if (status == PAGS_PARSE_USAGE || (status == PAGS_PARSE_HELP && !parsed.check_only))
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  if (verb->check && verb->check(arguments, &parsed))
+    return PAGS_EXIT_USAGE;
+  if (parsed.check_only)
+    return PAGS_EXIT_OK;
+  pags_result result = pags_session_begin(session);
+  if (result == PAGS_OK)
+    result = verb->run(arguments, &parsed);
+  return pags_session_end(session, result);
 }
 
 void pags_say(const pags_session *session, const char *format, ...) {
@@ -149,11 +163,18 @@ void pags_say(const pags_session *session, const char *format, ...) {
   pags_output_flush(session->people);
 }
 
+pags_json_writer pags_session_json_begin(void) {
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  return writer;
+}
+
 pags_result pags_session_json(const pags_session *session, pags_json_writer *writer) {
   pags_result result = PAGS_OK;
   pags_json_begin_array(writer, "warnings");
-  for (int64_t i = 0; i < session->warning_count; i++)
-    pags_json_put_string(writer, NULL, session->warnings[i]);
+  for (int64_t i = 0; i < session->warnings.count; i++)
+    pags_json_put_string(writer, NULL, session->warnings.items[i]);
   pags_json_end_array(writer);
   pags_json_end_object(writer);
   if (session->json && !strcmp(session->json, "-")) {
@@ -172,27 +193,19 @@ pags_result pags_session_json(const pags_session *session, pags_json_writer *wri
 /* Tests whether files can be created in a folder by creating and removing one. This also detects full and read-only
  * file systems, which permission bits don't show. */
 static pags_result try_create(const char *folder, const char *shown) {
-  char *pattern = pags_path_join(folder, ".pags-XXXXXX");
-  if (!pattern)
-    return pags_out_of_memory(NULL);
-  const pags_result result = pags_port_try_file(pattern)
-                                 ? PAGS_OK
-                                 : pags_fail(PAGS_ERROR_IO, "%s: can't write there: %s", shown, strerror(errno));
-  free(pattern);
-  return result;
+  PAGS_AUTOFREE char *pattern = pags_path_join(folder, ".pags-XXXXXX");
+  PAGS_CHECK_MEMORY(pattern, NULL);
+  return pags_port_try_file(pattern) ? PAGS_OK
+                                     : pags_fail(PAGS_ERROR_IO, "%s: can't write there: %s", shown, strerror(errno));
 }
 
 pags_result pags_check_writable(const char *path) {
-  char *target;
+  PAGS_AUTOFREE char *target = NULL;
   bool straight;
   PAGS_TRY(pags_file_find_target(path, &target, &straight));
-  char *folder = pags_path_folder(target);
-  free(target);
-  if (!folder)
-    return pags_out_of_memory(NULL);
-  pags_result result = straight ? PAGS_OK : try_create(folder, path);
-  free(folder);
-  return result;
+  PAGS_AUTOFREE char *folder = pags_path_folder(target);
+  PAGS_CHECK_MEMORY(folder, NULL);
+  return straight ? PAGS_OK : try_create(folder, path);
 }
 
 pags_result pags_prepare_folder(pags_session *session, const char *path) {

@@ -11,7 +11,15 @@
 #include <pags/tasks.h>
 #include "base/json.h"
 #include "base/lock.h"
+#include "dataset/owners.h"
 
+/* Lines of the library, without repetitions. */
+typedef struct pags_lines {
+  char **items;
+  int64_t count, capacity;
+} pags_lines;
+
+/* The first member of every verb's struct. */
 typedef struct pags_session {
   int threads;      /* 0: the number of processors that this process may use */
   const char *json; /* file, "-" for stdout, NULL: none */
@@ -19,12 +27,7 @@ typedef struct pags_session {
   bool answers; /* the printed lines are the verb's result, unless --json is given */
   FILE *people; /* stream for messages to people: stdout; stderr if JSON goes to stdout; NULL if quiet */
   pags_tasks *tasks;
-  /* Warnings of the library, without repetitions. */
-  char **warnings;
-  int64_t warning_count;
-  /* Informative lines of the library, without repetitions. */
-  char **notes;
-  int64_t note_count;
+  pags_lines warnings, notes;
   pags_lock *lock; /* of the output folder, or file; NULL: none */
   bool parted;     /* the ranks have agreed on a failure; no collective call may follow */
 } pags_session;
@@ -40,30 +43,9 @@ typedef struct pags_session {
       PAGS_FLAG("strict", 0, offsetof(owner, session.strict), "Treat warnings about the input as errors."), \
       PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "Print only warnings and errors, on standard error.")
 
-/* Rows for verbs that open photographs; `where` is the offset of a pags_dataset_options in the verb's struct. */
-#define PAGS_PHOTOGRAPH_OPTIONS(where, standard)                                                                 \
-  PAGS_TEXT("image-folder", 0, (where) + offsetof(pags_dataset_options, image_folder), "FOLDER", standard,       \
-            "Read the photographs from this folder; intrinsics are scaled."),                                    \
-      PAGS_CHOICE("image-alpha", (where) + offsetof(pags_dataset_options, image_alpha), "composite|mask|ignore", \
-                  standard, "Blend alpha over --background, use it as a mask, or ignore it.")
-
-/* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options in the verb's struct. */
-#define PAGS_DRIVING_OPTIONS(where)                                                                                   \
-  PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                \
-            "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan|street-gaussians", "from dataset.json",                  \
-            "Source, which selects the layout rules."),                                                               \
-      PAGS_TEXT("cameras", 0, (where) + offsetof(pags_dataset_options, cameras), "LIST", "all",                       \
-                "Cameras to use, separated by commas."),                                                              \
-      PAGS_VALUE("frames", 0, SPAN, (where) + offsetof(pags_dataset_options, frame_first), 0, 0, "A-B", "time steps", \
-                 "all", "Time steps to use, both ends included."),                                                    \
-      PAGS_TEXT("holdout-camera", 0, (where) + offsetof(pags_dataset_options, holdout_camera), "N", "none",           \
-                "Hold out all photographs of this camera."),                                                          \
-      PAGS_TEXT("ego-mask", 0, (where) + offsetof(pags_dataset_options, ego_mask), "FILE|FOLDER",                     \
-                "ego_masks/C.png, else detected", "Mask of the recording car; white pixels are excluded."),           \
-      PAGS_TEXT("critical", 0, (where) + offsetof(pags_dataset_options, critical), "LIST",                            \
-                "vehicle,pedestrian,cyclist", "Critical categories or classes."),                                     \
-      PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "",                                \
-                "Add the points of this COLMAP model, in the same world frame.")
+/* Runs a verb: parses and checks its arguments, begins the session, calls verb->run and ends the session. `arguments`:
+ * the verb's struct with its defaults. Returns the exit code. */
+int pags_verb_run(const pags_verb *verb, int argc, char **argv, void *arguments);
 
 /* Chooses the message stream, checks that the --json file can be written, sends the library's notes to the message
  * stream and its warnings to standard error, and starts the threads. A standard output that is closed takes no
@@ -84,6 +66,9 @@ void pags_say(const pags_session *session, const char *format, ...) PAGS_PRINTF(
 /* Fails if --strict was given and there are warnings. Verbs call it once their inputs are open; pags_session_end does
  * as well. */
 pags_result pags_session_check(const pags_session *session);
+
+/* Begins the JSON document of a verb, an object; ended by pags_session_json. */
+pags_json_writer pags_session_json_begin(void);
 
 /* Adds the warnings to the JSON document, closes its object and writes it where --json says; nothing without --json.
  * Destroys the writer. */

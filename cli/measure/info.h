@@ -3,8 +3,8 @@
 #ifndef PAGS_CLI_MEASURE_INFO_H
 #define PAGS_CLI_MEASURE_INFO_H
 
-#include "cli/common/reading.h"
 #include "cli/common/report.h"
+#include "cli/common/scene_options.h"
 
 #include <pags/dataset.h>
 #include "base/json.h"

@@ -420,8 +420,7 @@ static void put_up(pags_report *report, const pags_scene *scene, const pags_read
 pags_result pags_scene_facts(pags_report *report, const char *path, const pags_scene_facts_options *options) {
   PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
   uint64_t bytes = 0;
-  PAGS_TRY(pags_scene_load_in_axes(path, options->reading.axes, &scene));
-  pags_reading_apply(&options->reading, &scene);
+  PAGS_TRY(pags_reading_load(&options->reading, path, &scene));
   const char *const folder = pags_dir_exists(path) ? pags_scene_folder_kind(path) : NULL;
   pags_report_text(report, "kind", folder ? folder : scene.file.kind ? scene.file.kind : "scene");
   pags_report_count(report, "gaussians", pags_scene_gaussian_count(&scene));

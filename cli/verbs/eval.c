@@ -1,11 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags eval: renders a scene's views and compares them with photographs (PSNR, SSIM, LPIPS, per region), LiDAR depth,
  * and the ground truth of synthetic data sets. */
-#include "cli/common/options.h"
 #include "cli/common/photographs.h"
-#include "cli/common/progress.h"
 #include "cli/common/ranks.h"
-#include "cli/common/session.h"
+#include "cli/common/scene_options.h"
 #include "cli/draw/picture.h"
 #include "cli/measure/errors.h"
 #include "cli/measure/view_scores.h"
@@ -13,13 +11,11 @@
 
 #include <pags/compose.h>
 #include <pags/eval.h>
-#include <stdlib.h>
-#include <string.h>
-#include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/psnr.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "dataset/photo_mask.h"
 #include "train/fit_pose.h"
 
@@ -31,9 +27,7 @@ typedef struct eval_arguments {
   int split; /* index in "all|train|test" */
   int shift, fit_poses;
   int64_t views; /* how many views to compare; 0: all */
-  double background[3];
-  float near_plane, low_pass;
-  int antialiased;
+  pags_picture_changes changes;
   pags_dataset_options options;
   uint64_t image_cache;
 } eval_arguments;
@@ -59,13 +53,14 @@ static const pags_option options[] = {
     PAGS_VALUE("image-cache", 0, SIZE, AT(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G", NULL,
                "Memory for decoded photographs."),
 
-    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "as in the scene",
+    PAGS_VALUE("background", 0, COLOR, AT(changes.background), 0, 0, "R,G,B", "sRGB, 0..1", "as in the scene",
                "Background colour of the renderings and of photographs with alpha."),
-    PAGS_FLAG("antialiased", 0, AT(antialiased), "As for render."),
-    PAGS_FLAG("no-antialiased", 0, AT(antialiased), "Don't compensate, even if the scene was trained so."),
-    PAGS_VALUE("low-pass", 0, FLOAT, AT(low_pass), 0, 100, "V", "px^2", "as in training, else 0.3", "As for render."),
-    PAGS_VALUE("near", 0, FLOAT, AT(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", "as in training, else 0.01",
+    PAGS_FLAG("antialiased", 0, AT(changes.antialiased), "As for render."),
+    PAGS_FLAG("no-antialiased", 0, AT(changes.antialiased), "Don't compensate, even if the scene was trained so."),
+    PAGS_VALUE("low-pass", 0, DOUBLE, AT(changes.low_pass), 0, 100, "V", "px^2", "as in training, else 0.3",
                "As for render."),
+    PAGS_VALUE("near", 0, DOUBLE, AT(changes.near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres",
+               "as in training, else 0.01", "As for render."),
     PAGS_PHOTOGRAPH_OPTIONS(AT(options), "as in training"),
 
     PAGS_GROUP("Splat files, which store no views"),
@@ -82,26 +77,8 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(eval_arguments),
     {0}};
 
-static const pags_positional positionals[] = {{"SCENE", "Scene folder or splat file."}, {NULL, NULL}};
-
-static const pags_verb verb = {
-    .name = "eval",
-    .usage = "SCENE [--dataset DATASET] [options]",
-    .about =
-        "Render a scene's training and held-out views and compare each with its photograph, undistorted and downscaled "
-        "as for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. Means are "
-        "over views; masked pixels are excluded. LPIPS values on different networks (SqueezeNet, AlexNet, VGG) can't "
-        "be compared. For driving scenes, figures are also given per region: critical (vehicles, pedestrians and "
-        "cyclists); moving (dynamic_masks/all, else the boxes of moving objects); vehicles, pedestrians and cyclists "
-        "(their boxes). Each region's mean is over the views that show it. Driving scenes also get depth errors "
-        "against LiDAR and scores without the trained exposures; synthetic data sets also get the pose errors of the "
-        "tracks, as labelled and as trained.",
-    .positionals = positionals,
-    .options = options};
-
 typedef struct evaluation {
-  const eval_arguments *arguments;
-  pags_session *session;
+  eval_arguments *arguments;
   const pags_parsed *parsed;
   pags_composition *composition;
   const pags_scene *scene;
@@ -124,121 +101,109 @@ typedef struct evaluation {
   pags_priority_truth priority_truth;
 } evaluation;
 
+static void evaluation_destroy(evaluation *eval) {
+  pags_frame_destroy(eval->frame);
+  pags_picture_names_destroy(&eval->names);
+  pags_photographs_close(&eval->photographs);
+  pags_lpips_destroy(eval->lpips);
+  pags_composition_destroy(eval->composition);
+  free(eval->shifts.items);
+  for (int test = 0; test < 2; test++)
+    free(eval->depth_errors[test].errors);
+  free(eval->scores);
+  free(eval->score_views);
+  free(eval->without_pixels);
+}
+
 /* ---- Comparing one view ---- */
 
 static pags_result save_image(const char *folder, const char *name, const char *what, const pags_image *image) {
-  char *file = pags_text_format("%s_%s.png", name, what);
-  const pags_result result = file ? pags_image_save_in(folder, file, image) : pags_out_of_memory("%s", name);
-  free(file);
-  return result;
+  PAGS_AUTOFREE char *file = pags_text_format("%s_%s.png", name, what);
+  PAGS_CHECK_MEMORY(file, "%s", name);
+  return pags_image_save_in(folder, file, image);
 }
 
 /* `view`: its index in the data set. */
 static pags_result measure(const evaluation *eval, int64_t view, pags_image *render, const pags_photograph *photo,
                            pags_view_score *score) {
+  const char *images = eval->arguments->images;
   PAGS_TRY(pags_view_score_measure(render, photo, eval->arguments->session.tasks, score));
-  if (eval->arguments->images) {
-    PAGS_TRY(save_image(eval->arguments->images, eval->names.items[view], "render", render));
-    PAGS_TRY(save_image(eval->arguments->images, eval->names.items[view], "photo", &photo->image));
+  if (images) {
+    PAGS_TRY(save_image(images, eval->names.items[view], "render", render));
+    PAGS_TRY(save_image(images, eval->names.items[view], "photo", &photo->image));
   }
-  if (eval->lpips) {
-    if (photo->mask) {
-      /* LPIPS has no mask: copy the photograph's pixels into the rendering where the mask is 0, so that these pixels
-       * add no distance. */
-      float *to = render->data;
-      const float *from = photo->image.data;
-      size_t count = (size_t)render->width * (size_t)render->height;
-      for (size_t i = 0; i < count; i++)
-        if (!photo->mask[i])
-          memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
-    }
-    PAGS_TRY(pags_lpips_distance(eval->lpips, render, &photo->image, eval->arguments->session.tasks, &score->lpips));
+  if (!eval->lpips)
+    return PAGS_OK;
+  if (photo->mask) {
+    /* LPIPS has no mask: copy the photograph's pixels into the rendering where the mask is 0, so that these pixels add
+     * no distance. */
+    float *to = render->data;
+    const float *from = photo->image.data;
+    const size_t count = (size_t)render->width * (size_t)render->height;
+    for (size_t i = 0; i < count; i++)
+      if (!photo->mask[i])
+        pags_copy3f(from + 3 * i, to + 3 * i);
   }
-  return PAGS_OK;
-}
-
-static pags_result compare_picture(evaluation *eval, const pags_photographs_view *at, const pags_picture *picture,
-                                   const pags_photograph *photo) {
-  pags_view_score *score = &eval->scores[eval->count];
-  pags_image render = {0};
-  PAGS_TRY(pags_picture_to_image(picture, PAGS_F32, &render));
-  pags_result result = measure(eval, at->index, &render, photo, score);
-  pags_image_destroy(&render);
-  if (result == PAGS_OK && picture->depth)
-    result = pags_depth_errors_add(&eval->depth_errors[at->test != 0], eval->photographs.dataset, at->index, picture,
-                                   photo->mask);
-  if (result == PAGS_OK)
-    eval->score_views[eval->count++] = at - eval->photographs.views;
-  return result;
+  return pags_lpips_distance(eval->lpips, render, &photo->image, eval->arguments->session.tasks, &score->lpips);
 }
 
 /* Renders the scene's colours without the camera's exposure and measures their PSNR against the photograph. */
-static pags_result compare_unexposed(evaluation *eval, const pags_camera *camera, const pags_part *parts,
+static pags_result compare_unexposed(const evaluation *eval, const pags_camera *camera, const pags_part *parts,
                                      int part_count, const pags_photograph *photo, pags_view_score *score) {
   pags_picture picture;
-  pags_image render;
+  PAGS_AUTO(pags_image_destroy) pags_image render = {0};
   PAGS_TRY(pags_frame_render(eval->frame, parts, part_count, camera, &eval->options, NULL, NULL, &picture));
   PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
-  pags_result result = pags_eval_psnr(&render, &photo->image, photo->mask, &score->psnr_unexposed);
+  const pags_result result = pags_eval_psnr(&render, &photo->image, photo->mask, &score->psnr_unexposed);
   score->psnr_unexposed = pags_psnr_capped(score->psnr_unexposed);
-  pags_image_destroy(&render);
   return result;
-}
-
-/* Scores the right half of the photograph with the given pose and with the pose fitted to the left half. */
-static pags_result compare_fitted(evaluation *eval, const pags_camera *camera, const pags_frame_options *exposed,
-                                  const pags_part *parts, int part_count, const pags_photo *photo,
-                                  pags_view_score *score) {
-  pags_fitted_pose pose;
-  PAGS_TRY(pags_fit_pose(eval->frame, parts, part_count, camera, exposed, NULL, NULL, photo, &pose));
-  score->psnr_right = pose.given;
-  score->psnr_right_fitted = pose.fitted;
-  return PAGS_OK;
 }
 
 /* Whether a photograph is fully masked. */
 static bool is_blank(const pags_photograph *photo) {
   const size_t count = (size_t)photo->image.width * (size_t)photo->image.height;
-  if (photo->mask)
-    for (size_t i = 0; i < count; i++)
-      if (photo->mask[i])
-        return false;
-  return photo->mask != NULL;
+  size_t i = 0;
+  while (photo->mask && i < count && !photo->mask[i])
+    i++;
+  return photo->mask && i == count;
 }
 
 static pags_result compare_view(evaluation *eval, int64_t i) {
   const pags_photographs_view *at = &eval->photographs.views[i];
-  const pags_view *view = pags_dataset_view(eval->photographs.dataset, at->index);
+  const pags_dataset *dataset = eval->photographs.dataset;
   const pags_camera camera = pags_photographs_camera(&eval->photographs, i);
   pags_view_score *score = &eval->scores[eval->count];
-  pags_photograph photo;
+  PAGS_AUTO(pags_photograph_destroy) pags_photograph photo = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image render = {0};
   pags_picture picture;
   const pags_part *parts;
   int part_count;
   pags_frame_options exposed = eval->options;
-  *score = pags_view_score_make(view->name, at->test);
+  *score = pags_view_score_make(pags_dataset_view(dataset, at->index)->name, at->test);
   pags_compose(eval->composition, camera.time, &parts, &part_count);
   PAGS_TRY(pags_photographs_read(&eval->photographs, i, &photo));
-  pags_result result = PAGS_OK;
   if (is_blank(&photo)) {
     eval->without_pixels[eval->without_count++] = i;
-    pags_photograph_destroy(&photo);
     return PAGS_OK;
   }
   if (at->scene_view)
     exposed.photometric = at->scene_view->photometric;
   if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
-    result = compare_unexposed(eval, &camera, parts, part_count, &photo, score);
-  if (result == PAGS_OK && eval->arguments->fit_poses)
-    result = compare_fitted(eval, &camera, &exposed, parts, part_count, &photo.photo, score);
-  if (result == PAGS_OK)
-    result = pags_frame_render(eval->frame, parts, part_count, &camera, &exposed, NULL, NULL, &picture);
-  if (result == PAGS_OK) {
-    eval->shown += pags_frame_stats_get(eval->frame)->binned > 0;
-    result = compare_picture(eval, at, &picture, &photo);
+    PAGS_TRY(compare_unexposed(eval, &camera, parts, part_count, &photo, score));
+  if (eval->arguments->fit_poses) {
+    pags_fitted_pose pose;
+    PAGS_TRY(pags_fit_pose(eval->frame, parts, part_count, &camera, &exposed, NULL, NULL, &photo.photo, &pose));
+    score->psnr_right = pose.given;
+    score->psnr_right_fitted = pose.fitted;
   }
-  pags_photograph_destroy(&photo);
-  return result;
+  PAGS_TRY(pags_frame_render(eval->frame, parts, part_count, &camera, &exposed, NULL, NULL, &picture));
+  eval->shown += pags_frame_stats_get(eval->frame)->binned > 0;
+  PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
+  PAGS_TRY(measure(eval, at->index, &render, &photo, score));
+  if (picture.depth)
+    PAGS_TRY(pags_depth_errors_add(&eval->depth_errors[at->test != 0], dataset, at->index, &picture, photo.mask));
+  eval->score_views[eval->count++] = i;
+  return PAGS_OK;
 }
 
 static bool wanted(const eval_arguments *arguments, int test) {
@@ -248,9 +213,8 @@ static bool wanted(const eval_arguments *arguments, int test) {
 /* Whether view `number` of `count` is among the --views evenly spread ones: those where number * views / count
  * changes. */
 static bool chosen(const eval_arguments *arguments, int64_t number, int64_t count) {
-  if (arguments->views == 0 || arguments->views >= count)
-    return true;
-  return number == 0 || number * arguments->views / count != (number - 1) * arguments->views / count;
+  return arguments->views == 0 || arguments->views >= count || number == 0 ||
+         number * arguments->views / count != (number - 1) * arguments->views / count;
 }
 
 /* ---- JSON and printed lines ---- */
@@ -303,31 +267,28 @@ static void put_shifts(pags_json_writer *writer, const evaluation *eval) {
   pags_json_end_array(writer);
 }
 
-static void print_cameras(const pags_session *session, const pags_camera_errors *e) {
-  for (int test = 0; test < 2; test++)
-    if (e->views[test] > 0 && e->recorded[test].metres > 1e-6)
-      pags_say(
-          session,
-          "cameras of %lld %s views: off by %.3f m and %.2f degrees as recorded, %.3f m and %.2f degrees as used\n",
-          (long long)e->views[test], test ? "held-out" : "training", e->recorded[test].metres,
-          e->recorded[test].degrees, e->corrected[test].metres, e->corrected[test].degrees);
-}
-
-static void print_poses(const pags_session *session, const pags_pose_errors *e) {
-  if (!e->keyframes)
-    return;
-  pags_say(session,
-           "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
-           (long long)e->objects, e->absolute.label_metres, e->absolute.label_degrees, e->absolute.metres,
-           e->absolute.degrees);
-  pags_say(
-      session,
-      "  without each track's mean error: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
-      e->relative.label_metres, e->relative.label_degrees, e->relative.metres, e->relative.degrees);
-  if (e->held_out_keyframes)
+static void print_poses(const pags_session *session, const pags_pose_errors *e, const pags_camera_errors *cameras) {
+  if (e->keyframes) {
+    pags_say(session,
+             "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
+             (long long)e->objects, e->absolute.label_metres, e->absolute.label_degrees, e->absolute.metres,
+             e->absolute.degrees);
+    pags_say(
+        session,
+        "  without each track's mean error: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
+        e->relative.label_metres, e->relative.label_degrees, e->relative.metres, e->relative.degrees);
+  }
+  if (e->keyframes && e->held_out_keyframes)
     pags_say(session,
              "  at held-out time steps: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as drawn\n",
              e->held_out.label_metres, e->held_out.label_degrees, e->held_out.metres, e->held_out.degrees);
+  for (int test = 0; test < 2; test++)
+    if (cameras->views[test] > 0 && cameras->recorded[test].metres > 1e-6)
+      pags_say(
+          session,
+          "cameras of %lld %s views: off by %.3f m and %.2f degrees as recorded, %.3f m and %.2f degrees as used\n",
+          (long long)cameras->views[test], test ? "held-out" : "training", cameras->recorded[test].metres,
+          cameras->recorded[test].degrees, cameras->corrected[test].metres, cameras->corrected[test].degrees);
 }
 
 static double percent(int64_t part, int64_t whole) {
@@ -350,15 +311,15 @@ static void print_priority_truth(const pags_session *session, const pags_priorit
 }
 
 static void print_more(const evaluation *eval) {
-  static const char *const sets[2] = {"training views", "held-out views"};
   const pags_session *session = &eval->arguments->session;
-  for (int test = 0; test < 2; test++)
-    if (eval->depth[test].samples)
+  for (int test = 0; test < 2; test++) {
+    const pags_depth_figures *depth = &eval->depth[test];
+    if (depth->samples)
       pags_say(session,
-               "depth against LiDAR, %s: off by %.3f m (median), %.3f m (mean), %.3f m (mean of the best 95 %%); %.1f "
-               "%% within 5 %%\n",
-               sets[test], eval->depth[test].median, eval->depth[test].mean, eval->depth[test].mean95,
-               100 * eval->depth[test].within);
+               "depth against LiDAR, %s views: off by %.3f m (median), %.3f m (mean), %.3f m (mean of the best 95 "
+               "%%); %.1f %% within 5 %%\n",
+               test ? "held-out" : "training", depth->median, depth->mean, depth->mean95, 100 * depth->within);
+  }
   for (int64_t i = 0; i < eval->shifts.count; i++) {
     const pags_shifted_view_score *const score = &eval->shifts.items[i];
     pags_say(session, "shifted cameras %-16s %9.3f %8.4f", score->name, score->psnr, score->ssim);
@@ -366,43 +327,11 @@ static void print_more(const evaluation *eval) {
       pags_say(session, "   road %9.3f", score->road_psnr);
     pags_say(session, "\n");
   }
-  print_poses(session, &eval->poses);
-  print_cameras(session, &eval->cameras);
+  print_poses(session, &eval->poses, &eval->cameras);
   print_priority_truth(session, &eval->priority_truth);
 }
 
-/* ---- The verb ---- */
-
-/* The options for the photographs: those of the training, unless given on the command line. */
-static pags_dataset_options choose_photographs(const evaluation *eval) {
-  pags_dataset_options chosen = eval->arguments->options;
-  if (!pags_option_given(eval->parsed, "image-folder"))
-    chosen.image_folder = eval->scene->image_folder;
-  if (!pags_option_given(eval->parsed, "image-alpha"))
-    chosen.image_alpha = (pags_image_alpha)eval->scene->image_alpha;
-  for (int c = 0; c < 3; c++)
-    chosen.background[c] = pags_option_given(eval->parsed, "background") ? eval->arguments->background[c]
-                                                                         : (double)eval->scene->background[c];
-  return chosen;
-}
-
-/* The options of rendering, likewise. */
-static void choose_picture(evaluation *eval) {
-  const eval_arguments *arguments = eval->arguments;
-  pags_frame_options *frame = &eval->options;
-  *frame = pags_composition_options(eval->composition);
-  if (pags_option_given(eval->parsed, "background"))
-    for (int c = 0; c < 3; c++) {
-      frame->background[c] = (float)arguments->background[c];
-      frame->sky = NULL;
-    }
-  if (pags_option_given(eval->parsed, "antialiased") || pags_option_given(eval->parsed, "no-antialiased"))
-    frame->antialiased = arguments->antialiased;
-  if (pags_option_given(eval->parsed, "near"))
-    frame->near_plane = arguments->near_plane;
-  if (pags_option_given(eval->parsed, "low-pass"))
-    frame->low_pass = arguments->low_pass;
-}
+/* ---- Comparing all views ---- */
 
 /* Refuses options that the views stored in the scene override: their size and, except for the sweeps of a drive, the
  * split. */
@@ -420,7 +349,8 @@ static pags_result check_effect(const evaluation *eval, const char *scene_path) 
 }
 
 static pags_result open_all(evaluation *eval, const char *scene_path) {
-  const eval_arguments *arguments = eval->arguments;
+  eval_arguments *arguments = eval->arguments;
+  pags_tasks *tasks = arguments->session.tasks;
   PAGS_TRY(pags_composition_load(scene_path, &eval->composition));
   eval->scene = pags_composition_scene(eval->composition);
   PAGS_TRY(check_effect(eval, scene_path));
@@ -429,31 +359,34 @@ static pags_result open_all(evaluation *eval, const char *scene_path) {
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't name its training data; expected --dataset DATASET", scene_path);
   if (arguments->lpips_weights)
     PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &eval->lpips));
-  pags_dataset_options opened = choose_photographs(eval);
-  if (!opened.colmap && !arguments->dataset)
-    opened.colmap = eval->scene->colmap;
-  PAGS_TRY(pags_photographs_open(eval->scene, dataset, &opened, arguments->dataset != NULL, arguments->session.tasks,
-                                 arguments->image_cache, &eval->photographs));
+  pags_dataset_options opened = pags_photographs_options(eval->scene, arguments->dataset, &arguments->options);
+  if (pags_option_given(eval->parsed, "image-alpha"))
+    opened.image_alpha = arguments->options.image_alpha;
+  if (pags_option_given(eval->parsed, "background"))
+    pags_copy3(arguments->changes.background, opened.background);
+  PAGS_TRY(pags_photographs_open(eval->scene, arguments->dataset, &opened, tasks, arguments->image_cache,
+                                 &eval->photographs));
   if (arguments->fit_poses && pags_dataset_fps(eval->photographs.dataset) > 0)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "%s: --fit-poses is for captures; in a driving set, the pose corrections of held-out views are "
                      "interpolated from their neighbours",
                      dataset);
   PAGS_TRY(pags_session_check(&arguments->session));
-  eval->scores = calloc((size_t)eval->photographs.count, sizeof *eval->scores);
-  eval->score_views = calloc((size_t)eval->photographs.count, sizeof *eval->score_views);
-  eval->without_pixels = calloc((size_t)eval->photographs.count, sizeof *eval->without_pixels);
-  if (!eval->scores || !eval->score_views || !eval->without_pixels)
-    return pags_out_of_memory("%lld views", (long long)eval->photographs.count);
-  choose_picture(eval);
+  const size_t count = (size_t)eval->photographs.count;
+  eval->scores = calloc(count, sizeof *eval->scores);
+  eval->score_views = calloc(count, sizeof *eval->score_views);
+  eval->without_pixels = calloc(count, sizeof *eval->without_pixels);
+  PAGS_CHECK_MEMORY(eval->scores && eval->score_views && eval->without_pixels, "%zu views", count);
+  eval->options = pags_composition_options(eval->composition);
+  pags_picture_changes_apply(&arguments->changes, eval->parsed, &eval->options);
   PAGS_TRY(pags_early_z_parse(arguments->early_z, &eval->options));
   eval->options.order = (pags_order)arguments->order;
   eval->options.extra_channels = (pags_dataset_provides(eval->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
-  PAGS_TRY(pags_frame_create(arguments->session.tasks, &eval->frame));
+  PAGS_TRY(pags_frame_create(tasks, &eval->frame));
   if (!arguments->images)
     return PAGS_OK;
   PAGS_TRY(pags_picture_names_of_dataset(eval->photographs.dataset, &eval->names));
-  return pags_prepare_folder(eval->session, arguments->images);
+  return pags_prepare_folder(&arguments->session, arguments->images);
 }
 
 /* Compares this rank's share of the chosen views with their photographs. */
@@ -498,114 +431,59 @@ typedef struct sent_score {
 } sent_score;
 
 static pags_result gather_scores(evaluation *eval) {
-  sent_score *own = calloc((size_t)eval->count + 1, sizeof *own);
-  void *gathered;
-  int64_t bytes;
-  if (!own)
-    return pags_out_of_memory("%lld views", (long long)eval->count);
+  PAGS_AUTOFREE sent_score *own = calloc((size_t)eval->count + 1, sizeof *own), *all = NULL;
+  int64_t count;
+  PAGS_CHECK_MEMORY(own, "%lld views", (long long)eval->count);
   for (int64_t i = 0; i < eval->count; i++)
     own[i] = (sent_score){eval->score_views[i], eval->scores[i]};
-  const pags_result result = pags_ranks_gather(own, eval->count * (int64_t)sizeof *own, &gathered, &bytes);
-  free(own);
-  PAGS_TRY(result);
-  sent_score *const all = gathered;
-  if (all) {
-    eval->count = bytes / (int64_t)sizeof *all;
-    qsort(all, (size_t)eval->count, sizeof *all, compare_indices);
-    for (int64_t i = 0; i < eval->count; i++) {
-      eval->scores[i] = all[i].score;
-      eval->scores[i].name =
-          pags_dataset_view(eval->photographs.dataset, eval->photographs.views[all[i].view].index)->name;
-    }
+  PAGS_TRY(pags_ranks_gather(own, eval->count, sizeof *own, &all, &count));
+  if (!all)
+    return PAGS_OK;
+  qsort(all, (size_t)count, sizeof *all, compare_indices);
+  for (int64_t i = 0; i < count; i++) {
+    const int64_t index = eval->photographs.views[all[i].view].index;
+    eval->scores[i] = all[i].score;
+    eval->scores[i].name = pags_dataset_view(eval->photographs.dataset, index)->name;
   }
-  free(gathered);
+  eval->count = count;
   return PAGS_OK;
 }
 
 /* Depth errors are sorted before they are added up, so that their order doesn't matter. */
 static pags_result gather_depths(pags_depth_errors *errors) {
-  void *gathered;
-  int64_t bytes;
+  PAGS_AUTOFREE double *all = NULL;
+  int64_t count;
   PAGS_TRY(pags_ranks_sum(&errors->within));
   PAGS_TRY(pags_ranks_sum(&errors->unblended));
-  PAGS_TRY(pags_ranks_gather(errors->errors, errors->count * (int64_t)sizeof *errors->errors, &gathered, &bytes));
-  if (gathered)
+  PAGS_TRY(pags_ranks_gather(errors->errors, errors->count, sizeof *errors->errors, &all, &count));
+  if (all)
     errors->count = 0;
-  const pags_result result = pags_depth_errors_append(errors, gathered, bytes / (int64_t)sizeof *errors->errors);
-  free(gathered);
-  return result;
+  return pags_depth_errors_append(errors, all, count);
 }
 
 static pags_result gather_all(evaluation *eval) {
+  PAGS_AUTOFREE int64_t *without = NULL;
+  int64_t count;
   if (!pags_ranks())
     return PAGS_OK;
-  void *gathered;
-  int64_t bytes;
   PAGS_TRY(gather_scores(eval));
-  PAGS_TRY(pags_ranks_gather(eval->without_pixels, eval->without_count * (int64_t)sizeof *eval->without_pixels,
-                             &gathered, &bytes));
-  if (gathered) {
-    eval->without_count = bytes / (int64_t)sizeof *eval->without_pixels;
-    memcpy(eval->without_pixels, gathered, (size_t)bytes);
-    qsort(eval->without_pixels, (size_t)eval->without_count, sizeof *eval->without_pixels, compare_indices);
-    free(gathered);
+  PAGS_TRY(pags_ranks_gather(eval->without_pixels, eval->without_count, sizeof *without, &without, &count));
+  if (without) {
+    eval->without_count = count;
+    memcpy(eval->without_pixels, without, (size_t)count * sizeof *without);
+    qsort(eval->without_pixels, (size_t)count, sizeof *without, compare_indices);
   }
   for (int test = 0; test < 2; test++)
     PAGS_TRY(gather_depths(&eval->depth_errors[test]));
   return pags_ranks_sum(&eval->shown);
 }
 
-static pags_result evaluate(evaluation *eval, const char *scene_path) {
-  const eval_arguments *arguments = eval->arguments;
-  PAGS_TRY(pags_session_meet(eval->session, open_all(eval, scene_path)));
-  PAGS_TRY(pags_session_meet(eval->session, compare_all(eval)));
-  PAGS_TRY(gather_all(eval));
-  if (!pags_ranks_lead())
-    return PAGS_OK;
+/* ---- The verb ---- */
 
-  if (eval->without_count) {
-    const int64_t first = eval->photographs.views[eval->without_pixels[0]].index;
-    char masks[160];
-    pags_dataset_masks_of(eval->photographs.dataset, first, masks, sizeof masks);
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s: %lld of %lld views are fully masked and have no figures; the first is %s, whose pixels are left out by %s",
-        pags_dataset_path(eval->photographs.dataset), (long long)eval->without_count,
-        (long long)(eval->count + eval->without_count), pags_dataset_view(eval->photographs.dataset, first)->name,
-        masks);
-  }
-  if (eval->count && !eval->shown)
-    pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld views", scene_path,
-                     (long long)eval->count);
-  if (!eval->count)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s to compare", scene_path,
-                     arguments->split == 0   ? "views"
-                     : arguments->split == 1 ? "training views"
-                                             : "held-out views");
-  for (int test = 0; test < 2; test++)
-    eval->depth[test] = pags_depth_errors_figures(&eval->depth_errors[test]);
-  const char *dataset = pags_dataset_path(eval->photographs.dataset);
-  PAGS_TRY(pags_pose_errors_measure(dataset, eval->scene, &eval->poses));
-  PAGS_TRY(pags_camera_errors_measure(dataset, eval->scene, &eval->cameras));
-  PAGS_TRY(pags_priority_truth_measure(eval->composition, &eval->photographs, eval->frame, &eval->options,
-                                       &eval->priority_truth));
-  if (arguments->shift)
-    PAGS_TRY(pags_shifted_views_measure(dataset, eval->photographs.downscale, eval->composition, eval->frame,
-                                        &eval->options, &arguments->session, arguments->images, &eval->shifts));
-  pags_view_scores_print(&arguments->session, eval->scores, eval->count);
-  if (eval->lpips)
-    pags_say(&arguments->session, "LPIPS: v0.1 on %s\n", pags_lpips_network(eval->lpips));
-  print_more(eval);
-
-  /* Write the scores as JSON. */
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
+static pags_result write_json(const evaluation *eval) {
+  pags_json_writer writer = pags_session_json_begin();
   pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(eval->composition));
-  if (eval->lpips)
-    pags_json_put_string(&writer, "lpips_network", pags_lpips_network(eval->lpips));
-  else
-    pags_json_put_null(&writer, "lpips_network");
+  pags_json_put_string(&writer, "lpips_network", eval->lpips ? pags_lpips_network(eval->lpips) : NULL);
   put_split(&writer, eval, "train", 0);
   put_split(&writer, eval, "test", 1);
   put_shifts(&writer, eval);
@@ -615,30 +493,71 @@ static pags_result evaluate(evaluation *eval, const char *scene_path) {
   return pags_session_json(&eval->arguments->session, &writer);
 }
 
-int pags_verb_eval(int argc, char **argv) {
-  eval_arguments arguments = {
-      .early_z = "lossless", .options = pags_dataset_options_default(), .image_cache = (uint64_t)256 << 20};
-  pags_parsed parsed;
-  evaluation eval = {.arguments = &arguments, .session = &arguments.session, .parsed = &parsed};
-  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK)
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  arguments.session.answers = true;
-  pags_result result = pags_session_begin(&arguments.session);
-  if (result == PAGS_OK)
-    result = evaluate(&eval, parsed.positionals[0]);
-  if (eval.frame)
-    pags_frame_destroy(eval.frame);
-  pags_picture_names_destroy(&eval.names);
-  pags_photographs_close(&eval.photographs);
-  if (eval.lpips)
-    pags_lpips_destroy(eval.lpips);
-  pags_composition_destroy(eval.composition);
-  free(eval.shifts.items);
+static pags_result run(void *user, const pags_parsed *parsed) {
+  eval_arguments *arguments = user;
+  pags_session *session = &arguments->session;
+  const char *scene_path = parsed->positionals[0];
+  PAGS_AUTO(evaluation_destroy) evaluation eval = {.arguments = arguments, .parsed = parsed};
+  PAGS_TRY(pags_session_meet(session, open_all(&eval, scene_path)));
+  PAGS_TRY(pags_session_meet(session, compare_all(&eval)));
+  PAGS_TRY(gather_all(&eval));
+  if (!pags_ranks_lead())
+    return PAGS_OK;
+  const pags_photographs *photographs = &eval.photographs;
+  const char *dataset = pags_dataset_path(photographs->dataset);
+  if (eval.without_count) {
+    const int64_t first = photographs->views[eval.without_pixels[0]].index;
+    char masks[160];
+    pags_dataset_masks_of(photographs->dataset, first, masks, sizeof masks);
+    pags_log_message(
+        PAGS_LOG_WARNING,
+        "%s: %lld of %lld views are fully masked and have no figures; the first is %s, whose pixels are left out by %s",
+        dataset, (long long)eval.without_count, (long long)(eval.count + eval.without_count),
+        pags_dataset_view(photographs->dataset, first)->name, masks);
+  }
+  if (eval.count && !eval.shown)
+    pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld views", scene_path,
+                     (long long)eval.count);
+  if (!eval.count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s to compare", scene_path,
+                     arguments->split == 0   ? "views"
+                     : arguments->split == 1 ? "training views"
+                                             : "held-out views");
   for (int test = 0; test < 2; test++)
-    free(eval.depth_errors[test].errors);
-  free(eval.scores);
-  free(eval.score_views);
-  free(eval.without_pixels);
-  return pags_session_end(&arguments.session, result);
+    eval.depth[test] = pags_depth_errors_figures(&eval.depth_errors[test]);
+  PAGS_TRY(pags_pose_errors_measure(dataset, eval.scene, &eval.poses));
+  PAGS_TRY(pags_camera_errors_measure(dataset, eval.scene, &eval.cameras));
+  PAGS_TRY(pags_priority_truth_measure(eval.composition, photographs, eval.frame, &eval.options, &eval.priority_truth));
+  if (arguments->shift)
+    PAGS_TRY(pags_shifted_views_measure(dataset, photographs->downscale, eval.composition, eval.frame, &eval.options,
+                                        session, arguments->images, &eval.shifts));
+  pags_view_scores_print(session, eval.scores, eval.count);
+  if (eval.lpips)
+    pags_say(session, "LPIPS: v0.1 on %s\n", pags_lpips_network(eval.lpips));
+  print_more(&eval);
+  return write_json(&eval);
+}
+
+static const pags_verb verb = {
+    .name = "eval",
+    .usage = "SCENE [--dataset DATASET] [options]",
+    .about =
+        "Render a scene's training and held-out views and compare each with its photograph, undistorted and downscaled "
+        "as for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. Means are "
+        "over views; masked pixels are excluded. LPIPS values on different networks (SqueezeNet, AlexNet, VGG) can't "
+        "be compared. For driving scenes, figures are also given per region: critical (vehicles, pedestrians and "
+        "cyclists); moving (dynamic_masks/all, else the boxes of moving objects); vehicles, pedestrians and cyclists "
+        "(their boxes). Each region's mean is over the views that show it. Driving scenes also get depth errors "
+        "against LiDAR and scores without the trained exposures; synthetic data sets also get the pose errors of the "
+        "tracks, as labelled and as trained.",
+    .positionals = {{"SCENE", "Scene folder or splat file."}},
+    .options = options,
+    .run = run};
+
+int pags_verb_eval(int argc, char **argv) {
+  eval_arguments arguments = {.session = {.answers = true},
+                              .early_z = "lossless",
+                              .options = pags_dataset_options_default(),
+                              .image_cache = (uint64_t)256 << 20};
+  return pags_verb_run(&verb, argc, argv, &arguments);
 }

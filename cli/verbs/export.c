@@ -1,17 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags export: writes a scene's proxy geometry (glTF), its Gaussians (splat files), or both (USD). */
-#include "cli/common/crop.h"
-#include "cli/common/object_edits.h"
-#include "cli/common/progress.h"
-#include "cli/common/reading.h"
-#include "cli/common/session.h"
+#include "cli/common/scene_options.h"
 #include "cli/scene_html/write.h"
 #include "cli/verbs/verbs.h"
 
 #include <math.h>
 #include <pags/export.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include "base/file.h"
@@ -90,129 +84,91 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(export_arguments),
     {0}};
 
-static const pags_positional positionals[] = {
-    {"SCENE", "Scene folder or splat file."}, {"FILE", "Output file; its extension selects the format."}, {NULL, NULL}};
-
-static const pags_verb verb = {
-    .name = "export",
-    .usage = "SCENE FILE [options]",
-    .about =
-        "Export a scene. Proxy meshes (.glb, .gltf): one named node per labelled object with its class, its track as "
-        "animation, and its measured error. Gaussians for other programs: .ply, .spz, .sog (or meta.json in a folder), "
-        ".splat. Packed Gaussians, rendered without unpacking: .pagsz. Both as a USD stage: .usda, or .usdz (one "
-        "archive). A web page that plays the scene in any browser: .html.",
-    .positionals = positionals,
-    .options = options};
-
 /* ---- Exporting proxies ---- */
 
+/* Prints size, distances to the Gaussians and back, silhouette IoU and observed share. */
+static void say_proxy(const pags_session *session, const pags_proxy_facts *proxy) {
+  pags_say(session, "%-28s %-5s %7lld triangles", proxy->name, pags_proxy_level_name(proxy->level),
+           (long long)proxy->triangles);
+  if (!isnan(proxy->to_gaussians.mean))
+    pags_say(session, ", to Gaussians %.3f (p95 %.3f, max %.2f), back %.3f (%.3f, %.2f) m", proxy->to_gaussians.mean,
+             proxy->to_gaussians.p95, proxy->to_gaussians.max, proxy->from_gaussians.mean, proxy->from_gaussians.p95,
+             proxy->from_gaussians.max);
+  if (!isnan(proxy->silhouette_iou))
+    pags_say(session, ", IoU %.3f", proxy->silhouette_iou);
+  pags_say(session, ", %s, observed %.0f %%%s%s\n", proxy->closed ? "watertight" : "open", 100 * proxy->observed,
+           proxy->note ? "; " : "", proxy->note ? proxy->note : "");
+}
+
 static pags_result export_proxies(export_arguments *arguments, const pags_scene *scene, const char *path) {
-  pags_progress progress = pags_progress_begin(arguments->session.people);
+  const pags_session *session = &arguments->session;
+  pags_progress progress = pags_progress_begin(session->people);
   const double begun = pags_seconds();
-  pags_proxy_report report;
-  arguments->proxy.level = (pags_proxy_level)arguments->level;
-  arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
-  arguments->proxy.stand = (pags_stand)arguments->stand;
-  pags_result result = pags_export_proxies(scene, path, &arguments->proxy, arguments->session.tasks,
-                                           pags_progress_watch, &progress, &report);
+  PAGS_AUTO(pags_proxy_report_destroy) pags_proxy_report report = {0};
+  const pags_result result =
+      pags_export_proxies(scene, path, &arguments->proxy, session->tasks, pags_progress_watch, &progress, &report);
   pags_progress_end(&progress);
-  if (result != PAGS_OK)
-    return result;
+  PAGS_TRY(result);
   int64_t triangles = 0;
   for (int64_t i = 0; i < report.count; i++) {
-    /* Print one line for the proxy: size, distances to the Gaussians and back, silhouette IoU, observed share. */
-    pags_say(&arguments->session, "%-28s %-5s %7lld triangles", report.proxies[i].name,
-             pags_proxy_level_name(report.proxies[i].level), (long long)report.proxies[i].triangles);
-    if (!isnan(report.proxies[i].to_gaussians.mean))
-      pags_say(&arguments->session, ", to Gaussians %.3f (p95 %.3f, max %.2f), back %.3f (%.3f, %.2f) m",
-               report.proxies[i].to_gaussians.mean, report.proxies[i].to_gaussians.p95,
-               report.proxies[i].to_gaussians.max, report.proxies[i].from_gaussians.mean,
-               report.proxies[i].from_gaussians.p95, report.proxies[i].from_gaussians.max);
-    if (!isnan(report.proxies[i].silhouette_iou))
-      pags_say(&arguments->session, ", IoU %.3f", report.proxies[i].silhouette_iou);
-    pags_say(&arguments->session, ", %s, observed %.0f %%%s%s\n", report.proxies[i].closed ? "watertight" : "open",
-             100 * report.proxies[i].observed, report.proxies[i].note ? "; " : "",
-             report.proxies[i].note ? report.proxies[i].note : "");
-
+    say_proxy(session, &report.proxies[i]);
     triangles += report.proxies[i].triangles;
   }
-  double seconds = pags_seconds() - begun;
-  pags_say(&arguments->session, "%s: %lld proxies, %lld triangles, %.1f s\n", path, (long long)report.count,
-           (long long)triangles, seconds);
-
-  /* Write the same figures as JSON. */
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
-  pags_json_put_string(&writer, "file", path);
-  pags_json_put_number(&writer, "seconds", seconds);
-  pags_json_begin_array(&writer, "proxies");
+  const double seconds = pags_seconds() - begun;
+  pags_say(session, "%s: %lld proxies, %lld triangles, %.1f s\n", path, (long long)report.count, (long long)triangles,
+           seconds);
+  pags_json_writer json = pags_session_json_begin();
+  pags_json_put_string(&json, "file", path);
+  pags_json_put_number(&json, "seconds", seconds);
+  pags_json_begin_array(&json, "proxies");
   for (int64_t i = 0; i < report.count; i++) {
-    pags_json_begin_object(&writer, NULL);
-    pags_json_put_string(&writer, "name", report.proxies[i].name);
-    pags_proxy_facts_put(&writer, &report.proxies[i]);
-    pags_json_end_object(&writer);
+    pags_json_begin_object(&json, NULL);
+    pags_json_put_string(&json, "name", report.proxies[i].name);
+    pags_proxy_facts_put(&json, &report.proxies[i]);
+    pags_json_end_object(&json);
   }
-  pags_json_end_array(&writer);
-  result = pags_session_json(&arguments->session, &writer);
-
-  pags_proxy_report_destroy(&report);
-  return result;
+  pags_json_end_array(&json);
+  return pags_session_json(session, &json);
 }
 
 /* Finds the objects that --only names, or all objects if a crop may remove some: one byte per object, 1 if chosen; NULL
  * without these options: all. */
 static pags_result choose(const export_arguments *arguments, const pags_scene *scene, uint8_t **chosen) {
-  pags_object_edits words = {.without = arguments->only};
-  pags_edit *edits = NULL;
-  int64_t count = 0;
+  const pags_object_edits words = {.without = arguments->only};
+  PAGS_AUTO(pags_edit_list_destroy) pags_edit_list edits = {0};
   *chosen = NULL;
   if (!arguments->only.count && !arguments->crop.box && !arguments->crop.sphere)
     return PAGS_OK;
-  PAGS_TRY(pags_object_edits_find(&words, scene, &edits, &count));
+  PAGS_TRY(pags_object_edits_find(&words, scene, &edits));
   *chosen = calloc((size_t)scene->object_count + 1, 1);
-  if (*chosen)
-    for (int64_t i = 0; i < count; i++)
-      (*chosen)[edits[i].object] = 1;
-  free(edits);
-  if (*chosen && !arguments->only.count)
+  PAGS_CHECK_MEMORY(*chosen, "%lld objects", (long long)scene->object_count);
+  for (int64_t i = 0; i < edits.count; i++)
+    (*chosen)[edits.items[i].object] = 1;
+  if (!arguments->only.count)
     memset(*chosen, 1, (size_t)scene->object_count);
-  return *chosen ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)scene->object_count);
+  return PAGS_OK;
 }
 
 /* ---- Exporting Gaussians ---- */
 
-static pags_result write_count(const export_arguments *arguments, const char *path, int64_t count) {
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
-  pags_json_put_string(&writer, "file", path);
-  pags_json_put_integer(&writer, "gaussians", count);
-  return pags_session_json(&arguments->session, &writer);
-}
-
-static pags_result export_splats(export_arguments *arguments, pags_scene *scene, const char *path) {
-  int64_t count = 0;
-  arguments->splat.time = scene->time_begin + arguments->time;
-  arguments->splat.spz_axes = arguments->spz_axes ? PAGS_AXES_RDF : PAGS_AXES_RUB;
-  PAGS_TRY(pags_export_splats(scene, path, &arguments->splat, &count));
-  pags_say(&arguments->session, "%s: %lld Gaussians\n", path, (long long)count);
-  return write_count(arguments, path, count);
-}
-
-static pags_result export_usd(export_arguments *arguments, pags_scene *scene, const char *path) {
-  pags_progress progress = pags_progress_begin(arguments->session.people);
+static pags_result export_gaussians(const export_arguments *arguments, pags_scene *scene, const char *path, bool usd) {
+  const pags_session *session = &arguments->session;
+  pags_progress progress = pags_progress_begin(session->people);
   const double begun = pags_seconds();
-  int64_t count = 0;
-  arguments->splat.time = scene->time_begin + arguments->time;
-  arguments->proxy.level = (pags_proxy_level)arguments->level;
-  arguments->proxy.stand = (pags_stand)arguments->stand;
-  const pags_result result = pags_export_usd(scene, path, &arguments->proxy, &arguments->splat,
-                                             arguments->session.tasks, pags_progress_watch, &progress, &count);
+  int64_t count;
+  char took[32] = "";
+  const pags_result result = usd ? pags_export_usd(scene, path, &arguments->proxy, &arguments->splat, session->tasks,
+                                                   pags_progress_watch, &progress, &count)
+                                 : pags_export_splats(scene, path, &arguments->splat, &count);
   pags_progress_end(&progress);
   PAGS_TRY(result);
-  pags_say(&arguments->session, "%s: %lld Gaussians, %.1f s\n", path, (long long)count, pags_seconds() - begun);
-  return write_count(arguments, path, count);
+  if (usd)
+    snprintf(took, sizeof took, ", %.1f s", pags_seconds() - begun);
+  pags_say(session, "%s: %lld Gaussians%s\n", path, (long long)count, took);
+  pags_json_writer json = pags_session_json_begin();
+  pags_json_put_string(&json, "file", path);
+  pags_json_put_integer(&json, "gaussians", count);
+  return pags_session_json(session, &json);
 }
 
 /* ---- Exporting a page ---- */
@@ -241,19 +197,21 @@ static pags_result export_page(export_arguments *arguments, pags_scene *scene, c
     pags_say(&arguments->session,
              "left out for --target-size: the %lld faintest Gaussians, %.2f %% of the pictures' light\n",
              (long long)report.left_out, 100 * report.left);
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
-  pags_json_put_string(&writer, "file", path);
-  pags_json_put_integer(&writer, "gaussians", report.gaussians);
-  pags_json_put_integer(&writer, "sh_degree", report.sh_degree);
-  pags_json_put_integer(&writer, "left_out", report.left_out);
-  pags_json_put_number(&writer, "left_out_share", report.left);
-  pags_json_put_unsigned(&writer, "bytes", report.bytes);
-  return pags_session_json(&arguments->session, &writer);
+  pags_json_writer json = pags_session_json_begin();
+  pags_json_put_string(&json, "file", path);
+  pags_json_put_integer(&json, "gaussians", report.gaussians);
+  pags_json_put_integer(&json, "sh_degree", report.sh_degree);
+  pags_json_put_integer(&json, "left_out", report.left_out);
+  pags_json_put_number(&json, "left_out_share", report.left);
+  pags_json_put_unsigned(&json, "bytes", report.bytes);
+  return pags_session_json(&arguments->session, &json);
 }
 
 /* ---- The verb ---- */
+
+static bool is_gltf(const char *path) {
+  return !strcasecmp(pags_path_extension(path), ".glb") || !strcasecmp(pags_path_extension(path), ".gltf");
+}
 
 static bool is_page(const char *path) {
   return !strcasecmp(pags_path_extension(path), ".html");
@@ -263,68 +221,69 @@ static bool is_usd(const char *path) {
   return !strcasecmp(pags_path_extension(path), ".usda") || !strcasecmp(pags_path_extension(path), ".usdz");
 }
 
-static pags_result run(export_arguments *arguments, const char *from, const char *to) {
-  pags_scene scene;
+static int check(void *user, const pags_parsed *parsed) {
+  export_arguments *arguments = user;
+  const pags_verb *verb = parsed->verb;
+  const char *to = parsed->positionals[1];
+  const bool gltf = is_gltf(to);
+  if (!gltf && !is_usd(to) && !is_page(to) && !pags_export_is_splat(to))
+    return pags_usage_error(verb,
+                            "expected a file name ending in .glb, .gltf, .ply, .spz, .sog, .splat, .pagsz, .usda, "
+                            ".usdz or .html, or meta.json of a SOG folder, got '%s'",
+                            to);
+  if (arguments->target_size && !is_page(to))
+    return pags_usage_error(verb, "--target-size: no effect on a file that doesn't end in .html, got '%s'", to);
+  if (arguments->naming && (!gltf || arguments->splats || arguments->proxy.lod))
+    return pags_usage_error(verb, "--naming: only affects proxies in a .glb or .gltf, without --lod");
+  if (arguments->proxy.texture && (!gltf || arguments->splats))
+    return pags_usage_error(verb, "--texture: only affects proxies in a .glb or .gltf");
+  return pags_crop_check(parsed, &arguments->crop);
+}
+
+static pags_result run(void *user, const pags_parsed *parsed) {
+  export_arguments *arguments = user;
+  const char *from = parsed->positionals[0], *to = parsed->positionals[1];
+  const pags_filter *filter = &arguments->crop.filter;
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
+  PAGS_AUTOFREE uint8_t *chosen = NULL;
   PAGS_TRY(pags_prepare_file(&arguments->session, to));
   pags_interrupt_install(arguments->session.tasks);
   pags_file_stop_when(pags_interrupt_flag());
-  PAGS_TRY(pags_scene_load_in_axes(from, arguments->reading.axes, &scene));
-  pags_reading_apply(&arguments->reading, &scene);
-  uint8_t *chosen;
-  pags_result result = choose(arguments, &scene, &chosen);
-  if (result == PAGS_OK)
-    result = pags_crop_apply(&arguments->crop, &scene, scene.time_begin + arguments->time, chosen, &arguments->session);
-  if (result == PAGS_OK)
-    result = pags_session_check(&arguments->session);
+  PAGS_TRY(pags_reading_load(&arguments->reading, from, &scene));
+  PAGS_TRY(choose(arguments, &scene, &chosen));
+  const double time = scene.time_begin + arguments->time;
+  PAGS_TRY(pags_crop_apply(&arguments->crop, &scene, time, chosen, &arguments->session));
+  PAGS_TRY(pags_session_check(&arguments->session));
+  const double box[6] = {filter->lo[0], filter->lo[1], filter->lo[2], filter->hi[0], filter->hi[1], filter->hi[2]};
+  const double ball[4] = {filter->middle[0], filter->middle[1], filter->middle[2], filter->radius};
+  arguments->splat.time = time;
+  arguments->splat.spz_axes = arguments->spz_axes ? PAGS_AXES_RDF : PAGS_AXES_RUB;
   arguments->proxy.chosen = chosen;
-  pags_filter filter;
-  const char *expected;
-  pags_crop_parse(&arguments->crop, &filter, &expected);
-  const double box[6] = {filter.lo[0], filter.lo[1], filter.lo[2], filter.hi[0], filter.hi[1], filter.hi[2]};
-  const double ball[4] = {filter.middle[0], filter.middle[1], filter.middle[2], filter.radius};
-  arguments->proxy.box = filter.has_box ? box : NULL;
-  arguments->proxy.ball = filter.has_ball ? ball : NULL;
-  if (result == PAGS_OK && (arguments->splats || pags_export_is_splat(to)))
-    result = export_splats(arguments, &scene, to);
-  else if (result == PAGS_OK && is_page(to))
-    result = export_page(arguments, &scene, from, to);
-  else if (result == PAGS_OK && is_usd(to))
-    result = export_usd(arguments, &scene, to);
-  else if (result == PAGS_OK)
-    result = export_proxies(arguments, &scene, to);
-  free(chosen);
-  pags_scene_destroy(&scene);
-  return result;
+  arguments->proxy.box = filter->has_box ? box : NULL;
+  arguments->proxy.ball = filter->has_ball ? ball : NULL;
+  arguments->proxy.level = (pags_proxy_level)arguments->level;
+  arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
+  arguments->proxy.stand = (pags_stand)arguments->stand;
+  if (arguments->splats || pags_export_is_splat(to) || is_usd(to))
+    return export_gaussians(arguments, &scene, to, is_usd(to) && !arguments->splats);
+  return is_page(to) ? export_page(arguments, &scene, from, to) : export_proxies(arguments, &scene, to);
 }
+
+static const pags_verb verb = {
+    .name = "export",
+    .usage = "SCENE FILE [options]",
+    .about =
+        "Export a scene. Proxy meshes (.glb, .gltf): one named node per labelled object with its class, its track as "
+        "animation, and its measured error. Gaussians for other programs: .ply, .spz, .sog (or meta.json in a folder), "
+        ".splat. Packed Gaussians, rendered without unpacking: .pagsz. Both as a USD stage: .usda, or .usdz (one "
+        "archive). A web page that plays the scene in any browser: .html.",
+    .positionals = {{"SCENE", "Scene folder or splat file."},
+                    {"FILE", "Output file; its extension selects the format."}},
+    .options = options,
+    .check = check,
+    .run = run};
 
 int pags_verb_export(int argc, char **argv) {
   export_arguments arguments = {.proxy = pags_proxy_options_default(), .splat = pags_splat_options_default()};
-  pags_parsed parsed;
-  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK)
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  const char *extension = pags_path_extension(parsed.positionals[1]);
-  const bool gltf = !strcasecmp(extension, ".glb") || !strcasecmp(extension, ".gltf");
-  if (!gltf && !is_usd(parsed.positionals[1]) && !is_page(parsed.positionals[1]) &&
-      !pags_export_is_splat(parsed.positionals[1]))
-    return pags_usage_error(&verb,
-                            "expected a file name ending in .glb, .gltf, .ply, .spz, .sog, .splat, .pagsz, .usda, "
-                            ".usdz or .html, or meta.json of a SOG folder, got '%s'",
-                            parsed.positionals[1]);
-  if (arguments.target_size && !is_page(parsed.positionals[1]))
-    return pags_usage_error(&verb, "--target-size: no effect on a file that doesn't end in .html, got '%s'",
-                            parsed.positionals[1]);
-  if (arguments.naming && (!gltf || arguments.splats || arguments.proxy.lod))
-    return pags_usage_error(&verb, "--naming: only affects proxies in a .glb or .gltf, without --lod");
-  if (arguments.proxy.texture && (!gltf || arguments.splats))
-    return pags_usage_error(&verb, "--texture: only affects proxies in a .glb or .gltf");
-  const char *expected;
-  pags_filter filter;
-  const char *misspelt = pags_crop_parse(&arguments.crop, &filter, &expected);
-  if (misspelt)
-    return pags_usage_error(&verb, "%s, got '%s'", expected, misspelt);
-  pags_result result = pags_session_begin(&arguments.session);
-  if (result == PAGS_OK)
-    result = run(&arguments, parsed.positionals[0], parsed.positionals[1]);
-  return pags_session_end(&arguments.session, result);
+  return pags_verb_run(&verb, argc, argv, &arguments);
 }

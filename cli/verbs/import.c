@@ -1,18 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags import: converts recordings to a data set in drivestudio's layout: KITTI's and Waymo's here, others by a Python
  * package. */
-#include "cli/common/progress.h"
-#include "cli/common/session.h"
 #include "cli/verbs/verbs.h"
 
 #include <pags/import.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "port/port.h"
 
 typedef struct import_arguments {
   pags_session session;
@@ -45,27 +43,23 @@ typedef pags_result import_fn(const char *source, const char *folder, const pags
 
 static const struct kind {
   const char *name;
-  import_fn *import;
-} kinds[] = {{"kitti", pags_import_kitti}, {"waymo", pags_import_waymo}};
-enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
+  import_fn *import; /* NULL: by the Python package pags_recordings (tools/recordings) */
+} kinds[] = {{"kitti", pags_import_kitti},
+             {"waymo", pags_import_waymo},
+             {"argoverse2", NULL},
+             {"nuscenes", NULL},
+             {"pandaset", NULL},
+             {"waymo2", NULL},
+             {"kitti360", NULL},
+             {"ncore", NULL},
+             {"photos", NULL}};
 
-static const pags_positional positionals[] = {
-    {"KIND",
-     "kitti: tracking benchmark, or synchronised raw recording; waymo: segment of the Open Dataset v1; argoverse2: log "
-     "of the sensor data set; nuscenes: scene of v1.0; pandaset: sequence; waymo2: segment of the Open Dataset v2 "
-     "(parquet); kitti360: drive; ncore: sequence of NCore v4; photos: photographs without cameras, or a video (COLMAP "
-     "finds the cameras). All except kitti and waymo run the Python package in tools/recordings."},
-    {"RAW", "Folder of the recording, Waymo's .tfrecord file, or video."},
-    {NULL, NULL}};
-
-static const pags_verb verb = {
-    .name = "import",
-    .usage = "KIND RAW -o DATASET [options]",
-    .about =
-        "Convert a recording, or photographs without cameras, to a data set that 'pags train' reads. Photographs are "
-        "copied unchanged. An interrupted import resumes when the same command is run again.",
-    .positionals = positionals,
-    .options = options};
+static const struct kind *find_kind(const char *name) {
+  for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
+    if (!strcmp(kinds[i].name, name))
+      return &kinds[i];
+  return NULL;
+}
 
 /* ---- Report ---- */
 
@@ -103,7 +97,7 @@ static pags_result say_left_out(const pags_session *session, const pags_json *js
 }
 
 /* Prints the result in import.json as a line of text and adds it to --json. */
-static pags_result report_account(import_arguments *arguments, const pags_json *json, double seconds,
+static pags_result report_account(const import_arguments *arguments, const pags_json *json, double seconds,
                                   pags_json_writer *writer) {
   const pags_json_value *result, *rows, *row;
   char words[256] = "", text[32];
@@ -121,75 +115,180 @@ static pags_result report_account(import_arguments *arguments, const pags_json *
   PAGS_TRY(pags_json_array(json, result, "left_out", &rows));
   for (row = rows->first; row; row = row->next)
     PAGS_TRY(say_left_out(&arguments->session, json, row));
-  char *raw = pags_text_format("%.*s", (int)(rows->source_end - rows->source_begin), rows->source_begin);
-  if (!raw)
-    return pags_out_of_memory("%s", arguments->output);
+  PAGS_AUTOFREE char *raw = pags_text_format("%.*s", (int)(rows->source_end - rows->source_begin), rows->source_begin);
+  PAGS_CHECK_MEMORY(raw, "%s", arguments->output);
   pags_json_put_raw(writer, "left_out", raw);
-  free(raw);
   return PAGS_OK;
 }
 
 /* Prints what was imported and left out, and writes the JSON. Data sets of earlier versions have no result in
  * import.json. */
-static pags_result report(import_arguments *arguments, const char *kind, double seconds) {
-  pags_json_writer writer;
-  pags_json *json = NULL;
-  char *path = pags_path_join(arguments->output, "import.json");
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
+static pags_result report(const import_arguments *arguments, const char *kind, double seconds) {
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = pags_session_json_begin();
   pags_json_put_string(&writer, "kind", kind);
   pags_json_put_string(&writer, "dataset", arguments->output);
   pags_json_put_number(&writer, "seconds", seconds);
-  pags_result result = path ? pags_json_parse_file(path, &json) : pags_out_of_memory("%s", arguments->output);
-  if (result == PAGS_OK && pags_json_member(pags_json_root(json), "result"))
-    result = report_account(arguments, json, seconds, &writer);
-  else if (result == PAGS_OK)
+  PAGS_AUTOFREE char *path = pags_path_join(arguments->output, "import.json");
+  PAGS_CHECK_MEMORY(path, "%s", arguments->output);
+  PAGS_TRY(pags_json_parse_file(path, &json));
+  if (pags_json_member(pags_json_root(json), "result"))
+    PAGS_TRY(report_account(arguments, json, seconds, &writer));
+  else
     pags_say(&arguments->session, "%s: is complete\n", arguments->output);
-  pags_json_destroy(json);
-  free(path);
-  if (result == PAGS_OK)
-    return pags_session_json(&arguments->session, &writer);
-  pags_json_writer_destroy(&writer);
-  return result;
+  return pags_session_json(&arguments->session, &writer);
 }
 
-static pags_result import(import_arguments *arguments, const struct kind *kind, const char *source) {
-  pags_progress progress = pags_progress_begin(arguments->session.people);
-  pags_interrupt_install(arguments->session.tasks);
+/* ---- Imports by Python ---- */
+
+#ifdef _WIN32
+static const char python[] = "python";
+static const char own_python[] = "/.venv/Scripts/python.exe";
+#else
+static const char python[] = "python3";
+static const char own_python[] = "/.venv/bin/python";
+#endif
+
+/* Runs the installed package if its version matches. */
+static const char installed[] =
+    "import sys\n"
+    "sys.path[:] = [p for p in sys.path if p]\n"
+    "try:\n"
+    "  from pags_recordings import __version__\n"
+    "  from pags_recordings.__main__ import main\n"
+    "except ImportError:\n"
+    "  sys.exit('pags: importing ' + sys.argv[1] + ' needs the Python package pags-recordings ' + '" PAGS_VERSION_STRING
+    "' + ', which is expected in ../share/pags/recordings beside this program, or installed for ' + sys.executable)\n"
+    "if __version__ != '" PAGS_VERSION_STRING
+    "':\n"
+    "  sys.exit('pags: the Python package pags-recordings is of version ' + __version__ + ', this program is ' + "
+    "'" PAGS_VERSION_STRING
+    "' + '; install that one')\n"
+    "sys.exit(main())\n";
+
+/* Finds the package next to the program: installed, or in the source tree of a build. */
+static char *find_beside(void) {
+  static const char *const places[] = {"../share/pags/recordings", "../tools/recordings"};
+  char folder[4096];
+  if (!pags_port_program_folder(folder, sizeof folder))
+    return NULL;
+  for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
+    PAGS_AUTOFREE char *path = pags_text_format("%s/%s", folder, places[i]);
+    if (path && pags_folder_has(path, "run.py"))
+      return pags_take(&path);
+  }
+  return NULL;
+}
+
+/* The words of a command. */
+typedef struct python_call {
+  const char *words[24];
+  int count;
+} python_call;
+
+static void add_word(python_call *call, const char *word) {
+  if (word)
+    call->words[call->count++] = word;
+}
+
+static void add_option(python_call *call, const char *name, const char *value) {
+  add_word(call, value ? name : NULL);
+  add_word(call, value);
+}
+
+/* Replaces this program by the package's: the one next to this program, or the installed one of the same version. It
+ * isn't looked for in the working directory: a file of the package is started by its path, or that directory is removed
+ * from Python's path. Returns only if it can't be started: PAGS_ERROR_UNSUPPORTED with the remedy, PAGS_ERROR_MEMORY.
+ */
+static pags_result import_by_python(const import_arguments *arguments, const char *kind, const char *source) {
+  const pags_import_options *chosen = &arguments->options;
+  char last[24] = "", frames[64], pictures[16];
+  python_call call = {.count = 0};
+  PAGS_AUTOFREE char *beside = find_beside();
+  PAGS_AUTOFREE char *script = beside ? pags_path_join(beside, "run.py") : NULL;
+  PAGS_AUTOFREE char *own = beside ? pags_text_format("%s%s", beside, own_python) : NULL;
+  PAGS_CHECK_MEMORY(!beside || (script && own), "the path of run.py");
+  add_word(&call, own && pags_file_exists(own) ? own : python);
+  add_word(&call, script ? script : "-c");
+  add_word(&call, script ? NULL : installed);
+  add_word(&call, kind);
+  add_word(&call, source);
+  add_option(&call, "--output", arguments->output);
+  add_option(&call, "--cameras", chosen->cameras);
+  if (chosen->frame_last >= 0)
+    snprintf(last, sizeof last, "%lld", (long long)chosen->frame_last);
+  snprintf(frames, sizeof frames, "%lld-%s", (long long)chosen->frame_first, last);
+  add_option(&call, "--frames", chosen->frame_first > 0 || *last ? frames : NULL);
+  add_option(&call, "--sequence", chosen->sequence);
+  snprintf(pictures, sizeof pictures, "%d", arguments->pictures);
+  add_option(&call, "--pictures", arguments->pictures > 0 ? pictures : NULL);
+  add_word(&call, chosen->overwrite ? "--overwrite" : NULL);
+  add_option(&call, "--json", arguments->session.json);
+  add_word(&call, arguments->session.quiet ? "--quiet" : NULL);
+  fflush(NULL);
+  pags_port_set_environment("PAGS_RECORDINGS_FOR", "pags");
+  pags_port_become(call.words);
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "importing %s needs Python: %s can't be started; install Python 3.9 or later and "
+                   "its packages numpy, pillow, pandas and pyarrow",
+                   kind, call.words[0]);
+}
+
+/* ---- The verb ---- */
+
+static int check(void *user, const pags_parsed *parsed) {
+  const import_arguments *arguments = user;
+  const struct kind *kind = find_kind(parsed->positionals[0]);
+  if (!kind)
+    return pags_usage_error(parsed->verb,
+                            "KIND: expected kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or "
+                            "photos, got '%s'",
+                            parsed->positionals[0]);
+  if (arguments->pictures && strcmp(kind->name, "photos"))
+    return pags_usage_error(parsed->verb, "--pictures: only for KIND photos");
+  if (arguments->options.sequence && kind->import == pags_import_waymo)
+    return pags_usage_error(parsed->verb, "--sequence: a Waymo segment is one sequence; give its file as RAW");
+  return PAGS_EXIT_OK;
+}
+
+static pags_result run(void *user, const pags_parsed *parsed) {
+  const import_arguments *arguments = user;
+  const pags_session *session = &arguments->session;
+  const struct kind *kind = find_kind(parsed->positionals[0]);
+  if (!kind->import)
+    return import_by_python(arguments, kind->name, parsed->positionals[1]);
+  pags_progress progress = pags_progress_begin(session->people);
+  pags_interrupt_install(session->tasks);
   const double begun = pags_seconds();
-  const pags_result result = kind->import(source, arguments->output, &arguments->options, arguments->session.tasks,
-                                          pags_progress_watch, &progress);
+  const pags_result result = kind->import(parsed->positionals[1], arguments->output, &arguments->options,
+                                          session->tasks, pags_progress_watch, &progress);
   pags_progress_end(&progress);
   if (result == PAGS_CANCELLED)
     return pags_fail(result, "interrupted; the same command resumes from here");
   PAGS_TRY(result);
-
   return report(arguments, kind->name, pags_seconds() - begun);
 }
 
+static const pags_verb verb = {
+    .name = "import",
+    .usage = "KIND RAW -o DATASET [options]",
+    .about =
+        "Convert a recording, or photographs without cameras, to a data set that 'pags train' reads. Photographs are "
+        "copied unchanged. An interrupted import resumes when the same command is run again.",
+    .positionals =
+        {{"KIND",
+          "kitti: tracking benchmark, or synchronised raw recording; waymo: segment of the Open Dataset v1; "
+          "argoverse2: log "
+          "of the sensor data set; nuscenes: scene of v1.0; pandaset: sequence; waymo2: segment of the Open Dataset v2 "
+          "(parquet); kitti360: drive; ncore: sequence of NCore v4; photos: photographs without cameras, or a video "
+          "(COLMAP "
+          "finds the cameras). All except kitti and waymo run the Python package in tools/recordings."},
+         {"RAW", "Folder of the recording, Waymo's .tfrecord file, or video."}},
+    .options = options,
+    .check = check,
+    .run = run};
+
 int pags_verb_import(int argc, char **argv) {
   import_arguments arguments = {.options = pags_import_options_default()};
-  const struct kind *kind = NULL;
-  pags_parsed parsed;
-  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK)
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  for (int i = 0; i < KIND_COUNT; i++)
-    if (!strcmp(kinds[i].name, parsed.positionals[0]))
-      kind = &kinds[i];
-  const bool by_python = !kind && pags_python_import_knows(parsed.positionals[0]);
-  if (!kind && !by_python)
-    return pags_usage_error(&verb, "KIND: expected kitti, waymo, " PAGS_PYTHON_IMPORT_KINDS ", got '%s'",
-                            parsed.positionals[0]);
-  if (arguments.pictures && strcmp(parsed.positionals[0], "photos"))
-    return pags_usage_error(&verb, "--pictures: only for KIND photos");
-  if (arguments.options.sequence && kind && kind->import == pags_import_waymo)
-    return pags_usage_error(&verb, "--sequence: a Waymo segment is one sequence; give its file as RAW");
-  pags_result result = pags_session_begin(&arguments.session);
-  if (result == PAGS_OK && by_python)
-    result = pags_python_import(parsed.positionals[0], parsed.positionals[1], arguments.output, &arguments.options,
-                                arguments.pictures, arguments.session.json, arguments.session.quiet != 0);
-  else if (result == PAGS_OK)
-    result = import(&arguments, kind, parsed.positionals[1]);
-  return pags_session_end(&arguments.session, result);
+  return pags_verb_run(&verb, argc, argv, &arguments);
 }

@@ -2,24 +2,19 @@
 /* pags info: recognises a file or folder by its content (data set, scene, splat file, camera, path, checkpoint,
  * image) and reports what it holds. */
 #include "cli/measure/info.h"
-#include "cli/common/options.h"
-#include "cli/common/reading.h"
-#include "cli/common/report.h"
-#include "cli/common/session.h"
 #include "cli/verbs/verbs.h"
 
 #include <errno.h>
-#include <math.h>
 #include <pags/dataset.h>
 #include <pags/image.h>
 #include <pags/scene.h>
 #include <pags/train.h>
-#include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include "base/file.h"
 #include "base/log.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "dataset/find_file.h"
 #include "dataset/unsupported_formats.h"
 #include "port/port.h"
@@ -61,15 +56,6 @@ static const pags_option options[] = {
     PAGS_READING_OPTIONS(AT(reading)),
     PAGS_SESSION_OPTIONS(info_arguments),
     {0}};
-
-static const pags_positional positionals[] = {
-    {"ANY", "Data set, scene folder, splat file, camera or path file, checkpoint or image."}, {NULL, NULL}};
-
-static const pags_verb verb = {.name = "info",
-                               .usage = "ANY [--memory] [--objects] [--overlay FOLDER] [--sheet FILE] [--json FILE|-]",
-                               .about = "Recognise a file or folder by its content and describe it.",
-                               .positionals = positionals,
-                               .options = options};
 
 /* ---- Scenes, data sets and cameras ---- */
 
@@ -113,42 +99,26 @@ static void put_categories(pags_report *report, const char *key, const pags_data
   pags_report_end_group(report);
 }
 
-/* Reports the frame rate, objects, LiDAR sweeps and notes of a driving set; nothing for a static set. */
-static void put_driving(pags_report *report, const pags_dataset *dataset) {
-  int64_t sweeps = pags_dataset_sweep_count(dataset);
-  if (!(pags_dataset_fps(dataset) > 0))
-    return;
-  pags_report_number(report, "fps", pags_dataset_fps(dataset));
-  put_categories(report, "objects_moving", dataset, 1);
-  put_categories(report, "objects_parked", dataset, 0);
-  pags_report_count(report, "lidar_sweeps", sweeps);
-  pags_report_begin_list(report, "notes");
-  for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
-    pags_report_sentence(report, pags_dataset_note(dataset, i));
-  pags_report_end_list(report);
-}
-
 static pags_result describe_dataset(pags_report *report, info_arguments *arguments, const char *path) {
-  pags_dataset *dataset;
-  int64_t points, held_out = 0;
+  PAGS_AUTO(pags_dataset_close_auto) pags_dataset *dataset = NULL;
+  int64_t points, held_out = 0, masked = 0;
   const float *xyz;
   const uint8_t *rgb;
   int random;
   PAGS_TRY(check_effect(arguments, path, INFO_DATASET));
   PAGS_TRY(pags_dataset_open(path, &arguments->options, &dataset));
   const pags_place place = pags_dataset_place(dataset);
-  int64_t count = pags_dataset_view_count(dataset);
-  for (int64_t i = 0; i < count; i++)
+  const int64_t count = pags_dataset_view_count(dataset);
+  for (int64_t i = 0; i < count; i++) {
     held_out += pags_dataset_view(dataset, i)->test;
+    masked += pags_dataset_view(dataset, i)->mask_path != NULL;
+  }
   pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
   pags_report_text(report, "kind", "data set");
   pags_report_text(report, "format", pags_dataset_kind(dataset));
   pags_report_count(report, "views_train", count - held_out);
   pags_report_count(report, "views_test", held_out);
   pags_report_count(report, "views_missing", pags_dataset_missing(dataset));
-  int64_t masked = 0;
-  for (int64_t i = 0; i < count; i++)
-    masked += pags_dataset_view(dataset, i)->mask_path != NULL;
   if (masked)
     pags_report_count(report, "views_masked", masked);
   if (count) {
@@ -160,46 +130,94 @@ static pags_result describe_dataset(pags_report *report, info_arguments *argumen
   pags_report_text(report, "up", pags_up_name(pags_dataset_up(dataset)));
   pags_report_vector(report, "origin", pags_dataset_origin(dataset), 3);
   pags_report_place(report, &place);
-  put_driving(report, dataset);
-  pags_result result =
-      arguments->overlay ? pags_overlay(dataset, arguments->overlay, &arguments->session, report) : PAGS_OK;
-  if (result == PAGS_OK && arguments->sheet)
-    result = pags_sheet(dataset, arguments->sheet, &arguments->session, report);
-  pags_dataset_close(dataset);
-  return result;
+  if (pags_dataset_fps(dataset) > 0) { /* a driving set */
+    pags_report_number(report, "fps", pags_dataset_fps(dataset));
+    put_categories(report, "objects_moving", dataset, 1);
+    put_categories(report, "objects_parked", dataset, 0);
+    pags_report_count(report, "lidar_sweeps", pags_dataset_sweep_count(dataset));
+    pags_report_begin_list(report, "notes");
+    for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
+      pags_report_sentence(report, pags_dataset_note(dataset, i));
+    pags_report_end_list(report);
+  }
+  if (arguments->overlay)
+    PAGS_TRY(pags_overlay(dataset, arguments->overlay, &arguments->session, report));
+  return arguments->sheet ? pags_sheet(dataset, arguments->sheet, &arguments->session, report) : PAGS_OK;
 }
 
 static pags_result describe_cameras(pags_report *report, const info_arguments *arguments, const char *path) {
-  pags_camera_path cameras;
+  PAGS_AUTO(pags_camera_path_destroy) pags_camera_path cameras = {0};
   PAGS_TRY(check_effect(arguments, path, INFO_OTHER));
   PAGS_TRY(pags_camera_path_load(path, &cameras));
   const pags_camera *first = &cameras.cameras[0];
-  double position[3] = {first->world_from_camera[3], first->world_from_camera[7], first->world_from_camera[11]};
-  double focal[4] = {first->fx, first->fy, first->cx, first->cy};
+  double position[3];
+  pags_pose_position(first->world_from_camera, position);
   pags_report_text(report, "kind", cameras.fps > 0 ? "path" : "camera");
   if (cameras.fps > 0)
     pags_report_number(report, "fps", cameras.fps);
   pags_report_count(report, "frames", cameras.count);
   pags_report_count(report, "width", first->width);
   pags_report_count(report, "height", first->height);
-  pags_report_vector(report, "fx_fy_cx_cy", focal, 4);
+  pags_report_vector(report, "fx_fy_cx_cy", (double[]){first->fx, first->fy, first->cx, first->cy}, 4);
   pags_report_vector(report, "position", position, 3);
-  pags_camera_path_destroy(&cameras);
+  return PAGS_OK;
+}
+
+static pags_result describe_image(pags_report *report, const info_arguments *arguments, const char *path) {
+  int width, height;
+  uint64_t bytes;
+  PAGS_TRY(check_effect(arguments, path, INFO_OTHER));
+  PAGS_TRY(pags_image_size(path, &width, &height));
+  PAGS_TRY(pags_file_size(path, &bytes));
+  pags_report_text(report, "kind", "image");
+  pags_report_count(report, "width", width);
+  pags_report_count(report, "height", height);
+  pags_report_bytes(report, "bytes", (double)bytes);
+  return PAGS_OK;
+}
+
+static pags_result describe_checkpoint(pags_report *report, const info_arguments *arguments, const char *path) {
+  pags_checkpoint_facts checkpoint;
+  uint64_t bytes;
+  PAGS_TRY(check_effect(arguments, path, INFO_OTHER));
+  PAGS_TRY(pags_file_size(path, &bytes));
+  PAGS_TRY(pags_checkpoint_inspect(path, &checkpoint));
+  pags_report_text(report, "kind", "checkpoint");
+  pags_report_count(report, "gaussians", checkpoint.gaussians);
+  pags_report_count(report, "models", checkpoint.models);
+  pags_report_bytes(report, "bytes", (double)bytes);
+  pags_report_count(report, "sh_degree", checkpoint.sh_degree);
+  pags_report_count(report, "step", checkpoint.step);
+  pags_report_count(report, "last_step", checkpoint.stop);
+  pags_report_count(report, "views_train", checkpoint.views);
+  pags_report_number(report, "loss", checkpoint.loss);
   return PAGS_OK;
 }
 
 /* ---- Recognising a file and the verb ---- */
 
+/* First bytes of a kind of file. */
+typedef struct magic {
+  const char *bytes;
+  size_t length;
+} magic;
+
+static const magic images[] = {
+    {"\x89PNG", 4}, {"\xff\xd8\xff", 3}, {"\x76\x2f\x31\x01", 4}, {"II*\0", 4}, {"MM\0*", 4}};
+static const magic splats[] = {{"ply", 3}, {"NGSP", 4}, {"glTF", 4}, {"PK", 2}, {"\x1f\x8b", 2}};
+enum { MAGICS = 5 };
+
+static bool begins_as(const unsigned char *head, const magic kinds[MAGICS]) {
+  for (int i = 0; i < MAGICS; i++)
+    if (!memcmp(head, kinds[i].bytes, kinds[i].length))
+      return true;
+  return false;
+}
+
 /* Whether a file starts like a picture of a common format, or has the extension of another one (BMP, HDR, ...). */
 static bool is_image(const char *path, const unsigned char *head) {
-  static const struct {
-    const char *magic;
-    size_t length;
-  } kinds[] = {{"\x89PNG", 4}, {"\xff\xd8\xff", 3}, {"\x76\x2f\x31\x01", 4}, {"II*\0", 4}, {"MM\0*", 4}};
-  for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
-    if (!memcmp(head, kinds[i].magic, kinds[i].length))
-      return true;
-  return (!memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4)) || pags_is_picture_name(pags_path_name(path));
+  return begins_as(head, images) || (!memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4)) ||
+         pags_is_picture_name(pags_path_name(path));
 }
 
 /* A checkpoint of several ranks names its shards (train/shards.h). */
@@ -220,28 +238,22 @@ static pags_result describe_shards(pags_report *report, const pags_json *json) {
  * frames or focal lengths, or is one of INRIA or nerfstudio; a splat file if it is the meta.json of a SOG or a glTF;
  * else the data set's reader names it. */
 static pags_result describe_json(pags_report *report, info_arguments *arguments, const char *path) {
-  pags_json *json;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   PAGS_TRY(pags_json_parse_file(path, &json));
   const pags_json_value *root = pags_json_root(json), *frames = pags_json_member(root, "frames");
   const pags_json_value *const format = pags_json_member(root, "format");
-  if (format && format->type == PAGS_JSON_STRING && !strcmp(format->text, "pags-checkpoint-shards")) {
-    const pags_result result = describe_shards(report, json);
-    pags_json_destroy(json);
-    return result;
-  }
-  const bool matrices = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
-  const bool splats = (pags_json_member(root, "means") && pags_json_member(root, "quats")) ||
-                      (pags_json_member(root, "asset") && pags_json_member(root, "buffers"));
-  const pags_result known = matrices || splats ? PAGS_OK : pags_unsupported_splats_check(path, NULL, 0, root);
+  if (format && format->type == PAGS_JSON_STRING && !strcmp(format->text, "pags-checkpoint-shards"))
+    return describe_shards(report, json);
+  if (frames && frames->first && pags_json_member(frames->first, "transform_matrix"))
+    return describe_dataset(report, arguments, path);
+  if ((pags_json_member(root, "means") && pags_json_member(root, "quats")) ||
+      (pags_json_member(root, "asset") && pags_json_member(root, "buffers")))
+    return describe_scene(report, arguments, path);
+  PAGS_TRY(pags_unsupported_splats_check(path, NULL, 0, root));
   const bool cameras = (frames && frames->first && frames->first->type == PAGS_JSON_OBJECT) ||
                        pags_json_member(root, "width") || pags_json_member(root, "fx") ||
                        pags_cameras_are_inria(root) || pags_cameras_are_nerfstudio(root);
-  pags_json_destroy(json);
-  PAGS_TRY(known);
-  return matrices  ? describe_dataset(report, arguments, path)
-         : splats  ? describe_scene(report, arguments, path)
-         : cameras ? describe_cameras(report, arguments, path)
-                   : describe_dataset(report, arguments, path);
+  return cameras ? describe_cameras(report, arguments, path) : describe_dataset(report, arguments, path);
 }
 
 /* Whether a zip archive is a SOG: the directory at its end names a meta.json and pictures (WebP). */
@@ -251,12 +263,11 @@ static bool is_sog_archive(const char *path) {
   char end[END_BYTES];
   bool found[2] = {false};
   uint64_t bytes;
-  FILE *file = pags_file_size(path, &bytes) == PAGS_OK ? pags_port_open(path, "rb") : NULL;
+  PAGS_AUTO(pags_file_close) FILE *file = pags_file_size(path, &bytes) == PAGS_OK ? pags_port_open(path, "rb") : NULL;
   if (!file)
     return false;
   const int64_t first = bytes > END_BYTES ? (int64_t)bytes - END_BYTES : 0;
   const size_t got = pags_port_seek(file, first, SEEK_SET) ? fread(end, 1, END_BYTES, file) : 0;
-  fclose(file);
   for (int k = 0; k < 2; k++)
     for (size_t i = 0; i + strlen(names[k]) <= got && !found[k]; i++)
       found[k] = memcmp(end + i, names[k], strlen(names[k])) == 0;
@@ -272,23 +283,14 @@ static bool is_splat(const char *path, const unsigned char *head) {
   return memcmp(head, "PK", 2) == 0 && is_sog_archive(path);
 }
 
-static bool begins_as_splat(const unsigned char *head) {
-  static const char *const magics[] = {"ply", "NGSP", "glTF", "PK", "\x1f\x8b"};
-  for (size_t i = 0; i < sizeof magics / sizeof *magics; i++)
-    if (!memcmp(head, magics[i], strlen(magics[i])))
-      return true;
-  return false;
-}
-
 /* Whether a folder is a scene. A folder of photographs with the output of another program in it is a data set. */
 static bool is_scene_folder(const char *path) {
   static const char *const captures[] = {"dataset.json", "transforms.json", "transforms_train.json", "sparse"};
   const char *const kind = pags_scene_folder_kind(path);
   bool capture = false;
   for (size_t i = 0; i < sizeof captures / sizeof *captures; i++) {
-    char *const inside = pags_path_join(path, captures[i]);
+    PAGS_AUTOFREE char *inside = pags_path_join(path, captures[i]);
     capture = capture || (inside && pags_path_exists(inside));
-    free(inside);
   }
   if (!kind || strcmp(kind, "training output") != 0 || !capture)
     return kind != NULL;
@@ -297,93 +299,68 @@ static bool is_scene_folder(const char *path) {
   return false;
 }
 
-static pags_result describe(pags_report *report, info_arguments *arguments, const char *path) {
-  unsigned char head[17];
-  if (pags_dir_exists(path))
-    return is_scene_folder(path) ? describe_scene(report, arguments, path) : describe_dataset(report, arguments, path);
-
-  /* Read the first 16 bytes, zero-filled if the file is shorter. */
-  memset(head, 0, sizeof head);
-  FILE *file = pags_port_open(path, "rb");
+/* Reads the first 16 bytes, zero-filled if the file is shorter. */
+static pags_result read_head(const char *path, unsigned char head[17], size_t *got) {
+  PAGS_AUTO(pags_file_close) FILE *file = pags_port_open(path, "rb");
+  memset(head, 0, 17);
   if (!file)
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
-  size_t got = fread(head, 1, 16, file);
-  bool failed = ferror(file) != 0;
-  fclose(file);
-  if (failed)
+  *got = fread(head, 1, 16, file);
+  if (ferror(file))
     return pags_fail(PAGS_ERROR_IO, "%s: can't be read", path);
-  PAGS_TRY(got ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: is empty", path));
+  return *got ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: is empty", path);
+}
 
-  if (is_image(path, head)) {
-    /* An image: report size and bytes. */
-    int width, height;
-    uint64_t bytes;
-    PAGS_TRY(check_effect(arguments, path, INFO_OTHER));
-    PAGS_TRY(pags_image_size(path, &width, &height));
-    PAGS_TRY(pags_file_size(path, &bytes));
-    pags_report_text(report, "kind", "image");
-    pags_report_count(report, "width", width);
-    pags_report_count(report, "height", height);
-    pags_report_bytes(report, "bytes", (double)bytes);
-    return PAGS_OK;
-  }
-  if (!memcmp(head, "PAGSRUN", 7)) {
-    /* A checkpoint: report its Gaussians, steps and loss. */
-    pags_checkpoint_facts checkpoint;
-    uint64_t bytes;
-    PAGS_TRY(check_effect(arguments, path, INFO_OTHER));
-    PAGS_TRY(pags_file_size(path, &bytes));
-    PAGS_TRY(pags_checkpoint_inspect(path, &checkpoint));
-    pags_report_text(report, "kind", "checkpoint");
-    pags_report_count(report, "gaussians", checkpoint.gaussians);
-    pags_report_count(report, "models", checkpoint.models);
-    pags_report_bytes(report, "bytes", (double)bytes);
-    pags_report_count(report, "sh_degree", checkpoint.sh_degree);
-    pags_report_count(report, "step", checkpoint.step);
-    pags_report_count(report, "last_step", checkpoint.stop);
-    pags_report_count(report, "views_train", checkpoint.views);
-    pags_report_number(report, "loss", checkpoint.loss);
-    return PAGS_OK;
-  }
+static pags_result describe(pags_report *report, info_arguments *arguments, const char *path) {
+  unsigned char head[17];
+  size_t got = 0;
+  if (pags_dir_exists(path))
+    return is_scene_folder(path) ? describe_scene(report, arguments, path) : describe_dataset(report, arguments, path);
+  PAGS_TRY(read_head(path, head, &got));
+  if (is_image(path, head))
+    return describe_image(report, arguments, path);
+  if (!memcmp(head, "PAGSRUN", 7))
+    return describe_checkpoint(report, arguments, path);
   const size_t blanks = strspn((const char *)head, " \t\r\n\xef\xbb\xbf"); /* head ends with a zero */
   if (head[blanks] == '{' || head[blanks] == '[')
     return describe_json(report, arguments, path);
 
   /* Anything else is a file of another program, which the data set's reader names, or a splat file, whose loader
    * recognises the format. */
-  const bool splat = is_splat(path, head);
-  if (!splat && (!begins_as_splat(head) || memcmp(head, "PK", 2) == 0))
+  const bool named = is_splat(path, head), known = named || begins_as(head, splats);
+  if (!named && (!known || memcmp(head, "PK", 2) == 0))
     PAGS_TRY(pags_unsupported_splats_check(path, head, got, NULL));
-  if (!splat && pags_unsupported_knows(path))
+  if (!named && pags_unsupported_knows(path))
     return describe_dataset(report, arguments, path);
-  PAGS_TRY(splat ? PAGS_OK : pags_unsupported_recording_check(path, true));
+  if (!named)
+    PAGS_TRY(pags_unsupported_recording_check(path, true));
   const pags_result result = describe_scene(report, arguments, path);
-  if (result != PAGS_ERROR_FORMAT || splat || begins_as_splat(head))
+  if (result != PAGS_ERROR_FORMAT || known)
     return result;
-  char *const why = pags_text_copy(pags_error_message());
-  pags_fail(result, "%s; info also takes data sets, scenes, cameras, paths, checkpoints and pictures",
-            why ? why : path);
-  free(why);
-  return result;
+  PAGS_AUTOFREE char *why = pags_text_copy(pags_error_message());
+  return pags_fail(result, "%s; info also takes data sets, scenes, cameras, paths, checkpoints and pictures",
+                   why ? why : path);
 }
 
+static pags_result run(void *user, const pags_parsed *parsed) {
+  info_arguments *arguments = user;
+  arguments->parsed = parsed;
+  PAGS_AUTO(pags_report_destroy) pags_report report = pags_report_begin();
+  PAGS_TRY(describe(&report, arguments, parsed->positionals[0]));
+  PAGS_TRY(pags_session_check(&arguments->session));
+  return pags_report_end(&report, &arguments->session);
+}
+
+static const pags_verb verb = {
+    .name = "info",
+    .usage = "ANY [--memory] [--objects] [--overlay FOLDER] [--sheet FILE] [--json FILE|-]",
+    .about = "Recognise a file or folder by its content and describe it.",
+    .positionals = {{"ANY", "Data set, scene folder, splat file, camera or path file, checkpoint or image."}},
+    .options = options,
+    .run = run};
+
 int pags_verb_info(int argc, char **argv) {
-  info_arguments arguments = {.options = pags_dataset_options_default()};
+  info_arguments arguments = {.session = {.answers = true}, .options = pags_dataset_options_default()};
   arguments.options.look = 1;
-  pags_parsed parsed;
-  arguments.parsed = &parsed;
-  pags_report report;
-  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK)
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  arguments.session.answers = true;
-  pags_result result = pags_session_begin(&arguments.session);
-  if (result == PAGS_OK) {
-    pags_report_begin(&report);
-    result = describe(&report, &arguments, parsed.positionals[0]);
-    if (result == PAGS_OK)
-      result = pags_session_check(&arguments.session);
-    result = pags_report_end(&report, &arguments.session, result);
-  }
-  return pags_session_end(&arguments.session, result);
+  return pags_verb_run(&verb, argc, argv, &arguments);
 }

@@ -1,11 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags report: writes an HTML report of a scene, or of two scenes side by side. */
-#include "cli/common/options.h"
-#include "cli/common/progress.h"
 #include "cli/html_report/html_report.h"
 #include "cli/verbs/verbs.h"
 
-#include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
 #include "base/memory.h"
@@ -39,31 +36,15 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(report_arguments),
     {0}};
 
-static const pags_positional positionals[] = {
-    {"SCENE", "Scene folder or splat file."}, {"[OTHER]", "Another scene, for comparison."}, {NULL, NULL}};
-
-static const pags_verb verb = {
-    .name = "report",
-    .usage = "SCENE [OTHER] [-o FILE] [options]",
-    .about =
-        "Write one HTML page without scripts or other files: figures and curves of the training, held-out views "
-        "(photograph, rendering, error), classes and objects, how each object was modelled, histograms, time per "
-        "stage, command line. Two scenes are shown side by side. The page names missing inputs, such as the log or the "
-        "photographs.",
-    .positionals = positionals,
-    .options = options};
-
 /* Returns the folder of a scene.json; a copy of any other path. */
 static char *folder_of(const char *path) {
   return !strcmp(pags_path_name(path), "scene.json") && pags_file_exists(path) ? pags_path_folder(path)
                                                                                : pags_text_copy(path);
 }
 
-static pags_result write_json(const report_arguments *arguments, const pags_html_report_settings *settings,
-                              const pags_html_report_facts *facts, const char *output) {
-  pags_json_writer json;
-  pags_json_writer_init(&json, 2);
-  pags_json_begin_object(&json, NULL);
+static pags_result write_json(const pags_html_report_settings *settings, const pags_html_report_facts *facts,
+                              const char *output) {
+  pags_json_writer json = pags_session_json_begin();
   pags_json_put_string(&json, "report", output);
   pags_json_begin_array(&json, "scenes");
   for (int k = 0; k < settings->count; k++) {
@@ -77,63 +58,70 @@ static pags_result write_json(const report_arguments *arguments, const pags_html
     pags_json_end_object(&json);
   }
   pags_json_end_array(&json);
-  return pags_session_json(&arguments->session, &json);
+  return pags_session_json(settings->session, &json);
 }
 
-static pags_result write_report(report_arguments *arguments, char *const *paths, int count) {
+static int check(void *user, const pags_parsed *parsed) {
+  const report_arguments *arguments = user;
+  const pags_option_rule rules[] = {{"colmap", arguments->dataset != NULL, "--dataset"}, {0}};
+  if (pags_options_check_effect(parsed, rules))
+    return PAGS_EXIT_USAGE;
+  if (parsed->positionals[1] && !arguments->output)
+    return pags_usage_error(parsed->verb, "two scenes: expected -o FILE, the page to write");
+  return PAGS_EXIT_OK;
+}
+
+static pags_result run(void *user, const pags_parsed *parsed) {
+  report_arguments *arguments = user;
+  pags_session *session = &arguments->session;
+  const int count = parsed->positionals[1] ? 2 : 1;
+  PAGS_AUTOFREE char *first = folder_of(parsed->positionals[0]);
+  PAGS_AUTOFREE char *second = count == 2 ? folder_of(parsed->positionals[1]) : NULL;
+  PAGS_CHECK_MEMORY(first && (second || count == 1), "a path");
   pags_html_report_facts facts[2] = {{0}};
-  pags_progress progress = pags_progress_begin(arguments->session.people);
-  const pags_html_report_settings settings = {.scenes = {paths[0], paths[1]},
+  pags_progress progress = pags_progress_begin(session->people);
+  const pags_html_report_settings settings = {.scenes = {first, second},
                                               .count = count,
                                               .dataset = arguments->dataset,
                                               .dataset_options = arguments->dataset_options,
                                               .pictures = arguments->pictures,
-                                              .session = &arguments->session,
+                                              .session = session,
                                               .progress = &progress,
                                               .cancel = pags_interrupt_flag()};
-  if (!arguments->output && !pags_dir_exists(paths[0]))
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %s; expected a scene folder, or -o FILE", paths[0],
-                     pags_path_exists(paths[0]) ? "a file, not a folder" : "no such folder");
-  char *output = arguments->output ? pags_text_copy(arguments->output) : pags_path_join(paths[0], "report.html");
-  pags_result result = output ? pags_prepare_file(&arguments->session, output) : pags_out_of_memory("a path");
-  pags_interrupt_install(arguments->session.tasks);
-  if (result == PAGS_OK)
-    result = pags_html_report_write(&settings, output, facts);
+  if (!arguments->output && !pags_dir_exists(first))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %s; expected a scene folder, or -o FILE", first,
+                     pags_path_exists(first) ? "a file, not a folder" : "no such folder");
+  PAGS_AUTOFREE char *output =
+      arguments->output ? pags_text_copy(arguments->output) : pags_path_join(first, "report.html");
+  PAGS_CHECK_MEMORY(output, "a path");
+  PAGS_TRY(pags_prepare_file(session, output));
+  pags_interrupt_install(session->tasks);
+  const pags_result result = pags_html_report_write(&settings, output, facts);
   pags_progress_end(&progress);
   if (result != PAGS_OK && pags_interrupted())
-    result = pags_fail(PAGS_CANCELLED, "interrupted; %s wasn't written", output);
-  if (result == PAGS_OK) {
-    for (int k = 0; k < count; k++)
-      pags_say(&arguments->session, "%s: %lld of %lld views measured, %lld shown\n", paths[k],
-               (long long)facts[k].measured, (long long)facts[k].views, (long long)facts[k].pictures);
-    pags_say(&arguments->session, "%s\n", output);
-    result = write_json(arguments, &settings, facts, output);
-  }
-  free(output);
-  return result;
+    return pags_fail(PAGS_CANCELLED, "interrupted; %s wasn't written", output);
+  PAGS_TRY(result);
+  for (int k = 0; k < count; k++)
+    pags_say(session, "%s: %lld of %lld views measured, %lld shown\n", settings.scenes[k], (long long)facts[k].measured,
+             (long long)facts[k].views, (long long)facts[k].pictures);
+  pags_say(session, "%s\n", output);
+  return write_json(&settings, facts, output);
 }
+
+static const pags_verb verb = {
+    .name = "report",
+    .usage = "SCENE [OTHER] [-o FILE] [options]",
+    .about =
+        "Write one HTML page without scripts or other files: figures and curves of the training, held-out views "
+        "(photograph, rendering, error), classes and objects, how each object was modelled, histograms, time per "
+        "stage, command line. Two scenes are shown side by side. The page names missing inputs, such as the log or the "
+        "photographs.",
+    .positionals = {{"SCENE", "Scene folder or splat file."}, {"[OTHER]", "Another scene, for comparison."}},
+    .options = options,
+    .check = check,
+    .run = run};
 
 int pags_verb_report(int argc, char **argv) {
   report_arguments arguments = {.pictures = PAGS_REPORT_PICTURES, .dataset_options = pags_dataset_options_default()};
-  pags_parsed parsed;
-  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK)
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  const pags_option_rule rules[] = {{"colmap", arguments.dataset != NULL, "--dataset"}, {0}};
-  char names[64];
-  const pags_option_rule *idle = pags_option_idle(&parsed, rules, names, sizeof names);
-  if (idle)
-    return pags_usage_error(&verb, "%s: no effect without %s", names, idle->needs);
-  const int count = parsed.positionals[1] ? 2 : 1;
-  if (count == 2 && !arguments.output)
-    return pags_usage_error(&verb, "two scenes: expected -o FILE, the page to write");
-  char *paths[2] = {folder_of(parsed.positionals[0]), count == 2 ? folder_of(parsed.positionals[1]) : NULL};
-  pags_result result = pags_session_begin(&arguments.session);
-  if (result == PAGS_OK && (!paths[0] || (count == 2 && !paths[1])))
-    result = pags_out_of_memory("a path");
-  if (result == PAGS_OK)
-    result = write_report(&arguments, paths, count);
-  free(paths[0]);
-  free(paths[1]);
-  return pags_session_end(&arguments.session, result);
+  return pags_verb_run(&verb, argc, argv, &arguments);
 }

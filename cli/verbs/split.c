@@ -1,15 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags split: splits a long drive into blocks that are trained separately (docs/blocks.md). First it trains a small
  * scene of the whole drive, from which all blocks take their sky and mean exposure. */
-#include "cli/common/progress.h"
-#include "cli/common/session.h"
 #include "cli/verbs/verbs.h"
 
 #include <math.h>
 #include <pags/blocks.h>
 #include <pags/train.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
 #include "base/memory.h"
@@ -49,20 +45,6 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(split_arguments),
     {0}};
 
-static const pags_positional positionals[] = {{"DATASET", "Driving set."}, {NULL, NULL}};
-
-static const pags_verb verb = {
-    .name = "split",
-    .usage = "DATASET -o BLOCKS --length M [options]",
-    .about =
-        "Split a long drive into overlapping blocks BLOCKS/000, BLOCKS/001, ..., which refer to the drive's files "
-        "instead of copying them. Train each one separately (pags train BLOCKS/000 -o BLOCKS/000/scene), here or on "
-        "other machines, and merge the scenes with pags merge. First, a small scene of the whole drive is trained into "
-        "BLOCKS/whole, which gives all blocks the same sky and exposure. Ctrl-C saves that training; the same command "
-        "resumes it.",
-    .positionals = positionals,
-    .options = options};
-
 /* ---- The scene of the whole drive ---- */
 
 static int show_progress(void *user, const pags_train_progress *now) {
@@ -75,15 +57,8 @@ static int show_progress(void *user, const pags_train_progress *now) {
   return 1;
 }
 
-/* Opens the recording with photographs small enough for the scene of the whole drive. */
-static pags_result open_small(const split_arguments *arguments, const char *path, int width, pags_dataset **out) {
-  pags_dataset_options chosen = arguments->dataset;
-  chosen.downscale = fmax(1, (double)width / WHOLE_WIDTH);
-  return pags_dataset_open(path, &chosen, out);
-}
-
 /* Trains the scene of the whole drive, or resumes its training. */
-static pags_result train_whole(split_arguments *arguments, const pags_dataset *small, const char *folder) {
+static pags_result train_whole(const split_arguments *arguments, const pags_dataset *small, const char *folder) {
   int64_t training = 0;
   for (int64_t i = 0; i < pags_dataset_view_count(small); i++)
     training += !pags_dataset_view(small, i)->test;
@@ -122,86 +97,61 @@ static pags_result train_whole(split_arguments *arguments, const pags_dataset *s
 
 /* Whether the folder has a finished scene. */
 static pags_result find_finished(const char *folder, bool *finished) {
-  int64_t done = 0, asked = 0;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  int64_t done, asked;
   *finished = false;
-  if (!pags_folder_has(folder, "scene.json"))
+  PAGS_TRY(pags_json_parse_in_folder(folder, "scene.json", &json));
+  if (!json)
     return PAGS_OK;
-  char *path = pags_path_join(folder, "scene.json");
-  pags_json *json = NULL;
-  pags_result result = path ? pags_json_parse_file(path, &json) : pags_out_of_memory("a path");
-  const pags_json_value *root = result == PAGS_OK ? pags_json_root(json) : NULL;
-  if (result == PAGS_OK)
-    result = pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &done);
-  if (result == PAGS_OK)
-    result = pags_json_integer_or(json, pags_json_member(root, "config"), "iterations", 0, INT64_MAX, 0, &asked);
-  *finished = result == PAGS_OK && done >= asked;
-  pags_json_destroy(json);
-  free(path);
-  return result;
+  const pags_json_value *root = pags_json_root(json);
+  PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &done));
+  PAGS_TRY(pags_json_integer_or(json, pags_json_member(root, "config"), "iterations", 0, INT64_MAX, 0, &asked));
+  *finished = done >= asked;
+  return PAGS_OK;
 }
 
 /* Trains the scene of the whole drive unless a finished one exists, from an earlier call or from the user. Afterwards
- * the checkpoint is deleted. */
-static pags_result make_whole(split_arguments *arguments, const char *path, int width) {
-  char *folder = pags_path_join(arguments->output, "whole");
-  char *checkpoint = folder ? pags_path_join(folder, "checkpoint.pags") : NULL;
-  bool finished = false;
-  pags_result result = checkpoint ? find_finished(folder, &finished) : pags_out_of_memory("a path");
-  if (result == PAGS_OK && finished) {
+ * the checkpoint is deleted. `width`: of the widest photograph. */
+static pags_result make_whole(const split_arguments *arguments, const char *path, int width) {
+  PAGS_AUTOFREE char *folder = pags_path_join(arguments->output, "whole");
+  PAGS_AUTOFREE char *checkpoint = folder ? pags_path_join(folder, "checkpoint.pags") : NULL;
+  PAGS_CHECK_MEMORY(checkpoint, "a path");
+  bool finished;
+  PAGS_TRY(find_finished(folder, &finished));
+  if (finished) {
     pags_say(&arguments->session, "%s: finished earlier, used unchanged\n", folder);
-  } else if (result == PAGS_OK) {
-    pags_dataset *small = NULL;
-    result = open_small(arguments, path, width, &small);
-    if (result == PAGS_OK)
-      result = train_whole(arguments, small, folder);
-    pags_dataset_close(small);
-    if (result == PAGS_OK)
-      result = pags_remove_tree(checkpoint);
+    return PAGS_OK;
   }
-  free(checkpoint);
-  free(folder);
-  return result;
+  PAGS_AUTO(pags_dataset_close_auto) pags_dataset *small = NULL;
+  pags_dataset_options chosen = arguments->dataset;
+  chosen.downscale = fmax(1, (double)width / WHOLE_WIDTH);
+  PAGS_TRY(pags_dataset_open(path, &chosen, &small));
+  PAGS_TRY(train_whole(arguments, small, folder));
+  return pags_remove_tree(checkpoint);
 }
 
 /* ---- The verb ---- */
 
 /* Writes split.json into a folder that is empty, or holds the same split or a scene of the whole drive. */
 static pags_result begin_folder(pags_session *session, const char *folder, const pags_blocks *split) {
-  pags_blocks there;
   bool empty;
   PAGS_TRY(pags_prepare_folder(session, folder));
   PAGS_TRY(pags_dir_is_empty(folder, &empty));
   if (pags_folder_has(folder, "split.json")) {
-    pags_result result = pags_blocks_load(folder, &there);
-    if (result == PAGS_OK && strcmp(there.id, split->id) != 0)
-      result =
-          pags_fail(PAGS_ERROR_ARGUMENT,
-                    "%s: holds another split: %d blocks of %.1f m of %s; choose another folder, or remove this one",
-                    folder, there.count, there.block, there.recording);
-    pags_blocks_destroy(&there);
-    PAGS_TRY(result);
-  } else if (!empty) {
-    char *whole = pags_path_join(folder, "whole");
-    const bool ours = whole && pags_folder_has(whole, "scene.json");
-    free(whole);
-    if (!ours)
-      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: not empty; expected a new folder", folder);
+    PAGS_AUTO(pags_blocks_destroy) pags_blocks there = {0};
+    PAGS_TRY(pags_blocks_load(folder, &there));
+    if (strcmp(there.id, split->id) != 0)
+      return pags_fail(PAGS_ERROR_ARGUMENT,
+                       "%s: holds another split: %d blocks of %.1f m of %s; choose another folder, or remove this one",
+                       folder, there.count, there.block, there.recording);
+  } else if (!empty && !pags_folder_has(folder, "whole/scene.json")) {
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: not empty; expected a new folder", folder);
   }
   return pags_blocks_save(split, folder);
 }
 
-static void say_blocks(const split_arguments *arguments, const pags_dataset *dataset, const pags_blocks *split) {
-  pags_say(&arguments->session, "%s: %.1f m in %d blocks of %.1f m, with %.1f m more at each end\n",
-           pags_dataset_path(dataset), split->length, split->count, split->block, split->overlap);
-  for (int b = 0; b < split->count; b++)
-    pags_say(&arguments->session, "  %03d: time steps %d to %d, trained on %d to %d\n", b, split->ranges[b].own_first,
-             split->ranges[b].own_last, split->ranges[b].first, split->ranges[b].last);
-}
-
 static pags_result write_json(const split_arguments *arguments, const pags_blocks *split) {
-  pags_json_writer w;
-  pags_json_writer_init(&w, 2);
-  pags_json_begin_object(&w, NULL);
+  pags_json_writer w = pags_session_json_begin();
   pags_json_put_string(&w, "split", split->id);
   pags_json_put_string(&w, "recording", split->recording);
   pags_json_put_number(&w, "length", split->length);
@@ -222,48 +172,60 @@ static pags_result write_json(const split_arguments *arguments, const pags_block
   return pags_session_json(&arguments->session, &w);
 }
 
-static pags_result split_set(split_arguments *arguments, const char *path, const pags_dataset *dataset,
-                             pags_blocks *split) {
-  PAGS_TRY(pags_blocks_plan(dataset, arguments->length, arguments->overlap, split));
-  say_blocks(arguments, dataset, split);
-  if (split->count == 1)
-    pags_say(&arguments->session,
-             "one block is the whole drive: training the data set without pags split gives the same result\n");
-  PAGS_TRY(pags_session_check(&arguments->session));
-  PAGS_TRY(begin_folder(&arguments->session, arguments->output, split));
+static int check(void *user, const pags_parsed *parsed) {
+  split_arguments *arguments = user;
+  if (arguments->reconstruction && pags_option_given(parsed, "split-every"))
+    return pags_usage_error(parsed->verb, "--reconstruction and --split-every exclude each other");
+  if (arguments->reconstruction)
+    arguments->dataset.split_every = 0;
+  return PAGS_EXIT_OK;
+}
+
+static pags_result run(void *user, const pags_parsed *parsed) {
+  split_arguments *arguments = user;
+  pags_session *session = &arguments->session;
+  PAGS_AUTOFREE char *absolute = pags_port_real_path(parsed->positionals[0]); /* works from any folder */
+  const char *path = absolute ? absolute : parsed->positionals[0];
+  PAGS_AUTO(pags_dataset_close_auto) pags_dataset *dataset = NULL;
+  PAGS_AUTO(pags_blocks_destroy) pags_blocks split = {0};
+  PAGS_TRY(pags_dataset_open(path, &arguments->dataset, &dataset));
+  PAGS_TRY(pags_blocks_plan(dataset, arguments->length, arguments->overlap, &split));
+  pags_say(session, "%s: %.1f m in %d blocks of %.1f m, with %.1f m more at each end\n", pags_dataset_path(dataset),
+           split.length, split.count, split.block, split.overlap);
+  for (int b = 0; b < split.count; b++)
+    pags_say(session, "  %03d: time steps %d to %d, trained on %d to %d\n", b, split.ranges[b].own_first,
+             split.ranges[b].own_last, split.ranges[b].first, split.ranges[b].last);
+  if (split.count == 1)
+    pags_say(session, "one block is the whole drive: training the data set without pags split gives the same result\n");
+  PAGS_TRY(pags_session_check(session));
+  PAGS_TRY(begin_folder(session, arguments->output, &split));
   int width = 1;
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const int wide = pags_dataset_view(dataset, i)->camera.width;
     width = wide > width ? wide : width;
   }
   PAGS_TRY(make_whole(arguments, path, width));
-  PAGS_TRY(pags_blocks_write(split, arguments->output, &arguments->dataset, "../whole"));
-  pags_say(&arguments->session, "next: pags train %s/000 -o %s/000/scene, and so on; then pags merge %s -o SCENE\n",
+  PAGS_TRY(pags_blocks_write(&split, arguments->output, &arguments->dataset, "../whole"));
+  pags_say(session, "next: pags train %s/000 -o %s/000/scene, and so on; then pags merge %s -o SCENE\n",
            arguments->output, arguments->output, arguments->output);
-  return write_json(arguments, split);
+  return write_json(arguments, &split);
 }
+
+static const pags_verb verb = {
+    .name = "split",
+    .usage = "DATASET -o BLOCKS --length M [options]",
+    .about =
+        "Split a long drive into overlapping blocks BLOCKS/000, BLOCKS/001, ..., which refer to the drive's files "
+        "instead of copying them. Train each one separately (pags train BLOCKS/000 -o BLOCKS/000/scene), here or on "
+        "other machines, and merge the scenes with pags merge. First, a small scene of the whole drive is trained into "
+        "BLOCKS/whole, which gives all blocks the same sky and exposure. Ctrl-C saves that training; the same command "
+        "resumes it.",
+    .positionals = {{"DATASET", "Driving set."}},
+    .options = options,
+    .check = check,
+    .run = run};
 
 int pags_verb_split(int argc, char **argv) {
   split_arguments arguments = {.dataset = pags_dataset_options_default(), .overlap = 50};
-  pags_parsed parsed;
-  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK)
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  if (arguments.reconstruction && pags_option_given(&parsed, "split-every"))
-    return pags_usage_error(&verb, "--reconstruction and --split-every exclude each other");
-  if (arguments.reconstruction)
-    arguments.dataset.split_every = 0;
-  pags_result result = pags_session_begin(&arguments.session);
-  pags_dataset *dataset = NULL;
-  pags_blocks split = {0};
-  char *absolute = pags_port_real_path(parsed.positionals[0]); /* the absolute path works from any folder */
-  const char *path = absolute ? absolute : parsed.positionals[0];
-  if (result == PAGS_OK)
-    result = pags_dataset_open(path, &arguments.dataset, &dataset);
-  if (result == PAGS_OK)
-    result = split_set(&arguments, path, dataset, &split);
-  pags_blocks_destroy(&split);
-  pags_dataset_close(dataset);
-  free(absolute);
-  return pags_session_end(&arguments.session, result);
+  return pags_verb_run(&verb, argc, argv, &arguments);
 }

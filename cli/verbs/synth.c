@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags synth: generates data with ground truth: a street (a ray-traced driving set) or a town (a scene of Gaussians).
  */
-#include "cli/common/progress.h"
-#include "cli/common/session.h"
 #include "cli/verbs/verbs.h"
 
 #include <pags/synth.h>
@@ -67,25 +65,28 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(synth_arguments),
     {0}};
 
-static pags_result make_street(synth_arguments *a, pags_progress_fn *progress, void *user) {
+/* Options of both kinds; those that weren't given keep the kind's default. */
+static void share_options(const synth_arguments *a, int *width, int *height, int *frames) {
+  *width = a->width > 0 ? a->width : *width;
+  *height = a->height > 0 ? a->height : *height;
+  *frames = a->frames > 0 ? a->frames : *frames;
+}
+
+static pags_result make_street(synth_arguments *a, pags_progress *progress) {
   pags_street_options *o = &a->street;
-  o->width = a->width > 0 ? a->width : o->width;
-  o->height = a->height > 0 ? a->height : o->height;
-  o->frames = a->frames > 0 ? a->frames : o->frames;
+  share_options(a, &o->width, &o->height, &o->frames);
   o->samples = a->samples;
   o->seed = a->seed;
   o->overwrite = a->overwrite;
-  return pags_synth_street(a->output, o, a->session.tasks, progress, user);
+  return pags_synth_street(a->output, o, a->session.tasks, pags_progress_watch, progress);
 }
 
-static pags_result make_town(synth_arguments *a, pags_progress_fn *progress, void *user) {
+static pags_result make_town(synth_arguments *a, pags_progress *progress) {
   pags_town_options *o = &a->town;
-  o->width = a->width > 0 ? a->width : o->width;
-  o->height = a->height > 0 ? a->height : o->height;
-  o->frames = a->frames > 0 ? a->frames : o->frames;
+  share_options(a, &o->width, &o->height, &o->frames);
   o->seed = a->seed;
   o->overwrite = a->overwrite;
-  return pags_synth_town(a->output, o, a->session.tasks, progress, user, &a->town_facts);
+  return pags_synth_town(a->output, o, a->session.tasks, pags_progress_watch, progress, &a->town_facts);
 }
 
 static void tell_street(const synth_arguments *a, double seconds, pags_json_writer *json) {
@@ -118,7 +119,7 @@ static void tell_town(const synth_arguments *a, double seconds, pags_json_writer
 
 static const struct kind {
   const char *name;
-  pags_result (*make)(synth_arguments *arguments, pags_progress_fn *progress, void *user);
+  pags_result (*make)(synth_arguments *arguments, pags_progress *progress);
   void (*tell)(const synth_arguments *arguments, double seconds, pags_json_writer *json);
   const char *foreign[16]; /* options that are an error for this kind */
 } kinds[] = {{"street", make_street, tell_street, {"gaussians", "density"}},
@@ -129,8 +130,50 @@ static const struct kind {
                "lively", "no-shifts", "fault"}}};
 enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
-static const pags_positional positionals[] = {
-    {"KIND", "street: recorded by a driving car; town: a scene of Gaussians on streets and houses."}, {NULL, NULL}};
+static const struct kind *find_kind(const char *name) {
+  for (int i = 0; i < KIND_COUNT; i++)
+    if (!strcmp(kinds[i].name, name))
+      return &kinds[i];
+  return NULL;
+}
+
+static int check(void *user, const pags_parsed *parsed) {
+  synth_arguments *arguments = user;
+  const struct kind *kind = find_kind(parsed->positionals[0]);
+  if (!kind)
+    return pags_usage_error(parsed->verb, "KIND: expected street or town, got '%s'", parsed->positionals[0]);
+  for (int i = 0; kind->foreign[i]; i++)
+    if (pags_option_given(parsed, kind->foreign[i]))
+      return pags_usage_error(parsed->verb, "--%s: not an option of KIND %s", kind->foreign[i], kind->name);
+  for (int i = 0; i < arguments->faults.count; i++)
+    if (pags_street_faults_set(&arguments->street.faults, arguments->faults.items[i].name) != PAGS_OK)
+      return pags_usage_error(parsed->verb, "--fault: %s", pags_error_message());
+  char rest;
+  if (arguments->size &&
+      (sscanf(arguments->size, "%5dx%5d%c", &arguments->width, &arguments->height, &rest) != 2 ||
+       arguments->width < 16 || arguments->width > 8192 || arguments->height < 16 || arguments->height > 8192))
+    return pags_usage_error(parsed->verb, "--size: expected WIDTHxHEIGHT, each 16..8192, got '%s'", arguments->size);
+  return PAGS_EXIT_OK;
+}
+
+static pags_result run(void *user, const pags_parsed *parsed) {
+  synth_arguments *arguments = user;
+  const struct kind *kind = find_kind(parsed->positionals[0]);
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  pags_interrupt_install(arguments->session.tasks);
+  const double begun = pags_seconds();
+  const pags_result result = kind->make(arguments, &progress);
+  pags_progress_end(&progress);
+  if (result == PAGS_CANCELLED)
+    return pags_fail(result, "interrupted; %s is not complete", arguments->output);
+  PAGS_TRY(result);
+  const double seconds = pags_seconds() - begun;
+  pags_json_writer json = pags_session_json_begin();
+  pags_json_put_string(&json, "kind", kind->name);
+  kind->tell(arguments, seconds, &json);
+  pags_json_put_number(&json, "seconds", seconds);
+  return pags_session_json(&arguments->session, &json);
+}
 
 static const pags_verb verb = {
     .name = "synth",
@@ -140,33 +183,10 @@ static const pags_verb verb = {
         "tracks and masks; truth/ has the exact tracks, depth, object ids and pictures from shifted cameras. town: a "
         "scene for rendering and benchmarks, with Gaussians on houses, roads, trees and cars; their sizes and "
         "opacities are distributed as in a trained street. Output is bit-identical for any number of threads.",
-    .positionals = positionals,
-    .options = options};
-
-static pags_result make(synth_arguments *arguments, const struct kind *kind) {
-  pags_progress progress = pags_progress_begin(arguments->session.people);
-  pags_json_writer writer;
-  pags_interrupt_install(arguments->session.tasks);
-  const double begun = pags_seconds();
-  const pags_result result = kind->make(arguments, pags_progress_watch, &progress);
-  pags_progress_end(&progress);
-  if (result != PAGS_OK)
-    return result == PAGS_CANCELLED ? pags_fail(result, "interrupted; %s is not complete", arguments->output) : result;
-  const double seconds = pags_seconds() - begun;
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
-  pags_json_put_string(&writer, "kind", kind->name);
-  kind->tell(arguments, seconds, &writer);
-  pags_json_put_number(&writer, "seconds", seconds);
-  return pags_session_json(&arguments->session, &writer);
-}
-
-/* Parses --size, such as "480x270"; width and height 16..8192. */
-static bool parse_size(synth_arguments *arguments) {
-  char rest;
-  return sscanf(arguments->size, "%5dx%5d%c", &arguments->width, &arguments->height, &rest) == 2 &&
-         arguments->width >= 16 && arguments->width <= 8192 && arguments->height >= 16 && arguments->height <= 8192;
-}
+    .positionals = {{"KIND", "street: recorded by a driving car; town: a scene of Gaussians on streets and houses."}},
+    .options = options,
+    .check = check,
+    .run = run};
 
 int pags_verb_synth(int argc, char **argv) {
   synth_arguments arguments = {.width = -1,
@@ -175,26 +195,5 @@ int pags_verb_synth(int argc, char **argv) {
                                .frames = -1,
                                .town = pags_town_options_default(),
                                .street = pags_street_options_default()};
-  const struct kind *kind = NULL;
-  pags_parsed parsed;
-  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK)
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  for (int i = 0; i < KIND_COUNT; i++)
-    if (!strcmp(kinds[i].name, parsed.positionals[0]))
-      kind = &kinds[i];
-  if (!kind)
-    return pags_usage_error(&verb, "KIND: expected street or town, got '%s'", parsed.positionals[0]);
-  for (int i = 0; kind->foreign[i]; i++)
-    if (pags_option_given(&parsed, kind->foreign[i]))
-      return pags_usage_error(&verb, "--%s: not an option of KIND %s", kind->foreign[i], kind->name);
-  for (int i = 0; i < arguments.faults.count; i++)
-    if (pags_street_faults_set(&arguments.street.faults, arguments.faults.items[i].name) != PAGS_OK)
-      return pags_usage_error(&verb, "--fault: %s", pags_error_message());
-  if (arguments.size && !parse_size(&arguments))
-    return pags_usage_error(&verb, "--size: expected WIDTHxHEIGHT, each 16..8192, got '%s'", arguments.size);
-  pags_result result = pags_session_begin(&arguments.session);
-  if (result == PAGS_OK)
-    result = make(&arguments, kind);
-  return pags_session_end(&arguments.session, result);
+  return pags_verb_run(&verb, argc, argv, &arguments);
 }

@@ -1,26 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags train: reconstructs a scene folder from a data set of posed photographs. Options that are fields of the
  * training configuration take type, range and help from its field table. */
-#include "cli/common/options.h"
-#include "cli/common/progress.h"
 #include "cli/common/ranks.h"
-#include "cli/common/ranks_train.h"
-#include "cli/common/session.h"
 #include "cli/html_report/html_report.h"
 #include "cli/verbs/verbs.h"
 #include "cli/view/watch.h"
 
 #include <assert.h>
 #include <ctype.h>
-#include <math.h>
-#include <pags/dataset.h>
 #include <pags/train.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "port/port.h"
 
 /* State of the progress callback. */
@@ -28,6 +22,14 @@ typedef struct viewers {
   pags_progress *progress;
   pags_watch *watch; /* NULL: no page */
 } viewers;
+
+/* Resources that the training took on a rank, for the report. */
+typedef struct rank_share {
+  int64_t bytes_sent; /* to other ranks */
+  uint64_t peak_rss_bytes;
+  double ms_processor; /* as in pags_train_result */
+  pags_train_traffic traffic;
+} rank_share;
 
 typedef struct train_arguments {
   pags_session session;
@@ -43,7 +45,8 @@ typedef struct train_arguments {
   pags_train_config config;
   pags_train_options options;
   const pags_parsed *parsed;
-  pags_rank_shares shares;
+  rank_share *shares; /* of all ranks, on rank 0 */
+  int64_t share_count;
 } train_arguments;
 
 #define AT(member) offsetof(train_arguments, member)
@@ -135,11 +138,6 @@ static pags_option options[] = {
     PAGS_SESSION_OPTIONS(train_arguments),
     {0}};
 
-static const pags_positional positionals[] = {{"DATASET",
-                                               "Folder with transforms.json, or with a COLMAP model and images; a "
-                                               "transforms file; or a driving set in drivestudio's layout."},
-                                              {NULL, NULL}};
-
 /* ---- Completing the option table ---- */
 
 /* Completes the rows that name a training field: type, offset, range, unit, default and help come from the field table.
@@ -199,17 +197,6 @@ static bool replacement(const char *name, char *text, size_t size) {
   return true;
 }
 
-static const pags_verb verb = {
-    .name = "train",
-    .usage = "DATASET -o SCENE [options]",
-    .about =
-        "Reconstruct a scene from photographs with known cameras. Ctrl-C, SIGTERM, SIGHUP or SIGUSR1 writes a "
-        "checkpoint and the current scene, and exits with 3. A run continued by --resume is bit-identical to an "
-        "uninterrupted one. A number of \"steps of 30 000\" is multiplied by iterations / 30 000.",
-    .positionals = positionals,
-    .options = options,
-    .replacement = replacement};
-
 /* --fields: prints the training's field table, group by group. */
 static void list_fields(void) {
   enum { WIDTH = 120 };
@@ -228,10 +215,7 @@ static void list_fields(void) {
     if (f->type == PAGS_FIELD_SWITCH)
       snprintf(range, sizeof range, "%s", f->unit);
     if (f->type == PAGS_FIELD_CHOICE) {
-      const char *choice = f->choices;
-      for (int k = (int)f->standard; k > 0; k--)
-        choice += strcspn(choice, "|") + 1;
-      snprintf(standard, sizeof standard, "%.*s", (int)strcspn(choice, "|"), choice);
+      pags_options_choice(f->choices, (int)f->standard, standard, sizeof standard);
       snprintf(range, sizeof range, "%s", f->choices);
     }
     snprintf(left, sizeof left, "  %s", f->name);
@@ -244,18 +228,16 @@ static void list_fields(void) {
 
 #ifdef PAGS_WITH_VIEW
 static pags_result watch_begin(const train_arguments *arguments, pags_dataset *dataset, pags_watch **watch) {
-  char *log = arguments->options.resume ? pags_path_join(arguments->output, "log.jsonl") : NULL;
-  const pags_result result = pags_watch_create(&(pags_watch_settings){.dataset = dataset,
-                                                                      .name = pags_path_name(arguments->output),
-                                                                      .log = log,
-                                                                      .threads = arguments->session.threads,
-                                                                      .port = arguments->view_port,
-                                                                      .share = arguments->view_share},
-                                               watch);
-  free(log);
-  if (result == PAGS_OK)
-    pags_say(&arguments->session, "Watch it in a browser:\n  %s\n", pags_watch_url(*watch));
-  return result;
+  PAGS_AUTOFREE char *log = arguments->options.resume ? pags_path_join(arguments->output, "log.jsonl") : NULL;
+  PAGS_TRY(pags_watch_create(&(pags_watch_settings){.dataset = dataset,
+                                                    .name = pags_path_name(arguments->output),
+                                                    .log = log,
+                                                    .threads = arguments->session.threads,
+                                                    .port = arguments->view_port,
+                                                    .share = arguments->view_share},
+                             watch));
+  pags_say(&arguments->session, "Watch it in a browser:\n  %s\n", pags_watch_url(*watch));
+  return PAGS_OK;
 }
 
 /* A page's stop request has the effect of Ctrl-C. */
@@ -306,10 +288,41 @@ static int show_progress(void *user, const pags_train_progress *now) {
   return go_on;
 }
 
+/* Sums of all ranks; of the peaks the largest. */
+static rank_share add_up(const train_arguments *arguments) {
+  rank_share sum = {0};
+  for (const rank_share *one = arguments->shares; one < arguments->shares + arguments->share_count; one++) {
+    sum.bytes_sent += one->bytes_sent;
+    sum.peak_rss_bytes = one->peak_rss_bytes > sum.peak_rss_bytes ? one->peak_rss_bytes : sum.peak_rss_bytes;
+    sum.ms_processor += one->ms_processor;
+    sum.traffic.views += one->traffic.views;
+    sum.traffic.splats += one->traffic.splats;
+    sum.traffic.bytes_there += one->traffic.bytes_there;
+    sum.traffic.bytes_back += one->traffic.bytes_back;
+  }
+  return sum;
+}
+
+static void put_shares(const train_arguments *arguments, pags_json_writer *writer) {
+  pags_json_put_integer(writer, "ranks", arguments->share_count);
+  pags_json_put_integer(writer, "bytes_sent", add_up(arguments).bytes_sent);
+  pags_json_begin_array(writer, "each_rank");
+  for (const rank_share *one = arguments->shares; one < arguments->shares + arguments->share_count; one++) {
+    pags_json_begin_object(writer, NULL);
+    pags_json_put_unsigned(writer, "peak_rss_bytes", one->peak_rss_bytes);
+    pags_json_put_number(writer, "processor_ms", one->ms_processor);
+    pags_json_put_integer(writer, "photographs", one->traffic.views);
+    pags_json_put_integer(writer, "splats", one->traffic.splats);
+    pags_json_put_integer(writer, "bytes_there", one->traffic.bytes_there);
+    pags_json_put_integer(writer, "bytes_back", one->traffic.bytes_back);
+    pags_json_put_integer(writer, "bytes_sent", one->bytes_sent);
+    pags_json_end_object(writer);
+  }
+  pags_json_end_array(writer);
+}
+
 static pags_result write_json(const train_arguments *arguments, const pags_train_result *result) {
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
+  pags_json_writer writer = pags_session_json_begin();
   if (arguments->options.estimate) {
     pags_json_put_number(&writer, "estimated_seconds", result->estimated_seconds);
     pags_json_put_unsigned(&writer, "estimated_bytes", result->estimated_bytes);
@@ -328,7 +341,8 @@ static pags_result write_json(const train_arguments *arguments, const pags_train
   if (result->bad_rows > 0)
     pags_json_put_string(&writer, "first_bad_row", result->first_bad_row);
   pags_json_put_unsigned(&writer, "heap_calls_steady", result->heap_calls_steady);
-  pags_rank_shares_put(&arguments->shares, &writer);
+  if (arguments->share_count > 0)
+    put_shares(arguments, &writer);
   pags_json_begin_object(&writer, "ms");
   pags_json_put_number(&writer, "wait", result->ms_wait);
   pags_json_put_number(&writer, "forward", result->ms_forward);
@@ -341,30 +355,36 @@ static pags_result write_json(const train_arguments *arguments, const pags_train
 }
 
 static void report(const train_arguments *arguments, const pags_train_result *result) {
+  const pags_session *session = &arguments->session;
   char time[32], memory[32];
   if (arguments->options.estimate) {
-    pags_say(&arguments->session, "%lld iterations would take about %s and %s of memory\n",
+    pags_say(session, "%lld iterations would take about %s and %s of memory\n",
              (long long)arguments->config.schedule.iterations,
              pags_format_duration(result->estimated_seconds, time, sizeof time),
              pags_format_bytes((double)result->estimated_bytes, memory, sizeof memory));
     return;
   }
-  pags_say(&arguments->session,
-           "%s: %lld Gaussians after %lld iterations; %s in this run, %.1f it/s at the end, peak memory %s\n",
+  pags_say(session, "%s: %lld Gaussians after %lld iterations; %s in this run, %.1f it/s at the end, peak memory %s\n",
            arguments->output, (long long)result->gaussians, (long long)result->iterations,
            pags_format_duration(result->seconds, time, sizeof time), result->iterations_per_second,
            pags_format_bytes((double)result->peak_rss_bytes, memory, sizeof memory));
-  if (arguments->shares.count > 0) {
-    char shares[256];
-    pags_rank_shares_describe(&arguments->shares, pags_tasks_workers(arguments->session.tasks), shares, sizeof shares);
-    pags_say(&arguments->session, "%s", shares);
+  if (arguments->share_count > 0) {
+    char sent[32], view[32], peak[32];
+    const int threads = pags_tasks_workers(session->tasks);
+    const rank_share all = add_up(arguments);
+    const double views = all.traffic.views > 0 ? (double)all.traffic.views : 1.0;
+    pags_say(session, "on %d ranks of %d %s, which sent each other %s, %s per photograph; at most %s per rank\n",
+             (int)arguments->share_count, threads, threads == 1 ? "thread" : "threads",
+             pags_format_bytes((double)all.bytes_sent, sent, sizeof sent),
+             pags_format_bytes((double)(all.traffic.bytes_there + all.traffic.bytes_back) / views, view, sizeof view),
+             pags_format_bytes((double)all.peak_rss_bytes, peak, sizeof peak));
   }
   if (result->bad_rows > 0)
-    pags_say(&arguments->session, "%lld updates were skipped because a value wasn't finite; the first was %s\n",
+    pags_say(session, "%lld updates were skipped because a value wasn't finite; the first was %s\n",
              (long long)result->bad_rows, result->first_bad_row);
 }
 
-/* ---- The verb ---- */
+/* ---- Training ---- */
 
 /* Warns of options for driving sets that have no effect on a static one. */
 static void warn_of_idle(const train_arguments *arguments, const pags_dataset *dataset) {
@@ -378,102 +398,120 @@ static void warn_of_idle(const train_arguments *arguments, const pags_dataset *d
                      names, pags_dataset_kind(dataset), idle->needs);
 }
 
-/* Opens the data set and prints its contents. */
+/* Prints the data set's objects, notes, views and starting points. */
+static void say_dataset(const train_arguments *arguments, const pags_dataset *dataset) {
+  const pags_session *session = &arguments->session;
+  const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
+  int64_t count = pags_dataset_view_count(dataset), held_out = 0, moving = 0, points;
+  const float *xyz;
+  const uint8_t *rgb;
+  int random;
+  for (int64_t i = 0; i < count; i++)
+    held_out += pags_dataset_view(dataset, i)->test;
+  pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
+  if (pags_dataset_fps(dataset) > 0) {
+    const int64_t objects = pags_dataset_object_count(dataset);
+    for (int64_t i = 0; i < objects; i++)
+      moving += pags_dataset_object(dataset, i)->moving;
+    pags_say(session, "%lld objects, %lld of them moving; %lld LiDAR sweeps\n", (long long)objects, (long long)moving,
+             (long long)pags_dataset_sweep_count(dataset));
+    for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
+      pags_say(session, "  %s\n", pags_dataset_note(dataset, i));
+  }
+  const char *kind = !random ? "points" : arguments->config.start.random_start ? "random points" : "points to match";
+  pags_say(session, "%s: %lld views of %dx%d to train on, %lld held out, %lld %s (%s)\n", pags_dataset_path(dataset),
+           (long long)(count - held_out), camera->width, camera->height, (long long)held_out, (long long)points, kind,
+           pags_dataset_kind(dataset));
+}
+
 static pags_result open_dataset(const train_arguments *arguments, const char *path, pags_dataset **out) {
   PAGS_TRY(pags_dataset_open(path, &arguments->dataset, out));
-  const pags_dataset *dataset = *out;
-  warn_of_idle(arguments, dataset);
-  if (pags_dataset_view_count(dataset) > 0) {
-    /* Print the data set's objects, notes, views and starting points. */
-    int64_t count = pags_dataset_view_count(dataset), held_out = 0, points;
-    const float *xyz;
-    const uint8_t *rgb;
-    int random;
-    for (int64_t i = 0; i < count; i++)
-      held_out += pags_dataset_view(dataset, i)->test;
-    pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
-    const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
-    if (pags_dataset_fps(dataset) > 0) {
-      int64_t objects = pags_dataset_object_count(dataset), moving = 0;
-      for (int64_t i = 0; i < objects; i++)
-        moving += pags_dataset_object(dataset, i)->moving;
-      pags_say(&arguments->session, "%lld objects, %lld of them moving; %lld LiDAR sweeps\n", (long long)objects,
-               (long long)moving, (long long)pags_dataset_sweep_count(dataset));
-      for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
-        pags_say(&arguments->session, "  %s\n", pags_dataset_note(dataset, i));
-    }
-    const char *kind = !random ? "points" : arguments->config.start.random_start ? "random points" : "points to match";
-    pags_say(&arguments->session, "%s: %lld views of %dx%d to train on, %lld held out, %lld %s (%s)\n",
-             pags_dataset_path(dataset), (long long)(count - held_out), camera->width, camera->height,
-             (long long)held_out, (long long)points, kind, pags_dataset_kind(dataset));
-  }
+  warn_of_idle(arguments, *out);
+  if (pags_dataset_view_count(*out) > 0)
+    say_dataset(arguments, *out);
   return pags_session_check(&arguments->session);
 }
 
-/* All ranks use the memory limits of rank 0. */
-static pags_result share_limits(pags_train_options *shared) {
-  uint64_t limits[] = {shared->max_memory, shared->image_cache};
+static pags_result train(train_arguments *arguments, pags_dataset *dataset, pags_train_result *result) {
+  pags_train_options *chosen = &arguments->options;
+  uint64_t limits[] = {chosen->max_memory, chosen->image_cache}; /* all ranks use those of rank 0 */
   PAGS_TRY(pags_transport_broadcast(pags_ranks(), 0, limits, sizeof limits));
-  shared->max_memory = limits[0];
-  shared->image_cache = limits[1];
-  return PAGS_OK;
-}
-
-static pags_result run(train_arguments *arguments, pags_dataset *dataset, pags_train_result *result) {
-  PAGS_TRY(share_limits(&arguments->options));
   pags_progress progress = pags_progress_begin(arguments->session.people);
-  arguments->options.dataset = dataset;
-  arguments->options.output = arguments->output;
-  arguments->options.tasks = arguments->session.tasks;
-  arguments->options.cancel = pags_interrupt_flag();
-  arguments->options.progress = show_progress;
-  arguments->options.transport = pags_ranks();
   viewers both = {.progress = &progress};
-  arguments->options.progress_user = &both;
+  chosen->max_memory = limits[0];
+  chosen->image_cache = limits[1];
+  chosen->dataset = dataset;
+  chosen->output = arguments->output;
+  chosen->tasks = arguments->session.tasks;
+  chosen->cancel = pags_interrupt_flag();
+  chosen->progress = show_progress;
+  chosen->progress_user = &both;
+  chosen->transport = pags_ranks();
   pags_interrupt_install(NULL); /* the trainer polls the flag and finishes its step before it stops */
-  pags_result status = PAGS_OK;
-  if (arguments->view)
-    status = watch_begin(arguments, dataset, &both.watch);
+  pags_result status = arguments->view ? watch_begin(arguments, dataset, &both.watch) : PAGS_OK;
   if (status == PAGS_OK)
-    status = pags_train(&arguments->config, &arguments->options, result);
+    status = pags_train(&arguments->config, chosen, result);
   pags_progress_end(&progress);
   watch_end(both.watch, status, result->finished);
   return status;
 }
 
-static pags_result train(train_arguments *arguments, const char *path, pags_train_result *result) {
-  pags_dataset *dataset = NULL;
-  pags_result status = pags_session_meet(&arguments->session, open_dataset(arguments, path, &dataset));
-  if (status == PAGS_OK)
-    status = pags_session_meet(&arguments->session, run(arguments, dataset, result));
-  pags_dataset_close(dataset);
-  return status == PAGS_OK ? pags_rank_shares_gather(result, &arguments->shares) : status;
+/* Brings the resources that each rank took to rank 0. */
+static pags_result gather_shares(train_arguments *arguments, const pags_train_result *result) {
+  rank_share own;
+  if (!pags_ranks())
+    return PAGS_OK;
+  memset(&own, 0, sizeof own); /* the padding is sent, too */
+  own.bytes_sent = pags_transport_counted(pags_ranks()).bytes_sent;
+  own.peak_rss_bytes = result->peak_rss_bytes;
+  own.ms_processor = result->ms_processor;
+  own.traffic = result->traffic;
+  return pags_ranks_gather(&own, 1, sizeof own, &arguments->shares, &arguments->share_count);
 }
 
-static bool is_prune_rate(double share) {
-  return share >= 0.0 && share <= 0.99;
+static pags_result run(void *user, const pags_parsed *parsed) {
+  train_arguments *arguments = user;
+  pags_session *session = &arguments->session;
+  pags_train_result result = {0};
+  PAGS_AUTO(pags_dataset_close_auto) pags_dataset *dataset = NULL;
+  /* The scene records the data set's absolute path, so that eval finds it again from any folder. */
+  PAGS_AUTOFREE char *absolute = pags_port_real_path(parsed->positionals[0]);
+  PAGS_AUTOFREE char *command_line = pags_command_line("train", parsed->argc, parsed->argv);
+  const char *path = absolute ? absolute : parsed->positionals[0];
+  arguments->parsed = parsed;
+  arguments->options.command_line = command_line;
+  PAGS_TRY(pags_session_meet(session, open_dataset(arguments, path, &dataset)));
+  PAGS_TRY(pags_session_meet(session, train(arguments, dataset, &result)));
+  pags_dataset_close(pags_take(&dataset)); /* the report opens it again */
+  PAGS_TRY(gather_shares(arguments, &result));
+  if (pags_ranks_lead()) {
+    report(arguments, &result);
+    if (!arguments->options.estimate)
+      pags_html_report_of_training(session, arguments->output, &arguments->dataset, &result);
+    PAGS_TRY(write_json(arguments, &result));
+  }
+  if (result.finished || arguments->options.estimate)
+    return PAGS_OK;
+  return pags_fail(PAGS_CANCELLED,
+                   "interrupted after iteration %lld; the state is saved in %s, --resume continues from it",
+                   (long long)result.iterations, arguments->output);
 }
+
+/* ---- Checking the arguments ---- */
 
 /* Parses --prune-rate, "EARLY/LATE" such as "0.6/0.3", into the configuration; both 0..0.99. */
-static int read_prune_rate(train_arguments *arguments) {
-  const char *text = arguments->prune_rate;
-  char *end = NULL;
-  if (!text)
-    return PAGS_EXIT_OK;
-  arguments->config.priority.prune_early = pags_text_to_double(text, &end);
-  if (end != text && *end == '/') {
-    text = end + 1;
-    arguments->config.priority.prune_late = pags_text_to_double(text, &end);
-    if (end != text && !*end && is_prune_rate(arguments->config.priority.prune_early) &&
-        is_prune_rate(arguments->config.priority.prune_late))
-      return PAGS_EXIT_OK;
-  }
-  return pags_usage_error(&verb, "--prune-rate: expected EARLY/LATE, two numbers from 0 to 0.99, got '%s'",
-                          arguments->prune_rate);
+static bool read_prune_rate(const char *text, double *early, double *late) {
+  char *end;
+  *early = pags_text_to_double(text, &end);
+  if (end == text || *end != '/')
+    return false;
+  text = end + 1;
+  *late = pags_text_to_double(text, &end);
+  return end != text && !*end && *early >= 0 && *early <= 0.99 && *late >= 0 && *late <= 0.99;
 }
 
 /* Applies every --set NAME=VALUE in the order given; suggests the nearest field if NAME is unknown. */
-static int apply_settings(train_arguments *arguments) {
+static int apply_settings(const pags_parsed *parsed, train_arguments *arguments) {
   for (int i = 0; i < arguments->set.count; i++) {
     const char *word = arguments->set.items[i].name, *equals = strchr(word, '=');
     char name[64];
@@ -484,45 +522,94 @@ static int apply_settings(train_arguments *arguments) {
     if (set == PAGS_OK)
       continue;
     if (equals && (pags_train_field_find(name) || set == PAGS_ERROR_UNSUPPORTED)) /* a field, or a former one */
-      return pags_usage_error(&verb, "--set %s", pags_error_message());
+      return pags_usage_error(parsed->verb, "--set %s", pags_error_message());
     for (const pags_train_field *f; (f = pags_train_field_at(count)) && count < 127;)
       names[count++] = f->name;
     names[count] = NULL;
     const char *nearest = pags_nearest_name(name, names);
     if (!equals && pags_train_field_find(name))
-      return pags_usage_error(&verb, "--set %s: expected %s=VALUE", word, word);
+      return pags_usage_error(parsed->verb, "--set %s: expected %s=VALUE", word, word);
     if (nearest)
-      return pags_usage_error(&verb, "--set %s: unknown training field '%s'; did you mean '%s'?", word, name, nearest);
-    return pags_usage_error(&verb, "--set %s: unknown training field '%s'; 'pags train --fields' lists them", word,
-                            name);
+      return pags_usage_error(parsed->verb, "--set %s: unknown training field '%s'; did you mean '%s'?", word, name,
+                              nearest);
+    return pags_usage_error(parsed->verb, "--set %s: unknown training field '%s'; 'pags train --fields' lists them",
+                            word, name);
   }
   return PAGS_EXIT_OK;
 }
 
 static int usage_conflict(const train_arguments *arguments, const pags_parsed *parsed) {
+  const pags_verb *verb = parsed->verb;
+  const pags_train_config *c = &arguments->config;
   if (!arguments->output && !arguments->options.estimate)
-    return pags_usage_error(&verb, "-o SCENE is missing; usage: pags train %s", verb.usage);
+    return pags_usage_error(verb, "-o SCENE is missing; usage: pags train %s", verb->usage);
   if (arguments->options.resume && arguments->options.overwrite)
-    return pags_usage_error(&verb, "--resume and --overwrite exclude each other");
+    return pags_usage_error(verb, "--resume and --overwrite exclude each other");
   if (arguments->reconstruction && pags_option_given(parsed, "split-every"))
-    return pags_usage_error(&verb, "--reconstruction and --split-every exclude each other");
-  if (pags_train_config_check(&arguments->config) != PAGS_OK)
-    return pags_usage_error(&verb, "%s", pags_error_message());
+    return pags_usage_error(verb, "--reconstruction and --split-every exclude each other");
+  if (pags_train_config_check(c) != PAGS_OK)
+    return pags_usage_error(verb, "%s", pags_error_message());
   if (arguments->view && pags_ranks())
-    return pags_usage_error(&verb, "--view requires one process, but mpirun started %d",
+    return pags_usage_error(verb, "--view requires one process, but mpirun started %d",
                             pags_transport_ranks(pags_ranks()));
   if (arguments->view && arguments->session.quiet)
-    return pags_usage_error(&verb, "--view prints the address to open, which --quiet would suppress");
+    return pags_usage_error(verb, "--view prints the address to open, which --quiet would suppress");
   if (arguments->view && arguments->options.estimate)
-    return pags_usage_error(&verb, "--view and --estimate exclude each other");
+    return pags_usage_error(verb, "--view and --estimate exclude each other");
   if (!arguments->view && pags_option_given(parsed, "view-share"))
-    return pags_usage_error(&verb, "--view-share: no effect without --view");
-  const pags_train_config *c = &arguments->config;
+    return pags_usage_error(verb, "--view-share: no effect without --view");
   const bool never_prunes = c->schedule.preset == PAGS_PRESET_PLAIN || c->density.strategy == PAGS_STRATEGY_MCMC;
   if (arguments->prune_rate && (c->priority.prunes < 0 ? never_prunes : c->priority.prunes == 0))
-    return pags_usage_error(&verb, "--prune-rate: no effect, since these settings don't prune by score");
+    return pags_usage_error(verb, "--prune-rate: no effect, since these settings don't prune by score");
   return PAGS_EXIT_OK;
 }
+
+static int check(void *user, const pags_parsed *parsed) {
+  train_arguments *arguments = user;
+  pags_train_config *config = &arguments->config;
+  if (arguments->preset && pags_train_config_set(config, "preset", arguments->preset) != PAGS_OK)
+    return pags_usage_error(parsed->verb, "--%s", pags_error_message());
+  arguments->view = pags_option_given(parsed, "view");
+  if (arguments->prune_rate &&
+      !read_prune_rate(arguments->prune_rate, &config->priority.prune_early, &config->priority.prune_late))
+    return pags_usage_error(parsed->verb, "--prune-rate: expected EARLY/LATE, two numbers from 0 to 0.99, got '%s'",
+                            arguments->prune_rate);
+  if (apply_settings(parsed, arguments) || usage_conflict(arguments, parsed))
+    return PAGS_EXIT_USAGE;
+  if (arguments->reconstruction)
+    arguments->dataset.split_every = 0;
+  arguments->options.held_out = arguments->view || pags_option_given(parsed, "preview-every");
+  arguments->dataset.seed = config->schedule.seed;
+  arguments->dataset.look = 1;
+  pags_copy3(config->picture.background, arguments->dataset.background);
+
+  /* Without --max-memory and --image-cache, their defaults follow from the memory that this process may use. The
+   * cache size doesn't affect the result; the limit affects only runs that would not fit. */
+  pags_train_options *run = &arguments->options;
+  const uint64_t available = pags_available_memory();
+  if (!pags_option_given(parsed, "image-cache") && run->image_cache > available / 4)
+    run->image_cache = available / 4;
+  if (!pags_option_given(parsed, "max-memory")) {
+    const uint64_t most = available / 5 * 4;
+    run->max_memory = most > 2 * run->image_cache ? most - run->image_cache : most / 2;
+  }
+  return PAGS_EXIT_OK;
+}
+
+static const pags_verb verb = {
+    .name = "train",
+    .usage = "DATASET -o SCENE [options]",
+    .about =
+        "Reconstruct a scene from photographs with known cameras. Ctrl-C, SIGTERM, SIGHUP or SIGUSR1 writes a "
+        "checkpoint and the current scene, and exits with 3. A run continued by --resume is bit-identical to an "
+        "uninterrupted one. A number of \"steps of 30 000\" is multiplied by iterations / 30 000.",
+    .positionals = {{"DATASET",
+                     "Folder with transforms.json, or with a COLMAP model and images; a "
+                     "transforms file; or a driving set in drivestudio's layout."}},
+    .options = options,
+    .replacement = replacement,
+    .check = check,
+    .run = run};
 
 int pags_verb_train(int argc, char **argv) {
   train_arguments arguments = {.view_port = 8765,
@@ -530,63 +617,13 @@ int pags_verb_train(int argc, char **argv) {
                                .dataset = pags_dataset_options_default(),
                                .config = pags_train_config_default(),
                                .options = pags_train_options_default()};
-  pags_train_result result = {0};
-  pags_parsed parsed;
-  arguments.parsed = &parsed;
   complete_rows();
   for (int i = 0; i < argc && strcmp(argv[i], "--"); i++) /* --fields needs no DATASET */
     if (!strcmp(argv[i], "--fields")) {
       list_fields();
       return PAGS_EXIT_OK;
     }
-  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK && !(status == PAGS_PARSE_HELP && parsed.check_only))
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  if (arguments.preset && pags_train_config_set(&arguments.config, "preset", arguments.preset) != PAGS_OK) {
-    pags_usage_error(&verb, "--%s", pags_error_message());
-    return PAGS_EXIT_USAGE;
-  }
-  arguments.view = pags_option_given(&parsed, "view");
-  if (read_prune_rate(&arguments) || apply_settings(&arguments) || usage_conflict(&arguments, &parsed))
-    return PAGS_EXIT_USAGE;
-  if (parsed.check_only)
-    return PAGS_EXIT_OK;
-  if (arguments.reconstruction)
-    arguments.dataset.split_every = 0;
-  arguments.options.held_out = arguments.view || pags_option_given(&parsed, "preview-every");
-  arguments.dataset.seed = arguments.config.schedule.seed;
-  arguments.dataset.look = 1;
-  memcpy(arguments.dataset.background, arguments.config.picture.background, sizeof arguments.dataset.background);
-
-  /* Without --max-memory and --image-cache, their defaults follow from the memory that this process may use. The
-   * cache size doesn't affect the result; the limit affects only runs that would not fit. */
-  const uint64_t available = pags_available_memory();
-  if (!pags_option_given(&parsed, "image-cache") && arguments.options.image_cache > available / 4)
-    arguments.options.image_cache = available / 4;
-  if (!pags_option_given(&parsed, "max-memory")) {
-    const uint64_t most = available / 5 * 4, cache = arguments.options.image_cache;
-    arguments.options.max_memory = most > 2 * cache ? most - cache : most / 2;
-  }
-
-  pags_result outcome = pags_session_begin(&arguments.session);
-  /* The scene records the data set's absolute path, so that eval finds it again from any folder. */
-  char *absolute = pags_port_real_path(parsed.positionals[0]);
-  char *command_line = pags_command_line("train", argc, argv);
-  arguments.options.command_line = command_line;
-  if (outcome == PAGS_OK)
-    outcome = train(&arguments, absolute ? absolute : parsed.positionals[0], &result);
-  free(absolute);
-  free(command_line);
-  if (outcome == PAGS_OK && pags_ranks_lead()) {
-    report(&arguments, &result);
-    if (!arguments.options.estimate)
-      pags_html_report_of_training(&arguments.session, arguments.output, &arguments.dataset, &result);
-    outcome = write_json(&arguments, &result);
-  }
-  free(arguments.shares.each);
-  if (outcome == PAGS_OK && !result.finished && !arguments.options.estimate)
-    outcome = pags_fail(PAGS_CANCELLED,
-                        "interrupted after iteration %lld; the state is saved in %s, --resume continues from it",
-                        (long long)result.iterations, arguments.output);
-  return pags_session_end(&arguments.session, outcome);
+  const int code = pags_verb_run(&verb, argc, argv, &arguments);
+  free(arguments.shares);
+  return code;
 }

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The verbs of pags: each takes its arguments (without program and verb) and returns the exit code. */
+/* The verbs of pags: each takes its arguments (without program and verb) and returns the exit code. Also the options
+ * that several of them share. */
 #ifndef PAGS_CLI_VERBS_H
 #define PAGS_CLI_VERBS_H
 
-#include <pags/import.h>
-#include <stdbool.h>
+#include "cli/common/session.h"
 
 int pags_verb_train(int argc, char **argv);
 int pags_verb_render(int argc, char **argv);
@@ -18,17 +18,29 @@ int pags_verb_merge(int argc, char **argv);
 int pags_verb_report(int argc, char **argv);
 int pags_verb_view(int argc, char **argv);
 
-/* ---- Imports by the Python package pags_recordings (tools/recordings) ---- */
+/* Rows for verbs that open photographs; `where` is the offset of a pags_dataset_options in the verb's struct. */
+#define PAGS_PHOTOGRAPH_OPTIONS(where, standard)                                                                 \
+  PAGS_TEXT("image-folder", 0, (where) + offsetof(pags_dataset_options, image_folder), "FOLDER", standard,       \
+            "Read the photographs from this folder; intrinsics are scaled."),                                    \
+      PAGS_CHOICE("image-alpha", (where) + offsetof(pags_dataset_options, image_alpha), "composite|mask|ignore", \
+                  standard, "Blend alpha over --background, use it as a mask, or ignore it.")
 
-/* Its kinds, as listed in messages. */
-#define PAGS_PYTHON_IMPORT_KINDS "argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or photos"
-
-bool pags_python_import_knows(const char *kind);
-
-/* Replaces this program by the package's: the one next to this program, or the installed one of the same version.
- * `pictures`: for kind photos, maximum number of photographs; 0: the package's default. Returns only if it can't be
- * started: PAGS_ERROR_UNSUPPORTED with the remedy, PAGS_ERROR_MEMORY. */
-pags_result pags_python_import(const char *kind, const char *source, const char *folder,
-                               const pags_import_options *options, int pictures, const char *json, bool quiet);
+/* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options in the verb's struct. */
+#define PAGS_DRIVING_OPTIONS(where)                                                                                   \
+  PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                \
+            "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan|street-gaussians", "from dataset.json",                  \
+            "Source, which selects the layout rules."),                                                               \
+      PAGS_TEXT("cameras", 0, (where) + offsetof(pags_dataset_options, cameras), "LIST", "all",                       \
+                "Cameras to use, separated by commas."),                                                              \
+      PAGS_VALUE("frames", 0, SPAN, (where) + offsetof(pags_dataset_options, frame_first), 0, 0, "A-B", "time steps", \
+                 "all", "Time steps to use, both ends included."),                                                    \
+      PAGS_TEXT("holdout-camera", 0, (where) + offsetof(pags_dataset_options, holdout_camera), "N", "none",           \
+                "Hold out all photographs of this camera."),                                                          \
+      PAGS_TEXT("ego-mask", 0, (where) + offsetof(pags_dataset_options, ego_mask), "FILE|FOLDER",                     \
+                "ego_masks/C.png, else detected", "Mask of the recording car; white pixels are excluded."),           \
+      PAGS_TEXT("critical", 0, (where) + offsetof(pags_dataset_options, critical), "LIST",                            \
+                "vehicle,pedestrian,cyclist", "Critical categories or classes."),                                     \
+      PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "",                                \
+                "Add the points of this COLMAP model, in the same world frame.")
 
 #endif

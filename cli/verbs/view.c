@@ -1,17 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags view: shows a scene in a browser. */
-#include "cli/common/options.h"
-#include "cli/common/progress.h"
-#include "cli/common/reading.h"
-#include "cli/common/session.h"
+#include "cli/common/scene_options.h"
 #include "cli/draw/describe.h"
 #include "cli/verbs/verbs.h"
-#include "cli/view/access.h"
 #include "cli/view/server.h"
 
 #include <pags/packed.h>
 #include <string.h>
 #include "base/file.h"
+#include "frame/owners.h"
 
 typedef struct view_arguments {
   pags_session session;
@@ -48,8 +45,64 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(view_arguments),
     {0}};
 
-static const pags_positional positionals[] = {
-    {"SCENE", "Scene folder, or splat file: .ply (also compressed), .spz, .sog, .glb, .splat."}, {NULL, NULL}};
+static int check(void *user, const pags_parsed *parsed) {
+  const view_arguments *arguments = user;
+  const pags_option_rule rules[] = {{"colmap image-folder", arguments->dataset != NULL, "--dataset"}, {0}};
+  if (pags_options_check_effect(parsed, rules))
+    return PAGS_EXIT_USAGE;
+  if (!strcmp(arguments->bind, "0.0.0.0") && !arguments->hosts)
+    return pags_usage_error(parsed->verb,
+                            "--bind 0.0.0.0 requires --host NAME, the name or address that browsers use; or give "
+                            "--bind one address of this machine");
+  return PAGS_EXIT_OK;
+}
+
+/* Writes the address and port as JSON once the server listens. */
+static pags_result write_json(const view_arguments *arguments, const pags_server *server) {
+  pags_json_writer json = pags_session_json_begin();
+  pags_json_put_string(&json, "url", pags_server_url(server));
+  pags_json_put_integer(&json, "port", pags_server_port(server));
+  return pags_session_json(&arguments->session, &json);
+}
+
+static pags_result run(void *user, const pags_parsed *parsed) {
+  const view_arguments *arguments = user;
+  const char *path = parsed->positionals[0];
+  if (pags_packed_is_file(path))
+    return pags_fail(
+        PAGS_ERROR_UNSUPPORTED,
+        "%s: a packed file has no views to start at: expected the scene or splat file from which it was made", path);
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
+  PAGS_AUTO(pags_composition_destroy_auto) pags_composition *composition = NULL;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer description = {0};
+  PAGS_AUTO(pags_renderer_destroy_auto) pags_renderer *renderer = NULL;
+  PAGS_AUTO(pags_server_destroy_auto) pags_server *server = NULL;
+  pags_view_start start;
+  PAGS_TRY(pags_reading_load(&arguments->reading, path, &scene));
+  PAGS_TRY(pags_view_start_find(&scene, &start));
+  PAGS_TRY(pags_composition_create(&scene, &composition));
+  PAGS_TRY(pags_session_check(&arguments->session));
+  PAGS_TRY(pags_view_describe(composition, &start, pags_path_name(path), false, &description));
+  PAGS_TRY(pags_renderer_create(&(pags_renderer_settings){.composition = composition,
+                                                          .tasks = arguments->session.tasks,
+                                                          .budget_ms = arguments->budget_ms,
+                                                          .dataset = arguments->dataset,
+                                                          .dataset_options = arguments->dataset_options},
+                                &renderer));
+  PAGS_TRY(pags_server_create(&(pags_server_settings){.renderer = renderer,
+                                                      .tasks = arguments->session.tasks,
+                                                      .description = description.data,
+                                                      .bind = arguments->bind,
+                                                      .port = arguments->port,
+                                                      .hosts = arguments->hosts,
+                                                      .clients = arguments->clients},
+                              &server));
+  PAGS_TRY(write_json(arguments, server));
+  pags_interrupt_install(NULL);
+  pags_say(&arguments->session, "%s: %lld Gaussians. Open\n  %s\nCtrl-C ends it.\n", path,
+           (long long)pags_composition_gaussian_count(composition), pags_server_url(server));
+  return pags_server_run(server, pags_interrupt_flag());
+}
 
 static const pags_verb verb = {
     .name = "view",
@@ -57,71 +110,10 @@ static const pags_verb verb = {
     .about =
         "Show a scene in a browser: print an address to open and serve it until Ctrl-C. The scene isn't changed. From "
         "another machine: ssh -L 8765:localhost:8765 HOST, and open the same address.",
-    .positionals = positionals,
-    .options = options};
-
-static pags_result open_scene(const view_arguments *arguments, const char *path, pags_view_start *start,
-                              pags_composition **out) {
-  pags_scene scene;
-  if (pags_packed_is_file(path))
-    return pags_fail(
-        PAGS_ERROR_UNSUPPORTED,
-        "%s: a packed file has no views to start at: expected the scene or splat file from which it was made", path);
-  PAGS_TRY(pags_scene_load_in_axes(path, arguments->reading.axes, &scene));
-  pags_reading_apply(&arguments->reading, &scene);
-  const pags_result result = pags_view_start_find(&scene, start);
-  if (result != PAGS_OK) {
-    pags_scene_destroy(&scene);
-    return result;
-  }
-  return pags_composition_create(&scene, out);
-}
-
-/* Writes the address and port as JSON once the server listens. */
-static pags_result write_json(const view_arguments *arguments, const pags_server *server) {
-  pags_json_writer json;
-  pags_json_writer_init(&json, 2);
-  pags_json_begin_object(&json, NULL);
-  pags_json_put_string(&json, "url", pags_server_url(server));
-  pags_json_put_integer(&json, "port", pags_server_port(server));
-  return pags_session_json(&arguments->session, &json);
-}
-
-static pags_result serve(const view_arguments *arguments, const char *path, pags_composition *composition,
-                         const pags_view_start *start) {
-  pags_json_writer description;
-  pags_renderer *renderer = NULL;
-  pags_server *server = NULL;
-  const pags_renderer_settings drawing = {.composition = composition,
-                                          .tasks = arguments->session.tasks,
-                                          .budget_ms = arguments->budget_ms,
-                                          .dataset = arguments->dataset,
-                                          .dataset_options = arguments->dataset_options};
-  pags_result result = pags_view_describe(composition, start, pags_path_name(path), false, &description);
-  if (result == PAGS_OK)
-    result = pags_renderer_create(&drawing, &renderer);
-  if (result == PAGS_OK)
-    result = pags_server_create(&(pags_server_settings){.renderer = renderer,
-                                                        .tasks = arguments->session.tasks,
-                                                        .description = description.data,
-                                                        .bind = arguments->bind,
-                                                        .port = arguments->port,
-                                                        .hosts = arguments->hosts,
-                                                        .clients = arguments->clients},
-                                &server);
-  if (result == PAGS_OK)
-    result = write_json(arguments, server);
-  if (result == PAGS_OK) {
-    pags_interrupt_install(NULL);
-    pags_say(&arguments->session, "%s: %lld Gaussians. Open\n  %s\nCtrl-C ends it.\n", path,
-             (long long)pags_composition_gaussian_count(composition), pags_server_url(server));
-    result = pags_server_run(server, pags_interrupt_flag());
-  }
-  pags_server_destroy(server);
-  pags_renderer_destroy(renderer);
-  pags_json_writer_destroy(&description);
-  return result;
-}
+    .positionals = {{"SCENE", "Scene folder, or splat file: .ply (also compressed), .spz, .sog, .glb, .splat."}},
+    .options = options,
+    .check = check,
+    .run = run};
 
 int pags_verb_view(int argc, char **argv) {
   view_arguments arguments = {.bind = "127.0.0.1",
@@ -129,28 +121,5 @@ int pags_verb_view(int argc, char **argv) {
                               .clients = 8,
                               .budget_ms = 40,
                               .dataset_options = pags_dataset_options_default()};
-  pags_parsed parsed;
-  pags_view_start start;
-  pags_composition *composition = NULL;
-  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK)
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  const pags_option_rule rules[] = {{"colmap image-folder", arguments.dataset != NULL, "--dataset"}, {0}};
-  char names[64];
-  const pags_option_rule *idle = pags_option_idle(&parsed, rules, names, sizeof names);
-  if (idle)
-    return pags_usage_error(&verb, "%s: no effect without %s", names, idle->needs);
-  if (!strcmp(arguments.bind, "0.0.0.0") && !arguments.hosts)
-    return pags_usage_error(&verb,
-                            "--bind 0.0.0.0 requires --host NAME, the name or address that browsers use; or give "
-                            "--bind one address of this machine");
-  pags_result result = pags_session_begin(&arguments.session);
-  if (result == PAGS_OK)
-    result = open_scene(&arguments, parsed.positionals[0], &start, &composition);
-  if (result == PAGS_OK)
-    result = pags_session_check(&arguments.session);
-  if (result == PAGS_OK)
-    result = serve(&arguments, parsed.positionals[0], composition, &start);
-  pags_composition_destroy(composition);
-  return pags_session_end(&arguments.session, result);
+  return pags_verb_run(&verb, argc, argv, &arguments);
 }

@@ -5,19 +5,17 @@
 #include <stdio.h>
 #include <string.h>
 
-static bool is_letter(char c, char lower) {
-  return c == lower || (c >= 'A' && c <= 'Z' && c - 'A' + 'a' == lower);
+static char to_lower(char c) {
+  return c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c;
 }
 
 /* Compares ASCII text without case. */
 static bool same_name(const char *text, const char *name) {
-  size_t i = 0;
-  for (; name[i] && text[i]; i++) {
-    const char lower = name[i] >= 'A' && name[i] <= 'Z' ? (char)(name[i] - 'A' + 'a') : name[i];
-    if (!is_letter(text[i], lower))
-      return false;
+  while (*text && to_lower(*text) == to_lower(*name)) {
+    text++;
+    name++;
   }
-  return !name[i] && !text[i];
+  return !*text && !*name;
 }
 
 static pags_result allow(pags_access *access, const char *name, size_t length, int port) {

@@ -10,11 +10,10 @@
 #include <pags/eval.h>
 #include <pags/image.h>
 #include <pags/pick.h>
-#include <stdlib.h>
-#include <string.h>
 #include "base/clock.h"
 #include "base/memory.h"
 #include "base/psnr.h"
+#include "base/vec3.h"
 #include "image/formats.h"
 #include "maths/maths.h"
 
@@ -26,27 +25,19 @@ struct pags_renderer {
   float *size_of;     /* per id, metres: geometric mean of the sigmas; only for the channel of sizes */
   int64_t id_room;    /* capacity of these arrays */
   pags_part *parts;   /* the visible parts of the current look */
-  int part_room;
-  pags_photographs photographs;
-  bool opened;
+  int64_t part_room;
+  pags_photographs photographs; /* zeros until a page asks for one */
 };
 
 /* ---- Start and end ---- */
 
-/* Grows the arrays per id; reserves a quarter more when they grow again. */
 static pags_result reserve_ids(pags_renderer *renderer, int64_t count) {
-  if (count < renderer->id_room)
-    return PAGS_OK;
-  const size_t room = (size_t)(count + (renderer->id_room ? count / 4 : 0) + 1);
-  float *const priority = realloc(renderer->priority_of, room * sizeof *priority);
-  renderer->priority_of = priority ? priority : renderer->priority_of;
-  int32_t *const object = realloc(renderer->object_of, room * sizeof *object);
-  renderer->object_of = object ? object : renderer->object_of;
-  float *const size = realloc(renderer->size_of, room * sizeof *size);
-  renderer->size_of = size ? size : renderer->size_of;
-  if (!priority || !object || !size)
-    return pags_out_of_memory("the channels of %lld Gaussians", (long long)count);
-  renderer->id_room = (int64_t)room;
+  int64_t rooms[3] = {renderer->id_room, renderer->id_room, renderer->id_room};
+  PAGS_CHECK_MEMORY(pags_grow(&renderer->priority_of, count + 1, &rooms[0], sizeof *renderer->priority_of) &&
+                        pags_grow(&renderer->object_of, count + 1, &rooms[1], sizeof *renderer->object_of) &&
+                        pags_grow(&renderer->size_of, count + 1, &rooms[2], sizeof *renderer->size_of),
+                    "the channels of %lld Gaussians", (long long)count);
+  renderer->id_room = rooms[0];
   return PAGS_OK;
 }
 
@@ -66,8 +57,7 @@ pags_result pags_renderer_set_scene(pags_renderer *renderer, pags_composition *c
 pags_result pags_renderer_create(const pags_renderer_settings *settings, pags_renderer **out) {
   pags_renderer *renderer = calloc(1, sizeof *renderer);
   *out = renderer;
-  if (!renderer)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(renderer, NULL);
   renderer->settings = *settings;
   PAGS_TRY(pags_deadline_create(settings->tasks, NULL, 0, &renderer->deadline));
   return settings->composition ? pags_renderer_set_scene(renderer, settings->composition) : PAGS_OK;
@@ -76,8 +66,7 @@ pags_result pags_renderer_create(const pags_renderer_settings *settings, pags_re
 void pags_renderer_destroy(pags_renderer *renderer) {
   if (!renderer)
     return;
-  if (renderer->opened)
-    pags_photographs_close(&renderer->photographs);
+  pags_photographs_close(&renderer->photographs);
   pags_deadline_destroy(renderer->deadline);
   free(renderer->priority_of);
   free(renderer->object_of);
@@ -106,13 +95,7 @@ static pags_result compose(pags_renderer *renderer, const pags_view_look *look, 
   const pags_part *all;
   int all_count;
   pags_compose(renderer->settings.composition, time, &all, &all_count);
-  if (all_count > renderer->part_room) {
-    pags_part *grown = realloc(renderer->parts, (size_t)all_count * sizeof *grown);
-    if (!grown)
-      return pags_out_of_memory(NULL);
-    renderer->parts = grown;
-    renderer->part_room = all_count;
-  }
+  PAGS_CHECK_MEMORY(pags_grow(&renderer->parts, all_count, &renderer->part_room, sizeof *renderer->parts), NULL);
   *count = 0;
   for (int i = 0; i < all_count; i++)
     if (is_shown(look, all[i].label))
@@ -170,6 +153,10 @@ static void color_pixel(const pags_renderer *renderer, const pags_picture *p, pa
   }
 }
 
+static uint8_t to_byte(float value) {
+  return (uint8_t)(255 * (value > 0 ? value < 1 ? value : 1 : 0) + 0.5F);
+}
+
 static pags_result to_image(const pags_renderer *renderer, const pags_picture *picture, pags_view_channel channel,
                             pags_image *out) {
   if (channel == PAGS_VIEW_COLOR)
@@ -181,84 +168,70 @@ static pags_result to_image(const pags_renderer *renderer, const pags_picture *p
       float rgb[3];
       color_pixel(renderer, picture, channel, (size_t)y * (size_t)picture->stride + (size_t)x, rgb);
       for (int c = 0; c < 3; c++)
-        *to++ = (uint8_t)(255 * (rgb[c] > 0 ? rgb[c] < 1 ? rgb[c] : 1 : 0) + 0.5F);
+        *to++ = to_byte(rgb[c]);
     }
   return PAGS_OK;
 }
 
 /* ---- Messages ---- */
 
-static void put_u32(unsigned char *to, size_t value) {
-  for (int i = 0; i < 4; i++)
-    to[i] = (unsigned char)(value >> (8 * i));
-}
-
-/* Makes the message from the JSON text and, for a picture, the JPEG file. Destroys the writer. */
-static pags_result finish(pags_json_writer *json, const pags_sink *jpeg, pags_view_message *out) {
+pags_result pags_view_message_of(pags_json_writer *json, pags_view_message *out) {
   pags_json_end_object(json);
-  pags_result result = pags_json_writer_finish(json);
-  if (result == PAGS_OK) {
-    const size_t head = jpeg ? 4 : 0;
-    *out = (pags_view_message){.size = head + json->size + (jpeg ? jpeg->size : 0), .binary = jpeg != NULL};
-    out->bytes = malloc(out->size);
-    if (!out->bytes)
-      result = pags_out_of_memory(NULL);
-  }
-  if (result == PAGS_OK && jpeg) {
-    put_u32(out->bytes, json->size);
-    memcpy(out->bytes + 4, json->data, json->size);
-    memcpy(out->bytes + 4 + json->size, jpeg->bytes, jpeg->size);
-  } else if (result == PAGS_OK) {
-    memcpy(out->bytes, json->data, json->size);
-  }
+  const pags_result result = pags_json_writer_finish(json);
+  if (result == PAGS_OK)
+    *out = (pags_view_message){.bytes = pags_take(&json->data), .size = json->size};
   pags_json_writer_destroy(json);
   return result;
 }
 
-static void begin(pags_json_writer *json, const char *type, int64_t serial) {
-  pags_json_writer_init(json, 0);
-  pags_json_begin_object(json, NULL);
-  pags_json_put_string(json, "type", type);
-  pags_json_put_integer(json, "serial", serial);
+static pags_json_writer begin(const char *type, int64_t serial) {
+  pags_json_writer json;
+  pags_json_writer_init(&json, 0);
+  pags_json_begin_object(&json, NULL);
+  pags_json_put_string(&json, "type", type);
+  pags_json_put_integer(&json, "serial", serial);
+  return json;
 }
 
 pags_result pags_renderer_error_message(const char *text, int64_t serial, pags_view_message *out) {
-  pags_json_writer json;
-  begin(&json, "error", serial);
+  pags_json_writer json = begin("error", serial);
   pags_json_put_string(&json, "text", text);
-  return finish(&json, NULL, out);
-}
-
-static void put_stats(pags_json_writer *json, const pags_deadline_result *drawn) {
-  const pags_frame_stats *s = &drawn->stats;
-  pags_json_put_integer(json, "step", drawn->step);
-  pags_json_put_number(json, "drawMs", drawn->ms);
-  pags_json_put_number(json, "fullTiles", drawn->full_tiles);
-  pags_json_put_integer(json, "gaussians", s->gaussians);
-  pags_json_put_integer(json, "inView", s->in_view);
-  pags_json_put_integer(json, "loaded", s->loaded);
-  pags_json_put_integer(json, "hidden", s->hidden);
-  pags_json_put_integer(json, "shaded", s->shaded);
-  pags_json_put_integer(json, "pairs", s->pairs_binned);
-  pags_json_put_integer(json, "clustersHidden", s->clusters_hidden);
+  return pags_view_message_of(&json, out);
 }
 
 static pags_result send_picture(const pags_view_look *look, const pags_image *image, int percent, bool sharp,
                                 const pags_deadline_result *drawn, double psnr, pags_view_message *out) {
+  const pags_frame_stats *s = &drawn->stats;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer json = begin("picture", look->serial);
+  pags_json_put_integer(&json, "width", image->width);
+  pags_json_put_integer(&json, "height", image->height);
+  pags_json_put_bool(&json, "sharp", sharp);
+  pags_json_put_number(&json, "psnr", psnr);
+  pags_json_put_integer(&json, "step", drawn->step);
+  pags_json_put_number(&json, "drawMs", drawn->ms);
+  pags_json_put_number(&json, "fullTiles", drawn->full_tiles);
+  pags_json_put_integer(&json, "gaussians", s->gaussians);
+  pags_json_put_integer(&json, "inView", s->in_view);
+  pags_json_put_integer(&json, "loaded", s->loaded);
+  pags_json_put_integer(&json, "hidden", s->hidden);
+  pags_json_put_integer(&json, "shaded", s->shaded);
+  pags_json_put_integer(&json, "pairs", s->pairs_binned);
+  pags_json_put_integer(&json, "clustersHidden", s->clusters_hidden);
+  pags_json_end_object(&json);
+  PAGS_TRY(pags_json_writer_finish(&json));
   pags_sink jpeg = {0};
-  pags_result result = pags_jpeg_encode("the picture", image, percent, &jpeg);
-  if (result == PAGS_OK) {
-    pags_json_writer json;
-    begin(&json, "picture", look->serial);
-    pags_json_put_integer(&json, "width", image->width);
-    pags_json_put_integer(&json, "height", image->height);
-    pags_json_put_bool(&json, "sharp", sharp);
-    pags_json_put_number(&json, "psnr", psnr);
-    put_stats(&json, drawn);
-    result = finish(&json, &jpeg, out);
-  }
-  free(jpeg.bytes);
-  return result;
+  const pags_result encoded = pags_jpeg_encode("the picture", image, percent, &jpeg);
+  PAGS_AUTOFREE unsigned char *file = jpeg.bytes;
+  PAGS_TRY(encoded);
+  const size_t head = 4 + json.size;
+  unsigned char *bytes = malloc(head + jpeg.size);
+  PAGS_CHECK_MEMORY(bytes, NULL);
+  for (int i = 0; i < 4; i++)
+    bytes[i] = (unsigned char)(json.size >> (8 * i));
+  memcpy(bytes + 4, json.data, json.size);
+  memcpy(bytes + head, file, jpeg.size);
+  *out = (pags_view_message){.bytes = bytes, .size = head + jpeg.size, .binary = true};
+  return PAGS_OK;
 }
 
 /* ---- Pictures ---- */
@@ -266,45 +239,37 @@ static pags_result send_picture(const pags_view_look *look, const pags_image *im
 static pags_result draw_scene(pags_renderer *renderer, const pags_view_look *look, const pags_renderer_quality *quality,
                               pags_view_message *out, pags_deadline_result *drawn) {
   pags_frame_options options = pags_composition_options(renderer->settings.composition);
-  const pags_camera *camera = &look->camera;
   const int step = look->full || !look->early_z ? 0 : quality->step;
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   pags_picture picture;
   int count;
-  PAGS_TRY(compose(renderer, look, camera->time, &count));
+  PAGS_TRY(compose(renderer, look, look->camera.time, &count));
   options.extra_channels = look->channel != PAGS_VIEW_COLOR;
   if (!look->early_z)
     options.early_z = PAGS_EARLY_Z_OFF;
   if (look->channel == PAGS_VIEW_SIZE)
     measure_sizes(renderer, count);
-  PAGS_TRY(
-      pags_deadline_render_step(renderer->deadline, step, renderer->parts, count, camera, &options, &picture, drawn));
-  pags_image image;
+  PAGS_TRY(pags_deadline_render_step(renderer->deadline, step, renderer->parts, count, &look->camera, &options,
+                                     &picture, drawn));
   PAGS_TRY(to_image(renderer, &picture, look->channel, &image));
-  const pags_result result = send_picture(look, &image, quality->percent, quality->sharp, drawn, (double)NAN, out);
-  pags_image_destroy(&image);
-  return result;
+  return send_picture(look, &image, quality->percent, quality->sharp, drawn, (double)NAN, out);
 }
 
 /* ---- Photographs ---- */
 
 static pags_result open_photographs(pags_renderer *renderer) {
   enum { CACHE = 64 << 20 }; /* bytes of decoded photographs */
-  const pags_scene *scene = pags_composition_scene(renderer->settings.composition);
-  if (renderer->opened)
+  const pags_renderer_settings *settings = &renderer->settings;
+  const pags_scene *scene = pags_composition_scene(settings->composition);
+  if (renderer->photographs.dataset)
     return PAGS_OK;
-  if (renderer->settings.photographs) {
-    PAGS_TRY(
-        pags_photographs_of(renderer->settings.photographs, renderer->settings.tasks, CACHE, &renderer->photographs));
-    renderer->opened = true;
-    return PAGS_OK;
-  }
-  if (!renderer->settings.dataset && !scene->dataset)
+  if (settings->photographs)
+    return pags_photographs_of(settings->photographs, settings->tasks, CACHE, &renderer->photographs);
+  if (!settings->dataset && !scene->dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "the scene doesn't name its data set: start pags view with --dataset DATASET");
-  PAGS_TRY(pags_photographs_open_for(scene, renderer->settings.dataset, &renderer->settings.dataset_options,
-                                     renderer->settings.tasks, CACHE, &renderer->photographs));
-  renderer->opened = true;
-  return PAGS_OK;
+  return pags_photographs_open_for(scene, settings->dataset, &settings->dataset_options, settings->tasks, CACHE,
+                                   &renderer->photographs);
 }
 
 /* Renders the view from its own camera with the exposure of its photograph, as floats 0..1. */
@@ -313,7 +278,7 @@ static pags_result draw_view(pags_renderer *renderer, const pags_view_look *look
   pags_frame_options options = pags_composition_options(renderer->settings.composition);
   pags_picture picture;
   int count;
-  pags_camera camera = view->camera;
+  const pags_camera camera = view->camera;
   if (camera.width != width || camera.height != height)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph has %dx%d pixels, its camera %dx%d", view->name, width,
                      height, camera.width, camera.height);
@@ -329,42 +294,35 @@ static pags_result compare(pags_renderer *renderer, const pags_view_look *look, 
                            const pags_scene_view *view, pags_view_message *out, pags_deadline_result *drawn) {
   enum { QUALITY = 92, TIMES = 3 };
   const pags_image *photo = &photograph->image;
-  pags_image picture = {0}, shown = {0};
-  double psnr = (double)NAN;
+  PAGS_AUTO(pags_image_destroy) pags_image picture = {0}, shown = {0};
+  double psnr;
   PAGS_TRY(draw_view(renderer, look, view, photo->width, photo->height, &picture, drawn));
-  pags_result result = pags_eval_psnr(&picture, photo, photograph->mask, &psnr);
-  if (result == PAGS_OK)
-    result = pags_image_create(&shown, photo->width, photo->height, 3, PAGS_U8);
-  if (result == PAGS_OK) {
-    const float *a = picture.data, *b = photo->data;
-    const size_t samples = 3 * (size_t)photo->width * (size_t)photo->height;
-    for (size_t i = 0; i < samples; i++) {
-      const float value = look->channel == PAGS_VIEW_PHOTOGRAPH ? b[i] : TIMES * fabsf(a[i] - b[i]);
-      ((uint8_t *)shown.data)[i] = (uint8_t)(255 * (value > 0 ? value < 1 ? value : 1 : 0) + 0.5F);
-    }
-    result = send_picture(look, &shown, QUALITY, true, drawn, pags_psnr_capped(psnr), out);
-  }
-  pags_image_destroy(&picture);
-  pags_image_destroy(&shown);
-  return result;
+  PAGS_TRY(pags_eval_psnr(&picture, photo, photograph->mask, &psnr));
+  PAGS_TRY(pags_image_create(&shown, photo->width, photo->height, 3, PAGS_U8));
+  const float *a = picture.data, *b = photo->data;
+  uint8_t *to = shown.data;
+  const size_t samples = 3 * (size_t)photo->width * (size_t)photo->height;
+  for (size_t i = 0; i < samples; i++)
+    to[i] = to_byte(look->channel == PAGS_VIEW_PHOTOGRAPH ? b[i] : TIMES * fabsf(a[i] - b[i]));
+  return send_picture(look, &shown, QUALITY, true, drawn, pags_psnr_capped(psnr), out);
 }
 
 static pags_result draw_photograph(pags_renderer *renderer, const pags_view_look *look, pags_view_message *out,
                                    pags_deadline_result *drawn) {
   const pags_scene *scene = pags_composition_scene(renderer->settings.composition);
+  pags_photographs *photographs = &renderer->photographs;
+  PAGS_AUTO(pags_photograph_destroy) pags_photograph photograph = {0};
   if (look->view < 0 || look->view >= scene->view_count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "no recorded camera is selected");
   PAGS_TRY(open_photographs(renderer));
-  for (int64_t i = 0; i < renderer->photographs.count; i++)
-    if (renderer->photographs.borrowed ? i == look->view
-                                       : renderer->photographs.views[i].scene_view == &scene->views[look->view]) {
-      pags_photograph photograph;
-      PAGS_TRY(pags_photographs_read(&renderer->photographs, i, &photograph));
-      const pags_result result = compare(renderer, look, &photograph, &scene->views[look->view], out, drawn);
-      pags_photograph_destroy(&photograph);
-      return result;
-    }
-  return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the data set has no photograph of it", scene->views[look->view].name);
+  const pags_scene_view *view = &scene->views[look->view];
+  int64_t i = 0;
+  while (i < photographs->count && (photographs->borrowed ? i != look->view : photographs->views[i].scene_view != view))
+    i++;
+  if (i == photographs->count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the data set has no photograph of it", view->name);
+  PAGS_TRY(pags_photographs_read(photographs, i, &photograph));
+  return compare(renderer, look, &photograph, view, out, drawn);
 }
 
 pags_result pags_renderer_draw(pags_renderer *renderer, const pags_view_look *look,
@@ -386,20 +344,16 @@ pags_result pags_renderer_draw(pags_renderer *renderer, const pags_view_look *lo
 pags_result pags_renderer_pick(pags_renderer *renderer, const pags_view_look *look, double x, double y, int64_t serial,
                                pags_view_message *out) {
   const pags_camera *camera = &look->camera;
-  const double *m = camera->world_from_camera;
   const double ray[3] = {(x - camera->cx) / camera->fx, (y - camera->cy) / camera->fy, 1};
   double eye[3], direction[3];
   pags_picked picked;
   int count;
-  for (int i = 0; i < 3; i++) {
-    eye[i] = m[4 * i + 3];
-    direction[i] = m[4 * i] * ray[0] + m[4 * i + 1] * ray[1] + m[4 * i + 2] * ray[2];
-  }
+  pags_pose_position(camera->world_from_camera, eye);
+  pags_rotate3(camera->world_from_camera, ray, direction);
   PAGS_TRY(compose(renderer, look, camera->time, &count));
   PAGS_TRY(
       pags_composition_pick(renderer->settings.composition, renderer->parts, count, eye, direction, NULL, &picked));
-  pags_json_writer json;
-  begin(&json, "picked", serial);
+  pags_json_writer json = begin("picked", serial);
   pags_json_put_bool(&json, "hit", picked.part >= 0);
   if (picked.part >= 0) {
     const int64_t object = picked.object >= 0 ? picked.object : renderer->object_of[picked.id];
@@ -409,5 +363,5 @@ pags_result pags_renderer_pick(pags_renderer *renderer, const pags_view_look *lo
     pags_json_put_integer(&json, "object", object);
     pags_json_put_number(&json, "priority", (double)renderer->priority_of[picked.id]);
   }
-  return finish(&json, NULL, out);
+  return pags_view_message_of(&json, out);
 }

@@ -19,6 +19,9 @@ typedef struct pags_view_message {
   bool binary;
 } pags_view_message;
 
+/* Makes a message from a JSON document, whose object is still open. Destroys the writer. PAGS_ERROR_MEMORY. */
+pags_result pags_view_message_of(pags_json_writer *json, pags_view_message *out);
+
 typedef struct pags_renderer pags_renderer;
 
 typedef struct pags_renderer_settings {
@@ -34,8 +37,10 @@ typedef struct pags_renderer_settings {
  * renderer without one. */
 pags_result pags_renderer_set_scene(pags_renderer *renderer, pags_composition *composition);
 
+/* After a failure, *out must be destroyed, too. */
 pags_result pags_renderer_create(const pags_renderer_settings *settings, pags_renderer **out);
 void pags_renderer_destroy(pags_renderer *renderer); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_renderer, pags_renderer_destroy)
 
 /* A deadline controller for the pictures of one page. */
 pags_deadline_controller pags_renderer_controller(const pags_renderer *renderer);

@@ -3,12 +3,9 @@
 #include "cli/view/request.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "base/json.h"
-
-static const char *const channels[PAGS_VIEW_CHANNELS] = {"color",  "depth", "priority",   "critical",
-                                                         "object", "size",  "photograph", "difference"};
+#include "base/text.h"
 
 static const int64_t most_serial = (int64_t)1 << 52;
 
@@ -52,15 +49,15 @@ static pags_result read_hidden(const pags_json *json, const pags_json_value *roo
 }
 
 static pags_result read_look(const pags_json *json, const pags_json_value *root, pags_view_look *look) {
+  static const char *const channels[PAGS_VIEW_CHANNELS] = {"color",  "depth", "priority",   "critical",
+                                                           "object", "size",  "photograph", "difference"};
   const pags_json_value *camera;
   const char *name;
   PAGS_TRY(pags_json_object(json, root, "camera", &camera));
   PAGS_TRY(read_camera(json, camera, &look->camera));
   PAGS_TRY(pags_json_string_or(json, root, "channel", "color", &name));
-  int channel = 0;
-  while (channel < PAGS_VIEW_CHANNELS && strcmp(channels[channel], name))
-    channel++;
-  if (channel == PAGS_VIEW_CHANNELS)
+  const int channel = pags_text_find(name, channels, PAGS_VIEW_CHANNELS);
+  if (channel < 0)
     return pags_json_fail(json, root, "no channel is called '%.40s'", name);
   look->channel = (pags_view_channel)channel;
   PAGS_TRY(pags_json_integer_or(json, root, "view", -1, 2147483647, -1, &look->view));
@@ -71,46 +68,37 @@ static pags_result read_look(const pags_json *json, const pags_json_value *root,
 }
 
 static pags_result read_root(const pags_json *json, pags_view_request *out) {
+  static const char *const kinds[] = {"look", "pick", "got", "run", "checkpoint", "stop"}; /* as pags_view_kind */
   const pags_json_value *root = pags_json_root(json);
-  const char *kind;
+  const char *name;
   PAGS_TRY(pags_json_as_object(json, root, "a message"));
-  PAGS_TRY(pags_json_string(json, root, "type", &kind));
+  PAGS_TRY(pags_json_string(json, root, "type", &name));
   PAGS_TRY(pags_json_integer(json, root, "serial", 0, most_serial, &out->serial));
-  if (!strcmp(kind, "look")) {
-    out->kind = PAGS_VIEW_LOOK;
+  const int kind = pags_text_find(name, kinds, sizeof kinds / sizeof *kinds);
+  if (kind < 0)
+    return pags_json_fail(json, root, "no message is of type '%.40s'", name);
+  out->kind = (pags_view_kind)kind;
+  if (out->kind == PAGS_VIEW_LOOK) {
     out->look.serial = out->serial;
     return read_look(json, root, &out->look);
   }
-  if (!strcmp(kind, "pick")) {
-    out->kind = PAGS_VIEW_PICK;
+  if (out->kind == PAGS_VIEW_PICK) {
     PAGS_TRY(pags_json_number(json, root, "x", &out->x));
     PAGS_TRY(pags_json_number(json, root, "y", &out->y));
     return fabs(out->x) < 1e6 && fabs(out->y) < 1e6 ? PAGS_OK : pags_json_fail(json, root, "no such pixel");
   }
-  if (!strcmp(kind, "run")) {
-    out->kind = PAGS_VIEW_RUN;
+  if (out->kind == PAGS_VIEW_RUN) {
     PAGS_TRY(pags_json_integer(json, root, "edition", 0, most_serial, &out->edition));
     return pags_json_integer(json, root, "from", 0, most_serial, &out->from);
   }
-  static const struct {
-    const char *name;
-    pags_view_kind kind;
-  } plain[] = {{"got", PAGS_VIEW_GOT}, {"checkpoint", PAGS_VIEW_CHECKPOINT}, {"stop", PAGS_VIEW_STOP}};
-  for (size_t i = 0; i < sizeof plain / sizeof *plain; i++)
-    if (!strcmp(kind, plain[i].name)) {
-      out->kind = plain[i].kind;
-      return PAGS_OK;
-    }
-  return pags_json_fail(json, root, "no message is of type '%.40s'", kind);
+  return PAGS_OK;
 }
 
 pags_result pags_view_request_parse(const char *text, size_t size, pags_view_request *out) {
   memset(out, 0, sizeof *out);
   if (size > PAGS_VIEW_MESSAGE)
     return pags_fail(PAGS_ERROR_LIMIT, "a message of %zu bytes: expected at most %d", size, PAGS_VIEW_MESSAGE);
-  pags_json *json;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   PAGS_TRY(pags_json_parse_text("message", text, size, &json));
-  const pags_result result = read_root(json, out);
-  pags_json_destroy(json);
-  return result;
+  return read_root(json, out);
 }

@@ -5,8 +5,6 @@
 
 #include <math.h>
 #include <pthread.h>
-#include <stdlib.h>
-#include <string.h>
 #include "base/file.h"
 #include "base/memory.h"
 #include "port/port.h"
@@ -70,31 +68,26 @@ static pags_result read_line(pags_run_status *status, const pags_json *json) {
   } else if (pags_json_member(root, "loss")) {
     PAGS_TRY(pags_json_number(json, root, "loss", &loss));
     PAGS_TRY(pags_json_number_or(json, root, "psnr", (double)NAN, &psnr));
-    const double point[COLUMNS] = {step, loss, psnr, gaussians, (double)NAN, (double)NAN};
-    add_point(status, point);
+    add_point(status, (double[COLUMNS]){step, loss, psnr, gaussians, (double)NAN, (double)NAN});
   }
   return PAGS_OK;
 }
 
 /* Reads an earlier log up to the first invalid line. */
 static void read_log(pags_run_status *status, const char *path) {
-  uint8_t *bytes;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
   if (!pags_file_exists(path) || pags_file_read(path, &bytes, &size) != PAGS_OK)
     return;
   const char *at = (const char *)bytes, *const end = at + size;
-  pags_result result = PAGS_OK;
-  while (at < end && result == PAGS_OK) {
+  bool valid = true;
+  while (at < end && valid) {
     const char *line = at, *stop = memchr(at, '\n', (size_t)(end - at));
-    pags_json *json;
+    PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
     at = stop ? stop + 1 : end;
-    result = pags_json_parse_text(path, line, (size_t)(at - line), &json);
-    if (result != PAGS_OK)
-      break;
-    result = read_line(status, json);
-    pags_json_destroy(json);
+    valid =
+        pags_json_parse_text(path, line, (size_t)(at - line), &json) == PAGS_OK && read_line(status, json) == PAGS_OK;
   }
-  free(bytes);
 }
 
 /* ---- Updates by the trainer ---- */
@@ -121,16 +114,15 @@ void pags_run_status_update(pags_run_status *status, const pags_train_progress *
   status->share = share;
   if (progress->seen.view >= 0 && progress->seen.view < status->views)
     status->psnr_of[progress->seen.view] = progress->seen.psnr;
-  if (measured)
+  if (measured) {
     for (int i = 0; i < progress->held_out_count; i++)
       status->held_of[progress->held_out[i].view] = progress->held_out[i].psnr;
-  if (measured)
     add_held_out(status, progress->step, progress->held_out_psnr);
+  }
   if (progress->step % status->every == 0 || progress->step == progress->iterations) {
     status->memory = pags_port_resident_memory();
-    const double point[COLUMNS] = {(double)progress->step,      progress->loss,          progress->psnr,
-                                   (double)progress->gaussians, progress->it_per_second, (double)status->memory};
-    add_point(status, point);
+    add_point(status, (double[COLUMNS]){(double)progress->step, progress->loss, progress->psnr,
+                                        (double)progress->gaussians, progress->it_per_second, (double)status->memory});
   }
   pthread_mutex_unlock(&status->lock);
 }
@@ -195,10 +187,8 @@ static void put_curves(const pags_run_status *status, pags_json_writer *json, co
     pags_json_put_numbers(json, NULL, status->points[i], COLUMNS);
   pags_json_end_array(json);
   pags_json_begin_array(json, "heldOut");
-  for (int i = 0; i < status->held_count; i++) {
-    const double pair[2] = {(double)status->held[i].step, status->held[i].psnr};
-    pags_json_put_numbers(json, NULL, pair, 2);
-  }
+  for (int i = 0; i < status->held_count; i++)
+    pags_json_put_numbers(json, NULL, (double[]){(double)status->held[i].step, status->held[i].psnr}, 2);
   pags_json_end_array(json);
 }
 
@@ -232,36 +222,26 @@ pags_result pags_run_status_answer(pags_run_status *status, const pags_view_requ
   put_worst(status, &json);
   if (request->kind == PAGS_VIEW_RUN)
     put_curves(status, &json, request);
-  pags_json_end_object(&json);
   pthread_mutex_unlock(&status->lock);
-  const pags_result result = pags_json_writer_finish(&json);
-  if (result == PAGS_OK)
-    *out = (pags_view_message){.bytes = (unsigned char *)json.data, .size = json.size};
-  else
-    pags_json_writer_destroy(&json);
-  return result;
+  return pags_view_message_of(&json, out);
 }
 
 /* ---- Start and end ---- */
 
 pags_result pags_run_status_create(int64_t views, const char *log, pags_run_status **out) {
-  pags_run_status *status = calloc(1, sizeof *status);
+  PAGS_AUTO(pags_run_status_destroy_auto) pags_run_status *status = calloc(1, sizeof *status);
   *out = NULL;
-  if (!status)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(status, NULL);
+  pthread_mutex_init(&status->lock, NULL);
   status->views = views;
   status->psnr_of = malloc(((size_t)views + 1) * sizeof *status->psnr_of);
   status->held_of = malloc(((size_t)views + 1) * sizeof *status->held_of);
-  pthread_mutex_init(&status->lock, NULL);
-  if (!status->psnr_of || !status->held_of) {
-    pags_run_status_destroy(status);
-    return pags_out_of_memory("%lld views", (long long)views);
-  }
+  PAGS_CHECK_MEMORY(status->psnr_of && status->held_of, "%lld views", (long long)views);
   for (int64_t i = 0; i < views; i++)
     status->psnr_of[i] = status->held_of[i] = (double)NAN;
   if (log)
     read_log(status, log);
-  *out = status;
+  *out = pags_take(&status);
   return PAGS_OK;
 }
 

@@ -14,6 +14,7 @@ typedef struct pags_run_status pags_run_status;
  * An unreadable log is ignored. */
 pags_result pags_run_status_create(int64_t views, const char *log, pags_run_status **out);
 void pags_run_status_destroy(pags_run_status *run_status); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_run_status, pags_run_status_destroy)
 
 /* Share of the run time that pages take. */
 typedef struct pags_run_status_share {

@@ -22,9 +22,11 @@ typedef struct pags_server_settings {
 
 typedef struct pags_server pags_server;
 
-/* Opens the port. PAGS_ERROR_IO with the remedy if the port isn't available. */
+/* Opens the port. PAGS_ERROR_IO with the remedy if the port isn't available. After a failure, *out must be destroyed,
+ * too. */
 pags_result pags_server_create(const pags_server_settings *settings, pags_server **out);
 void pags_server_destroy(pags_server *server); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_server, pags_server_destroy)
 
 /* The address to open in a browser, with the token; owned by the server. */
 const char *pags_server_url(const pags_server *server);

@@ -41,25 +41,27 @@ static void *serve(void *user) {
 
 /* ---- Between two steps ---- */
 
-static pags_result describe(pags_watch *watch, pags_composition *composition) {
+/* Describes the scene on the first call; renders for a page on later calls. */
+static pags_result look(pags_watch *watch, pags_composition *composition) {
+  if (watch->described) {
+    PAGS_TRY(pags_renderer_set_scene(watch->renderer, composition));
+    pags_render_server_draw_next(pags_server_render_server(watch->server));
+    watch->pictures++;
+    return PAGS_OK;
+  }
   pags_view_start start;
   PAGS_TRY(pags_view_start_find(pags_composition_scene(composition), &start));
   PAGS_TRY(pags_view_describe(composition, &start, watch->settings.name, true, &watch->description));
   pags_server_describe(watch->server, watch->description.data);
+  watch->described = true;
   return PAGS_OK;
 }
 
-/* Describes the scene on the first call; renders for a page on later calls. */
-static pags_result look(pags_watch *watch, pags_train_moment *moment) {
+/* As `look`, of the scene as it is now. */
+static pags_result look_now(pags_watch *watch, pags_train_moment *moment) {
   pags_composition *composition;
   PAGS_TRY(pags_train_moment_compose(moment, &composition));
-  pags_result result =
-      watch->described ? pags_renderer_set_scene(watch->renderer, composition) : describe(watch, composition);
-  if (result == PAGS_OK && watch->described) {
-    pags_render_server_draw_next(pags_server_render_server(watch->server));
-    watch->pictures++;
-  }
-  watch->described = watch->described || result == PAGS_OK;
+  const pags_result result = look(watch, composition);
   pags_train_moment_release(moment, composition);
   return result;
 }
@@ -89,7 +91,7 @@ bool pags_watch_step(pags_watch *watch, const pags_train_progress *progress) {
     save(watch, progress);
   const bool due =
       !watch->described || (share > 0 && pags_render_server_is_due(pags_server_render_server(watch->server)));
-  if (due && watch->credit_ms > 0 && look(watch, progress->moment) != PAGS_OK)
+  if (due && watch->credit_ms > 0 && look_now(watch, progress->moment) != PAGS_OK)
     pags_run_status_notify(watch->run_status, pags_error_message());
   watch->returned_ms = pags_clock_ms();
   watch->taken_ms += watch->returned_ms - begun;
@@ -102,8 +104,7 @@ bool pags_watch_step(pags_watch *watch, const pags_train_progress *progress) {
 pags_result pags_watch_create(const pags_watch_settings *settings, pags_watch **out) {
   pags_watch *watch = calloc(1, sizeof *watch);
   *out = watch;
-  if (!watch)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(watch, NULL);
   watch->settings = *settings;
   watch->credit_ms = CREDIT_MS;
   watch->tasks = pags_tasks_create(settings->threads);
