@@ -13,8 +13,8 @@ struct pags_dataset {
   pags_block_file block;      /* zeroed unless the data set is a block of a recording */
   pags_parsed_dataset parsed; /* owns the strings of `views`; parsed.views has the same order */
   pags_view *views;
-  pags_camera *cameras; /* one per view: not downscaled; only size, intrinsics and lens are set (view_camera.h) */
-  bool *far;            /* one per view: far_cameras.h */
+  pags_camera *cameras; /* one per view: not downscaled; only size, intrinsics and lens are set (view_camera.c) */
+  bool *far;            /* one per view: far_cameras.c */
   int64_t count;
   double origin[3];
   int64_t missing;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Chooses the camera of a view's photographs (view_camera.h), and masks what its lens doesn't see.
+/* Chooses the camera of a view's photographs, and masks what its lens doesn't see.
  *
  * Whatever is seen lies within the image of the circle at the lens's widest angle from its axis, a smooth closed curve
  * around the principal point; a polygon of it is a thousandth of a pixel off. */

@@ -9,7 +9,7 @@
 #include <pags/train.h>
 
 /* The scene's extent: 1.1 times the largest distance of a camera from the cameras' mean position, metres (Kerbl et al.
- * 2023), without those that are far from all others (dataset/far_cameras.h), but at least a quarter of the median
+ * 2023), without those that are far from all others (dataset/far_cameras.c), but at least a quarter of the median
  * distance of the points from there: cameras that stand closely together (on a tripod, or before a far wall) say
  * nothing of the size of what they see. Without points, 1 if all cameras stand in one place. `views` are the indices of
  * the training views in the data set; xyz holds 3 floats per point, relative to the data set's origin.
