@@ -12,10 +12,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "maths/maths.h"
 #include "simd/kernels.h"
@@ -24,15 +20,6 @@ enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS, MOST_ROWS = 256 };
 
 /* ---- Access to planes and clusters ---- */
 
-static pags_rate_group group_of(int plane) {
-  return plane < PAGS_SCALE      ? PAGS_RATE_POSITION
-         : plane < PAGS_ROTATION ? PAGS_RATE_SCALE
-         : plane < PAGS_OPACITY  ? PAGS_RATE_ROTATION
-         : plane < PAGS_SH       ? PAGS_RATE_OPACITY
-         : plane < PAGS_SH + 3   ? PAGS_RATE_SH_DC
-                                 : PAGS_RATE_SH_REST;
-}
-
 /* Pointers to row `first` of one parameter and of its two moments. Columns are counted over the `planes` active
  * planes first, then over the Fourier terms. */
 typedef struct column {
@@ -40,17 +27,21 @@ typedef struct column {
   pags_rate_group group;
 } column;
 
-static int column_count(const pags_gaussians *g, int planes) {
-  return planes + (g->fourier ? PAGS_FOURIER_PLANES : 0);
+static column column_at(const pags_adam *adam, const pags_gaussians *g, int planes, int index, int64_t first) {
+  const int plane = index < planes ? index : index - planes + pags_plane_count(g->sh_degree);
+  const pags_rate_group group = index >= planes         ? PAGS_RATE_FOURIER
+                                : plane < PAGS_SCALE    ? PAGS_RATE_POSITION
+                                : plane < PAGS_ROTATION ? PAGS_RATE_SCALE
+                                : plane < PAGS_OPACITY  ? PAGS_RATE_ROTATION
+                                : plane < PAGS_SH       ? PAGS_RATE_OPACITY
+                                : plane < PAGS_SH + 3   ? PAGS_RATE_SH_DC
+                                                        : PAGS_RATE_SH_REST;
+  return (column){pags_any_plane(g, plane) + first, pags_any_plane(&adam->first, plane) + first,
+                  pags_any_plane(&adam->second, plane) + first, group};
 }
 
-static column column_at(const pags_adam *adam, const pags_gaussians *g, int planes, int index, int64_t first) {
-  if (index < planes)
-    return (column){pags_plane(g, index) + first, pags_plane(&adam->first, index) + first,
-                    pags_plane(&adam->second, index) + first, group_of(index)};
-  int64_t k = index - planes;
-  return (column){g->fourier + k * g->stride + first, adam->first.fourier + k * adam->first.stride + first,
-                  adam->second.fourier + k * adam->second.stride + first, PAGS_RATE_FOURIER};
+static int column_count(const pags_gaussians *g, int planes) {
+  return planes + (g->fourier ? PAGS_FOURIER_PLANES : 0);
 }
 
 static const pags_train_config *config_of(const pags_adam *adam) {
@@ -81,48 +72,24 @@ static int64_t table_index(const pags_adam *adam, int64_t step) {
 /* ---- Tables, creation and memory ---- */
 
 pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
-  int64_t steps = last_step + adam->reach + 2;
-  double *correction = malloc((size_t)steps * sizeof(double));
-  double *position = malloc((size_t)steps * sizeof(double));
-  double *fall = malloc((size_t)steps * sizeof(double));
-  if (!correction || !position || !fall) {
-    free(correction);
-    free(position);
-    free(fall);
-    return pags_out_of_memory("the rates of %lld steps", (long long)last_step);
-  }
+  const pags_schedule *const s = adam->schedule;
+  const int64_t steps = last_step + adam->reach + 2;
+  double *const tables = malloc(3 * (size_t)steps * sizeof *tables);
+  PAGS_CHECK_MEMORY(tables, "the rates of %lld steps", (long long)last_step);
   free(adam->correction);
-  free(adam->position_rate);
-  free(adam->fall);
-  adam->correction = correction;
-  adam->position_rate = position;
-  adam->fall = fall;
   adam->table_steps = steps;
-
-  /* Fill the tables of c_k, of the positions' rate and of the fall of the others. */
-  for (int64_t k = 0; k < adam->table_steps; k++) {
+  adam->correction = tables;
+  adam->fall = tables + steps;
+  adam->position_rate = tables + 2 * steps;
+  for (int64_t k = 0; k < steps; k++) {
     double rates[GROUPS];
-    pags_schedule_rates(adam->schedule, k, rates);
+    pags_schedule_rates(s, k, rates);
     adam->position_rate[k] = rates[PAGS_RATE_POSITION];
-    adam->fall[k] = pags_schedule_fall(adam->schedule, k);
-    adam->correction[k] =
-        k == 0 ? 0.0
-               : sqrt(-pags_expm1((double)k * pags_log(adam->schedule->beta2))) /
-                     (adam->schedule->beta1 > 0.0 ? -pags_expm1((double)k * pags_log(adam->schedule->beta1)) : 1.0);
+    adam->fall[k] = pags_schedule_fall(s, k);
+    adam->correction[k] = k == 0 ? 0.0
+                                 : sqrt(-pags_expm1((double)k * pags_log(s->beta2))) /
+                                       (s->beta1 > 0.0 ? -pags_expm1((double)k * pags_log(s->beta1)) : 1.0);
   }
-
-  return PAGS_OK;
-}
-
-static pags_result make_decay(pags_adam *adam) {
-  double q = adam->schedule->beta1 / sqrt(adam->schedule->beta2);
-  adam->reach = q > 0.0 ? (int)ceil(pags_log(1e-9) / pags_log(q)) : 0;
-  adam->decay = malloc((size_t)(adam->reach + 1) * sizeof(double));
-  if (!adam->decay)
-    return pags_out_of_memory("the optimiser");
-  adam->decay[0] = 1.0;
-  for (int j = 1; j <= adam->reach; j++)
-    adam->decay[j] = adam->decay[j - 1] * q;
   return PAGS_OK;
 }
 
@@ -150,20 +117,18 @@ pags_result pags_adam_create(pags_adam *adam, const pags_schedule *schedule, con
   adam->kernels = pags_kernels_get(&why);
   if (!adam->kernels)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
-  pags_result result = make_decay(adam);
-  if (result == PAGS_OK)
-    result = pags_adam_retime(adam, last_step);
-  if (result == PAGS_OK)
-    result = pags_gaussians_create(&adam->first, g->count, g->sh_degree);
-  if (result == PAGS_OK)
-    result = pags_gaussians_create(&adam->second, g->count, g->sh_degree);
-  if (result == PAGS_OK)
-    result = pags_adam_reserve(adam, g->stride);
-  if (result == PAGS_OK)
-    result = pags_adam_regroup(adam, g->count, step);
-  if (result != PAGS_OK)
-    pags_adam_destroy(adam);
-  return result;
+  const double q = schedule->beta1 / sqrt(schedule->beta2);
+  adam->reach = q > 0.0 ? (int)ceil(pags_log(1e-9) / pags_log(q)) : 0;
+  adam->decay = malloc((size_t)(adam->reach + 1) * sizeof(double));
+  PAGS_CHECK_MEMORY(adam->decay, "the optimiser");
+  adam->decay[0] = 1.0;
+  for (int j = 1; j <= adam->reach; j++)
+    adam->decay[j] = adam->decay[j - 1] * q;
+  PAGS_TRY(pags_adam_retime(adam, last_step));
+  PAGS_TRY(pags_gaussians_create(&adam->first, g->count, g->sh_degree));
+  PAGS_TRY(pags_gaussians_create(&adam->second, g->count, g->sh_degree));
+  PAGS_TRY(pags_adam_reserve(adam, g->stride));
+  return pags_adam_regroup(adam, g->count, step);
 }
 
 void pags_adam_destroy(pags_adam *adam) {
@@ -172,8 +137,6 @@ void pags_adam_destroy(pags_adam *adam) {
   free(adam->moment_step);
   free(adam->param_step);
   free(adam->correction);
-  free(adam->position_rate);
-  free(adam->fall);
   free(adam->decay);
   *adam = (pags_adam){0};
 }
@@ -245,21 +208,16 @@ static void replay(const pags_adam *adam, pags_gaussians *g, int64_t cluster, in
   }
 }
 
-/* Applies the pending steps of a cluster up to `step`. */
-static void pay(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step) {
-  int64_t last = adam->moment_step[cluster], k = adam->param_step[cluster] + 1;
-  int64_t end = step < last + adam->reach ? step : last + adam->reach;
-  if (adam->param_step[cluster] >= step)
+void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step) {
+  const int64_t last = adam->moment_step[cluster], most = last + adam->reach, end = step - 1 < most ? step - 1 : most;
+  int64_t k = adam->param_step[cluster] + 1;
+  if (k >= step)
     return;
-  adam->param_step[cluster] = (int32_t)step;
+  adam->param_step[cluster] = (int32_t)(step - 1);
   if (last == 0)
     return; /* no gradient yet: both moments are zero and nothing moves */
   for (; k <= end; k += REPLAY_CHUNK)
     replay(adam, g, cluster, last, k, end - k + 1 < REPLAY_CHUNK ? (int)(end - k + 1) : REPLAY_CHUNK);
-}
-
-void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step) {
-  pay(adam, g, cluster, step - 1);
 }
 
 /* ---- One step with gradients ---- */
@@ -313,7 +271,7 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
                      const float *gradient, int64_t stride, int planes, pags_nonfinite_row *bad_row) {
   int64_t step = adam->step, first, k = table_index(adam, step);
   int rows = cluster_rows(adam, cluster, &first);
-  pay(adam, g, cluster, step - 1);
+  pags_adam_touch(adam, g, cluster, step);
 
   /* Find the rows whose parameters or gradients aren't finite. */
   left_out l = {.any = 0};
@@ -321,28 +279,28 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
   if (g->fourier)
     l.any |= adam->kernels->adam_check(g->fourier + first, g->stride, gradient + planes * stride, stride,
                                        PAGS_FOURIER_PLANES, rows, l.bits);
-  left_out out = l;
 
   int64_t n = step - adam->moment_step[cluster];
-  pags_adam_step s = {.decay1 = (float)(n == 1 ? adam->schedule->beta1 : pags_pow(adam->schedule->beta1, (double)n)),
-                      .decay2 = (float)(n == 1 ? adam->schedule->beta2 : pags_pow(adam->schedule->beta2, (double)n)),
-                      .blend1 = (float)(1.0 - adam->schedule->beta1),
-                      .blend2 = (float)(1.0 - adam->schedule->beta2),
+  const double beta1 = adam->schedule->beta1, beta2 = adam->schedule->beta2;
+  pags_adam_step s = {.decay1 = (float)(n == 1 ? beta1 : pags_pow(beta1, (double)n)),
+                      .decay2 = (float)(n == 1 ? beta2 : pags_pow(beta2, (double)n)),
+                      .blend1 = (float)(1.0 - beta1),
+                      .blend2 = (float)(1.0 - beta2),
                       .eps = epsilon_at(adam, step)};
   double rates[GROUPS];
   group_rates(adam, k, rates);
   for (int i = 0; i < column_count(g, planes); i++) {
     column at = column_at(adam, g, planes, i, first);
     s.rate = (float)(rates[at.group] * adam->correction[k]);
-    if (out.any)
-      update_others(adam, at, gradient + i * stride, rows, &out, &s);
+    if (l.any)
+      update_others(adam, at, gradient + i * stride, rows, &l, &s);
     else
       adam->kernels->adam_update(at.p, at.m, at.v, gradient + i * stride, rows, &s);
   }
   adam->moment_step[cluster] = (int32_t)step;
   adam->param_step[cluster] = (int32_t)step;
   pags_adam_bound(adam, g, clusters, cluster);
-  return out.any ? name_left_out(adam, g, &out, first, rows, gradient, stride, planes, bad_row) : 0;
+  return l.any ? name_left_out(adam, g, &l, first, rows, gradient, stride, planes, bad_row) : 0;
 }
 
 /* ---- Bounds and passes over all clusters ---- */
@@ -393,7 +351,7 @@ static void flush_block(void *context, int64_t begin, int64_t end, int worker) {
   sweep *s = context;
   (void)worker;
   for (int64_t c = begin; c < end; c++)
-    pay(s->adam, s->g, c, s->step);
+    pags_adam_touch(s->adam, s->g, c, s->step + 1);
 }
 
 /* Multiplies moments by a factor; results below `least` become zero, as in adam_update. */
@@ -456,4 +414,21 @@ void pags_adam_forget(pags_adam *adam, int first, int last) {
     memset(pags_plane(&adam->first, plane), 0, (size_t)adam->first.count * sizeof(float));
     memset(pags_plane(&adam->second, plane), 0, (size_t)adam->second.count * sizeof(float));
   }
+}
+
+/* ---- Six numbers ---- */
+
+bool pags_adam6_step(pags_adam6 *m, const double gradient[6], const pags_train_config *c, double step[6]) {
+  const double beta1 = c->optimiser.beta1, beta2 = c->optimiser.beta2;
+  for (int i = 0; i < 6; i++)
+    if (!(fabs(gradient[i]) < 1e150)) /* below this the square is finite, too; the test is false for NaN */
+      return false;
+  m->count++;
+  const double bias1 = 1.0 - pags_pow(beta1, (double)m->count), bias2 = 1.0 - pags_pow(beta2, (double)m->count);
+  for (int i = 0; i < 6; i++) {
+    m->first[i] = beta1 * m->first[i] + (1.0 - beta1) * gradient[i];
+    m->second[i] = beta2 * m->second[i] + (1.0 - beta2) * gradient[i] * gradient[i];
+    step[i] = m->first[i] / bias1 / (sqrt(m->second[i] / bias2) + 1e-15);
+  }
+  return true;
 }

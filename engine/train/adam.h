@@ -10,6 +10,8 @@
 #ifndef PAGS_TRAIN_ADAM_H
 #define PAGS_TRAIN_ADAM_H
 
+#include <stdbool.h>
+
 #include <pags/frame.h>
 #include <pags/gaussians.h>
 #include <pags/tasks.h>
@@ -19,6 +21,15 @@
 
 struct pags_kernels;
 
+/* Planes of Gaussians or of their moments, the Fourier terms last. */
+static inline int pags_all_planes(const pags_gaussians *g) {
+  return pags_plane_count(g->sh_degree) + (g->fourier ? PAGS_FOURIER_PLANES : 0);
+}
+static inline float *pags_any_plane(const pags_gaussians *g, int plane) {
+  const int standard = pags_plane_count(g->sh_degree);
+  return plane < standard ? pags_plane(g, plane) : g->fourier + (int64_t)(plane - standard) * g->stride;
+}
+
 typedef struct pags_adam {
   const pags_schedule *schedule;
   const struct pags_kernels *kernels;
@@ -27,8 +38,8 @@ typedef struct pags_adam {
   int64_t cluster_count, cluster_capacity;
   int32_t *moment_step; /* per cluster: the step of its last gradient */
   int32_t *param_step;  /* per cluster: the last step applied to its parameters, >= moment_step */
-  int64_t table_steps;  /* entries of `correction`, `position_rate` and `fall`, which are indexed by step k */
-  double *correction;   /* c_k = sqrt(1 - beta2^k) / (1 - beta1^k) */
+  int64_t table_steps;  /* entries of `correction`, `fall` and `position_rate`, which are indexed by step k */
+  double *correction;   /* c_k = sqrt(1 - beta2^k) / (1 - beta1^k); the other two lie in the same block */
   double *fall;         /* pags_schedule_fall */
   double *position_rate;
   int reach;     /* number of steps after a gradient until its momentum is negligible: q^reach < 1e-9 */
@@ -38,7 +49,7 @@ typedef struct pags_adam {
 } pags_adam;
 
 /* Creates the optimiser of the parameters `g`, with zero moments and no pending steps as of `step`. `last_step` is
- * the largest step that the run will do. */
+ * the largest step that the run will do. Must be destroyed on failure, too. */
 pags_result pags_adam_create(pags_adam *adam, const pags_schedule *schedule, const pags_gaussians *g, int64_t step,
                              int64_t last_step);
 void pags_adam_destroy(pags_adam *adam);
@@ -78,5 +89,17 @@ void pags_adam_flush(pags_adam *adam, pags_gaussians *g, int64_t step, pags_task
 
 /* Sets the moments of planes [first, last) to zero. */
 void pags_adam_forget(pags_adam *adam, int first, int last);
+
+/* The same optimiser for a parameter of six numbers: a pose (rotation, translation) or an exposure (three gains, three
+ * offsets). */
+typedef struct pags_adam6 {
+  double first[6], second[6];
+  int64_t count; /* number of gradients to date, for the bias correction of the moments */
+} pags_adam6;
+
+/* Updates the moments with a gradient. `step` receives Adam's direction m / (sqrt v + 1e-15), bias-corrected; the
+ * caller subtracts it times a learning rate. Returns false, with the moments and `step` unchanged, if a number of
+ * the gradient isn't finite (|g| >= 1e150 counts as not finite): then the parameter must not move. */
+bool pags_adam6_step(pags_adam6 *moments, const double gradient[6], const pags_train_config *config, double step[6]);
 
 #endif

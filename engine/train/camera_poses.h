@@ -14,7 +14,7 @@
 
 #include <pags/dataset.h>
 
-#include "train/adam6.h"
+#include "train/adam.h"
 #include "train/holdout_test.h"
 #include "train/schedule.h"
 

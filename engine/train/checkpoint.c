@@ -12,6 +12,7 @@
 
 #include "base/file.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "cluster/shares.h"
 #include "simd/kernels.h"
 #include "train/config.h"
@@ -50,9 +51,9 @@ static uint32_t crc_add(uint32_t crc, const void *bytes, size_t size) {
   return crc;
 }
 
-/* The file and the CRC of the section being written. With a transport all ranks go through the same sections, each with
- * a file of its own, or one `whole` file by rank 0, which takes the rows of all, a column at a time. A failure to write
- * is kept until the end, since the others wait for what a rank sends or takes. */
+/* The file and the CRC of the section being written. All ranks go through the same sections, each with a file of its
+ * own, or one `whole` file by rank 0, which takes the rows of all, a column at a time. A failure to write is kept until
+ * the end, since the others wait for what a rank sends or takes. */
 typedef struct section_writer {
   pags_file_writer file;
   uint32_t crc;
@@ -68,32 +69,32 @@ static bool leads(const section_writer *w) {
   return pags_transport_rank(w->transport) == 0;
 }
 
-static pags_result put_bytes(section_writer *w, const void *bytes, size_t size) {
-  if (!w->transport)
-    return pags_file_writer_put(&w->file, bytes, size);
+static void put_bytes(section_writer *w, const void *bytes, size_t size) {
   if ((leads(w) || !w->whole) && w->failed == PAGS_OK)
     w->failed = pags_file_writer_put(&w->file, bytes, size);
-  return PAGS_OK;
 }
 
-static pags_result put(section_writer *w, const void *bytes, size_t size) {
+static void put(section_writer *w, const void *bytes, size_t size) {
   w->crc = crc_add(w->crc, bytes, size);
-  return put_bytes(w, bytes, size);
+  put_bytes(w, bytes, size);
 }
 
 /* A column of four bytes for each row of the model, or each `group` rows. */
 static pags_result put_column(section_writer *w, const pags_train_model *m, const void *own, int group) {
-  if (!w->whole)
-    return put(w, own, (size_t)((m->gaussians.count + group - 1) / group) * sizeof(uint32_t));
-  const int ranks = pags_transport_ranks(w->transport);
+  if (!w->whole) {
+    put(w, own, (size_t)((m->gaussians.count + group - 1) / group) * sizeof(uint32_t));
+    return PAGS_OK;
+  }
   int64_t all = 0;
-  for (int r = 0; r < ranks; r++) {
+  for (int r = 0; r < pags_transport_ranks(w->transport); r++) {
     w->bytes[r] = (w->rows[r] + group - 1) / group * (int64_t)sizeof(uint32_t);
     all += w->bytes[r];
   }
   PAGS_TRY(
       pags_transport_gather(w->transport, 0, own, w->bytes[pags_transport_rank(w->transport)], w->column, w->bytes));
-  return leads(w) ? put(w, w->column, (size_t)all) : PAGS_OK;
+  if (leads(w))
+    put(w, w->column, (size_t)all);
+  return PAGS_OK;
 }
 
 /* Rows of which the columns are written. */
@@ -101,51 +102,43 @@ static int64_t written_rows(const section_writer *w, const pags_train_model *m) 
   return w->whole ? m->total : m->gaussians.count;
 }
 
-static pags_result open_section(section_writer *w, const char tag[4], uint64_t size) {
+static void open_section(section_writer *w, const char tag[4], uint64_t size) {
   w->crc = 0;
-  PAGS_TRY(put(w, tag, 4));
-  return put(w, &size, sizeof size);
+  put(w, tag, 4);
+  put(w, &size, sizeof size);
 }
 
-static pags_result close_section(section_writer *w) {
+static void close_section(section_writer *w) {
   const uint32_t crc = w->crc;
-  return put_bytes(w, &crc, sizeof crc);
+  put_bytes(w, &crc, sizeof crc);
 }
 
-static pags_result put_whole(section_writer *w, const char tag[4], const void *bytes, size_t size) {
-  PAGS_TRY(open_section(w, tag, size));
-  PAGS_TRY(put(w, bytes, size));
-  return close_section(w);
-}
-
-/* Number of planes of a model's parameters or moments; Fourier terms come last. */
-static int plane_count(const pags_gaussians *g) {
-  return pags_plane_count(g->sh_degree) + (g->fourier ? PAGS_FOURIER_PLANES : 0);
-}
-
-static float *plane_at(const pags_gaussians *g, int plane) {
-  int standard = pags_plane_count(g->sh_degree);
-  return plane < standard ? pags_plane(g, plane) : g->fourier + (int64_t)(plane - standard) * g->stride;
+static void put_whole(section_writer *w, const char tag[4], const void *bytes, size_t size) {
+  open_section(w, tag, size);
+  put(w, bytes, size);
+  close_section(w);
 }
 
 static pags_result put_planes(section_writer *w, const char tag[4], const pags_train_model *m,
                               const pags_gaussians *g) {
-  const int planes = plane_count(g);
-  PAGS_TRY(open_section(w, tag, (uint64_t)planes * (uint64_t)written_rows(w, m) * sizeof(float)));
+  const int planes = pags_all_planes(g);
+  open_section(w, tag, (uint64_t)planes * (uint64_t)written_rows(w, m) * sizeof(float));
   for (int p = 0; p < planes; p++)
-    PAGS_TRY(put_column(w, m, plane_at(g, p), 1));
-  return close_section(w);
+    PAGS_TRY(put_column(w, m, pags_any_plane(g, p), 1));
+  close_section(w);
+  return PAGS_OK;
 }
 
 /* A section of one or two columns; b may be NULL. */
 static pags_result put_columns(section_writer *w, const char tag[4], const pags_train_model *m, const void *a,
                                const void *b, int group) {
   const int64_t items = (written_rows(w, m) + group - 1) / group;
-  PAGS_TRY(open_section(w, tag, (b ? 2 : 1) * (uint64_t)items * sizeof(uint32_t)));
+  open_section(w, tag, (b ? 2 : 1) * (uint64_t)items * sizeof(uint32_t));
   PAGS_TRY(put_column(w, m, a, group));
   if (b)
     PAGS_TRY(put_column(w, m, b, group));
-  return close_section(w);
+  close_section(w);
+  return PAGS_OK;
 }
 
 static int64_t keyframes_of(const pags_track_poses *tracks) {
@@ -175,7 +168,7 @@ static pags_result put_model(section_writer *w, const pags_train_model *m) {
                          .fourier_gain = m->fourier_gain};
   if (w->whole)
     PAGS_TRY(pags_share_all(w->transport, &g->count, sizeof g->count, w->rows));
-  PAGS_TRY(put_whole(w, "MODL", &record, sizeof record));
+  put_whole(w, "MODL", &record, sizeof record);
   PAGS_TRY(put_planes(w, "GAUS", m, g));
   PAGS_TRY(put_planes(w, "MOM1", m, &m->adam.first));
   PAGS_TRY(put_planes(w, "MOM2", m, &m->adam.second));
@@ -204,49 +197,45 @@ static size_t exposure_bytes(const pags_exposures *exposures) {
   return (size_t)(exposures->count + exposures->sensors) * sizeof(pags_exposure);
 }
 
-static pags_result put_tracks(section_writer *w, const pags_track_poses *tracks) {
-  PAGS_TRY(open_section(w, "TRAK", (uint64_t)keyframes_of(tracks) * sizeof(keyframe_record)));
+static void put_tracks(section_writer *w, const pags_track_poses *tracks) {
+  open_section(w, "TRAK", (uint64_t)keyframes_of(tracks) * sizeof(keyframe_record));
   for (int64_t i = 0; i < tracks->count; i++)
     for (int64_t k = 0; k < tracks->objects[i].keyframe_count; k++) {
       keyframe_record record = {.moments = tracks->moments[i][k]};
-      memcpy(record.increment, tracks->objects[i].keyframes[k].rotation, 3 * sizeof(double));
-      memcpy(record.increment + 3, tracks->objects[i].keyframes[k].translation, 3 * sizeof(double));
-      PAGS_TRY(put(w, &record, sizeof record));
+      pags_copy3(tracks->objects[i].keyframes[k].rotation, record.increment);
+      pags_copy3(tracks->objects[i].keyframes[k].translation, record.increment + 3);
+      put(w, &record, sizeof record);
     }
-  return close_section(w);
+  close_section(w);
 }
 
 /* Section KERN: the names of the kernels used, with this process's, by whether they fuse multiply-add. */
-static pags_result put_kernels(section_writer *w, const pags_train_state *s) {
+static void put_kernels(section_writer *w, const pags_train_state *s) {
   pags_kernel_names names = s->kernels;
   const pags_kernels *const own = pags_kernels_get(NULL);
   if (own) {
     memset(names.of[own->fuses], 0, PAGS_KERNEL_NAME);
     memcpy(names.of[own->fuses], own->name, strlen(own->name));
   }
-  return put_whole(w, "KERN", &names, sizeof names);
+  put_whole(w, "KERN", &names, sizeof names);
 }
 
-/* The begin of sections CAMS and LITE; the parts follow. */
-typedef struct cameras_record {
+/* The begin of sections CAMS and LITE, which holdout tests decide about; the parts follow. */
+typedef struct holdout_record {
   pags_holdout_test holdout;
   int64_t items;
-} cameras_record;
+} holdout_record;
 
-static pags_result put_cameras(section_writer *w, const pags_camera_poses *p) {
-  const cameras_record record = {p->holdout, pags_camera_poses_items(p)};
-  PAGS_TRY(open_section(w, "CAMS", sizeof record + (size_t)pags_camera_poses_items(p) * sizeof *p->items));
-  PAGS_TRY(put(w, &record, sizeof record));
-  PAGS_TRY(put(w, p->items, (size_t)pags_camera_poses_items(p) * sizeof *p->items));
-  return close_section(w);
-}
-
-static pags_result put_photometry(section_writer *w, const pags_photometry *p) {
-  const cameras_record record = {p->holdout, p->count};
-  PAGS_TRY(open_section(w, "LITE", sizeof record + (size_t)p->count * sizeof *p->parts));
-  PAGS_TRY(put(w, &record, sizeof record));
-  PAGS_TRY(put(w, p->parts, (size_t)p->count * sizeof *p->parts));
-  return close_section(w);
+/* Nothing if there was no test. */
+static void put_holdout(section_writer *w, const char tag[4], const pags_holdout_test *holdout, const void *parts,
+                        int64_t items, size_t each) {
+  const holdout_record record = {*holdout, items};
+  if (holdout->state == PAGS_HOLDOUT_NONE)
+    return;
+  open_section(w, tag, sizeof record + (size_t)items * each);
+  put(w, &record, sizeof record);
+  put(w, parts, (size_t)items * each);
+  close_section(w);
 }
 
 /* ---- The sky ---- */
@@ -259,9 +248,9 @@ static pags_result put_sky_shares(section_writer *w, const pags_sky_fit *sky, co
   const int ranks = sky->ranks;
   const int64_t bytes = each * PAGS_SKY_BLOCK, blocks = pags_sky_fit_blocks(sky);
   int64_t left = 6 * (int64_t)sky->sky.size * sky->sky.size * each;
-  char *const arrived = malloc((size_t)(leads(w) ? 2 * SKY_BLOCKS * ranks * bytes : 1));
-  pags_result result = pags_transport_agree(w->transport, arrived ? PAGS_OK : pags_out_of_memory("a sky"));
-  for (int64_t first = 0; result == PAGS_OK && first * ranks < blocks; first += SKY_BLOCKS) {
+  PAGS_AUTOFREE char *arrived = malloc((size_t)(leads(w) ? 2 * SKY_BLOCKS * ranks * bytes : 1));
+  PAGS_TRY(pags_transport_agree(w->transport, arrived ? PAGS_OK : pags_out_of_memory("a sky")));
+  for (int64_t first = 0; first * ranks < blocks; first += SKY_BLOCKS) {
     int64_t counts[PAGS_RANKS_MOST], all = 0;
     for (int r = 0; r < ranks; r++) {
       const int64_t rest = pags_sky_fit_own_blocks(sky, r) - first;
@@ -269,9 +258,9 @@ static pags_result put_sky_shares(section_writer *w, const pags_sky_fit *sky, co
       w->bytes[r] = counts[r] * bytes;
       all += w->bytes[r];
     }
-    result = pags_transport_gather(w->transport, 0, (const char *)own + first * bytes, w->bytes[sky->rank], arrived,
-                                   w->bytes);
-    if (result != PAGS_OK || !leads(w))
+    PAGS_TRY(pags_transport_gather(w->transport, 0, (const char *)own + first * bytes, w->bytes[sky->rank], arrived,
+                                   w->bytes));
+    if (!leads(w))
       continue;
     char *const in_turn = arrived + SKY_BLOCKS * ranks * bytes;
     const char *from = arrived;
@@ -281,8 +270,7 @@ static pags_result put_sky_shares(section_writer *w, const pags_sky_fit *sky, co
     put(w, in_turn, (size_t)(all < left ? all : left));
     left -= all;
   }
-  free(arrived);
-  return result;
+  return PAGS_OK;
 }
 
 /* With several ranks rank 0's file alone has the sky. */
@@ -292,19 +280,20 @@ static int written_sky(const section_writer *w, const pags_sky_fit *sky) {
 
 static pags_result put_sky(section_writer *w, const pags_sky_fit *sky) {
   const size_t bytes = sky_bytes(sky->sky.size), written = sky_bytes(written_sky(w, sky));
-  PAGS_TRY(open_section(w, "SKY0", 3 * (uint64_t)written + written / 6));
+  open_section(w, "SKY0", 3 * (uint64_t)written + written / 6);
   if (written > 0)
-    PAGS_TRY(put(w, sky->sky.texels, bytes));
+    put(w, sky->sky.texels, bytes);
   if (bytes > 0 && sky->ranks > 1) {
     PAGS_TRY(put_sky_shares(w, sky, sky->first, 3 * sizeof *sky->first));
     PAGS_TRY(put_sky_shares(w, sky, sky->second, 3 * sizeof *sky->second));
     PAGS_TRY(put_sky_shares(w, sky, sky->visits, sizeof *sky->visits));
   } else if (bytes > 0) {
-    PAGS_TRY(put(w, sky->first, bytes));
-    PAGS_TRY(put(w, sky->second, bytes));
-    PAGS_TRY(put(w, sky->visits, bytes / 6));
+    put(w, sky->first, bytes);
+    put(w, sky->second, bytes);
+    put(w, sky->visits, bytes / 6);
   }
-  return close_section(w);
+  close_section(w);
+  return PAGS_OK;
 }
 
 /* ---- All of it ---- */
@@ -328,54 +317,41 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
                        .sky_share = s->sky_share,
                        .fingerprint = fingerprint};
   pags_config_write(&s->schedule.config, text);
-  PAGS_TRY(put_bytes(w, magic, sizeof magic));
-  PAGS_TRY(put_whole(w, "CONF", text, strlen(text)));
-  PAGS_TRY(put_whole(w, "RUN0", &record, sizeof record));
+  put_bytes(w, magic, sizeof magic);
+  put_whole(w, "CONF", text, strlen(text));
+  put_whole(w, "RUN0", &record, sizeof record);
   for (int64_t i = 0; i < s->model_count; i++)
     PAGS_TRY(put_model(w, &s->models[i]));
-  PAGS_TRY(put_tracks(w, &s->tracks));
+  put_tracks(w, &s->tracks);
   PAGS_TRY(put_sky(w, &s->sky));
-  PAGS_TRY(put_whole(w, "EXPO", s->exposures.items, exposure_bytes(&s->exposures)));
-  if (s->cameras.holdout.state != PAGS_HOLDOUT_NONE)
-    PAGS_TRY(put_cameras(w, &s->cameras));
-  if (s->photometry.holdout.state != PAGS_HOLDOUT_NONE)
-    PAGS_TRY(put_photometry(w, &s->photometry));
+  put_whole(w, "EXPO", s->exposures.items, exposure_bytes(&s->exposures));
+  put_holdout(w, "CAMS", &s->cameras.holdout, s->cameras.items, pags_camera_poses_items(&s->cameras),
+              sizeof *s->cameras.items);
+  put_holdout(w, "LITE", &s->photometry.holdout, s->photometry.parts, s->photometry.count, sizeof *s->photometry.parts);
   if (s->nonfinite.count > 0)
-    PAGS_TRY(
-        put_whole(w, "BADR", &(nonfinite_record){s->nonfinite.count, s->nonfinite.first}, sizeof(nonfinite_record)));
-  PAGS_TRY(put_kernels(w, s));
-  return put_whole(w, "END!", "", 0);
-}
-
-pags_result pags_checkpoint_save(const char *path, const pags_train_state *state, uint64_t fingerprint) {
-  section_writer w = {.crc = 0};
-  PAGS_TRY(pags_file_writer_begin(&w.file, path));
-  pags_result result = put_state(&w, state, fingerprint);
-  if (result != PAGS_OK) {
-    pags_file_writer_abort(&w.file);
-    return result;
-  }
-  return pags_file_writer_commit(&w.file);
+    put_whole(w, "BADR", &(nonfinite_record){s->nonfinite.count, s->nonfinite.first}, sizeof(nonfinite_record));
+  put_kernels(w, s);
+  put_whole(w, "END!", "", 0);
+  return PAGS_OK;
 }
 
 /* Memory for the columns, and the file where one is written. */
-static pags_result begin_shared(section_writer *w, const char *path, const pags_train_state *state, bool writes) {
+static pags_result begin(section_writer *w, const char *path, const pags_train_state *state, bool writes) {
   int64_t most = 0;
   for (int64_t i = 0; i < state->model_count; i++)
     most = state->models[i].total > most ? state->models[i].total : most;
   w->rows = malloc(2 * (size_t)pags_transport_ranks(w->transport) * sizeof *w->rows);
   w->column = malloc((size_t)(w->whole && writes ? most + 1 : 1) * sizeof *w->column);
-  if (!w->rows || !w->column)
-    return pags_out_of_memory("a column of %lld Gaussians", (long long)most);
+  PAGS_CHECK_MEMORY(w->rows && w->column, "a column of %lld Gaussians", (long long)most);
   w->bytes = w->rows + pags_transport_ranks(w->transport);
   return writes ? pags_file_writer_begin(&w->file, path) : PAGS_OK;
 }
 
-pags_result pags_checkpoint_save_shared(const char *path, pags_transport *transport, bool whole,
-                                        const pags_train_state *state, uint64_t fingerprint) {
+pags_result pags_checkpoint_save(const char *path, pags_transport *transport, bool whole, const pags_train_state *state,
+                                 uint64_t fingerprint) {
   section_writer w = {.transport = transport, .whole = whole};
   const bool writes = leads(&w) || !whole;
-  const pags_result begun = begin_shared(&w, path, state, writes);
+  const pags_result begun = begin(&w, path, state, writes);
   pags_result result = pags_transport_agree(transport, begun);
   if (result == PAGS_OK)
     result = put_state(&w, state, fingerprint);
@@ -425,22 +401,32 @@ static pags_result next_sized(section_reader *r, const char tag[4], uint64_t wan
   return PAGS_OK;
 }
 
-static pags_result get_planes(section_reader *r, const char tag[4], pags_gaussians *g) {
-  int planes = plane_count(g);
-  size_t bytes = (size_t)g->count * sizeof(float);
+static pags_result get_record(section_reader *r, const char tag[4], void *record, size_t size) {
   const uint8_t *payload = NULL;
-  PAGS_TRY(next_sized(r, tag, (uint64_t)planes * bytes, &payload));
-  for (int p = 0; p < planes; p++)
-    memcpy(plane_at(g, p), payload + (size_t)p * bytes, bytes);
+  PAGS_TRY(next_sized(r, tag, size, &payload));
+  memcpy(record, payload, size);
   return PAGS_OK;
 }
 
-static pags_result get_pair(section_reader *r, const char tag[4], void *a, void *b, int64_t count) {
-  size_t bytes = (size_t)count * sizeof(int32_t);
+static pags_result get_planes(section_reader *r, const char tag[4], pags_gaussians *g) {
+  const int planes = pags_all_planes(g);
+  const size_t bytes = (size_t)g->count * sizeof(float);
   const uint8_t *payload = NULL;
-  PAGS_TRY(next_sized(r, tag, 2 * (uint64_t)bytes, &payload));
-  memcpy(a, payload, bytes);
-  memcpy(b, payload + bytes, bytes);
+  PAGS_TRY(next_sized(r, tag, (uint64_t)planes * bytes, &payload));
+  for (int p = 0; p < planes; p++)
+    memcpy(pags_any_plane(g, p), payload + (size_t)p * bytes, bytes);
+  return PAGS_OK;
+}
+
+/* A section of one or two columns; b may be NULL. */
+static pags_result get_columns(section_reader *r, const char tag[4], void *a, void *b, int64_t count) {
+  const size_t bytes = (size_t)count * sizeof(uint32_t);
+  const uint8_t *payload = NULL;
+  PAGS_TRY(next_sized(r, tag, (b ? 2 : 1) * (uint64_t)bytes, &payload));
+  if (bytes > 0)
+    memcpy(a, payload, bytes);
+  if (bytes > 0 && b)
+    memcpy(b, payload + bytes, bytes);
   return PAGS_OK;
 }
 
@@ -451,14 +437,13 @@ static pags_result out_of_range(const section_reader *r, const char *tag) {
 /* ---- Reading the state ---- */
 
 static bool is_sound_run(const run_record *r, const pags_dataset *dataset, const pags_track_poses *tracks) {
-  int64_t views = dataset ? pags_dataset_view_count(dataset) : 0;
-  int in_order =
-      r->step >= 0 && r->stop >= r->step && r->stop <= PAGS_CONFIG_STEPS && r->resets >= 0 && r->resets <= r->step;
-  int known = r->cap >= 0 && (r->clocked == 0 || r->clocked == 1) && r->lidar_points >= 0 && r->views >= 1 &&
-              r->views <= INT32_MAX && isfinite(r->extent) && r->extent > 0;
-  return in_order && known && r->models >= 1 && r->models <= 1 + tracks->count &&
-         r->keyframes == keyframes_of(tracks) && (r->exposures == 0 || r->exposures == views) && r->sky_size >= 0 &&
-         r->sky_size <= 4096 && (r->sky_size == 0 || dataset);
+  const int64_t views = dataset ? pags_dataset_view_count(dataset) : 0;
+  return r->step >= 0 && r->stop >= r->step && r->stop <= PAGS_CONFIG_STEPS && r->resets >= 0 && r->resets <= r->step &&
+         r->cap >= 0 && (r->clocked == 0 || r->clocked == 1) && r->lidar_points >= 0 && r->views >= 1 &&
+         r->views <= INT32_MAX && isfinite(r->extent) && r->extent > 0 && r->models >= 1 &&
+         r->models <= 1 + tracks->count && r->keyframes == keyframes_of(tracks) &&
+         (r->exposures == 0 || r->exposures == views) && r->sky_size >= 0 && r->sky_size <= 4096 &&
+         (r->sky_size == 0 || dataset);
 }
 
 /* Checks a model's record. Models are stored in rising order of their object number, the background (-1) first;
@@ -474,48 +459,34 @@ static bool is_sound_model(const model_record *m, const pags_train_config *confi
 
 static pags_result get_model_rest(section_reader *r, const model_record *record, pags_train_state *s,
                                   pags_train_model *m) {
-  if (record->fourier)
+  pags_gaussians *const g = &m->gaussians;
+  if (record->fourier) {
     PAGS_TRY(pags_gaussians_add_fourier(&m->adam.first));
-  if (record->fourier)
     PAGS_TRY(pags_gaussians_add_fourier(&m->adam.second));
+  }
   m->fourier_gain = record->fourier_gain;
   PAGS_TRY(get_planes(r, "MOM1", &m->adam.first));
   PAGS_TRY(get_planes(r, "MOM2", &m->adam.second));
-  PAGS_TRY(get_pair(r, "STEP", m->adam.moment_step, m->adam.param_step, m->adam.cluster_count));
-  PAGS_TRY(get_pair(r, "STAT", m->density.gradient, m->density.seen, m->gaussians.count));
-  if (record->object_ids) {
-    /* Read the object numbers; each must be -1 or an object of the data set. */
-    const uint8_t *payload = NULL;
-    size_t bytes = (size_t)m->gaussians.count * sizeof(int32_t);
-    PAGS_TRY(next_sized(r, "OBJI", bytes, &payload));
-    PAGS_TRY(pags_gaussians_add_object_id(&m->gaussians));
-    memcpy(m->gaussians.object_id, payload, bytes);
-    for (int64_t i = 0; i < m->gaussians.count; i++)
-      if (m->gaussians.object_id[i] < -1 || m->gaussians.object_id[i] >= s->tracks.count)
+  PAGS_TRY(get_columns(r, "STEP", m->adam.moment_step, m->adam.param_step, m->adam.cluster_count));
+  PAGS_TRY(get_columns(r, "STAT", m->density.gradient, m->density.seen, g->count));
+  if (record->object_ids) { /* each must be -1 or an object of the data set */
+    PAGS_TRY(pags_gaussians_add_object_id(g));
+    PAGS_TRY(get_columns(r, "OBJI", g->object_id, NULL, g->count));
+    for (int64_t i = 0; i < g->count; i++)
+      if (g->object_id[i] < -1 || g->object_id[i] >= s->tracks.count)
         return out_of_range(r, "OBJI");
   }
-  if (record->s_sem) {
-    /* Read the semantic priorities S_sem. Each must lie in 0..1, since they are written to PLYs and decide what is
-     * pruned. */
-    const uint8_t *payload = NULL;
-    size_t bytes = (size_t)m->gaussians.count * sizeof(float);
-    PAGS_TRY(next_sized(r, "SSEM", bytes, &payload));
-    PAGS_TRY(pags_gaussians_add_s_sem(&m->gaussians));
-    if (m->gaussians.count > 0)
-      memcpy(m->gaussians.s_sem, payload, bytes);
-    for (int64_t i = 0; i < m->gaussians.count; i++)
-      if (!(m->gaussians.s_sem[i] >= 0.0f && m->gaussians.s_sem[i] <= 1.0f))
+  if (record->s_sem) { /* each must lie in 0..1, since they are written to PLYs and decide what is pruned */
+    PAGS_TRY(pags_gaussians_add_s_sem(g));
+    PAGS_TRY(get_columns(r, "SSEM", g->s_sem, NULL, g->count));
+    for (int64_t i = 0; i < g->count; i++)
+      if (!(g->s_sem[i] >= 0.0f && g->s_sem[i] <= 1.0f))
         return out_of_range(r, "SSEM");
   }
-  if (record->squared) {
-    /* Read the sums of squared derivatives. */
-    const uint8_t *payload = NULL;
-    size_t bytes = (size_t)m->gaussians.count * sizeof(float);
-    if (!m->density.squared)
-      return out_of_range(r, "MODL");
-    PAGS_TRY(next_sized(r, "SQUA", bytes, &payload));
-    memcpy(m->density.squared, payload, bytes);
-  }
+  if (record->squared && !m->density.squared)
+    return out_of_range(r, "MODL");
+  if (record->squared)
+    PAGS_TRY(get_columns(r, "SQUA", m->density.squared, NULL, g->count));
 
   /* Check the clusters' steps: values that no run can produce would make the replay of pending steps read beyond its
    * tables. */
@@ -525,36 +496,29 @@ static pags_result get_model_rest(section_reader *r, const model_record *record,
       return pags_fail(PAGS_ERROR_FORMAT, "%s: section STEP: cluster %lld is at an impossible step", r->path,
                        (long long)c);
   }
-
-  pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, NULL);
+  pags_adam_bound_all(&m->adam, g, &m->clusters, NULL);
   return PAGS_OK;
 }
 
 static pags_result get_model(section_reader *r, pags_train_state *s) {
   const pags_train_config *config = &s->schedule.config;
-  const uint8_t *payload = NULL;
+  const int64_t before = s->model_count > 0 ? s->models[s->model_count - 1].object : -2;
   model_record record;
-  int64_t before = s->model_count > 0 ? s->models[s->model_count - 1].object : -2;
-  PAGS_TRY(next_sized(r, "MODL", sizeof record, &payload));
-  memcpy(&record, payload, sizeof record);
+  PAGS_TRY(get_record(r, "MODL", &record, sizeof record));
   if (!is_sound_model(&record, config, before, s->tracks.count))
     return out_of_range(r, "MODL");
   /* Check that the file is long enough for this many Gaussians before memory is allocated for them. */
   if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config->color.sh_degree) >
       (uint64_t)(r->end - r->at))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: section GAUS is cut off", r->path);
-  pags_gaussians g;
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
   PAGS_TRY(pags_gaussians_create(&g, record.count, config->color.sh_degree));
   g.alpha_min = (float)config->picture.alpha_min;
-  pags_result result = pags_gaussians_reserve(&g, 1); /* a shard's model may have columns and no rows */
-  if (result == PAGS_OK && record.fourier)
-    result = pags_gaussians_add_fourier(&g);
-  if (result == PAGS_OK)
-    result = get_planes(r, "GAUS", &g);
-  if (result == PAGS_OK)
-    result = pags_state_add_model(s, record.object, record.extent, &g);
-  pags_gaussians_destroy(&g);
-  PAGS_TRY(result);
+  PAGS_TRY(pags_gaussians_reserve(&g, 1)); /* a shard's model may have columns and no rows */
+  if (record.fourier)
+    PAGS_TRY(pags_gaussians_add_fourier(&g));
+  PAGS_TRY(get_planes(r, "GAUS", &g));
+  PAGS_TRY(pags_state_add_model(s, record.object, record.extent, &g));
   pags_state_fit_box(s, s->model_count - 1);
   return get_model_rest(r, &record, s, &s->models[s->model_count - 1]);
 }
@@ -569,8 +533,8 @@ static pags_result get_tracks(section_reader *r, pags_track_poses *tracks) {
       for (int j = 0; j < 6; j++)
         if (!isfinite(record.increment[j]) || record.moments.count < 0)
           return out_of_range(r, "TRAK");
-      memcpy(tracks->objects[i].keyframes[k].rotation, record.increment, 3 * sizeof(double));
-      memcpy(tracks->objects[i].keyframes[k].translation, record.increment + 3, 3 * sizeof(double));
+      pags_copy3(record.increment, tracks->objects[i].keyframes[k].rotation);
+      pags_copy3(record.increment + 3, tracks->objects[i].keyframes[k].translation);
       tracks->moments[i][k] = record.moments;
     }
   return PAGS_OK;
@@ -601,31 +565,33 @@ static pags_result get_exposures(section_reader *r, const run_record *run, const
   return PAGS_OK;
 }
 
-/* Finds a section about a holdout test (holdout_test.h); *fitted: its values follow the record. */
+/* Finds a section about a holdout test (holdout_test.h); *fitted: `size` bytes of values follow the record. */
 static pags_result next_holdout_test(section_reader *r, const char *tag, const pags_dataset *dataset,
-                                     const uint8_t **payload, uint64_t *size, cameras_record *record, bool *fitted) {
-  PAGS_TRY(next(r, tag, payload, size));
+                                     const uint8_t **values, uint64_t *size, holdout_record *record, bool *fitted) {
+  PAGS_TRY(next(r, tag, values, size));
   if (*size < sizeof *record)
     return out_of_range(r, tag);
-  memcpy(record, *payload, sizeof *record);
+  memcpy(record, *values, sizeof *record);
+  *values += sizeof *record;
+  *size -= sizeof *record;
   *fitted = record->holdout.state == PAGS_HOLDOUT_RUNNING || record->holdout.state == PAGS_HOLDOUT_PASSED;
   return dataset && (*fitted || record->holdout.state == PAGS_HOLDOUT_FAILED) ? PAGS_OK : out_of_range(r, tag);
 }
 
 static pags_result get_cameras(section_reader *r, const pags_dataset *dataset, pags_camera_poses *p) {
-  const uint8_t *payload = NULL;
+  const uint8_t *values = NULL;
   uint64_t size = 0;
-  cameras_record record;
+  holdout_record record;
   bool fitted = false;
-  PAGS_TRY(next_holdout_test(r, "CAMS", dataset, &payload, &size, &record, &fitted));
+  PAGS_TRY(next_holdout_test(r, "CAMS", dataset, &values, &size, &record, &fitted));
   if (fitted)
     PAGS_TRY(pags_camera_poses_create(p, dataset));
-  if (record.items != pags_camera_poses_items(p) ||
-      size != sizeof record + (size_t)pags_camera_poses_items(p) * sizeof *p->items)
+  const int64_t items = pags_camera_poses_items(p);
+  if (record.items != items || size != (size_t)items * sizeof *p->items)
     return out_of_range(r, "CAMS");
   if (fitted)
-    memcpy(p->items, payload + sizeof record, (size_t)pags_camera_poses_items(p) * sizeof *p->items);
-  for (size_t i = 0; i < (size_t)pags_camera_poses_items(p); i++)
+    memcpy(p->items, values, (size_t)size);
+  for (int64_t i = 0; i < items; i++)
     for (int k = 0; k < 6; k++)
       if (!isfinite(p->items[i].value[k]) || p->items[i].moments.count < 0)
         return out_of_range(r, "CAMS");
@@ -634,17 +600,17 @@ static pags_result get_cameras(section_reader *r, const pags_dataset *dataset, p
 }
 
 static pags_result get_photometry(section_reader *r, const pags_dataset *dataset, pags_photometry *p) {
-  const uint8_t *payload = NULL;
+  const uint8_t *values = NULL;
   uint64_t size = 0;
-  cameras_record record;
+  holdout_record record;
   bool fitted = false;
-  PAGS_TRY(next_holdout_test(r, "LITE", dataset, &payload, &size, &record, &fitted));
+  PAGS_TRY(next_holdout_test(r, "LITE", dataset, &values, &size, &record, &fitted));
   if (fitted)
     PAGS_TRY(pags_photometry_create(p, dataset));
-  if (record.items != p->count || size != sizeof record + (size_t)p->count * sizeof *p->parts)
+  if (record.items != p->count || size != (size_t)p->count * sizeof *p->parts)
     return out_of_range(r, "LITE");
   if (fitted)
-    memcpy(p->parts, payload + sizeof record, (size_t)p->count * sizeof *p->parts);
+    memcpy(p->parts, values, (size_t)size);
   for (int64_t s = 0; s < p->count; s++) {
     const pags_photometric light = pags_photometry_of_sensor(p, (int)s);
     if (!pags_photometric_is_valid(&light) || p->parts[s].by_vignette.count < 0 || p->parts[s].by_slopes.count < 0)
@@ -655,10 +621,8 @@ static pags_result get_photometry(section_reader *r, const pags_dataset *dataset
 }
 
 static pags_result get_nonfinite(section_reader *r, pags_train_state *s) {
-  const uint8_t *payload = NULL;
   nonfinite_record record;
-  PAGS_TRY(next_sized(r, "BADR", sizeof record, &payload));
-  memcpy(&record, payload, sizeof record);
+  PAGS_TRY(get_record(r, "BADR", &record, sizeof record));
   const pags_nonfinite_row *o = &record.first;
   if (record.count <= 0 || o->step < 0 || o->step > s->step || o->object < -1 || o->object >= s->tracks.count ||
       o->row < 0 || o->plane < 0 || o->plane >= PAGS_MAX_PLANES + PAGS_FOURIER_PLANES || o->kind < 0 ||
@@ -670,9 +634,7 @@ static pags_result get_nonfinite(section_reader *r, pags_train_state *s) {
 }
 
 static pags_result get_kernels(section_reader *r, pags_kernel_names *names) {
-  const uint8_t *payload = NULL;
-  PAGS_TRY(next_sized(r, "KERN", sizeof *names, &payload));
-  memcpy(names, payload, sizeof *names);
+  PAGS_TRY(get_record(r, "KERN", names, sizeof *names));
   for (int k = 0; k < 2; k++) {
     int length = 0;
     while (length < PAGS_KERNEL_NAME - 1 && isalnum((unsigned char)names->of[k][length]))
@@ -684,29 +646,36 @@ static pags_result get_kernels(section_reader *r, pags_kernel_names *names) {
   return PAGS_OK;
 }
 
+static pags_result skip_magic(section_reader *r) {
+  if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN4",
+                     r->path);
+  r->at += sizeof magic;
+  return PAGS_OK;
+}
+
+static bool follows(const section_reader *r, const char tag[4]) {
+  return r->end - r->at >= 4 && memcmp(r->at, tag, 4) == 0;
+}
+
 static pags_result read_state(section_reader *r, const pags_dataset *dataset, pags_train_state *s,
                               uint64_t *fingerprint) {
   pags_train_config config = pags_train_config_default();
   const uint8_t *payload = NULL;
   uint64_t size = 0;
   run_record record;
-  if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN4",
-                     r->path);
-  r->at += sizeof magic;
+  PAGS_TRY(skip_magic(r));
   PAGS_TRY(next(r, "CONF", &payload, &size));
   PAGS_TRY(pags_config_read(&config, (const char *)payload, (size_t)size, r->path));
   PAGS_TRY(pags_train_config_check(&config));
-  PAGS_TRY(next_sized(r, "RUN0", sizeof record, &payload));
-  memcpy(&record, payload, sizeof record);
+  PAGS_TRY(get_record(r, "RUN0", &record, sizeof record));
   if (dataset && pags_dataset_fps(dataset) > 0.0)
     PAGS_TRY(pags_track_poses_create(&s->tracks, dataset));
   if (!is_sound_run(&record, dataset, &s->tracks))
     return out_of_range(r, "RUN0");
-  pags_track_poses tracks = s->tracks;
-  pags_schedule schedule = pags_schedule_make(&config, record.extent, record.views);
-  s->tracks = (pags_track_poses){0};
-  pags_result result = pags_state_create(s, &schedule, record.stop, record.models);
+  const pags_track_poses tracks = s->tracks;
+  const pags_schedule schedule = pags_schedule_make(&config, record.extent, record.views);
+  const pags_result result = pags_state_create(s, &schedule, record.stop, record.models);
   s->tracks = tracks;
   PAGS_TRY(result);
   s->step = record.step;
@@ -723,26 +692,24 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
   PAGS_TRY(get_tracks(r, &s->tracks));
   PAGS_TRY(get_sky(r, &record, &s->sky));
   PAGS_TRY(get_exposures(r, &record, dataset, &s->exposures));
-  if (r->end - r->at >= 4 && memcmp(r->at, "CAMS", 4) == 0)
+  if (follows(r, "CAMS"))
     PAGS_TRY(get_cameras(r, dataset, &s->cameras));
-  if (r->end - r->at >= 4 && memcmp(r->at, "LITE", 4) == 0)
+  if (follows(r, "LITE"))
     PAGS_TRY(get_photometry(r, dataset, &s->photometry));
-  if (r->end - r->at >= 4 && memcmp(r->at, "BADR", 4) == 0)
+  if (follows(r, "BADR"))
     PAGS_TRY(get_nonfinite(r, s));
-  if (r->end - r->at >= 4 && memcmp(r->at, "KERN", 4) == 0)
+  if (follows(r, "KERN"))
     PAGS_TRY(get_kernels(r, &s->kernels));
   return next_sized(r, "END!", 0, &payload);
 }
 
 pags_result pags_checkpoint_load(const char *path, const pags_dataset *dataset, pags_train_state *state,
                                  uint64_t *fingerprint) {
-  uint8_t *bytes;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
   *state = (pags_train_state){0};
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  section_reader reader = {.path = path, .at = bytes, .end = bytes + size};
-  pags_result result = read_state(&reader, dataset, state, fingerprint);
-  free(bytes);
+  const pags_result result = read_state(&(section_reader){path, bytes, bytes + size}, dataset, state, fingerprint);
   if (result != PAGS_OK)
     pags_state_destroy(state);
   return result;
@@ -750,14 +717,16 @@ pags_result pags_checkpoint_load(const char *path, const pags_dataset *dataset, 
 
 /* ---- Inspecting ---- */
 
-static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
+pags_result pags_checkpoint_inspect(const char *path, pags_checkpoint_facts *out) {
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
+  size_t length;
+  *out = (pags_checkpoint_facts){0};
+  PAGS_TRY(pags_file_read(path, &bytes, &length));
+  section_reader reader = {path, bytes, bytes + length}, *const r = &reader;
   const uint8_t *payload = NULL;
   uint64_t size = 0;
   char tag[4] = "";
-  if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN4",
-                     r->path);
-  r->at += sizeof magic;
+  PAGS_TRY(skip_magic(r));
   while (memcmp(tag, "END!", 4) != 0) {
     run_record run;
     model_record model;
@@ -786,15 +755,4 @@ static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
     }
   }
   return PAGS_OK;
-}
-
-pags_result pags_checkpoint_inspect(const char *path, pags_checkpoint_facts *out) {
-  uint8_t *bytes;
-  size_t size;
-  *out = (pags_checkpoint_facts){0};
-  PAGS_TRY(pags_file_read(path, &bytes, &size));
-  section_reader reader = {.path = path, .at = bytes, .end = bytes + size};
-  pags_result result = inspect(&reader, out);
-  free(bytes);
-  return result;
 }

@@ -20,13 +20,11 @@
 #include "train/state.h"
 
 /* Writes the checkpoint to a temporary file next to `path`, then renames it. `fingerprint` identifies the data set's
- * views. */
-pags_result pags_checkpoint_save(const char *path, const pags_train_state *state, uint64_t fingerprint);
-/* Collective: the same of a run that several ranks share. Each writes its rows to its own `path`, rank 0 the sky as
- * well; or, with `whole`, rank 0 writes all rows, of which it has one column in memory at a time. Every rank learns of
- * a failure. */
-pags_result pags_checkpoint_save_shared(const char *path, pags_transport *transport, bool whole,
-                                        const pags_train_state *state, uint64_t fingerprint);
+ * views. Collective: each rank writes its rows to its own `path`, rank 0 the sky as well; or, with `whole`, rank 0
+ * writes all rows, of which it has one column in memory at a time. Every rank learns of a failure. `transport` is NULL
+ * for a process alone. */
+pags_result pags_checkpoint_save(const char *path, pags_transport *transport, bool whole, const pags_train_state *state,
+                                 uint64_t fingerprint);
 
 /* Reads a checkpoint. `state` is overwritten; on failure there is nothing to free. Error messages name the file and
  * the section. `dataset` is the run's data set, whose labelled poses the increments are relative to; it may be NULL

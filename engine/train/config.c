@@ -10,6 +10,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "base/text.h"
 #include "train/schedule.h"
 
 #define CONFIG_COOKIE 0x70616773u
@@ -27,20 +29,31 @@ const pags_train_field *pags_train_field_find(const char *name) {
   return NULL;
 }
 
+/* The value of a field of any type but a choice's name as a number, which is exact for all but large seeds. */
+static double value_of(const pags_train_config *config, const pags_train_field *f) {
+  const void *p = (const char *)config + f->offset;
+  switch (f->type) {
+    case PAGS_FIELD_INT64: return (double)*(const int64_t *)p;
+    case PAGS_FIELD_UINT64: return (double)*(const uint64_t *)p;
+    case PAGS_FIELD_DOUBLE: return *(const double *)p;
+    default: return *(const int *)p;
+  }
+}
+
+static void set_value(pags_train_config *config, const pags_train_field *f, double value) {
+  void *p = (char *)config + f->offset;
+  switch (f->type) {
+    case PAGS_FIELD_INT64: *(int64_t *)p = (int64_t)value; break;
+    case PAGS_FIELD_UINT64: *(uint64_t *)p = (uint64_t)value; break;
+    case PAGS_FIELD_DOUBLE: *(double *)p = value; break;
+    default: *(int *)p = (int)value;
+  }
+}
+
 pags_train_config pags_train_config_default(void) {
   pags_train_config config = {.cookie = CONFIG_COOKIE};
-  for (int i = 0; i < pags_field_count; i++) {
-    const pags_train_field *f = &pags_fields[i];
-    void *p = (char *)&config + f->offset;
-    switch (f->type) {
-      case PAGS_FIELD_SWITCH:
-      case PAGS_FIELD_CHOICE:
-      case PAGS_FIELD_INT: *(int *)p = (int)f->standard; break;
-      case PAGS_FIELD_INT64: *(int64_t *)p = (int64_t)f->standard; break;
-      case PAGS_FIELD_UINT64: *(uint64_t *)p = (uint64_t)f->standard; break;
-      case PAGS_FIELD_DOUBLE: *(double *)p = f->standard; break;
-    }
-  }
+  for (int i = 0; i < pags_field_count; i++)
+    set_value(&config, &pags_fields[i], pags_fields[i].standard);
   return config;
 }
 
@@ -53,31 +66,27 @@ static const char *choice_at(const char *choices, int index, int *length) {
   return index == 0 ? choices : NULL;
 }
 
-static void print_value(const pags_train_config *config, const pags_train_field *f, char *text, size_t size) {
+enum { VALUE_TEXT = 64 };
+
+static void print_value(const pags_train_config *config, const pags_train_field *f, char text[VALUE_TEXT]) {
   const void *p = (const char *)config + f->offset;
+  int length;
+  const char *choice = f->type == PAGS_FIELD_CHOICE ? choice_at(f->choices, *(const int *)p, &length) : NULL;
   switch (f->type) {
-    case PAGS_FIELD_SWITCH:
-    case PAGS_FIELD_INT: snprintf(text, size, "%d", *(const int *)p); break;
-    case PAGS_FIELD_INT64: snprintf(text, size, "%" PRId64, *(const int64_t *)p); break;
-    case PAGS_FIELD_UINT64: snprintf(text, size, "%" PRIu64, *(const uint64_t *)p); break;
-    case PAGS_FIELD_DOUBLE: { /* the shortest text that reads back to the same value */
-      double value = *(const double *)p;
+    case PAGS_FIELD_INT64: snprintf(text, VALUE_TEXT, "%" PRId64, *(const int64_t *)p); break;
+    case PAGS_FIELD_UINT64: snprintf(text, VALUE_TEXT, "%" PRIu64, *(const uint64_t *)p); break;
+    case PAGS_FIELD_DOUBLE: /* the shortest text that reads back to the same value */
       for (int digits = 6; digits <= 17; digits++) {
-        snprintf(text, size, "%.*g", digits, value);
-        if (strtod(text, NULL) == value)
+        snprintf(text, VALUE_TEXT, "%.*g", digits, *(const double *)p);
+        if (strtod(text, NULL) == *(const double *)p)
           break;
       }
       break;
-    }
-    case PAGS_FIELD_CHOICE: { /* a value out of range is printed as a number */
-      int i = *(const int *)p, length;
-      const char *choice = choice_at(f->choices, i, &length);
+    default: /* a choice out of range is printed as a number */
       if (choice)
-        snprintf(text, size, "%.*s", length, choice);
+        snprintf(text, VALUE_TEXT, "%.*s", length, choice);
       else
-        snprintf(text, size, "%d", i);
-      break;
-    }
+        snprintf(text, VALUE_TEXT, "%d", *(const int *)p);
   }
 }
 
@@ -109,16 +118,7 @@ pags_result pags_train_config_check(const pags_train_config *config) {
     return pags_fail(PAGS_ERROR_ARGUMENT, "training configuration doesn't come from pags_train_config_default");
   for (int i = 0; i < pags_field_count; i++) {
     const pags_train_field *f = &pags_fields[i];
-    const void *p = (const char *)config + f->offset;
-    double value = 0.0; /* 64-bit seeds aren't range-checked */
-    switch (f->type) {
-      case PAGS_FIELD_SWITCH:
-      case PAGS_FIELD_CHOICE:
-      case PAGS_FIELD_INT: value = *(const int *)p; break;
-      case PAGS_FIELD_INT64: value = (double)*(const int64_t *)p; break;
-      case PAGS_FIELD_UINT64: break;
-      case PAGS_FIELD_DOUBLE: value = *(const double *)p; break;
-    }
+    const double value = value_of(config, f);
     const bool follows_rule = f->rule && value == PAGS_FIELD_AUTO;
     if (!follows_rule && !(value >= f->least && value <= f->most))
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %.10g lies outside of %.10g..%.10g%s", f->name, value, f->least,
@@ -159,7 +159,7 @@ pags_result pags_train_config_set(pags_train_config *config, const char *name, c
     const char *choice;
     int length;
     for (int i = 0; (choice = choice_at(f->choices, i, &length)); i++)
-      if (strlen(text) == (size_t)length && strncmp(text, choice, (size_t)length) == 0) {
+      if (pags_text_is(choice, (size_t)length, text)) {
         *(int *)p = i;
         return PAGS_OK;
       }
@@ -173,27 +173,25 @@ pags_result pags_train_config_set(pags_train_config *config, const char *name, c
     text = "-1"; /* the value of PAGS_FIELD_AUTO */
   errno = 0;
   if (f->type == PAGS_FIELD_DOUBLE) {
-    double value = strtod(text, &end);
+    const double value = strtod(text, &end);
     if (end == text || *end || !isfinite(value))
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a number, got '%s'", f->name, text);
     *(double *)p = value;
-    return PAGS_OK;
-  }
-  if (f->type == PAGS_FIELD_UINT64) {
-    uint64_t value = strtoull(text, &end, 10);
+  } else if (f->type == PAGS_FIELD_UINT64) {
+    const uint64_t value = strtoull(text, &end, 10);
     if (end == text || *end || errno || *text == '-')
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a whole number from 0 to 2^64 - 1, got '%s'", f->name, text);
     *(uint64_t *)p = value;
-    return PAGS_OK;
+  } else {
+    const long long value = strtoll(text, &end, 10);
+    const bool narrow = f->type != PAGS_FIELD_INT64;
+    if (end == text || *end || errno || (narrow && (value < INT32_MIN || value > INT32_MAX)))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a whole number, got '%s'", f->name, text);
+    if (narrow)
+      *(int *)p = (int)value;
+    else
+      *(int64_t *)p = value;
   }
-  long long value = strtoll(text, &end, 10);
-  const bool narrow = f->type != PAGS_FIELD_INT64;
-  if (end == text || *end || errno || (narrow && (value < INT32_MIN || value > INT32_MAX)))
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a whole number, got '%s'", f->name, text);
-  if (narrow)
-    *(int *)p = (int)value;
-  else
-    *(int64_t *)p = value;
   return PAGS_OK;
 }
 
@@ -201,19 +199,11 @@ pags_result pags_train_config_set(pags_train_config *config, const char *name, c
 static void take_preset(pags_train_config *config) {
   for (int i = 0; i < pags_field_count; i++) {
     const pags_train_field *f = &pags_fields[i];
-    const double value = f->of_preset[config->schedule.preset];
-    void *p = (char *)config + f->offset;
     bool has_values = false;
     for (int k = 0; k < PAGS_PRESETS; k++)
       has_values |= f->of_preset[k] != 0;
-    if (!has_values)
-      continue;
-    if (f->type == PAGS_FIELD_DOUBLE && *(double *)p == PAGS_FIELD_AUTO)
-      *(double *)p = value;
-    else if (f->type == PAGS_FIELD_INT64 && *(int64_t *)p == PAGS_FIELD_AUTO)
-      *(int64_t *)p = (int64_t)value;
-    else if ((f->type == PAGS_FIELD_INT || f->type == PAGS_FIELD_SWITCH) && *(int *)p == PAGS_FIELD_AUTO)
-      *(int *)p = (int)value;
+    if (has_values && value_of(config, f) == PAGS_FIELD_AUTO)
+      set_value(config, f, f->of_preset[config->schedule.preset]);
   }
 }
 
@@ -254,32 +244,25 @@ pags_train_config pags_config_resolve(const pags_train_config *config, bool driv
 
 /* ---- To and from text ---- */
 
-/* Appends the five strings to `text`, of which `used` bytes are taken; returns the new length. The table's text is
- * far shorter than PAGS_CONFIG_TEXT, so that it always fits. */
-static size_t append(char *text, size_t used, const char *before, const char *name, const char *between,
-                     const char *value, const char *after) {
-  int written = snprintf(text + used, PAGS_CONFIG_TEXT - used, "%s%s%s%s%s", before, name, between, value, after);
-  return used + (size_t)written;
-}
-
 void pags_config_write(const pags_train_config *config, char text[PAGS_CONFIG_TEXT]) {
-  size_t used = 0;
+  int used = 0; /* the table's text is far shorter than PAGS_CONFIG_TEXT, so that it always fits */
   for (int i = 0; i < pags_field_count; i++) {
-    char value[64];
-    print_value(config, &pags_fields[i], value, sizeof value);
-    used = append(text, used, "", pags_fields[i].name, "=", value, "\n");
+    char value[VALUE_TEXT];
+    print_value(config, &pags_fields[i], value);
+    used += snprintf(text + used, PAGS_CONFIG_TEXT - (size_t)used, "%s=%s\n", pags_fields[i].name, value);
   }
 }
 
 void pags_config_write_json(const pags_train_config *config, char text[PAGS_CONFIG_TEXT]) {
-  size_t used = 0;
+  int used = 0;
   for (int i = 0; i < pags_field_count; i++) {
-    char value[64];
+    char value[VALUE_TEXT];
     const char *quote = pags_fields[i].type == PAGS_FIELD_CHOICE ? "\"" : "";
-    print_value(config, &pags_fields[i], value, sizeof value);
-    used = append(text, used, i ? ", \"" : "{\"", pags_fields[i].name, *quote ? "\": \"" : "\": ", value, quote);
+    print_value(config, &pags_fields[i], value);
+    used += snprintf(text + used, PAGS_CONFIG_TEXT - (size_t)used, "%s\"%s\": %s%s%s", i ? ", " : "{",
+                     pags_fields[i].name, quote, value, quote);
   }
-  snprintf(text + used, PAGS_CONFIG_TEXT - used, "}");
+  snprintf(text + used, PAGS_CONFIG_TEXT - (size_t)used, "}");
 }
 
 pags_result pags_config_read(pags_train_config *config, const char *text, size_t size, const char *where) {
@@ -306,12 +289,12 @@ pags_result pags_config_read(pags_train_config *config, const char *text, size_t
 
 const char *pags_config_difference(const pags_train_config *a, const pags_train_config *b) {
   for (int i = 0; i < pags_field_count; i++) {
-    char left[64], right[64];
+    char left[VALUE_TEXT], right[VALUE_TEXT];
     if (pags_fields[i].offset == offsetof(pags_train_config, schedule.iterations) ||
         pags_fields[i].offset == offsetof(pags_train_config, schedule.schedule_iterations))
       continue;
-    print_value(a, &pags_fields[i], left, sizeof left);
-    print_value(b, &pags_fields[i], right, sizeof right);
+    print_value(a, &pags_fields[i], left);
+    print_value(b, &pags_fields[i], right);
     if (strcmp(left, right) != 0)
       return pags_fields[i].name;
   }

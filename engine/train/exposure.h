@@ -16,7 +16,7 @@
 #include <pags/frame.h>
 #include <pags/tasks.h>
 
-#include "train/adam6.h"
+#include "train/adam.h"
 #include "train/schedule.h"
 
 typedef struct pags_exposure {

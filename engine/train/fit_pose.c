@@ -16,7 +16,7 @@
 #include "base/vec3.h"
 #include "maths/maths.h"
 #include "port/port.h"
-#include "train/adam6.h"
+#include "train/adam.h"
 
 enum { STEPS = 40 };
 /* How far a step moves the middle of the picture, px: of the first and of the last step, log-linear between. */

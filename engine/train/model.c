@@ -5,10 +5,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "cluster/order.h"
 #include "cluster/shares.h"
@@ -17,45 +13,37 @@
 
 /* ---- Creation and memory ---- */
 
-static pags_result reserve_density(pags_density *density, int64_t capacity, int with_squared) {
-  if (capacity <= density->capacity)
-    return PAGS_OK;
-  if (with_squared) {
-    /* Grow the array of squared derivatives, keeping its contents. */
-    float *squared = calloc((size_t)capacity, sizeof *squared);
-    if (!squared)
-      return pags_out_of_memory("statistics of %lld Gaussians", (long long)capacity);
-    if (density->squared)
-      memcpy(squared, density->squared, (size_t)density->capacity * sizeof *squared);
-    free(density->squared);
-    density->squared = squared;
-  }
-  float *gradient = calloc((size_t)capacity, sizeof(float));
-  int32_t *seen = calloc((size_t)capacity, sizeof(int32_t));
-  if (!gradient || !seen) {
-    free(gradient);
-    free(seen);
-    return pags_out_of_memory("statistics of %lld Gaussians", (long long)capacity);
-  }
-  if (density->capacity > 0) {
-    memcpy(gradient, density->gradient, (size_t)density->capacity * sizeof(float));
-    memcpy(seen, density->seen, (size_t)density->capacity * sizeof(int32_t));
-  }
-  free(density->gradient);
-  free(density->seen);
-  *density = (pags_density){.capacity = capacity, .gradient = gradient, .seen = seen, .squared = density->squared};
-  return PAGS_OK;
+/* Returns `column`, of `rows` values, with room for `capacity`, the new ones zero; NULL if out of memory. */
+static void *extend(void *column, int64_t rows, int64_t capacity) {
+  rows = column ? rows : 0;
+  uint32_t *const longer = realloc(column, (size_t)capacity * sizeof *longer);
+  if (longer)
+    memset(longer + rows, 0, (size_t)(capacity - rows) * sizeof *longer);
+  return longer;
 }
 
-static bool wants_squared(const pags_train_model *model) {
-  const pags_train_config *c = &model->schedule.config;
-  return c->priority.prunes > 0 && c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
+static pags_result reserve_density(const pags_train_model *model, pags_density *density) {
+  const pags_train_priority *const priority = &model->schedule.config.priority;
+  const bool with_squared = priority->prunes > 0 && priority->s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
+  const int64_t rows = density->capacity, capacity = model->gaussians.stride;
+  if (capacity <= rows)
+    return PAGS_OK;
+  float *const gradient = extend(density->gradient, rows, capacity);
+  density->gradient = gradient ? gradient : density->gradient;
+  int32_t *const seen = extend(density->seen, rows, capacity);
+  density->seen = seen ? seen : density->seen;
+  float *const squared = with_squared ? extend(density->squared, rows, capacity) : NULL;
+  density->squared = squared ? squared : density->squared;
+  PAGS_CHECK_MEMORY(gradient && seen && (squared || !with_squared), "statistics of %lld Gaussians",
+                    (long long)capacity);
+  density->capacity = capacity;
+  return PAGS_OK;
 }
 
 static pags_result reserve(pags_train_model *model, int64_t capacity) {
   PAGS_TRY(pags_gaussians_reserve(&model->gaussians, capacity));
   PAGS_TRY(pags_adam_reserve(&model->adam, capacity));
-  return reserve_density(&model->density, model->gaussians.stride, wants_squared(model));
+  return reserve_density(model, &model->density);
 }
 
 static pags_result make_clusters(pags_train_model *model, pags_tasks *tasks) {
@@ -75,7 +63,7 @@ pags_result pags_model_create(pags_train_model *model, const pags_schedule *sche
   *g = (pags_gaussians){0};
   pags_result result = pags_adam_create(&model->adam, &model->schedule, &model->gaussians, 0, stop);
   if (result == PAGS_OK)
-    result = reserve_density(&model->density, model->gaussians.stride, wants_squared(model));
+    result = reserve_density(model, &model->density);
   if (result == PAGS_OK)
     result = make_clusters(model, NULL);
   if (result != PAGS_OK)
@@ -98,10 +86,6 @@ void pags_model_destroy(pags_train_model *model) {
   *model = (pags_train_model){0};
 }
 
-void pags_model_settle(pags_train_model *model, pags_tasks *tasks) {
-  pags_adam_settle(&model->adam, &model->gaussians, model->step, tasks);
-}
-
 void pags_model_clear_density(pags_train_model *model) {
   memset(model->density.gradient, 0, (size_t)model->density.capacity * sizeof(float));
   memset(model->density.seen, 0, (size_t)model->density.capacity * sizeof(int32_t));
@@ -112,7 +96,7 @@ void pags_model_clear_density(pags_train_model *model) {
 /* One array of 4-byte values with one value per row: a plane of parameters or moments, or a statistic. */
 typedef struct column {
   void *data;
-  int moment; /* 1: an optimiser moment, of which fresh rows start at zero */
+  bool moment; /* an optimiser moment, of which fresh rows start at zero */
 } column;
 
 enum { MAX_COLUMNS = 3 * PAGS_MAX_PLANES + 3 * PAGS_FOURIER_PLANES + 5 };
@@ -120,42 +104,33 @@ enum { MAX_COLUMNS = 3 * PAGS_MAX_PLANES + 3 * PAGS_FOURIER_PLANES + 5 };
 /* Those of the Gaussians alone. */
 static int list_parameters(pags_gaussians *g, column columns[MAX_COLUMNS]) {
   int n = 0;
-  for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
-    columns[n++] = (column){pags_plane(g, p), 0};
-  for (int p = 0; g->fourier && p < PAGS_FOURIER_PLANES; p++)
-    columns[n++] = (column){g->fourier + p * g->stride, 0};
+  for (int p = 0; p < pags_all_planes(g); p++)
+    columns[n++] = (column){pags_any_plane(g, p), false};
   if (g->s_sem)
-    columns[n++] = (column){g->s_sem, 0};
+    columns[n++] = (column){g->s_sem, false};
   if (g->object_id)
-    columns[n++] = (column){g->object_id, 0};
+    columns[n++] = (column){g->object_id, false};
   return n;
 }
 
 static int list_columns(pags_train_model *model, column columns[MAX_COLUMNS]) {
-  int n = list_parameters(&model->gaussians, columns), planes = pags_plane_count(model->gaussians.sh_degree);
-  for (int p = 0; p < planes; p++) {
-    columns[n++] = (column){pags_plane(&model->adam.first, p), 1};
-    columns[n++] = (column){pags_plane(&model->adam.second, p), 1};
+  int n = list_parameters(&model->gaussians, columns);
+  for (int p = 0; p < pags_all_planes(&model->gaussians); p++) {
+    columns[n++] = (column){pags_any_plane(&model->adam.first, p), true};
+    columns[n++] = (column){pags_any_plane(&model->adam.second, p), true};
   }
-  for (int p = 0; model->gaussians.fourier && p < PAGS_FOURIER_PLANES; p++) {
-    columns[n++] = (column){model->adam.first.fourier + p * model->adam.first.stride, 1};
-    columns[n++] = (column){model->adam.second.fourier + p * model->adam.second.stride, 1};
-  }
-  columns[n++] = (column){model->density.gradient, 0};
-  columns[n++] = (column){model->density.seen, 0};
+  columns[n++] = (column){model->density.gradient, false};
+  columns[n++] = (column){model->density.seen, false};
   if (model->density.squared)
-    columns[n++] = (column){model->density.squared, 0};
+    columns[n++] = (column){model->density.squared, false};
   return n;
 }
 
 void pags_model_copy_rows(pags_train_model *from, int64_t first, int64_t count, pags_train_model *to, int64_t at) {
   column read[MAX_COLUMNS], written[MAX_COLUMNS];
-  if (count == 0)
-    return;
   const int n = list_columns(from, read), m = list_columns(to, written);
-  assert(m == n);
-  (void)m;
-  for (int c = 0; c < n; c++)
+  assert(count == 0 || m == n);
+  for (int c = 0; c < n && c < m && count > 0; c++)
     memcpy((uint32_t *)written[c].data + at, (const uint32_t *)read[c].data + first, (size_t)count * sizeof(uint32_t));
 }
 
@@ -215,30 +190,24 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
   if (count > model->gaussians.stride) /* with half as much room again, so that rows are copied a few times only while
                                           the model grows step by step */
     PAGS_TRY(reserve(model, count + count / 2));
-  int workers = pags_tasks_workers(tasks);
-  gather_job *job = malloc(sizeof *job);
-  uint32_t *scratch = malloc((size_t)workers * (size_t)(count > 0 ? count : 1) * sizeof(uint32_t));
-  if (!job || !scratch) {
-    free(job);
-    free(scratch);
-    return pags_out_of_memory("%lld Gaussians", (long long)count);
-  }
+  const int workers = pags_tasks_workers(tasks);
+  const int64_t old_count = model->gaussians.count, longest = count > old_count ? count : old_count;
+  PAGS_AUTOFREE gather_job *job = malloc(sizeof *job);
+  PAGS_AUTOFREE uint32_t *scratch = malloc((size_t)workers * (size_t)(count > 0 ? count : 1) * sizeof *scratch);
+  PAGS_CHECK_MEMORY(job && scratch, "%lld Gaussians", (long long)count);
+  *job = (gather_job){.source = source,
+                      .count = count,
+                      .fresh = fresh,
+                      .old_count = old_count,
+                      .blocks = (longest + GATHERED - 1) / GATHERED,
+                      .scratch = scratch};
   const int n = list_columns(model, job->columns);
-  job->source = source;
-  job->count = count;
-  job->fresh = fresh;
-  job->old_count = model->gaussians.count;
-  job->scratch = scratch;
-  const int64_t longest = count > job->old_count ? count : job->old_count;
-  job->blocks = (longest + GATHERED - 1) / GATHERED;
   bool done = true;
-  for (job->first = 0; done && job->first < n; job->first += workers) {
+  for (; done && job->first < n; job->first += workers) {
     const int64_t some = n - job->first < workers ? n - job->first : workers;
     done = pags_parallel_for(tasks, some * job->blocks, 1, gather_blocks, job) &&
            pags_parallel_for(tasks, some * job->blocks, 1, store_blocks, job);
   }
-  free(scratch);
-  free(job);
   model->gaussians.count = model->total = count;
   model->first_row = 0;
   if (!done) /* some columns have been reordered, some not: this state must not be saved */
@@ -250,27 +219,26 @@ pags_result pags_model_collect(pags_train_model *model) {
   pags_transport *const transport = pags_model_transport(model);
   const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
   const int64_t own_bytes = model->gaussians.count * (int64_t)sizeof(uint32_t);
-  pags_gaussians all = {0};
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians all = {0};
   column own[MAX_COLUMNS], whole[MAX_COLUMNS];
   pags_adam_destroy(&model->adam);
   pags_clusters_destroy(&model->clusters);
   destroy_density(&model->density);
-  int64_t *const bytes = malloc((size_t)ranks * sizeof *bytes);
+  PAGS_AUTOFREE int64_t *bytes = malloc((size_t)ranks * sizeof *bytes);
   pags_result mine = bytes ? PAGS_OK : pags_out_of_memory("a message of %d ranks", ranks);
   if (mine == PAGS_OK && rank == 0)
     mine = pags_gaussians_create_like(&all, model->total, &model->gaussians);
-  pags_result result = pags_transport_agree(transport, mine);
-  if (result == PAGS_OK)
-    result = pags_share_all(transport, &own_bytes, sizeof own_bytes, bytes);
+  PAGS_TRY(pags_transport_agree(transport, mine));
+  PAGS_TRY(pags_share_all(transport, &own_bytes, sizeof own_bytes, bytes));
   const int n = list_parameters(&model->gaussians, own);
-  if (rank == 0 && result == PAGS_OK)
+  if (rank == 0)
     list_parameters(&all, whole);
-  for (int c = 0; result == PAGS_OK && c < n; c++)
-    result = pags_transport_gather(transport, 0, own[c].data, own_bytes, rank == 0 ? whole[c].data : NULL, bytes);
-  free(bytes);
-  pags_gaussians_destroy(&model->gaussians);
+  for (int c = 0; c < n; c++)
+    PAGS_TRY(pags_transport_gather(transport, 0, own[c].data, own_bytes, rank == 0 ? whole[c].data : NULL, bytes));
+  const pags_gaussians given_up = model->gaussians;
   model->gaussians = all;
-  return result;
+  all = given_up;
+  return PAGS_OK;
 }
 
 /* The moves' values of one column on their way: those that this rank sends, by the rank that gets them, and those that
@@ -295,135 +263,111 @@ static void list_moves(const pags_row_move *moves, int64_t count, int rank, int 
   }
 }
 
-static pags_result move_columns(pags_train_model *model, const relocation *r, uint32_t *out, uint32_t *in) {
-  column columns[MAX_COLUMNS];
-  const int n = list_columns(model, columns);
-  for (int c = 0; c < n; c++) {
-    uint32_t *data = columns[c].data;
-    for (int64_t i = 0; i < r->all_sent; i++) {
-      if (columns[c].moment)
-        data[r->from[i]] = 0;
-      out[i] = data[r->from[i]];
-    }
-    PAGS_TRY(pags_share_items(pags_model_transport(model), out, r->sent, in, r->received, sizeof *in));
-    for (int64_t i = 0; i < r->all_received; i++)
-      data[r->to[i]] = in[i];
-  }
-  return PAGS_OK;
-}
-
 pags_result pags_model_relocate(pags_train_model *model, const pags_row_move *moves, int64_t count) {
   pags_transport *const transport = pags_model_transport(model);
   const int ranks = pags_transport_ranks(transport);
-  int64_t *const lists = malloc(2 * ((size_t)ranks + (size_t)count) * sizeof *lists);
-  uint32_t *const values = malloc((2 * (size_t)count + 1) * sizeof *values);
-  const bool room = lists && values;
-  pags_result result =
-      pags_transport_agree(transport, room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count));
-  if (result == PAGS_OK) {
-    relocation r = {lists, lists + ranks, lists + 2 * ranks, lists + 2 * ranks + count, 0, 0};
-    list_moves(moves, count, pags_transport_rank(transport), ranks, &r);
-    result = move_columns(model, &r, values, values + count);
+  PAGS_AUTOFREE int64_t *lists = malloc(2 * ((size_t)ranks + (size_t)count) * sizeof *lists);
+  PAGS_AUTOFREE uint32_t *out = malloc((2 * (size_t)count + 1) * sizeof *out);
+  const pags_result mine = lists && out ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
+  PAGS_TRY(pags_transport_agree(transport, mine));
+  uint32_t *const in = out + count;
+  relocation r = {lists, lists + ranks, lists + 2 * ranks, lists + 2 * ranks + count, 0, 0};
+  list_moves(moves, count, pags_transport_rank(transport), ranks, &r);
+  column columns[MAX_COLUMNS];
+  const int n = list_columns(model, columns);
+  for (int c = 0; c < n; c++) {
+    uint32_t *const data = columns[c].data;
+    for (int64_t i = 0; i < r.all_sent; i++) {
+      if (columns[c].moment)
+        data[r.from[i]] = 0;
+      out[i] = data[r.from[i]];
+    }
+    PAGS_TRY(pags_share_items(transport, out, r.sent, in, r.received, sizeof *in));
+    for (int64_t i = 0; i < r.all_received; i++)
+      data[r.to[i]] = in[i];
   }
-  free(lists);
-  free(values);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Sorting over ranks ---- */
 
-static pags_result tighten_bounds(const pags_train_model *model, pags_morton_cube *bounds) {
-  int64_t counts[PAGS_MORTON_COUNTS] = {0};
-  pags_morton_count(&model->gaussians, counts);
-  PAGS_TRY(pags_share_sum(model->sharing->transport, counts, PAGS_MORTON_COUNTS));
-  pags_morton_tighten(counts, bounds);
-  return PAGS_OK;
-}
-
-static pags_result make_keys(const pags_train_model *model, const uint32_t *numbers, pags_key **out) {
+static pags_result make_keys(const pags_train_model *model, const uint32_t *numbers, pags_key *keys) {
   const pags_gaussians *const g = &model->gaussians;
-  const int ranks = pags_transport_ranks(model->sharing->transport);
-  pags_key *const keys = *out = malloc((size_t)(g->count + 1) * sizeof *keys);
-  pags_morton_cube own = pags_morton_bounds(g), *const all = malloc((size_t)ranks * sizeof *all);
-  const bool room = keys && all;
-  pags_result result = pags_transport_agree(model->sharing->transport,
-                                            room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count));
-  if (result == PAGS_OK)
-    result = pags_share_all(model->sharing->transport, &own, sizeof own, all);
-  for (int r = 0; result == PAGS_OK && r < ranks; r++)
+  pags_transport *const transport = model->sharing->transport;
+  const int ranks = pags_transport_ranks(transport);
+  pags_morton_cube own = pags_morton_bounds(g);
+  PAGS_AUTOFREE pags_morton_cube *all = malloc((size_t)ranks * sizeof *all);
+  const pags_result mine = keys && all ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  PAGS_TRY(pags_transport_agree(transport, mine));
+  PAGS_TRY(pags_share_all(transport, &own, sizeof own, all));
+  for (int r = 0; r < ranks; r++)
     for (int k = 0; k < 3; k++) {
       own.lo[k] = fmin(own.lo[k], all[r].lo[k]);
       own.hi[k] = fmax(own.hi[k], all[r].hi[k]);
     }
-  if (result == PAGS_OK && pags_morton_is_wide(&own))
-    result = tighten_bounds(model, &own);
-  for (int64_t i = 0; result == PAGS_OK && i < g->count; i++)
+  if (pags_morton_is_wide(&own)) {
+    int64_t counts[PAGS_MORTON_COUNTS] = {0};
+    pags_morton_count(g, counts);
+    PAGS_TRY(pags_share_sum(transport, counts, PAGS_MORTON_COUNTS));
+    pags_morton_tighten(counts, &own);
+  }
+  for (int64_t i = 0; i < g->count; i++)
     keys[i] = (pags_key){pags_morton_code(g, i, &own), numbers[i]};
-  free(all);
-  return result;
+  return PAGS_OK;
 }
 
 /* Moves all columns to their places in the order. */
 static pags_result take_places(pags_train_model *model, const pags_spread_order *order) {
   pags_transport *const transport = model->sharing->transport;
   const int64_t old = model->gaussians.count, count = order->count, written = old > count ? old : count;
-  uint32_t *const placed = malloc((size_t)(count + 1) * sizeof *placed);
+  PAGS_AUTOFREE uint32_t *placed = malloc((size_t)(count + 1) * sizeof *placed);
   pags_result mine = placed ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
   if (mine == PAGS_OK && count > model->gaussians.stride)
     mine = reserve(model, count + count / 2);
-  pags_result result = pags_transport_agree(transport, mine);
+  PAGS_TRY(pags_transport_agree(transport, mine));
   column columns[MAX_COLUMNS];
   const int n = list_columns(model, columns);
-  for (int c = 0; result == PAGS_OK && c < n; c++) {
+  for (int c = 0; c < n; c++) {
     uint32_t *const data = columns[c].data;
-    result = pags_order_move(transport, order, data, placed, false);
+    PAGS_TRY(pags_order_move(transport, order, data, placed, false));
     memcpy(data, placed, (size_t)count * sizeof *data);
     memset(data + count, 0, (size_t)(written - count) * sizeof *data);
   }
-  free(placed);
   model->gaussians.count = count;
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result sort_shared(pags_train_model *model, const uint32_t *numbers) {
   pags_sharing *const s = model->sharing;
   const int ranks = pags_transport_ranks(s->transport);
-  pags_key *keys;
-  pags_spread_order order = {0};
+  PAGS_AUTOFREE pags_key *keys = malloc((size_t)(model->gaussians.count + 1) * sizeof *keys);
+  PAGS_AUTO(pags_order_destroy) pags_spread_order order = {0};
   int64_t total = model->gaussians.count;
   PAGS_TRY(pags_share_sum(s->transport, &total, 1));
   s->rows[model->index] = total;
   pags_shares_cut(s->rows, s->models, model->schedule.config.picture.cluster_size, ranks, s->begin);
-  pags_result result = make_keys(model, numbers, &keys);
-  if (result == PAGS_OK)
-    result =
-        pags_order_create(s->transport, keys, model->gaussians.count, s->begin + model->index * (ranks + 1), &order);
-  free(keys);
-  if (result == PAGS_OK)
-    result = take_places(model, &order);
+  PAGS_TRY(make_keys(model, numbers, keys));
+  PAGS_TRY(
+      pags_order_create(s->transport, keys, model->gaussians.count, s->begin + model->index * (ranks + 1), &order));
+  PAGS_TRY(take_places(model, &order));
   model->first_row = order.first;
   model->total = total;
-  pags_order_destroy(&order);
-  return result == PAGS_OK ? pags_adam_regroup(&model->adam, model->gaussians.count, model->step) : result;
+  return pags_adam_regroup(&model->adam, model->gaussians.count, model->step);
 }
 
 pags_result pags_model_sort(pags_train_model *model, const uint32_t *numbers, pags_tasks *tasks) {
+  pags_tasks_mark(tasks, NULL, "order");
   if (model->sharing) {
-    pags_tasks_mark(tasks, NULL, "order");
     PAGS_TRY(sort_shared(model, numbers));
     return make_clusters(model, tasks);
   }
-  int64_t count = model->gaussians.count;
-  int64_t *order = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
-  if (!order)
-    return pags_out_of_memory("%lld Gaussians", (long long)count);
-  pags_tasks_mark(tasks, NULL, "order");
-  pags_result result = pags_morton_order(&model->gaussians, tasks, order);
+  const int64_t count = model->gaussians.count;
+  PAGS_AUTOFREE int64_t *order = malloc((size_t)(count > 0 ? count : 1) * sizeof *order);
+  PAGS_CHECK_MEMORY(order, "%lld Gaussians", (long long)count);
+  PAGS_TRY(pags_morton_order(&model->gaussians, tasks, order));
   pags_tasks_mark(tasks, NULL, "gather");
-  if (result == PAGS_OK)
-    result = pags_model_gather(model, order, count, count, tasks);
-  free(order);
-  return result == PAGS_OK ? make_clusters(model, tasks) : result;
+  PAGS_TRY(pags_model_gather(model, order, count, count, tasks));
+  return make_clusters(model, tasks);
 }
 
 /* ---- Fourier terms and rows that aren't finite ---- */
@@ -436,30 +380,27 @@ pags_result pags_model_add_fourier(pags_train_model *model) {
 }
 
 bool pags_model_is_finite_row(const pags_gaussians *g, int64_t row) {
-  for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
-    if (!isfinite(pags_plane(g, p)[row]))
-      return false;
-  for (int p = 0; g->fourier && p < PAGS_FOURIER_PLANES; p++)
-    if (!isfinite(g->fourier[p * g->stride + row]))
+  for (int p = 0; p < pags_all_planes(g); p++)
+    if (!isfinite(pags_any_plane(g, p)[row]))
       return false;
   return true;
 }
 
-int64_t pags_model_drop_spoiled(pags_train_model *model) {
+pags_result pags_model_drop_spoiled(pags_train_model *model, int64_t *dropped) {
   pags_gaussians *g = &model->gaussians, kept = {0};
-  int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index), count = 0;
-  for (int64_t row = 0; index && row < g->count; row++)
+  int64_t count = 0;
+  PAGS_AUTOFREE int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
+  PAGS_CHECK_MEMORY(index, "the scene");
+  for (int64_t row = 0; row < g->count; row++)
     if (pags_model_is_finite_row(g, row))
       index[count++] = row;
-  int64_t dropped = index ? g->count - count : -1;
-  if (dropped > 0 && pags_gaussians_create_like(&kept, count, g) != PAGS_OK)
-    dropped = -1;
-  if (dropped > 0) {
-    pags_gaussians_gather(g, index, count, &kept);
-    pags_gaussians_destroy(g);
-    *g = kept;
-    model->total = g->count;
-  }
-  free(index);
-  return dropped;
+  if (count == g->count)
+    return PAGS_OK;
+  PAGS_CHECK_MEMORY(pags_gaussians_create_like(&kept, count, g) == PAGS_OK, "the scene");
+  *dropped += g->count - count;
+  pags_gaussians_gather(g, index, count, &kept);
+  pags_gaussians_destroy(g);
+  *g = kept;
+  model->total = count;
+  return PAGS_OK;
 }

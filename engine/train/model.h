@@ -50,13 +50,10 @@ typedef struct pags_train_model {
 } pags_train_model;
 
 /* Creates a model from the Gaussians `g`, which it takes over (`g` is zeroed), for a run of `stop` steps; on failure
- * everything is freed. */
+ * everything is freed. A model without pending Adam steps (pags_adam_settle) is called settled: all of its rows are
+ * current as of the last step done, as decisions that look at all rows need. */
 pags_result pags_model_create(pags_train_model *model, const pags_schedule *schedule, int64_t stop, pags_gaussians *g);
 void pags_model_destroy(pags_train_model *model);
-
-/* Applies all pending Adam steps: parameters and moments of all rows become current as of the last step done, as
- * decisions that look at all rows need. Such a model is called settled. */
-void pags_model_settle(pags_train_model *model, pags_tasks *tasks);
 
 /* Reorders the rows: new row i is the old row source[i] (all planes, moments, statistics), of `count` rows; rows from
  * `fresh` on start with moments of zero. Capacity grows as needed. The clusters no longer match the rows: call
@@ -88,8 +85,8 @@ static inline pags_transport *pags_model_transport(const pags_train_model *model
 /* Returns whether all parameters of the row are finite. */
 bool pags_model_is_finite_row(const pags_gaussians *gaussians, int64_t row);
 /* Removes the rows with parameters that aren't finite, for the finished scene; the model can't be trained any more.
- * Returns the number of rows removed, -1 when out of memory. */
-int64_t pags_model_drop_spoiled(pags_train_model *model);
+ * Adds the number of rows removed to *dropped. */
+pags_result pags_model_drop_spoiled(pags_train_model *model, int64_t *dropped);
 /* Sets the densify statistics `gradient` and `seen` to zero. */
 void pags_model_clear_density(pags_train_model *model);
 /* Adds the Fourier terms of colour over time, all zero, and their moments. */

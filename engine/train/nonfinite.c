@@ -7,11 +7,6 @@
 
 #include <pags/gaussians.h>
 
-void pags_nonfinite_init(pags_nonfinite *nonfinite) {
-  *nonfinite = (pags_nonfinite){.count = 0};
-  atomic_flag_clear(&nonfinite->busy);
-}
-
 /* Returns the place of an update in a step: 0 for Gaussians, 1 for poses, 2 for exposures. */
 static int stage_of(const pags_nonfinite_row *o) {
   return o->kind == PAGS_NONFINITE_EXPOSURE ? 2 : o->kind == PAGS_NONFINITE_POSE;

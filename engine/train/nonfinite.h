@@ -28,11 +28,9 @@ typedef struct pags_nonfinite_row {
 typedef struct pags_nonfinite {
   int64_t count; /* updates left out in the whole run: rows of Gaussians, keyframes' poses, views' exposures */
   pags_nonfinite_row first;
-  atomic_flag busy;
+  atomic_flag busy; /* cleared before the first note */
 } pags_nonfinite;
 
-/* Sets the count to zero. */
-void pags_nonfinite_init(pags_nonfinite *nonfinite);
 /* Records `count` left-out updates of one step. `first` is the first of them in the order Gaussians, poses,
  * exposures, then by object, row and plane. Safe from several threads. */
 void pags_nonfinite_note(pags_nonfinite *nonfinite, int64_t count, const pags_nonfinite_row *first);

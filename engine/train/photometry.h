@@ -11,7 +11,7 @@
 #include <pags/frame.h>
 #include <pags/photometric.h>
 
-#include "train/adam6.h"
+#include "train/adam.h"
 #include "train/holdout_test.h"
 #include "train/schedule.h"
 

@@ -2,16 +2,14 @@
 /* The state of a training run: its models, their tracks, the sky, the exposures and a few numbers; see state.h. */
 #include "train/state.h"
 
-#include <assert.h>
-#include <stdlib.h>
-
 #include "base/memory.h"
 
 pags_result pags_state_create(pags_train_state *state, const pags_schedule *schedule, int64_t stop, int64_t models) {
   *state = (pags_train_state){.schedule = *schedule, .stop = stop, .cap = schedule->config.size_limit.max_gaussians};
-  pags_nonfinite_init(&state->nonfinite);
+  atomic_flag_clear(&state->nonfinite.busy);
   state->models = calloc((size_t)(models > 0 ? models : 1), sizeof *state->models);
-  return state->models ? PAGS_OK : pags_out_of_memory("%lld models", (long long)models);
+  PAGS_CHECK_MEMORY(state->models, "%lld models", (long long)models);
+  return PAGS_OK;
 }
 
 void pags_state_destroy(pags_train_state *state) {
@@ -52,7 +50,7 @@ void pags_state_set_step(pags_train_state *state, int64_t step) {
 
 void pags_state_settle(pags_train_state *state, pags_tasks *tasks) {
   for (int64_t i = 0; i < state->model_count; i++)
-    pags_model_settle(&state->models[i], tasks);
+    pags_adam_settle(&state->models[i].adam, &state->models[i].gaussians, state->step, tasks);
 }
 
 void pags_state_flush(pags_train_state *state, pags_tasks *tasks) {

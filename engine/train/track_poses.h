@@ -9,7 +9,7 @@
 #include <pags/dataset.h>
 #include <pags/object.h>
 
-#include "train/adam6.h"
+#include "train/adam.h"
 #include "train/schedule.h"
 
 typedef struct pags_track_poses {

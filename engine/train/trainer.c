@@ -315,12 +315,8 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
 
   /* A scene must hold finite numbers only; its reader would refuse it otherwise. */
   int64_t dropped = 0;
-  for (int64_t i = 0; i < t->state.model_count && dropped >= 0; i++) {
-    int64_t rows = pags_model_drop_spoiled(&t->state.models[i]);
-    dropped = rows < 0 ? -1 : dropped + rows;
-  }
-  if (dropped < 0)
-    return pags_out_of_memory("the scene");
+  for (int64_t i = 0; i < s->model_count; i++)
+    PAGS_TRY(pags_model_drop_spoiled(&s->models[i], &dropped));
   if (dropped > 0)
     pags_log_message(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene",
                      (long long)dropped);

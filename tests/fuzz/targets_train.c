@@ -86,7 +86,7 @@ static void seed_checkpoint(void) {
     }
     pags_state_set_step(&state, 50);
     const char *const path = fuzz_file("seed.run", "", 0);
-    fuzz_seed_saved(pags_checkpoint_save(path, &state, 77), path);
+    fuzz_seed_saved(pags_checkpoint_save(path, NULL, false, &state, 77), path);
     pags_state_destroy(&state);
   }
 }
@@ -132,7 +132,7 @@ static int run_checkpoint(const uint8_t *data, size_t size) {
   uint8_t *bytes = NULL;
   size_t again = 0;
   const char *const copy = fuzz_file("b.run", "", 0);
-  FUZZ_CHECK(pags_checkpoint_save(copy, &state, fingerprint) == PAGS_OK &&
+  FUZZ_CHECK(pags_checkpoint_save(copy, NULL, false, &state, fingerprint) == PAGS_OK &&
              pags_file_read(copy, &bytes, &again) == PAGS_OK);
   free(bytes);
   pags_state_destroy(&state);

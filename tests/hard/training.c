@@ -237,7 +237,7 @@ static void save_start(const pags_dataset *dataset, const char *name, const pags
   check(pags_state_create(&fresh, &state.schedule, state.stop, 1));
   fresh.cap = state.cap;
   check(pags_state_add_model(&fresh, -1, state.schedule.extent, &copy));
-  check(pags_checkpoint_save(hard_path(file), &fresh, fingerprint));
+  check(pags_checkpoint_save(hard_path(file), NULL, false, &fresh, fingerprint));
   pags_state_destroy(&fresh);
   pags_state_destroy(&state);
 }

@@ -128,7 +128,7 @@ static void dense_step(run *r, int64_t step) {
 static void edit(run *r) {
   pags_train_model *s = &r->state;
   int64_t count = s->gaussians.count, source[MOST_ROWS], order[MOST_ROWS], kept = 0;
-  pags_model_settle(s, r->tasks);
+  pags_adam_settle(&s->adam, &s->gaussians, s->step, r->tasks);
   for (int64_t i = 0; i < count; i++)
     if (i % 41 != 3)
       source[kept++] = i;
@@ -148,7 +148,7 @@ static void edit(run *r) {
 }
 
 static void reset(run *r) {
-  pags_model_settle(&r->state, r->tasks);
+  pags_adam_settle(&r->state.adam, &r->state.gaussians, r->state.step, r->tasks);
   pags_densify_reset(&r->state);
   if (!r->dense.planes)
     return;

@@ -62,7 +62,7 @@ static void comes_back_whole(void **unused) {
   pags_train_state a, b;
   uint64_t fingerprint = 0;
   make(&a);
-  assert_int_equal(pags_checkpoint_save(path, &a, 0x1234567890abcdefu), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, NULL, false, &a, 0x1234567890abcdefu), PAGS_OK);
   assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_OK);
   assert_true(fingerprint == 0x1234567890abcdefu);
   assert_true(b.step == 900 && b.stop == 1000 && b.resets == 2 && b.loss == 0.125 && b.mse == 0.25);
@@ -91,10 +91,10 @@ static void same_state_same_bytes(void **unused) {
   uint8_t *first, *second;
   size_t first_size, second_size;
   make(&a);
-  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, NULL, false, &a, 1), PAGS_OK);
   assert_int_equal(pags_file_read(path, &first, &first_size), PAGS_OK);
   assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_OK);
-  assert_int_equal(pags_checkpoint_save(path, &b, fingerprint), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, NULL, false, &b, fingerprint), PAGS_OK);
   assert_int_equal(pags_file_read(path, &second, &second_size), PAGS_OK);
   assert_int_equal(first_size, second_size);
   assert_memory_equal(first, second, first_size);
@@ -111,7 +111,7 @@ static void damage_is_found(void **unused) {
   uint8_t *bytes;
   size_t size;
   make(&a);
-  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, NULL, false, &a, 1), PAGS_OK);
   assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
   for (size_t at = 0; at < size; at += 1 + size / 97) { /* one bit wrong */
     bytes[at] ^= 0x10;
@@ -135,7 +135,7 @@ static void impossible_steps_are_refused(void **unused) {
   uint64_t fingerprint;
   make(&a);
   a.models[0].adam.param_step[1] = 901;
-  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, NULL, false, &a, 1), PAGS_OK);
   assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_ERROR_FORMAT);
   pags_state_destroy(&a);
 }
@@ -161,11 +161,11 @@ static void impossible_runs_are_refused(void **unused) {
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     int64_t sound = *cases[i].number;
     *cases[i].number = cases[i].value;
-    assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+    assert_int_equal(pags_checkpoint_save(path, NULL, false, &a, 1), PAGS_OK);
     assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_ERROR_FORMAT);
     *cases[i].number = sound;
   }
-  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, NULL, false, &a, 1), PAGS_OK);
   assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_OK);
   pags_state_destroy(&b);
   pags_state_destroy(&a);
@@ -180,7 +180,7 @@ static void impossible_counts_are_refused(void **unused) {
   uint8_t *bytes;
   size_t size, at = 0;
   make(&a);
-  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, NULL, false, &a, 1), PAGS_OK);
   pags_state_destroy(&a);
   assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
   while (memcmp(bytes + at, "MODL", 4) != 0)

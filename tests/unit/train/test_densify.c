@@ -44,7 +44,7 @@ static void begin(fixture *f, pags_train_config config) {
   pags_schedule schedule = pags_schedule_make(&config, extent, 10);
   assert_int_equal(pags_model_create(&f->state, &schedule, 30000, &g), PAGS_OK);
   f->state.step = AT;
-  pags_model_settle(&f->state, f->tasks);
+  pags_adam_settle(&f->state.adam, &f->state.gaussians, f->state.step, f->tasks);
   for (int i = 0; i < ROWS; i++) {
     pags_plane(&f->state.adam.first, PAGS_SH)[i] = (float)(i + 1);
     pags_plane(&f->state.adam.second, PAGS_SH)[i] = (float)(i + 1);

@@ -39,7 +39,7 @@ static void begin(fixture *f, int64_t cap) {
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
   assert_int_equal(pags_model_create(&f->state, &schedule, 30000, &g), PAGS_OK);
   f->state.step = 600;
-  pags_model_settle(&f->state, f->tasks);
+  pags_adam_settle(&f->state.adam, &f->state.gaussians, f->state.step, f->tasks);
 }
 
 static void end(fixture *f) {

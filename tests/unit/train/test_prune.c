@@ -322,7 +322,7 @@ static void rows_take_their_scores_along(void **unused) {
   char folder[200], path[256];
   assert_true(system_make_scratch(folder, sizeof folder));
   snprintf(path, sizeof path, "%s/checkpoint", folder);
-  assert_int_equal(pags_checkpoint_save(path, &s, 5), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, NULL, false, &s, 5), PAGS_OK);
   assert_int_equal(pags_checkpoint_load(path, NULL, &back, &fingerprint), PAGS_OK);
   assert_memory_equal(back.models[0].gaussians.s_sem, m->gaussians.s_sem, 42 * sizeof(float));
   assert_memory_equal(back.models[0].density.squared, m->density.squared, 42 * sizeof(float));
