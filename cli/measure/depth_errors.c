@@ -6,7 +6,7 @@
 #include <math.h>
 #include "base/memory.h"
 #include "base/sort.h"
-#include "train/lidar_depth.h"
+#include "train/driving_losses.h"
 
 enum { MOST_SAMPLES = 200000 }; /* per view */
 

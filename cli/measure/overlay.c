@@ -13,7 +13,7 @@
 #include <math.h>
 #include "base/vec3.h"
 #include "dataset/owners.h"
-#include "train/lidar_depth.h"
+#include "train/driving_losses.h"
 
 enum { MOST_STEPS = 20, MOST_SAMPLES = 20000 };
 

@@ -17,7 +17,7 @@
 #include "base/text.h"
 #include "base/vec3.h"
 #include "dataset/photo_mask.h"
-#include "train/fit_pose.h"
+#include "train/camera_poses.h"
 
 typedef struct eval_arguments {
   pags_session session;

@@ -7,6 +7,15 @@
 #include <stdint.h>
 #include <string.h>
 
+/* FNV-1a: the hash of some bytes after those that `hash` is of, PAGS_HASH_OF_NOTHING at first. */
+#define PAGS_HASH_OF_NOTHING UINT64_C(14695981039346656037)
+static inline uint64_t pags_hash_bytes(uint64_t hash, const void *bytes, size_t size) {
+  const uint8_t *b = bytes;
+  for (size_t i = 0; i < size; i++)
+    hash = (hash ^ b[i]) * UINT64_C(1099511628211);
+  return hash;
+}
+
 static inline uint16_t pags_load_u16(const uint8_t *p) {
   return (uint16_t)(p[0] | p[1] << 8);
 }

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/bytes.h"
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
@@ -104,23 +105,16 @@ static pags_result check_blocks(const pags_dataset *dataset, const pags_blocks *
   return PAGS_OK;
 }
 
-static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
-  const uint8_t *b = bytes;
-  for (size_t i = 0; i < size; i++)
-    hash = (hash ^ b[i]) * 1099511628211u;
-  return hash;
-}
-
 static void name_split(const pags_dataset *dataset, pags_blocks *split) {
-  uint64_t hash = 14695981039346656037u;
+  uint64_t hash = PAGS_HASH_OF_NOTHING;
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
-    hash = hash_bytes(hash, view->name, strlen(view->name) + 1);
-    hash = hash_bytes(hash, &view->test, sizeof view->test);
-    hash = hash_bytes(hash, view->camera.world_from_camera, sizeof view->camera.world_from_camera);
+    hash = pags_hash_bytes(hash, view->name, strlen(view->name) + 1);
+    hash = pags_hash_bytes(hash, &view->test, sizeof view->test);
+    hash = pags_hash_bytes(hash, view->camera.world_from_camera, sizeof view->camera.world_from_camera);
   }
   for (int b = 0; b < split->count; b++)
-    hash = hash_bytes(hash, &split->ranges[b], sizeof split->ranges[b]);
+    hash = pags_hash_bytes(hash, &split->ranges[b], sizeof split->ranges[b]);
   snprintf(split->id, sizeof split->id, "%08x%08x", (unsigned)(hash >> 32), (unsigned)(hash & 0xffffffffu));
 }
 

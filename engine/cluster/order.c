@@ -4,11 +4,6 @@
  * a cut's key are found from the highest on, one exchange of counts each, since the number of keys below any bound is a
  * binary search in a sorted list. */
 #include "cluster/order.h"
-
-#include <assert.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "cluster/shares.h"
 
@@ -82,9 +77,8 @@ static numbered_key *sort_numbered(numbered_key *items, numbered_key *spare, int
 
 /* Sorts the keys; `numbers`, unless NULL, receives the former index of each. */
 static pags_result sort_keys(pags_key *keys, int64_t count, uint32_t *numbers) {
-  numbered_key *const block = malloc((size_t)(2 * count + 1) * sizeof *block);
-  if (!block)
-    return pags_out_of_memory("an order of %lld items", (long long)count);
+  PAGS_AUTOFREE numbered_key *block = malloc((size_t)(2 * count + 1) * sizeof *block);
+  PAGS_CHECK_MEMORY(block, "an order of %lld items", (long long)count);
   for (int64_t i = 0; i < count; i++)
     block[i] = (numbered_key){keys[i], (uint32_t)i};
   const numbered_key *const sorted = sort_numbered(block, block + count, count);
@@ -93,7 +87,6 @@ static pags_result sort_keys(pags_key *keys, int64_t count, uint32_t *numbers) {
     if (numbers)
       numbers[i] = sorted[i].number;
   }
-  free(block);
   return PAGS_OK;
 }
 
@@ -111,27 +104,28 @@ static pags_key with_digit(pags_key key, int bit, int digit) {
 pags_result pags_order_find(pags_transport *transport, const pags_key *sorted, int64_t count, const int64_t *positions,
                             int found, pags_key *keys) {
   const int bits = found <= 8 ? 8 : 4, bounds = (1 << bits) - 1; /* of a round: fewer where there are many positions */
-  int64_t *const below = malloc((size_t)(found * bounds + 1) * sizeof *below);
+  PAGS_AUTOFREE int64_t *below = malloc((size_t)(found * bounds + 1) * sizeof *below);
   int64_t all = count;
-  pags_result result = below ? pags_share_sum(transport, &all, 1) : pags_out_of_memory("%d positions", found);
+  if (!below)
+    return pags_transport_give_up(transport, pags_out_of_memory("%d positions", found));
+  PAGS_TRY(pags_share_sum(transport, &all, 1));
   for (int i = 0; i < found; i++)
     keys[i] = (pags_key){0, 0};
 
   /* The key at a position is the largest bound that has at most that many keys below it, unless that is behind all. */
-  for (int bit = 128 - bits; result == PAGS_OK && bit >= 0; bit -= bits) {
+  for (int bit = 128 - bits; bit >= 0; bit -= bits) {
     for (int i = 0; i < found; i++)
       for (int digit = 1; digit <= bounds; digit++)
         below[i * bounds + digit - 1] = count_below(sorted, count, with_digit(keys[i], bit, digit));
-    result = pags_share_sum(transport, below, found * bounds);
-    for (int i = 0; result == PAGS_OK && i < found; i++) {
+    PAGS_TRY(pags_share_sum(transport, below, found * bounds));
+    for (int i = 0; i < found; i++) {
       int digit = bounds;
       while (digit > 0 && positions[i] < all && below[i * bounds + digit - 1] > positions[i])
         digit--;
       keys[i] = with_digit(keys[i], bit, digit);
     }
   }
-  free(below);
-  return pags_transport_give_up(transport, result);
+  return PAGS_OK;
 }
 
 /* ---- The whole order ---- */
@@ -140,39 +134,23 @@ pags_result pags_order_find(pags_transport *transport, const pags_key *sorted, i
 static pags_result cut_keys(pags_transport *transport, const pags_key *sorted, const int64_t *cuts,
                             pags_spread_order *order) {
   const int ranks = pags_transport_ranks(transport);
-  pags_key *const bounds = malloc((size_t)(ranks + 1) * sizeof *bounds);
-  if (!bounds)
-    return pags_out_of_memory("an order over %d ranks", ranks);
-  const pags_result result = pags_order_find(transport, sorted, order->own, cuts + 1, ranks - 1, bounds);
+  PAGS_AUTOFREE pags_key *bounds = malloc((size_t)(ranks + 1) * sizeof *bounds);
+  PAGS_CHECK_MEMORY(bounds, "an order over %d ranks", ranks);
+  PAGS_TRY(pags_order_find(transport, sorted, order->own, cuts + 1, ranks - 1, bounds));
   int64_t before = 0;
-  for (int rank = 0; result == PAGS_OK && rank < ranks; rank++) {
+  for (int rank = 0; rank < ranks; rank++) {
     const int64_t end =
         rank == ranks - 1 || cuts[rank + 1] >= cuts[ranks] ? order->own : count_below(sorted, order->own, bounds[rank]);
     order->sent_items[rank] = end - before;
     before = end;
   }
-  free(bounds);
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result fill(pags_transport *transport, pags_key *own, const int64_t *cuts, pags_spread_order *order) {
-  const int ranks = pags_transport_ranks(transport);
   PAGS_TRY(sort_keys(own, order->own, order->sent));
   PAGS_TRY(cut_keys(transport, own, cuts, order));
-  int64_t *const ones = malloc((size_t)ranks * sizeof *ones);
-  if (!ones)
-    return pags_out_of_memory("an order over %d ranks", ranks);
-  for (int r = 0; r < ranks; r++)
-    ones[r] = 1;
-  const pags_result result =
-      pags_share_items(transport, order->sent_items, ones, order->arrived_items, ones, sizeof(int64_t));
-  free(ones);
-  PAGS_TRY(result);
-  int64_t arriving = 0;
-  for (int r = 0; r < ranks; r++)
-    arriving += order->arrived_items[r];
-  assert(arriving == order->count);
-  (void)arriving;
+  PAGS_TRY(pags_share_each(transport, order->sent_items, order->arrived_items, sizeof(int64_t)));
   PAGS_TRY(pags_share_items(transport, own, order->sent_items, order->keys, order->arrived_items, sizeof *own));
   return sort_keys(order->keys, order->count, order->arrived);
 }
@@ -187,30 +165,26 @@ pags_result pags_order_create(pags_transport *transport, const pags_key *keys, i
   order->sent = malloc(own * sizeof *order->sent);
   order->sent_items = calloc((size_t)ranks, sizeof *order->sent_items);
   order->arrived_items = calloc((size_t)ranks, sizeof *order->arrived_items);
-  pags_key *const copy = malloc(own * sizeof *copy);
+  PAGS_AUTOFREE pags_key *copy = malloc(own * sizeof *copy);
   const bool room = order->keys && order->arrived && order->sent && order->sent_items && order->arrived_items && copy;
-  if (room)
-    memcpy(copy, keys, (size_t)count * sizeof *copy);
   const pags_result mine = room ? PAGS_OK : pags_out_of_memory("an order of %lld items", (long long)count);
-  pags_result result = pags_transport_agree(transport, mine);
-  if (result == PAGS_OK)
-    result = fill(transport, copy, cuts, order);
-  free(copy);
-  return pags_transport_give_up(transport, result);
+  PAGS_TRY(pags_transport_agree(transport, mine));
+  memcpy(copy, keys, (size_t)count * sizeof *copy);
+  return pags_transport_give_up(transport, fill(transport, copy, cuts, order));
 }
 
 pags_result pags_order_create_even(pags_transport *transport, const pags_key *keys, int64_t count,
                                    pags_spread_order *order) {
   const int ranks = pags_transport_ranks(transport);
-  int64_t all = count, *const cuts = malloc((size_t)(ranks + 1) * sizeof *cuts);
+  int64_t all = count;
+  PAGS_AUTOFREE int64_t *cuts = malloc((size_t)(ranks + 1) * sizeof *cuts);
   *order = (pags_spread_order){0};
-  pags_result result = cuts ? pags_share_sum(transport, &all, 1) : pags_out_of_memory("an order over %d ranks", ranks);
-  for (int r = 0; cuts && r <= ranks; r++)
+  if (!cuts)
+    return pags_transport_give_up(transport, pags_out_of_memory("an order over %d ranks", ranks));
+  PAGS_TRY(pags_share_sum(transport, &all, 1));
+  for (int r = 0; r <= ranks; r++)
     cuts[r] = all / ranks * r + all % ranks * r / ranks;
-  if (result == PAGS_OK)
-    result = pags_order_create(transport, keys, count, cuts, order);
-  free(cuts);
-  return pags_transport_give_up(transport, result);
+  return pags_order_create(transport, keys, count, cuts, order);
 }
 
 void pags_order_destroy(pags_spread_order *order) {
@@ -224,22 +198,23 @@ void pags_order_destroy(pags_spread_order *order) {
 
 pags_result pags_order_move(pags_transport *transport, const pags_spread_order *order, void *own, void *placed,
                             bool back) {
-  uint32_t *const out = calloc((size_t)(order->own + order->count + 1), sizeof *out);
+  PAGS_AUTOFREE uint32_t *out = calloc((size_t)(order->own + order->count + 1), sizeof *out);
   uint32_t *const mine = own, *const here = placed;
   if (!out)
     return pags_transport_give_up(transport, pags_out_of_memory("an order of %lld items", (long long)order->count));
   uint32_t *const in = out + order->own;
-  for (int64_t i = 0; !back && i < order->own; i++)
-    out[i] = mine[order->sent[i]];
-  for (int64_t i = 0; back && i < order->count; i++)
-    in[order->arrived[i]] = here[i];
-  const pags_result result =
-      back ? pags_share_items(transport, in, order->arrived_items, out, order->sent_items, sizeof *out)
-           : pags_share_items(transport, out, order->sent_items, in, order->arrived_items, sizeof *out);
-  for (int64_t i = 0; result == PAGS_OK && !back && i < order->count; i++)
-    here[i] = in[order->arrived[i]];
-  for (int64_t i = 0; result == PAGS_OK && back && i < order->own; i++)
-    mine[order->sent[i]] = out[i];
-  free(out);
-  return result;
+  if (back) {
+    for (int64_t i = 0; i < order->count; i++)
+      in[order->arrived[i]] = here[i];
+    PAGS_TRY(pags_share_items(transport, in, order->arrived_items, out, order->sent_items, sizeof *out));
+    for (int64_t i = 0; i < order->own; i++)
+      mine[order->sent[i]] = out[i];
+  } else {
+    for (int64_t i = 0; i < order->own; i++)
+      out[i] = mine[order->sent[i]];
+    PAGS_TRY(pags_share_items(transport, out, order->sent_items, in, order->arrived_items, sizeof *out));
+    for (int64_t i = 0; i < order->count; i++)
+      here[i] = in[order->arrived[i]];
+  }
+  return PAGS_OK;
 }

@@ -36,87 +36,80 @@ pags_result pags_share_parts(pags_transport *transport, const void *mine, int64_
   int64_t sum = 0;
   for (int r = 0; r < ranks; r++)
     sum += bytes_of[r];
-  int64_t *const sent = malloc((size_t)ranks * sizeof *sent);
-  char *const copies = malloc((size_t)(bytes * ranks + 1));
-  *all = malloc((size_t)sum + 1);
-  for (int r = 0; sent && copies && r < ranks; r++) {
+  PAGS_AUTOFREE int64_t *sent = malloc((size_t)ranks * sizeof *sent);
+  PAGS_AUTOFREE char *copies = malloc((size_t)(bytes * ranks + 1));
+  PAGS_AUTOFREE char *arrived = malloc((size_t)sum + 1);
+  const bool room = sent && copies && arrived;
+  PAGS_TRY(pags_transport_agree(transport, room ? PAGS_OK : pags_out_of_memory("a message to %d ranks", ranks)));
+  for (int r = 0; r < ranks; r++) {
     sent[r] = bytes;
     if (bytes > 0)
       memcpy(copies + r * bytes, mine, (size_t)bytes);
   }
-  const bool room = sent && copies && *all;
-  pags_result result =
-      pags_transport_agree(transport, room ? PAGS_OK : pags_out_of_memory("a message to %d ranks", ranks));
-  if (result == PAGS_OK)
-    result = pags_transport_exchange(transport, copies, sent, *all, bytes_of);
-  free(sent);
-  free(copies);
-  if (result != PAGS_OK) {
-    free(*all);
-    *all = NULL;
-  }
-  return result;
+  PAGS_TRY(pags_transport_exchange(transport, copies, sent, arrived, bytes_of));
+  *all = pags_take(&arrived);
+  return PAGS_OK;
 }
 
 pags_result pags_share_all(pags_transport *transport, const void *mine, int64_t bytes, void *all) {
   const int ranks = pags_transport_ranks(transport);
-  int64_t *const counts = malloc((size_t)ranks * sizeof *counts);
-  char *const copies = malloc((size_t)(bytes * ranks + 1));
-  pags_result result = counts && copies ? PAGS_OK : pags_out_of_memory("a message to %d ranks", ranks);
-  for (int r = 0; result == PAGS_OK && r < ranks; r++) {
-    counts[r] = bytes;
+  PAGS_AUTOFREE char *copies = malloc((size_t)(bytes * ranks + 1));
+  if (!copies)
+    return pags_transport_give_up(transport, pags_out_of_memory("a message to %d ranks", ranks));
+  for (int r = 0; r < ranks; r++)
     memcpy(copies + r * bytes, mine, (size_t)bytes);
-  }
-  if (result == PAGS_OK)
-    result = pags_transport_exchange(transport, copies, counts, all, counts);
-  free(counts);
-  free(copies);
-  return pags_transport_give_up(transport, result);
+  return pags_share_each(transport, copies, all, bytes);
 }
 
 pags_result pags_share_sum(pags_transport *transport, int64_t *numbers, int count) {
   const int ranks = pags_transport_ranks(transport);
   if (ranks == 1 || count == 0)
     return PAGS_OK;
-  int64_t *const all = malloc((size_t)ranks * (size_t)count * sizeof *all);
+  PAGS_AUTOFREE int64_t *all = malloc((size_t)ranks * (size_t)count * sizeof *all);
   if (!all)
     return pags_transport_give_up(transport, pags_out_of_memory("%d numbers of %d ranks", count, ranks));
-  const pags_result result = pags_share_all(transport, numbers, count * (int64_t)sizeof *numbers, all);
-  for (int i = 0; result == PAGS_OK && i < count; i++) {
+  PAGS_TRY(pags_share_all(transport, numbers, count * (int64_t)sizeof *numbers, all));
+  for (int i = 0; i < count; i++) {
     numbers[i] = 0;
     for (int r = 0; r < ranks; r++)
       numbers[i] += all[r * count + i];
   }
-  free(all);
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_share_before(pags_transport *transport, int64_t number, int64_t *before, int64_t *all) {
   const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
-  int64_t *const numbers = malloc((size_t)ranks * sizeof *numbers);
+  PAGS_AUTOFREE int64_t *numbers = malloc((size_t)ranks * sizeof *numbers);
   if (!numbers)
     return pags_transport_give_up(transport, pags_out_of_memory("the numbers of %d ranks", ranks));
-  const pags_result result = pags_share_all(transport, &number, sizeof number, numbers);
   *before = *all = 0;
-  for (int r = 0; result == PAGS_OK && r < ranks; r++) {
+  PAGS_TRY(pags_share_all(transport, &number, sizeof number, numbers));
+  for (int r = 0; r < ranks; r++) {
     *before += r < rank ? numbers[r] : 0;
     *all += numbers[r];
   }
-  free(numbers);
-  return result;
+  return PAGS_OK;
+}
+
+pags_result pags_share_each(pags_transport *transport, const void *send, void *receive, int64_t bytes) {
+  const int ranks = pags_transport_ranks(transport);
+  PAGS_AUTOFREE int64_t *counts = malloc((size_t)ranks * sizeof *counts);
+  if (!counts)
+    return pags_transport_give_up(transport, pags_out_of_memory("a message to %d ranks", ranks));
+  for (int r = 0; r < ranks; r++)
+    counts[r] = bytes;
+  return pags_transport_exchange(transport, send, counts, receive, counts);
 }
 
 pags_result pags_share_items(pags_transport *transport, const void *send, const int64_t *sent, void *receive,
                              const int64_t *received, int64_t bytes) {
   const int ranks = pags_transport_ranks(transport);
-  int64_t *const counts = malloc(2 * (size_t)ranks * sizeof *counts);
+  PAGS_AUTOFREE int64_t *counts = malloc(2 * (size_t)ranks * sizeof *counts);
   if (!counts)
     return pags_transport_give_up(transport, pags_out_of_memory("a message to %d ranks", ranks));
   for (int r = 0; r < ranks; r++) {
     counts[r] = sent[r] * bytes;
     counts[ranks + r] = received[r] * bytes;
   }
-  const pags_result result = pags_transport_exchange(transport, send, counts, receive, counts + ranks);
-  free(counts);
-  return result;
+  return pags_transport_exchange(transport, send, counts, receive, counts + ranks);
 }

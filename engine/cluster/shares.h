@@ -21,6 +21,8 @@ pags_result pags_share_all(pags_transport *transport, const void *mine, int64_t 
 /* The same of parts of different lengths; *all, which the caller frees, receives them, bytes_of[rank] each. */
 pags_result pags_share_parts(pags_transport *transport, const void *mine, int64_t bytes, void **all, int64_t *bytes_of);
 
+/* Exchanges one item of `bytes` with every rank, in the order of the ranks. */
+pags_result pags_share_each(pags_transport *transport, const void *send, void *receive, int64_t bytes);
 /* Exchanges items of `bytes` each: sent[rank] to every rank, received[rank] from it, in the order of the ranks. */
 pags_result pags_share_items(pags_transport *transport, const void *send, const int64_t *sent, void *receive,
                              const int64_t *received, int64_t bytes);

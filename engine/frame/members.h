@@ -8,7 +8,7 @@
 
 #include "frame/stages.h"
 
-enum { MOST_MEMBERS = 256 };                   /* of a cluster */
+enum { MOST_MEMBERS = PAGS_LARGEST_CLUSTER };  /* of a cluster */
 enum { MEMBER_CLAMPED = 7, MEMBER_DRAWN = 8 }; /* flags: pags_splat.clamped; the splat was taken */
 
 /* A cluster's keys, splats and slots, as pags_kernels.project_backward reads them. */

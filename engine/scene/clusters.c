@@ -33,8 +33,9 @@ static pags_result allocate(pags_clusters *clusters, int64_t count, int size) {
 
 pags_result pags_clusters_create(pags_clusters *clusters, int64_t gaussian_count, int size) {
   memset(clusters, 0, sizeof *clusters);
-  if (size < 16 || size > 256 || size % 16 != 0)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "cluster size %d: expected a multiple of 16 up to 256", size);
+  if (size < 16 || size > PAGS_LARGEST_CLUSTER || size % 16 != 0)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "cluster size %d: expected a multiple of 16 up to %d", size,
+                     PAGS_LARGEST_CLUSTER);
   return allocate(clusters, (gaussian_count + size - 1) / size, size);
 }
 

@@ -5,6 +5,8 @@
 #ifndef PAGS_SCENE_SCENE_JSON_H
 #define PAGS_SCENE_SCENE_JSON_H
 
+#include <stdlib.h>
+
 #include <pags/camera.h>
 #include <pags/place.h>
 #include <pags/scene.h>
@@ -19,8 +21,13 @@ typedef struct pags_scene_files {
   char *sky;       /* path of the sky relative to the scene folder; NULL: no sky */
 } pags_scene_files;
 
-/* Fills `scene`, which must be zeroed; its models have no Gaussians yet. Fills `files`, whose members the caller
- * frees, also on failure. On failure `scene` is filled in part and must still be destroyed with
+static inline void pags_scene_files_destroy(pags_scene_files *files) {
+  free(files->counts);
+  free(files->sky);
+}
+
+/* Fills `scene`, which must be zeroed; its models have no Gaussians yet. Fills `files`, which must be destroyed on
+ * failure, too. On failure `scene` is filled in part and must still be destroyed with
  * pags_scene_destroy. */
 pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene_files *files);
 pags_result pags_scene_json_write(const char *path, const pags_scene *scene);

@@ -16,7 +16,7 @@
 #include "maths/maths.h"
 #include "simd/kernels.h"
 
-enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS, MOST_ROWS = 256 };
+enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS };
 
 /* ---- Access to planes and clusters ---- */
 
@@ -51,8 +51,7 @@ static const pags_train_config *config_of(const pags_adam *adam) {
 /* Returns the number of rows of a cluster; `first` receives its first row. */
 static int cluster_rows(const pags_adam *adam, int64_t cluster, int64_t *first) {
   *first = cluster * adam->cluster_size;
-  int64_t rest = adam->first.count - *first;
-  return rest < adam->cluster_size ? (int)rest : adam->cluster_size;
+  return pags_cluster_rows(adam->first.count, adam->cluster_size, cluster);
 }
 
 static int active_planes(const pags_adam *adam, int64_t step) {
@@ -225,7 +224,7 @@ void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_
 /* The rows of a cluster that keep their parameters and moments in this step because a number isn't finite: one bit
  * each. */
 typedef struct left_out {
-  uint16_t bits[MOST_ROWS / 16];
+  uint16_t bits[PAGS_LARGEST_CLUSTER / 16];
   int any;
 } left_out;
 
@@ -257,7 +256,7 @@ static int name_left_out(const pags_adam *adam, const pags_gaussians *g, const l
 /* Updates one plane of a cluster, then restores the left-out rows to what they were. */
 static void update_others(const pags_adam *adam, column c, const float *gradient, int rows, const left_out *l,
                           const pags_adam_step *s) {
-  float kept[3][MOST_ROWS];
+  float kept[3][PAGS_LARGEST_CLUSTER];
   float *const planes[3] = {c.p, c.m, c.v};
   for (int k = 0; k < 3; k++)
     memcpy(kept[k], planes[k], (size_t)rows * sizeof(float));

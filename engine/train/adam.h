@@ -30,6 +30,12 @@ static inline float *pags_any_plane(const pags_gaussians *g, int plane) {
   return plane < standard ? pags_plane(g, plane) : g->fourier + (int64_t)(plane - standard) * g->stride;
 }
 
+/* Rows of a cluster: `size`, but for the last of `count` rows. */
+static inline int pags_cluster_rows(int64_t count, int size, int64_t cluster) {
+  const int64_t left = count - cluster * size;
+  return left < size ? (int)left : size;
+}
+
 typedef struct pags_adam {
   const pags_schedule *schedule;
   const struct pags_kernels *kernels;

@@ -13,6 +13,7 @@
 #include <stdbool.h>
 
 #include <pags/dataset.h>
+#include <pags/frame.h>
 
 #include "train/adam.h"
 #include "train/holdout_test.h"
@@ -60,5 +61,22 @@ void pags_camera_poses_gradient(const pags_camera_poses *poses, const pags_datas
  * and the world alike changes no picture. Returns false, and changes nothing, if the gradient isn't finite. */
 bool pags_camera_poses_update(pags_camera_poses *poses, const pags_dataset *dataset, int64_t view,
                               const double by_world[6], const pags_schedule *schedule, int64_t step);
+
+/* ---- A single pose: fit_pose.c ---- */
+
+/* The pose of a camera, fitted to the left half of its photograph, the scene held, and judged on the right half: how
+ * much of a picture's error is the pose's. */
+typedef struct pags_fitted_pose {
+  pags_camera camera;   /* with the fitted pose */
+  double given, fitted; /* PSNR of the right half, dB, as given and as fitted; NaN if no pixel counts */
+} pags_fitted_pose;
+
+/* Draws `parts` through `camera` some forty times, with keep_for_backward and therefore without a light; gain and
+ * offset of `options` are applied. `photo` has the camera's size; where a half of it has no pixel that counts, the pose
+ * stays as given. `touch` and `user` are as of pags_frame_render. The same bits for any number of threads. Errors of
+ * drawing, PAGS_ERROR_MEMORY. */
+pags_result pags_fit_pose(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
+                          const pags_frame_options *options, pags_touch_fn *touch, void *user, const pags_photo *photo,
+                          pags_fitted_pose *out);
 
 #endif

@@ -187,12 +187,6 @@ typedef struct keyframe_record {
   pags_adam6 moments;
 } keyframe_record;
 
-/* Payload of section BADR: updates left out because a number wasn't finite. */
-typedef struct nonfinite_record {
-  int64_t count;
-  pags_nonfinite_row first;
-} nonfinite_record;
-
 static size_t exposure_bytes(const pags_exposures *exposures) {
   return (size_t)(exposures->count + exposures->sensors) * sizeof(pags_exposure);
 }
@@ -329,7 +323,7 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
               sizeof *s->cameras.items);
   put_holdout(w, "LITE", &s->photometry.holdout, s->photometry.parts, s->photometry.count, sizeof *s->photometry.parts);
   if (s->nonfinite.count > 0)
-    put_whole(w, "BADR", &(nonfinite_record){s->nonfinite.count, s->nonfinite.first}, sizeof(nonfinite_record));
+    put_whole(w, "BADR", &(pags_left_out){s->nonfinite.count, s->nonfinite.first}, sizeof(pags_left_out));
   put_kernels(w, s);
   put_whole(w, "END!", "", 0);
   return PAGS_OK;
@@ -621,7 +615,7 @@ static pags_result get_photometry(section_reader *r, const pags_dataset *dataset
 }
 
 static pags_result get_nonfinite(section_reader *r, pags_train_state *s) {
-  nonfinite_record record;
+  pags_left_out record;
   PAGS_TRY(get_record(r, "BADR", &record, sizeof record));
   const pags_nonfinite_row *o = &record.first;
   if (record.count <= 0 || o->step < 0 || o->step > s->step || o->object < -1 || o->object >= s->tracks.count ||

@@ -5,9 +5,6 @@
 #include "train/stages.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/log.h"
 #include "base/memory.h"
 #include "cluster/shares.h"
@@ -32,16 +29,6 @@ typedef struct object_fit {
 typedef struct object_error {
   double sum[3], squares, pixels;
 } object_error;
-
-static int64_t model_of_id(const pags_trainer *t, int32_t id) {
-  int64_t first = 0;
-  for (int64_t i = 0; i < t->state.model_count; i++) {
-    first += t->state.models[i].total;
-    if (id < first)
-      return i;
-  }
-  return 0;
-}
 
 /* How much smaller than a photograph of that level the pictures are. */
 static int factor_of(int level) {
@@ -82,16 +69,6 @@ static double explained(const object_fit *f, const double b[TERMS], int n) {
   return sum;
 }
 
-/* The PSNR gain in dB on the object's pixels that the fit with time-varying terms promises over a constant one. */
-static double gain_of(const object_fit *f) {
-  double less = 0.0;
-  if (f->pixels < least_pixels || f->steps < least_steps)
-    return 0.0;
-  for (int c = 0; c < 3; c++)
-    less += explained(f, f->b[c], TERMS) - explained(f, f->b[c], 1);
-  return f->squares > 0.0 ? -10.0 * pags_log10(fmax(1.0 - less / f->squares, 1e-6)) : 0.0;
-}
-
 /* Draws this rank's view of the round, the training view `index`, and sums up the errors of each object over the pixels
  * where its Gaussian has the largest weight. */
 static pags_result find_errors(pags_trainer *t, int64_t index, const pags_frame_options *options,
@@ -103,15 +80,18 @@ static pags_result find_errors(pags_trainer *t, int64_t index, const pags_frame_
   const int factor = factor_of(level);
   PAGS_TRY(pags_round_draw(t, t->state.step + 1, options, &picture));
   memset(errors, 0, (size_t)t->state.model_count * sizeof *errors);
-  const int32_t background = (int32_t)t->state.models[0].total;
+  const pags_train_model *const models = t->state.models;
   for (int y = 0; y < picture.height; y++)
     for (int x = 0; x < picture.width; x++) {
-      int64_t at = (int64_t)y * picture.stride + x;
-      if (picture.id[at] < background || target_at(&photo, 0, x, y, factor) < 0.0)
+      const int64_t at = (int64_t)y * picture.stride + x, id = picture.id[at];
+      if (id < models[0].total || target_at(&photo, 0, x, y, factor) < 0.0)
         continue;
-      object_error *e = &errors[model_of_id(t, picture.id[at])];
+      int64_t model = 0, rows = models[0].total;
+      while (id >= rows)
+        rows += models[++model].total;
+      object_error *e = &errors[model];
       for (int c = 0; c < 3; c++) {
-        double error = target_at(&photo, c, x, y, factor) - (double)picture.rgb[c][at];
+        const double error = target_at(&photo, c, x, y, factor) - (double)picture.rgb[c][at];
         e->sum[c] += error;
         e->squares += error * error;
       }
@@ -157,10 +137,9 @@ static pags_result add_round(pags_trainer *t, const int64_t *indices, int count,
     t->round[i] = (pags_step_view){.view = view, .camera = pags_view_render_camera(t, view, level * factor_of(level))};
   }
   PAGS_TRY(pags_round_project(t, t->state.step + 1, count, &options));
-  pags_result mine = PAGS_OK;
-  if (pags_round_draws(t, count))
-    mine = find_errors(t, indices[t->shared.rank], &options, errors);
-  PAGS_TRY(pags_transport_agree(transport, mine));
+  const bool draws = t->shared.rank < count;
+  PAGS_TRY(
+      pags_transport_agree(transport, draws ? find_errors(t, indices[t->shared.rank], &options, errors) : PAGS_OK));
   PAGS_TRY(pags_share_all(transport, errors, models * (int64_t)sizeof *errors, errors + models));
   for (int i = 0; i < count; i++)
     add_errors(t, t->round[i].view, errors + (1 + i) * models, fits);
@@ -184,27 +163,27 @@ static pags_result fit_views(pags_trainer *t, object_error *errors, object_fit *
 }
 
 pags_result pags_color_over_time_decide(pags_trainer *t) {
-  size_t models = (size_t)t->state.model_count;
-  object_error *errors = calloc(models * (1 + (size_t)t->ranks), sizeof *errors);
-  object_fit *fits = calloc(models, sizeof *fits);
-  pags_result result = errors && fits ? PAGS_OK : pags_out_of_memory("%zu fits", models);
-  for (size_t i = 0; result == PAGS_OK && i < models; i++)
+  const size_t models = (size_t)t->state.model_count;
+  PAGS_AUTOFREE object_error *errors = calloc(models * (1 + (size_t)t->ranks), sizeof *errors);
+  PAGS_AUTOFREE object_fit *fits = calloc(models, sizeof *fits);
+  PAGS_CHECK_MEMORY(errors && fits, "%zu fits", models);
+  for (size_t i = 0; i < models; i++)
     fits[i].last_frame = -1;
-  if (result == PAGS_OK)
-    result = fit_views(t, errors, fits);
+  PAGS_TRY(fit_views(t, errors, fits));
   int64_t given = 0;
-  for (size_t i = 1; result == PAGS_OK && i < models; i++) {
+  for (size_t i = 1; i < models; i++) {
     pags_train_model *m = &t->state.models[i];
-    m->fourier_gain = gain_of(&fits[i]);
+    const object_fit *f = &fits[i];
+    double less = 0.0; /* the PSNR gain in dB that the fit with time-varying terms promises over a constant one */
+    for (int c = 0; c < 3; c++)
+      less += explained(f, f->b[c], TERMS) - explained(f, f->b[c], 1);
+    const bool shown = f->pixels >= least_pixels && f->steps >= least_steps && f->squares > 0.0;
+    m->fourier_gain = shown ? -10.0 * pags_log10(fmax(1.0 - less / f->squares, 1e-6)) : 0.0;
     if (m->fourier_gain < m->schedule.config.objects.fourier_gain)
       continue;
-    result = pags_model_add_fourier(m);
+    PAGS_TRY(pags_model_add_fourier(m));
     given++;
   }
-  if (result == PAGS_OK)
-    pags_log_message(PAGS_LOG_INFO, "colour over time for %lld of %lld objects", (long long)given,
-                     (long long)models - 1);
-  free(errors);
-  free(fits);
-  return result;
+  pags_log_message(PAGS_LOG_INFO, "colour over time for %lld of %lld objects", (long long)given, (long long)models - 1);
+  return PAGS_OK;
 }

@@ -10,10 +10,6 @@
 #include "train/densify.h"
 
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/rng.h"
@@ -57,19 +53,11 @@ static double scaled_opacity(const pags_schedule *s, double opacity) {
   return alpha_min > 0 ? fmin(255.0 * alpha_min * opacity, 1.0 - 1e-6) : opacity;
 }
 
-typedef struct thresholds {
-  float gradient, dense_sigma, prune_logit, prune_sigma;
-} thresholds;
-
-static thresholds thresholds_of(const pags_train_model *model) {
-  const pags_schedule *s = &model->schedule;
-  const pags_train_config *c = &s->config;
-  int prune_large = pags_schedule_prunes_large(s, model->step);
-  return (thresholds){.gradient = (float)(c->density.densify_gradient),
-                      .dense_sigma = (float)(dense_sigma * s->extent),
-                      .prune_logit = logit(scaled_opacity(s, c->density.prune_opacity)),
-                      .prune_sigma = prune_large ? (float)(most_sigma * s->extent) : INFINITY};
-}
+typedef struct decide_job {
+  const pags_train_model *model;
+  float gradient, dense_sigma, prune_logit, prune_sigma; /* thresholds */
+  uint8_t *kind;                                         /* a pags_edit per row */
+} decide_job;
 
 /* An object's Gaussians are kept in its box times this factor: boxes are labelled tightly, and mirrors and other
  * parts that the label misses stick out. */
@@ -82,14 +70,14 @@ static bool strays(const pags_train_model *model, int64_t row) {
   return false;
 }
 
-static pags_edit decide_row(const pags_train_model *model, const thresholds *t, int64_t row) {
+static pags_edit decide_row(const decide_job *t, int64_t row) {
+  const pags_train_model *model = t->model;
   const pags_gaussians *g = &model->gaussians;
   if (!pags_model_is_finite_row(g, row) || pags_plane(g, PAGS_OPACITY)[row] < t->prune_logit || strays(model, row))
     return PAGS_EDIT_PRUNE;
-  float s = fmaxf(fmaxf(pags_plane(g, PAGS_SCALE)[row], pags_plane(g, PAGS_SCALE + 1)[row]),
-                  pags_plane(g, PAGS_SCALE + 2)[row]);
-  float sigma = pags_expf(s);
-  int pulled = mean_gradient(model, row) >= t->gradient;
+  float sigma = pags_expf(fmaxf(fmaxf(pags_plane(g, PAGS_SCALE)[row], pags_plane(g, PAGS_SCALE + 1)[row]),
+                                pags_plane(g, PAGS_SCALE + 2)[row]));
+  const bool pulled = mean_gradient(model, row) >= t->gradient;
   if (pulled && sigma > t->dense_sigma) /* the limit on sigma applies to its children */
     return sigma / (float)split_divisor > t->prune_sigma ? PAGS_EDIT_PRUNE : PAGS_EDIT_SPLIT;
   if (sigma > t->prune_sigma)
@@ -97,17 +85,11 @@ static pags_edit decide_row(const pags_train_model *model, const thresholds *t, 
   return pulled ? PAGS_EDIT_CLONE : PAGS_EDIT_KEEP;
 }
 
-typedef struct decide_job {
-  const pags_train_model *model;
-  thresholds thresholds;
-  uint8_t *kind; /* a pags_edit per row */
-} decide_job;
-
 static void decide_rows(void *context, int64_t begin, int64_t end, int worker) {
   const decide_job *const job = context;
   (void)worker;
   for (int64_t row = begin; row < end; row++)
-    job->kind[row] = (uint8_t)decide_row(job->model, &job->thresholds, row);
+    job->kind[row] = (uint8_t)decide_row(job, row);
 }
 
 static bool grows(const pags_edits *edits, int64_t row) {
@@ -122,20 +104,20 @@ static pags_key growth_key(const pags_train_model *model, int64_t row) {
 /* Where there is room for only `room` more Gaussians: keeps the clones and splits with the largest gradients and
  * cancels the rest. */
 static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, int64_t room) {
-  pags_key *const keys = malloc((size_t)(edits->count + 1) * sizeof *keys), first_cut;
+  pags_transport *const transport = pags_model_transport(model);
+  PAGS_AUTOFREE pags_key *keys = malloc((size_t)(edits->count + 1) * sizeof *keys);
+  pags_key first_cut;
   int64_t n = 0;
   for (int64_t row = 0; keys && row < edits->count; row++)
     if (grows(edits, row))
       keys[n++] = growth_key(model, row);
-  pags_result result = keys ? pags_keys_sort(keys, n) : pags_out_of_memory("%lld Gaussians", (long long)edits->count);
-  result = pags_transport_agree(pags_model_transport(model), result);
-  if (result == PAGS_OK)
-    result = pags_order_find(pags_model_transport(model), keys, n, &room, 1, &first_cut);
-  free(keys);
-  for (int64_t row = 0; result == PAGS_OK && row < edits->count; row++)
+  PAGS_TRY(pags_transport_agree(
+      transport, keys ? pags_keys_sort(keys, n) : pags_out_of_memory("%lld Gaussians", (long long)edits->count)));
+  PAGS_TRY(pags_order_find(transport, keys, n, &room, 1, &first_cut));
+  for (int64_t row = 0; row < edits->count; row++)
     if (grows(edits, row) && !pags_key_less(growth_key(model, row), first_cut))
       edits->kind[row] = PAGS_EDIT_KEEP;
-  return result;
+  return PAGS_OK;
 }
 
 /* Counts what happens to the Gaussians of all ranks. */
@@ -165,27 +147,30 @@ static pags_result keep_limits(const pags_train_model *model, pags_edits *edits)
         edits->kind[row] = PAGS_EDIT_KEEP;
     edits->pruned = 0;
   }
-  const int64_t cap = model->cap;
-  const int64_t room = (cap > 0 ? cap : INT32_MAX - 64) - (count - edits->pruned);
-  if (edits->wanted <= (room < 0 ? 0 : room))
+  const int64_t left = (model->cap > 0 ? model->cap : INT32_MAX - 64) - (count - edits->pruned);
+  const int64_t room = left < 0 ? 0 : left;
+  if (edits->wanted <= room)
     return PAGS_OK;
-  PAGS_TRY(cut_growth(model, edits, room < 0 ? 0 : room));
+  PAGS_TRY(cut_growth(model, edits, room));
   return count_edits(model, edits);
 }
 
 pags_result pags_densify_decide(const pags_train_model *model, pags_tasks *tasks, pags_edits *edits) {
-  int64_t count = model->gaussians.count;
+  const pags_schedule *s = &model->schedule;
+  const int64_t count = model->gaussians.count;
   *edits = (pags_edits){.count = count, .kind = malloc((size_t)(count > 0 ? count : 1))};
+  decide_job job = {
+      .model = model,
+      .gradient = (float)s->config.density.densify_gradient,
+      .dense_sigma = (float)(dense_sigma * s->extent),
+      .prune_logit = logit(scaled_opacity(s, s->config.density.prune_opacity)),
+      .prune_sigma = pags_schedule_prunes_large(s, model->step) ? (float)(most_sigma * s->extent) : INFINITY,
+      .kind = edits->kind};
   pags_result mine = edits->kind ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
-  decide_job job = {model, thresholds_of(model), edits->kind};
   if (edits->kind && !pags_parallel_for(tasks, count, ROWS_AT_A_TIME, decide_rows, &job))
     mine = pags_fail(PAGS_CANCELLED, "cancelled");
-  pags_result result = pags_transport_agree(pags_model_transport(model), mine);
-  if (result == PAGS_OK)
-    result = keep_limits(model, edits);
-  if (result != PAGS_OK)
-    pags_edits_destroy(edits);
-  return result;
+  PAGS_TRY(pags_transport_agree(pags_model_transport(model), mine));
+  return keep_limits(model, edits);
 }
 
 void pags_edits_destroy(pags_edits *edits) {
@@ -195,22 +180,18 @@ void pags_edits_destroy(pags_edits *edits) {
 
 /* ---- Applying ---- */
 
-static int longest_axis(const pags_gaussians *g, int64_t row) {
-  int longest = 0;
-  for (int i = 1; i < 3; i++)
-    if (pags_plane(g, PAGS_SCALE + i)[row] > pags_plane(g, PAGS_SCALE + longest)[row])
-      longest = i;
-  return longest;
-}
-
 /* Turns `row`, a copy of its parent, into a child of a split: draws its mean from the parent's distribution and
  * divides its sigmas. (step, child, parent) determine the random numbers. With long_axis_split, the children lie on
  * either side on the longest axis instead, by sqrt(1 - 1 / split_divisor^2) sigma, and only that axis' sigma is
  * divided, so that both together have the parent's variance. */
 static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t row, int child, int64_t parent) {
   const pags_train_config *c = &model->schedule.config;
-  const int purpose = PAGS_DRAW_SPLIT + 2 * child, axis = c->density.long_axis_split ? longest_axis(g, row) : -1;
+  const int purpose = PAGS_DRAW_SPLIT + 2 * child;
   double n[4] = {0}, q[4], r[9], offset[3];
+  int axis = c->density.long_axis_split ? 0 : -1;
+  for (int i = 1; i < 3 && axis >= 0; i++)
+    if (pags_plane(g, PAGS_SCALE + i)[row] > pags_plane(g, PAGS_SCALE + axis)[row])
+      axis = i;
   if (axis >= 0) {
     n[axis] = (child ? -1.0 : 1.0) * sqrt(1.0 - 1.0 / (split_divisor * split_divisor));
   } else {
@@ -224,7 +205,7 @@ static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t
     offset[i] = n[i] * pags_exp((double)pags_plane(g, PAGS_SCALE + i)[row]);
   for (int i = 0; i < 3; i++) {
     float *mean = &pags_plane(g, PAGS_MEAN + i)[row];
-    double moved = (double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2];
+    const double moved = (double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2];
     *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* sigma may be so large that the mean would overflow */
     if (axis < 0 || i == axis)
       pags_plane(g, PAGS_SCALE + i)[row] -= (float)pags_log(split_divisor);
@@ -295,8 +276,8 @@ pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits,
   new_rows n;
   PAGS_TRY(count_new(model, edits, &n));
   const int64_t half = n.count[STAY] + n.count[COPY], count = half + 2 * n.count[FIRST_CHILD];
-  int64_t *const source = malloc((size_t)(count + 1) * sizeof *source);
-  uint32_t *const numbers = malloc((size_t)(count + 1) * sizeof *numbers);
+  PAGS_AUTOFREE int64_t *source = malloc((size_t)(count + 1) * sizeof *source);
+  PAGS_AUTOFREE uint32_t *numbers = malloc((size_t)(count + 1) * sizeof *numbers);
   pags_result result = source && numbers ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
   if (result == PAGS_OK) {
     list_sources(edits, &n, source, numbers);
@@ -305,13 +286,9 @@ pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits,
   children_job job = {model, &model->gaussians, source, half, half + n.count[FIRST_CHILD], first_row};
   if (result == PAGS_OK && !pags_parallel_for(tasks, count - half, ROWS_AT_A_TIME / 4, make_children, &job))
     result = pags_fail(PAGS_CANCELLED, "cancelled while Gaussians were split"); /* must not be saved */
-  free(source);
   pags_model_clear_density(model);
-  result = pags_transport_agree(pags_model_transport(model), result);
-  if (result == PAGS_OK)
-    result = pags_model_sort(model, numbers, tasks);
-  free(numbers);
-  return result;
+  PAGS_TRY(pags_transport_agree(pags_model_transport(model), result));
+  return pags_model_sort(model, numbers, tasks);
 }
 
 void pags_densify_reset(pags_train_model *model) {

@@ -16,7 +16,7 @@ typedef struct pags_edits {
 } pags_edits;
 
 /* Decides for each Gaussian of a settled model (no pending Adam steps) what happens to it, from its statistics and
- * parameters; changes nothing. `edits` receives the decisions. */
+ * parameters; changes nothing. `edits` receives the decisions and must be destroyed on failure, too. */
 pags_result pags_densify_decide(const pags_train_model *model, pags_tasks *tasks, pags_edits *edits);
 /* Applies the edits to parameters, moments and statistics, sorts the Gaussians, and clears the statistics. */
 pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits, pags_tasks *tasks);

@@ -2,18 +2,14 @@
 /* Density control after a training step: adaptive density control (Kerbl et al. 2023) or MCMC (Kheradmand et al.
  * 2024), and the other operations on all Gaussians that the schedule names: pruning by score, colour over time, the
  * pull onto LiDAR planes, opacity resets. */
-#include "train/density.h"
-
-#include <string.h>
-
+#include "base/memory.h"
 #include "threads/record.h"
 #include "train/densify.h"
 #include "train/mcmc.h"
 #include "train/prune.h"
-#include "train/size_limit.h"
 #include "train/stages.h"
 
-enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4 };
+enum { UNSEEN_GRAIN = 4 };
 
 typedef struct unseen_job {
   pags_train_model *model;
@@ -23,69 +19,60 @@ typedef struct unseen_job {
 static void move_unseen_block(void *context, int64_t begin, int64_t end, int worker) {
   const unseen_job *job = context;
   pags_train_model *m = job->model;
-  int64_t step = m->step, stride = m->adam.cluster_size;
-  int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, step));
-  float data[(PAGS_MAX_PLANES + PAGS_FOURIER_PLANES) * LARGEST_CLUSTER];
+  const int64_t step = m->step;
+  const int stride = m->adam.cluster_size;
+  const int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, step));
+  float data[(PAGS_MAX_PLANES + PAGS_FOURIER_PLANES) * PAGS_LARGEST_CLUSTER];
   (void)worker;
   for (int64_t c = begin; c < end; c++) {
-    int64_t first = c * stride, rest = m->gaussians.count - first;
     if (m->adam.moment_step[c] == step)
       continue;
     memset(data, 0, (size_t)(planes + PAGS_FOURIER_PLANES) * (size_t)stride * sizeof(float));
     pags_adam_touch(&m->adam, &m->gaussians, c, step);
-    pags_mcmc_regularise(m, first, (int)(rest < stride ? rest : stride), data, stride);
-    pags_nonfinite_row bad_row = {0};
-    int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes, &bad_row);
-    bad_row.object = m->object;
-    bad_row.row += m->first_row;
-    if (left_out)
-      pags_nonfinite_note(job->nonfinite, left_out, &bad_row);
+    pags_mcmc_regularise(m, c * stride, pags_cluster_rows(m->gaussians.count, stride, c), data, stride);
+    pags_model_update(m, job->nonfinite, c, data, stride, planes);
   }
 }
 
-static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_change *change) {
-  pags_edits edits;
+static pags_result densify(pags_trainer *t, pags_train_model *m, pags_edits *change) {
+  PAGS_AUTO(pags_edits_destroy) pags_edits edits = {0};
   pags_tasks_mark(t->tasks, NULL, "decide");
   PAGS_TRY(pags_densify_decide(m, t->tasks, &edits));
   pags_tasks_mark(t->tasks, NULL, "apply");
-  pags_result result = pags_densify_apply(m, &edits, t->tasks);
   change->cloned += edits.cloned;
   change->split += edits.split;
   change->pruned += edits.pruned;
   change->wanted += edits.wanted;
-  pags_edits_destroy(&edits);
-  return result;
-}
-
-/* Shares out the number of Gaussians that the limits (max_gaussians, memory, target_size) still allow, in proportion
- * to the models' numbers of Gaussians. */
-static pags_result share_cap(pags_trainer *t) {
-  pags_train_state *s = &t->state;
-  int64_t total = pags_state_gaussian_count(s), room;
-  PAGS_TRY(pags_size_limit_room(t->dataset, s, &room));
-  int bounded = s->cap > 0 || room < INT32_MAX;
-  if (s->cap > 0)
-    room = s->cap < total ? 0 : s->cap - total < room ? s->cap - total : room;
-  for (int64_t i = 0; i < s->model_count; i++) {
-    int64_t count = s->models[i].total;
-    double share = (double)count / (double)(total > 0 ? total : 1);
-    s->models[i].cap = bounded ? count + (int64_t)((double)room * share) : 0;
-  }
-  return PAGS_OK;
+  return pags_densify_apply(m, &edits, t->tasks);
 }
 
 /* Runs densify of all models, or MCMC's relocation and growth, after the step just done. The models must be settled
- * (no pending Adam steps). */
+ * (no pending Adam steps). The number of Gaussians that the limits (max_gaussians, memory, target_size) still allow is
+ * shared out in proportion to the models' numbers of Gaussians. */
 static pags_result refine(pags_trainer *t) {
   pags_train_state *s = &t->state;
-  int mcmc = s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC;
-  pags_density_change change = {0};
-  PAGS_TRY(share_cap(t));
+  const bool mcmc = s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC;
+  const int64_t total = pags_state_gaussian_count(s);
+  pags_edits change = {0}; /* sums over all models */
+  int64_t room;
+  PAGS_TRY(pags_size_limit_room(t->dataset, s, &room));
+  const bool bounded = s->cap > 0 || room < INT32_MAX;
+  if (s->cap > 0)
+    room = s->cap < total ? 0 : s->cap - total < room ? s->cap - total : room;
+  for (int64_t i = 0; i < s->model_count; i++) {
+    const int64_t count = s->models[i].total;
+    const double share = (double)count / (double)(total > 0 ? total : 1);
+    s->models[i].cap = bounded ? count + (int64_t)((double)room * share) : 0;
+  }
   for (int64_t i = 0; i < s->model_count; i++)
     PAGS_TRY(mcmc ? pags_mcmc_refine(&s->models[i], t->tasks) : densify(t, &s->models[i], &change));
   if (mcmc || !t->output.lines.stream)
     return PAGS_OK;
-  return pags_output_log_density(&t->output, s->step, &change, pags_state_gaussian_count(s));
+  const pags_log_value values[] = {
+      {"step", (double)s->step},         {"gaussians", (double)pags_state_gaussian_count(s)},
+      {"cloned", (double)change.cloned}, {"split", (double)change.split},
+      {"pruned", (double)change.pruned}, {"wanted", (double)change.wanted}};
+  return pags_output_log(&t->output, values, sizeof values / sizeof *values);
 }
 
 /* Under MCMC, the regularisers and the noise also move the Gaussians that the step's view doesn't show. */
@@ -103,19 +90,18 @@ static pags_result move_unseen(pags_trainer *t) {
   return t->ranks > 1 ? pags_shared_step_nonfinite(t) : PAGS_OK;
 }
 
-/* See density.h. */
 pags_result pags_density_control(pags_trainer *t) {
   pags_train_state *s = &t->state;
-  int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
-  int prune = pags_schedule_prune(&s->schedule, s->step);
-  int fourier = s->schedule.config.objects.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
-  if (s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC)
+  const pags_schedule *d = &s->schedule;
+  const double pull = d->config.density.lidar_pull, lay = d->config.density.lidar_lay;
+  const bool due = pags_schedule_is_densify(d, s->step), reset = pags_schedule_is_reset(d, s->step);
+  const bool fourier = d->config.objects.fourier && s->step == d->fourier_from && s->model_count > 1;
+  const int prune = pags_schedule_prune(d, s->step);
+  if (d->config.density.strategy == PAGS_STRATEGY_MCMC)
     PAGS_TRY(move_unseen(t));
-  const double pull = s->schedule.config.density.lidar_pull;
-  const bool pulls = pull > 0 && t->lidar_planes.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
-  const double lay = s->schedule.config.density.lidar_lay;
-  const bool lays = lay > 0 && t->lidar_planes.count > 0 && pags_schedule_is_lay(&s->schedule, s->step);
-  const bool scales = pags_schedule_is_scale_reset(&s->schedule, s->step);
+  const bool planes = t->lidar_planes.count > 0, pulls = pull > 0 && planes && pags_schedule_is_draw(d, s->step);
+  const bool lays = lay > 0 && planes && pags_schedule_is_lay(d, s->step);
+  const bool scales = pags_schedule_is_scale_reset(d, s->step);
   if (!due && !reset && !fourier && !pulls && !lays && !scales && prune < 0)
     return PAGS_OK;
   pags_tasks_mark(t->tasks, "densify", "settle");
@@ -135,12 +121,12 @@ pags_result pags_density_control(pags_trainer *t) {
       return pags_fail(PAGS_CANCELLED, "cancelled");
     pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
   }
-  for (int64_t i = 0; scales && i < s->model_count; i++)
-    pags_densify_reset_scales(&s->models[i], t->tasks);
-  if (!reset)
-    return PAGS_OK;
-  for (int64_t i = 0; i < s->model_count; i++)
-    pags_densify_reset(&s->models[i]);
-  s->resets++;
+  for (int64_t i = 0; i < s->model_count; i++) {
+    if (scales)
+      pags_densify_reset_scales(&s->models[i], t->tasks);
+    if (reset)
+      pags_densify_reset(&s->models[i]);
+  }
+  s->resets += reset;
   return PAGS_OK;
 }

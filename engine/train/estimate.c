@@ -10,7 +10,6 @@
 #include <math.h>
 
 #include "base/clock.h"
-#include "train/estimate.h"
 #include "train/score_pass.h"
 #include "train/sky_fit.h"
 #include "train/stages.h"
@@ -53,18 +52,17 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
   const int64_t batch = t->state.schedule.batch, rounds = (batch + t->ranks - 1) / t->ranks;
   const int count = batch < t->ranks ? (int)batch : t->ranks;
   const double share = (double)rounds / (double)batch;
-  *out = (cost){0.0, 0.0};
   for (int64_t i = 0; i <= PROBES; i++) { /* the first pass warms up and isn't measured */
     for (int k = 0; k < count; k++)
       t->round[k] = (pags_step_view){.number = t->state.step * batch + 1,
                                      .view = t->views[(i * count + k) * t->view_count / ((PROBES + 1) * count)],
                                      .level = level};
-    double begin = pags_clock_ms(), waited = t->ms.wait.wall;
-    t->measuring = 1;
-    pags_result result = pags_train_round(t, t->state.step + 1, t->round, count);
-    t->measuring = 0;
+    const double begin = pags_clock_ms(), waited = t->ms.wait.wall;
+    t->measuring = true;
+    const pags_result result = pags_train_round(t, t->state.step + 1, t->round, count);
+    t->measuring = false;
     PAGS_TRY(result);
-    double whole = pags_clock_ms() - begin - (t->ms.wait.wall - waited);
+    const double whole = pags_clock_ms() - begin - (t->ms.wait.wall - waited);
     double rows = rows_ms(t->render.frame);
     for (int k = 0; t->ranks > 1 && k < count; k++)
       rows += rows_ms(t->shared.owners[k]);
@@ -76,65 +74,46 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
   return PAGS_OK;
 }
 
-/* Returns the number of Gaussians at the end of a run that begins with `count`. */
-static double final_count(const pags_trainer *t, double count) {
-  const pags_train_state *s = &t->state;
-  double final = growth * count;
-  if (s->schedule.prunes > 0)
-    final = fmin(final, sqrt(count * pixel_share * pags_views_mean_pixels(t)));
-  return s->cap > 0 ? fmin((double)s->cap, final) : final;
-}
-
-/* Returns the mean number of Gaussians over the run, relative to `now`. */
-static double mean_growth(const pags_train_state *s, double now, double final) {
-  double share = fmin((double)s->schedule.densify_until / (double)s->stop, 1.0);
-  const double mean = (share * 0.5 * (now + final) + (1.0 - share) * final) / now;
-  return s->schedule.prunes > 0 ? mean : fmax(mean, 1.0);
-}
-
-/* Returns the number of step-equivalents of all score passes. A scored view costs as much as a step: drawing it is a
- * step's forward half, and summing each Gaussian's contribution goes through the (Gaussian, pixel) pairs like the
- * backward half. Prunes score at half size, where there are fewer pairs but as many Gaussians: those views count
- * half. At the end one rank scores alone. */
-static double scored_views(const pags_trainer *t) {
-  const pags_schedule *s = &t->state.schedule;
-  int at_end = pags_score_pass_has_labels(t->dataset) && s->config.priority.s_sem != PAGS_S_SEM_INIT;
-  return (0.5 * (double)s->prunes + (double)(at_end * t->ranks)) * (double)t->view_count;
-}
-
 pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
   pags_train_state *s = &t->state;
-  int64_t count = pags_state_gaussian_count(s) > 0 ? pags_state_gaussian_count(s) : 1;
-  const double final = final_count(t, (double)count);
-  double rows = mean_growth(s, (double)count, final), ms = 0.0, full = 0.0;
-  int64_t quarter = s->schedule.quarter_until,
-          half = s->schedule.half_until > quarter ? s->schedule.half_until : quarter;
-  int64_t steps[3] = {s->stop - half, half - quarter, quarter};
+  const pags_schedule *d = &s->schedule;
+  const double now = fmax((double)pags_state_gaussian_count(s), 1.0);
+
+  /* The number of Gaussians at the end, and their mean number over the run relative to that now. */
+  double final = growth * now;
+  if (d->prunes > 0)
+    final = fmin(final, sqrt(now * pixel_share * pags_views_mean_pixels(t)));
+  if (s->cap > 0)
+    final = fmin((double)s->cap, final);
+  const double share = fmin((double)d->densify_until / (double)s->stop, 1.0);
+  const double mean = (share * 0.5 * (now + final) + (1.0 - share) * final) / now;
+  const double rows = d->prunes > 0 ? mean : fmax(mean, 1.0);
+
+  const int64_t quarter = d->quarter_until, half = d->half_until > quarter ? d->half_until : quarter;
+  const int64_t steps[3] = {s->stop - half, half - quarter, quarter};
+  double ms = 0.0, full = 0.0;
   for (int k = 0; k < 3; k++) {
     cost c = {0.0, 0.0};
     if (steps[k] <= 0)
       continue;
     PAGS_TRY(probe(t, 1 << k, &c));
-    double each = c.rows * rows + c.pixels * pixel_growth;
-    ms += (double)steps[k] * (double)s->schedule.batch * each;
+    const double each = c.rows * rows + c.pixels * pixel_growth;
+    ms += (double)steps[k] * (double)d->batch * each;
     full = full > 0.0 ? full : each; /* the time of a view at the finest level of the run */
   }
   out->step_seconds = ms / (double)s->stop / 1e3;
-  out->scoring_seconds = scored_views(t) * full / 1e3;
+
+  /* A scored view costs as much as a step: drawing it is a step's forward half, and summing each Gaussian's
+   * contribution goes through the (Gaussian, pixel) pairs like the backward half. Prunes score at half size, where
+   * there are fewer pairs but as many Gaussians: those views count half. At the end one rank scores alone. */
+  const bool at_end = pags_score_pass_has_labels(t->dataset) && d->config.priority.s_sem != PAGS_S_SEM_INIT;
+  out->scoring_seconds = (0.5 * d->prunes + (at_end ? t->ranks : 0)) * (double)t->view_count * full / 1e3;
 
   /* Memory: that of training at the size of the largest view, of the image cache and of the sky. */
-  const int64_t gaussians = (int64_t)fmax(final, s->schedule.prunes > 0 ? peak_share * (double)count : 0);
-  int width = 1, height = 1;
-  for (int64_t i = 0; i < t->view_count; i++) {
-    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
-    if ((int64_t)camera->width * camera->height > (int64_t)width * height) {
-      width = camera->width;
-      height = camera->height;
-    }
-  }
-  out->bytes = pags_train_bytes(gaussians, t->state.schedule.config.color.sh_degree, width, height) +
-               t->options->image_cache + pags_sky_fit_bytes(t->state.sky.sky.size) +
-               pags_batch_bytes(&s->schedule.config, gaussians, s->sky.sky.size);
-
+  const int64_t gaussians = (int64_t)fmax(final, d->prunes > 0 ? peak_share * now : 0);
+  int width, height;
+  pags_views_largest(t, &width, &height);
+  out->bytes = pags_train_bytes(gaussians, d->config.color.sh_degree, width, height) + t->options->image_cache +
+               pags_sky_fit_bytes(s->sky.sky.size) + pags_batch_bytes(&d->config, gaussians, s->sky.sky.size);
   return PAGS_OK;
 }

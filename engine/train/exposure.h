@@ -30,7 +30,7 @@ typedef struct pags_exposures {
   pags_exposure *items; /* parts of the `count` views, from 1 and 0 (held-out views stay there), then those of the
                            cameras, from 0 and 0 */
   double mean[6];       /* what the mean over the training photographs is held at: 1 and 0, in a block of a recording
-                           that of the whole recording's scene (shared_parts.h) */
+                           that of the whole recording's scene (shared_parts.c) */
 } pags_exposures;
 
 pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset);

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fits a camera's pose by Adam to the mean square error of the left half of its photograph; see fit_pose.h.
+/* Fits a camera's pose by Adam to the mean square error of the left half of its photograph; see camera_poses.h.
  *
  * The pose becomes P exp(b), in the camera's frame. A motion of the camera changes a picture as the inverse motion of
  * the world does: with the gradient (G_w, G_v) by a motion of the world about its origin, and the camera's rotation R
  * and position c, that by b is R^T (-G_w - G_v x c, -G_v). Lengths count in units of the picture's mean depth, so that
  * turning and moving by the same number move the picture alike. */
-#include "train/fit_pose.h"
+#include "train/camera_poses.h"
 
 #include <math.h>
 #include <stdlib.h>

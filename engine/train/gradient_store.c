@@ -2,11 +2,16 @@
 #include "train/gradient_store.h"
 
 #include <assert.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "port/port.h"
+
+bool pags_floats_renew(float **floats, int64_t count) {
+  pags_port_aligned_free(*floats);
+  *floats = pags_port_aligned_alloc(64, (size_t)count * sizeof(float));
+  if (*floats)
+    memset(*floats, 0, (size_t)count * sizeof(float));
+  return *floats != NULL;
+}
 
 pags_result pags_gradient_store_reserve(pags_gradient_store *store, int64_t clusters, int64_t floats) {
   if (clusters <= store->clusters && floats <= store->floats)

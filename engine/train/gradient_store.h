@@ -1,10 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Gradients of a model's Gaussians, kept cluster by cluster until they are used later in a step. */
+/* Gradients of a model's Gaussians, kept cluster by cluster until they are used later in a step; memory for vectors. */
 #ifndef PAGS_TRAIN_GRADIENT_STORE_H
 #define PAGS_TRAIN_GRADIENT_STORE_H
 
+#include <stdbool.h>
+
 #include <pags/base.h>
 
+/* Frees *floats and replaces it by `count` zeros, aligned to 64 bytes; `count` is a multiple of 16. False, with *floats
+ * NULL, if out of memory. */
+bool pags_floats_renew(float **floats, int64_t count);
 typedef struct pags_gradient_store {
   float *rows;    /* [clusters][floats]: the planes of each cluster's rows, as the frame gives them */
   int64_t *stamp; /* per cluster: what its rows belong to, a number >= 1 that the user counts up; 0: nothing yet */

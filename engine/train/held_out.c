@@ -3,8 +3,8 @@
 #include "train/stages.h"
 
 #include <math.h>
-#include <stdlib.h>
 
+#include "base/memory.h"
 #include "base/psnr.h"
 #include "cluster/shares.h"
 #include "threads/record.h"
@@ -44,8 +44,7 @@ static pags_result measure(pags_trainer *t, int64_t step, const pags_frame_optio
   pags_photo photo;
   PAGS_TRY(pags_photo_cache_get(t->cache, own->view, 1, &photo));
   PAGS_TRY(pags_round_draw(t, step, options, &picture));
-  const double mse = mean_square(&picture, &photo, &own->camera, exposed);
-  *psnr = pags_psnr(mse);
+  *psnr = pags_psnr(mean_square(&picture, &photo, &own->camera, exposed));
   return PAGS_OK;
 }
 
@@ -54,14 +53,13 @@ static pags_result measure_round(pags_trainer *t, pags_measured_view *views, int
   const int64_t step = t->state.step + 1; /* draws with all steps done, of which this applies the pending ones */
   const pags_frame_options options = pags_view_render_options(t, step);
   pags_transport *const transport = t->shared.transport;
+  const int rank = t->shared.rank;
   double own = (double)NAN, all[PAGS_RANKS_MOST];
-  pags_result mine = PAGS_OK;
   for (int i = 0; i < count; i++)
     t->round[i] = (pags_step_view){.view = views[i].view, .camera = views[i].shown.camera};
   PAGS_TRY(pags_round_project(t, step, count, &options));
-  if (pags_round_draws(t, count))
-    mine = measure(t, step, &options, &views[t->shared.rank].shown, &own);
-  PAGS_TRY(pags_transport_agree(transport, mine));
+  PAGS_TRY(
+      pags_transport_agree(transport, rank < count ? measure(t, step, &options, &views[rank].shown, &own) : PAGS_OK));
   PAGS_TRY(pags_share_all(transport, &own, sizeof own, all));
   for (int i = 0; i < count; i++)
     views[i].psnr = all[i];
@@ -77,27 +75,25 @@ pags_result pags_held_out_views(pags_trainer *t, pags_measured_view *views, int 
 pags_result pags_held_out_measure(pags_trainer *t) {
   const int64_t all = pags_dataset_view_count(t->dataset), held = all - t->view_count;
   const int64_t chosen = held < PAGS_HELD_OUT_VIEWS ? held : PAGS_HELD_OUT_VIEWS;
-  pags_scene scene = {0};
   pags_held_out *h = &t->held_out;
   if (chosen == 0)
     return PAGS_OK;
   pags_tasks_mark(t->tasks, "held out", NULL);
+  pags_scene scene = {0};
   PAGS_TRY(pags_output_list_views(t->dataset, &t->state, &scene));
+  PAGS_AUTOFREE pags_scene_view *listed = scene.views;
+  pags_measured_view views[PAGS_HELD_OUT_VIEWS];
   h->count = 0;
   for (int64_t i = 0, seen = 0; i < all; i++)
     /* view k of the chosen ones is number (k + 1/2) held / chosen of those held out */
-    if (scene.views[i].test && h->count < chosen && seen++ == (2 * h->count + 1) * held / (2 * chosen))
-      h->scores[h->count++].view = i;
-  pags_measured_view views[PAGS_HELD_OUT_VIEWS];
-  for (int i = 0; i < h->count; i++)
-    views[i] = (pags_measured_view){.view = h->scores[i].view, .shown = scene.views[h->scores[i].view]};
-  const pags_result result = pags_held_out_views(t, views, h->count);
-  free(scene.views);
-  PAGS_TRY(result);
+    if (listed[i].test && h->count < chosen && seen++ == (2 * h->count + 1) * held / (2 * chosen))
+      views[h->count++] = (pags_measured_view){.view = i, .shown = listed[i]};
+  PAGS_TRY(pags_held_out_views(t, views, h->count));
 
   double sum = 0;
   int known = 0;
   for (int i = 0; i < h->count; i++) {
+    h->scores[i].view = views[i].view;
     h->scores[i].psnr = views[i].psnr;
     if (isfinite(views[i].psnr)) {
       sum += views[i].psnr;

@@ -5,20 +5,15 @@
 #include "train/stages.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/log.h"
 #include "base/memory.h"
 #include "maths/maths.h"
-#include "train/fit_pose.h"
+#include "train/camera_poses.h"
 
 enum { MOST_VIEWS = 32, MOST_FITTED = 8 };
 /* The Gaussians were trained with the correction, which alone brings 0.15 dB where there is nothing to correct; with
  * independent poses it is 0.33 dB. */
 static const double least_gain = 0.3, least_gain_alone = 0.6, least_errors = 2.0;
-
-typedef enum holdout_subject { OF_POSES, OF_LIGHT } holdout_subject;
 
 typedef struct sums { /* of the gains of photographs, dB */
   int count;
@@ -38,18 +33,6 @@ bool pags_holdout_tests_active(const pags_train_state *s, int64_t step) {
          step <= pags_holdout_test_until(&s->schedule);
 }
 
-/* Sets pair[0] to the view without the correction and pair[1] to the view with it. */
-static void set_pair(const pags_trainer *t, holdout_subject what, int64_t view, const pags_scene_view *shown,
-                     pags_measured_view pair[2]) {
-  pags_measured_view *const without = pair, *const with = pair + 1;
-  *without = *with = (pags_measured_view){.view = view, .shown = *shown};
-  if (what == OF_POSES)
-    memcpy(without->shown.camera.world_from_camera, pags_dataset_view(t->dataset, view)->camera.world_from_camera,
-           sizeof without->shown.camera.world_from_camera);
-  else
-    without->shown.photometric = (pags_photometric){.vignette = {0.0}};
-}
-
 /* Chooses at most `most` of the holdout views, evenly spaced; returns their number. */
 static int choose(const pags_trainer *t, int64_t most, int64_t chosen[MOST_VIEWS]) {
   int64_t kept = 0, seen = 0;
@@ -64,20 +47,26 @@ static int choose(const pags_trainer *t, int64_t most, int64_t chosen[MOST_VIEWS
 }
 
 /* Adds the gains of the chosen photographs with the correction. */
-static pags_result compare(pags_trainer *t, holdout_subject what, const pags_scene_view *views, sums *gains) {
-  pags_measured_view(*const pairs)[2] = malloc(MOST_VIEWS * sizeof *pairs);
-  pags_result result = pairs ? PAGS_OK : pags_out_of_memory("the photographs of a holdout test");
-  result = pags_transport_agree(t->shared.transport, result);
+static pags_result compare(pags_trainer *t, bool of_poses, const pags_scene_view *views, sums *gains) {
+  PAGS_AUTOFREE pags_measured_view(*pairs)[2] = malloc(MOST_VIEWS * sizeof *pairs);
+  PAGS_TRY(pags_transport_agree(t->shared.transport,
+                                pairs ? PAGS_OK : pags_out_of_memory("the photographs of a holdout test")));
   int64_t chosen[MOST_VIEWS];
   const int count = choose(t, MOST_VIEWS, chosen);
-  for (int i = 0; result == PAGS_OK && i < count; i++)
-    set_pair(t, what, chosen[i], views + chosen[i], pairs[i]);
-  if (result == PAGS_OK)
-    result = pags_held_out_views(t, pairs[0], 2 * count);
-  for (int i = 0; result == PAGS_OK && i < count; i++)
+  for (int i = 0; i < count; i++) { /* without the correction, and with it */
+    pags_measured_view *const without = &pairs[i][0];
+    *without = pairs[i][1] = (pags_measured_view){.view = chosen[i], .shown = views[chosen[i]]};
+    if (of_poses)
+      memcpy(without->shown.camera.world_from_camera,
+             pags_dataset_view(t->dataset, chosen[i])->camera.world_from_camera,
+             sizeof without->shown.camera.world_from_camera);
+    else
+      without->shown.photometric = (pags_photometric){.vignette = {0.0}};
+  }
+  PAGS_TRY(pags_held_out_views(t, pairs[0], 2 * count));
+  for (int i = 0; i < count; i++)
     add(gains, pairs[i][1].psnr - pairs[i][0].psnr);
-  free(pairs);
-  return result;
+  return PAGS_OK;
 }
 
 /* Compares the right half of a photograph, drawn with the recorded pose and with the pose fitted to its left half. */
@@ -96,28 +85,23 @@ static pags_result compare_fitted(pags_trainer *t, const pags_scene_view *shown,
   return PAGS_OK;
 }
 
-/* The same for a capture, where corrections of other photographs don't apply to a holdout photograph. If the poses of
- * holdout photographs are inexact, the other poses are, too. */
-static pags_result compare_alone(pags_trainer *t, const pags_scene_view *views, sums *gains) {
-  int64_t chosen[MOST_VIEWS];
-  const int count = choose(t, MOST_FITTED, chosen);
-  for (int i = 0; i < count; i++)
-    PAGS_TRY(compare_fitted(t, views + chosen[i], chosen[i], gains));
-  return PAGS_OK;
-}
-
-static pags_result end(pags_trainer *t, holdout_subject what, const char *name, pags_holdout_test *test) {
+static pags_result end(pags_trainer *t, bool of_poses, const char *name, pags_holdout_test *test) {
   sums gains = {0};
   pags_scene scene = {0};
-  const bool alone = what == OF_POSES && t->state.cameras.alone;
-  pags_result result = pags_output_list_views(t->dataset, &t->state, &scene);
-  result = pags_transport_agree(t->shared.transport, result);
-  if (result == PAGS_OK && !alone)
-    result = compare(t, what, scene.views, &gains);
-  else if (result == PAGS_OK && t->ranks == 1) /* a run that continues on several ranks keeps the recorded poses */
-    result = compare_alone(t, scene.views, &gains);
-  free(scene.views);
-  PAGS_TRY(result);
+  const bool alone = of_poses && t->state.cameras.alone;
+  const pags_result listed = pags_output_list_views(t->dataset, &t->state, &scene);
+  PAGS_AUTOFREE pags_scene_view *views = scene.views;
+  PAGS_TRY(pags_transport_agree(t->shared.transport, listed));
+  if (!alone) {
+    PAGS_TRY(compare(t, of_poses, views, &gains));
+  } else if (t->ranks == 1) { /* a run that continues on several ranks keeps the recorded poses */
+    /* In a capture, corrections of other photographs don't apply to a holdout photograph. If the poses of holdout
+     * photographs are inexact, the other poses are, too. */
+    int64_t chosen[MOST_VIEWS];
+    const int fitted = choose(t, MOST_FITTED, chosen);
+    for (int i = 0; i < fitted; i++)
+      PAGS_TRY(compare_fitted(t, views + chosen[i], chosen[i], &gains));
+  }
   const double count = gains.count;
   test->gain = count > 0 ? gains.sum / count : 0.0;
   test->uncertain = count > 1 ? sqrt(fmax(gains.squares / count - test->gain * test->gain, 0.0) / (count - 1)) : 0.0;
@@ -135,12 +119,12 @@ pags_result pags_holdout_tests_decide(pags_trainer *t) {
   if (t->state.step < pags_holdout_test_until(&t->state.schedule))
     return PAGS_OK;
   if (poses->holdout.state == PAGS_HOLDOUT_RUNNING) {
-    PAGS_TRY(end(t, OF_POSES, "corrected camera poses", &poses->holdout));
+    PAGS_TRY(end(t, true, "corrected camera poses", &poses->holdout));
     if (poses->holdout.state == PAGS_HOLDOUT_FAILED)
       pags_camera_poses_destroy(poses);
   }
   if (light->holdout.state == PAGS_HOLDOUT_RUNNING) {
-    PAGS_TRY(end(t, OF_LIGHT, "vignettes and response curves", &light->holdout));
+    PAGS_TRY(end(t, false, "vignettes and response curves", &light->holdout));
     if (light->holdout.state == PAGS_HOLDOUT_FAILED)
       pags_photometry_destroy(light);
   }

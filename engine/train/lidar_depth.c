@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Projects the sweep of a view's time step into its camera, removes hidden points with a z-buffer and picks
  * samples. */
-#include "train/lidar_depth.h"
+#include "train/driving_losses.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -4,8 +4,6 @@
 #include "train/mcmc.h"
 
 #include <math.h>
-#include <stdlib.h>
-
 #include "base/memory.h"
 #include "base/rng.h"
 #include "maths/maths.h"
@@ -20,10 +18,6 @@ enum { MOST_COPIES = 51, NOISE_GRAIN = 16 };
 static double sigmoid(double x) {
   return 1.0 / (1.0 + pags_exp(-x));
 }
-static double logit(double p) {
-  return pags_log(p / (1.0 - p));
-}
-
 /* n copies of opacity o' = 1 - (1 - o)^(1/n) transmit as much light as one Gaussian of opacity o. The factor on their
  * sigma keeps the integral along a ray:
  *
@@ -81,7 +75,8 @@ static double add_up(const pags_train_model *model, lottery *l, double sum) {
   return sum;
 }
 
-/* Collective. One rank after the other adds up its rows, since the bits of a sum depend on its order. */
+/* Collective. One rank after the other adds up its rows, since the bits of a sum depend on their order. The lottery
+ * must be destroyed on failure, too. */
 static pags_result make_lottery(const pags_train_model *model, lottery *l) {
   pags_transport *const transport = pags_model_transport(model);
   const int ranks = pags_transport_ranks(transport);
@@ -95,22 +90,19 @@ static pags_result make_lottery(const pags_train_model *model, lottery *l) {
                  .count = model->gaussians.count,
                  .of_rank = calloc((size_t)ranks, sizeof *l->of_rank)};
   const bool room = l->total && l->dead && l->drawn && l->of_rank;
-  pags_result result =
-      pags_transport_agree(transport, room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)l->count));
-  for (int r = 0; result == PAGS_OK && r < ranks; r++) {
+  PAGS_TRY(pags_transport_agree(transport, room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)l->count)));
+  for (int r = 0; r < ranks; r++) {
     struct rank_rows *const rows = l->of_rank + r;
     if (r == l->rank) {
       rows->total = add_up(model, l, r > 0 ? rows[-1].total : 0.0);
       rows->dead = l->dead_count;
       rows->rows = l->count;
     }
-    result = pags_transport_broadcast(transport, r, rows, sizeof *rows);
+    PAGS_TRY(pags_transport_broadcast(transport, r, rows, sizeof *rows));
     l->all_dead += rows->dead;
     l->all_rows += rows->rows;
   }
-  if (result != PAGS_OK)
-    free_lottery(l);
-  return result;
+  return PAGS_OK;
 }
 
 /* The rank with the row whose interval of the cumulative opacities contains `at`; the last with any row behind the end
@@ -158,7 +150,7 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, pags
     double opacity, factor;
     float *o = &pags_plane(g, PAGS_OPACITY)[row];
     pags_mcmc_relocation(sigmoid((double)*o), l->drawn[row] + 1, &opacity, &factor);
-    *o = (float)logit(opacity);
+    *o = (float)pags_log(opacity / (1.0 - opacity));
     for (int k = 0; k < 3; k++)
       pags_plane(g, PAGS_SCALE + k)[row] += (float)pags_log(factor);
   }
@@ -166,23 +158,20 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, pags
 
 /* Moves each dead Gaussian onto a drawn one. */
 static pags_result relocate(pags_train_model *model) {
-  lottery l;
+  PAGS_AUTO(free_lottery) lottery l = {0};
   PAGS_TRY(make_lottery(model, &l));
-  pags_row_move *moves = malloc((size_t)(l.all_dead > 0 ? l.all_dead : 1) * sizeof *moves);
-  pags_result result = moves ? PAGS_OK : pags_out_of_memory("Gaussians");
-  if (moves && l.all_dead < l.all_rows) {
-    draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, moves, l.all_dead);
-    int64_t i = 0;
-    for (int r = 0; r < l.ranks; r++)
-      for (int64_t k = 0; k < l.of_rank[r].dead; k++, i++) {
-        moves[i].to_rank = r;
-        moves[i].to = r == l.rank ? l.dead[k] : 0;
-      }
-    result = pags_model_relocate(model, moves, l.all_dead);
-  }
-  free(moves);
-  free_lottery(&l);
-  return result;
+  PAGS_AUTOFREE pags_row_move *moves = malloc((size_t)(l.all_dead > 0 ? l.all_dead : 1) * sizeof *moves);
+  PAGS_CHECK_MEMORY(moves, "Gaussians");
+  if (l.all_dead >= l.all_rows)
+    return PAGS_OK;
+  draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, moves, l.all_dead);
+  int64_t i = 0;
+  for (int r = 0; r < l.ranks; r++)
+    for (int64_t k = 0; k < l.of_rank[r].dead; k++, i++) {
+      moves[i].to_rank = r;
+      moves[i].to = r == l.rank ? l.dead[k] : 0;
+    }
+  return pags_model_relocate(model, moves, l.all_dead);
 }
 
 /* Adds copies of drawn Gaussians behind all rows; each comes about at the rank that has the drawn one. *numbers, which
@@ -193,43 +182,34 @@ static pags_result grow(pags_train_model *model, pags_tasks *tasks, uint32_t **n
   target = target > most ? most : target;
   target = target > count ? target : count;
   const size_t room = (size_t)(own + target - count + 1);
-  lottery l = {0};
-  pags_row_move *moves = malloc((size_t)(target - count + 1) * sizeof *moves);
-  int64_t *source = malloc(room * sizeof *source);
+  PAGS_AUTO(free_lottery) lottery l = {0};
+  PAGS_AUTOFREE pags_row_move *moves = malloc((size_t)(target - count + 1) * sizeof *moves);
+  PAGS_AUTOFREE int64_t *source = malloc(room * sizeof *source);
   *numbers = malloc(room * sizeof **numbers);
-  pags_result result = moves && source && *numbers ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)target);
-  for (int64_t i = 0; result == PAGS_OK && i < own; i++) {
+  PAGS_CHECK_MEMORY(moves && source && *numbers, "%lld Gaussians", (long long)target);
+  for (int64_t i = 0; i < own; i++) {
     source[i] = i;
     (*numbers)[i] = (uint32_t)(model->first_row + i);
   }
-  if (result == PAGS_OK && target > count)
-    result = make_lottery(model, &l);
-  if (result == PAGS_OK && l.all_dead < l.all_rows) {
-    draw_and_thin(model, &l, PAGS_DRAW_ADD, moves, target - count);
-    for (int64_t i = 0; i < target - count; i++)
-      if (moves[i].from_rank == l.rank) {
-        source[own + added] = moves[i].from;
-        (*numbers)[own + added++] = (uint32_t)(count + i);
-      }
-    result = pags_model_gather(model, source, own + added, own, tasks);
-  }
-  if (result == PAGS_OK && target > count)
-    free_lottery(&l);
-  free(moves);
-  free(source);
-  return result;
+  if (target > count)
+    PAGS_TRY(make_lottery(model, &l));
+  if (l.all_dead >= l.all_rows)
+    return PAGS_OK;
+  draw_and_thin(model, &l, PAGS_DRAW_ADD, moves, target - count);
+  for (int64_t i = 0; i < target - count; i++)
+    if (moves[i].from_rank == l.rank) {
+      source[own + added] = moves[i].from;
+      (*numbers)[own + added++] = (uint32_t)(count + i);
+    }
+  return pags_model_gather(model, source, own + added, own, tasks);
 }
 
 pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
-  uint32_t *numbers;
+  PAGS_AUTOFREE uint32_t *numbers = NULL;
   PAGS_TRY(relocate(model));
-  pags_result result = grow(model, tasks, &numbers);
-  if (result == PAGS_OK) {
-    pags_model_clear_density(model);
-    result = pags_model_sort(model, numbers, tasks);
-  }
-  free(numbers);
-  return result;
+  PAGS_TRY(grow(model, tasks, &numbers));
+  pags_model_clear_density(model);
+  return pags_model_sort(model, numbers, tasks);
 }
 
 /* ---- Regularisers and noise ---- */

@@ -372,6 +372,17 @@ pags_result pags_model_sort(pags_train_model *model, const uint32_t *numbers, pa
 
 /* ---- Fourier terms and rows that aren't finite ---- */
 
+void pags_model_update(pags_train_model *m, pags_nonfinite *nonfinite, int64_t cluster, const float *gradient,
+                       int64_t stride, int planes) {
+  pags_nonfinite_row first = {0};
+  const int left_out =
+      pags_adam_update(&m->adam, &m->gaussians, &m->clusters, cluster, gradient, stride, planes, &first);
+  first.object = m->object;
+  first.row += m->first_row;
+  if (left_out)
+    pags_nonfinite_note(nonfinite, left_out, &first);
+}
+
 pags_result pags_model_add_fourier(pags_train_model *model) {
   PAGS_TRY(reserve(model, 1)); /* without room for a row there would be no columns, of which all ranks have the same */
   PAGS_TRY(pags_gaussians_add_fourier(&model->gaussians));

@@ -82,6 +82,9 @@ pags_result pags_model_sort(pags_train_model *model, const uint32_t *numbers, pa
 static inline pags_transport *pags_model_transport(const pags_train_model *model) {
   return model->sharing ? model->sharing->transport : NULL;
 }
+/* One Adam step on a cluster's Gaussians, as pags_adam_update; notes updates that are left out. */
+void pags_model_update(pags_train_model *model, pags_nonfinite *nonfinite, int64_t cluster, const float *gradient,
+                       int64_t stride, int planes);
 /* Returns whether all parameters of the row are finite. */
 bool pags_model_is_finite_row(const pags_gaussians *gaussians, int64_t row);
 /* Removes the rows with parameters that aren't finite, for the finished scene; the model can't be trained any more.

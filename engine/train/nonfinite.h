@@ -25,8 +25,14 @@ typedef struct pags_nonfinite_row {
   int32_t kind;   /* pags_nonfinite_kind */
 } pags_nonfinite_row;
 
+/* Updates left out, in a step or in the whole run: rows of Gaussians, keyframes' poses, views' exposures. */
+typedef struct pags_left_out {
+  int64_t count;
+  pags_nonfinite_row first;
+} pags_left_out;
+
 typedef struct pags_nonfinite {
-  int64_t count; /* updates left out in the whole run: rows of Gaussians, keyframes' poses, views' exposures */
+  int64_t count; /* as of pags_left_out, in the whole run */
   pags_nonfinite_row first;
   atomic_flag busy; /* cleared before the first note */
 } pags_nonfinite;

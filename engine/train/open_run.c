@@ -2,51 +2,37 @@
 /* Opens a training run. A fresh run chooses its limit on Gaussians and creates the first Gaussians, the sky and the
  * exposures; a resumed run loads its checkpoint and checks that it belongs to the data set and configuration. */
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "cluster/shares.h"
 #include "init/driving_points.h"
 #include "init/from_points.h"
 #include "port/port.h"
 #include "simd/kernels.h"
 #include "train/config.h"
-#include "train/estimate.h"
 #include "train/score_pass.h"
 #include "train/shards.h"
-#include "train/shared_parts.h"
 #include "train/stages.h"
+#include "train/views.h"
 
 /* Upper bound, metres, of the extent of the background of a driving set. */
 static const double most_extent = 20;
 
 /* ---- Limit on Gaussians ---- */
 
-static void largest_picture(const pags_trainer *t, int *width, int *height) {
-  int64_t most = 0;
-  for (int64_t i = 0; i < t->view_count; i++) {
-    const pags_camera *c = &pags_dataset_view(t->dataset, t->views[i])->camera;
-    if ((int64_t)c->width * c->height <= most)
-      continue;
-    most = (int64_t)c->width * c->height;
-    *width = c->width;
-    *height = c->height;
-  }
-}
-
 /* Returns the limit on Gaussians that the run keeps: the smaller of max_gaussians and the number that fits
  * max_memory; 0: neither is set. */
 static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config) {
-  int width = 1, height = 1;
-  uint64_t memory = t->options->max_memory;
+  int width, height;
+  const uint64_t memory = t->options->max_memory;
   /* With preset paper, max_gaussians is applied by the last prune instead. */
-  int64_t most = config->schedule.preset == PAGS_PRESET_PAPER ? 0 : config->size_limit.max_gaussians;
+  const int64_t most = config->schedule.preset == PAGS_PRESET_PAPER ? 0 : config->size_limit.max_gaussians;
   if (memory == 0)
     return most;
-  largest_picture(t, &width, &height);
+  pags_views_largest(t, &width, &height);
   uint64_t fixed = pags_train_bytes(0, config->color.sh_degree, width, height) + t->options->image_cache;
   if (config->sky.sky && pags_dataset_fps(t->dataset) > 0.0)
     fixed += pags_sky_fit_most_bytes(t->dataset);
@@ -54,34 +40,9 @@ static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config
   const uint64_t each = (pags_train_bytes(million, config->color.sh_degree, 1, 1) -
                          pags_train_bytes(0, config->color.sh_degree, 1, 1) + pags_batch_bytes(config, million, 0)) /
                         (uint64_t)million;
-  uint64_t room = memory > fixed ? (memory - fixed) / each : 0;
-  int64_t fits = room < 1 << 10 ? 1 << 10 : room > INT32_MAX - 64 ? INT32_MAX - 64 : (int64_t)room;
+  const uint64_t room = memory > fixed ? (memory - fixed) / each : 0;
+  const int64_t fits = room < 1 << 10 ? 1 << 10 : room > INT32_MAX - 64 ? INT32_MAX - 64 : (int64_t)room;
   return most > 0 && most < fits ? most : fits;
-}
-
-/* ---- Photograph sets ---- */
-
-/* The points that the run of a photograph set starts from; the data set's, or `matched`, which the owner frees. */
-typedef struct start_points {
-  int64_t count;
-  const float *xyz;
-  const uint8_t *rgb;
-  float *matched_xyz;
-  uint8_t *matched_rgb;
-} start_points;
-
-/* Takes the data set's points; if those are random, as many points that matching photographs finds instead, unless
- * random_start is set. */
-static pags_result find_points(const pags_trainer *t, const pags_train_config *config, start_points *p) {
-  int random;
-  pags_dataset_points(t->dataset, &p->count, &p->xyz, &p->rgb, &random);
-  if (!random || config->start.random_start)
-    return PAGS_OK;
-  PAGS_TRY(pags_dataset_match_points(t->dataset, t->tasks, p->count, config->schedule.seed, &p->matched_xyz,
-                                     &p->matched_rgb));
-  p->xyz = p->matched_xyz;
-  p->rgb = p->matched_rgb;
-  return PAGS_OK;
 }
 
 /* ---- First models ---- */
@@ -96,38 +57,30 @@ typedef struct first_model {
   int64_t most;
 } first_model;
 
-/* Adds the rows [rows[0], rows[1]) of the model's `all` Gaussians. */
-static pags_result add_model(pags_trainer *t, const pags_train_config *config, const first_model *m,
-                             const int64_t *rows, int64_t all) {
-  pags_train_state *const s = &t->state;
-  pags_gaussians g;
-  PAGS_TRY(pags_init_gaussians(config, m->count, m->xyz, m->rgb, m->most, m->extent, rows, t->tasks, &g));
-  PAGS_TRY(pags_state_add_model(s, m->object, m->extent, &g));
-  pags_train_model *const added = &s->models[s->model_count - 1];
-  added->first_row = rows[0];
-  added->total = all;
-  return PAGS_OK;
-}
-
 /* Adds the models. With several ranks each makes the Gaussians of its share alone. */
 static pags_result add_models(pags_trainer *t, const pags_train_config *config, const first_model *models,
                               int64_t count) {
   const int rank = pags_transport_rank(t->options->transport), ranks = pags_transport_ranks(t->options->transport);
-  int64_t *const rows = malloc((size_t)count * (size_t)(ranks + 2) * sizeof *rows), *const begin = rows + count;
-  if (!rows)
-    return pags_out_of_memory("%lld models", (long long)count);
+  PAGS_AUTOFREE int64_t *rows = malloc((size_t)count * (size_t)(ranks + 2) * sizeof *rows);
+  PAGS_CHECK_MEMORY(rows, "%lld models", (long long)count);
+  int64_t *const begin = rows + count;
   for (int64_t i = 0; i < count; i++)
     rows[i] = pags_init_count(models[i].count, models[i].xyz, models[i].most);
   pags_shares_cut(rows, count, config->picture.cluster_size, ranks, begin);
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; result == PAGS_OK && i < count; i++)
-    result = add_model(t, config, models + i, begin + i * (ranks + 1) + rank, rows[i]);
-  free(rows);
-  return result;
+  for (int64_t i = 0; i < count; i++) {
+    const first_model *const m = models + i;
+    const int64_t *const own = begin + i * (ranks + 1) + rank; /* rows own[0] .. own[1] - 1 */
+    pags_gaussians g;
+    PAGS_TRY(pags_init_gaussians(config, m->count, m->xyz, m->rgb, m->most, m->extent, own, t->tasks, &g));
+    PAGS_TRY(pags_state_add_model(&t->state, m->object, m->extent, &g));
+    pags_train_model *const added = &t->state.models[t->state.model_count - 1];
+    added->first_row = own[0];
+    added->total = rows[i];
+  }
+  return PAGS_OK;
 }
 
-static pags_result start_static(pags_trainer *t, const pags_train_config *config, const start_points *p,
-                                double extent) {
+static pags_result start_static(pags_trainer *t, const pags_train_config *config, const first_model *only) {
   pags_train_state *const s = &t->state;
   if (config->cameras.light)
     pags_log_message(
@@ -141,8 +94,7 @@ static pags_result start_static(pags_trainer *t, const pags_train_config *config
                      pags_dataset_path(t->dataset), t->ranks);
   else if (config->cameras.camera_poses)
     PAGS_TRY(pags_camera_poses_create(&s->cameras, t->dataset));
-  const first_model only = {-1, extent, p->count, p->xyz, p->rgb, s->cap > 0 ? s->cap : INT32_MAX - 64};
-  PAGS_TRY(add_models(t, config, &only, 1));
+  PAGS_TRY(add_models(t, config, only, 1));
   return config->exposure.exposure ? pags_exposures_create(&s->exposures, t->dataset) : PAGS_OK;
 }
 
@@ -165,38 +117,49 @@ static int by_position(const void *a, const void *b) {
 }
 
 static pags_result mark_rows(const pags_point_set *points, pags_gaussians *g) {
-  point_key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
-  pags_result result =
-      keys ? pags_gaussians_add_object_id(g) : pags_out_of_memory("%lld points", (long long)points->count);
-  if (result == PAGS_OK)
-    result = pags_gaussians_add_s_sem(g);
-  for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
-    keys[i] = (point_key){
-        {points->xyz[3 * i], points->xyz[3 * i + 1], points->xyz[3 * i + 2]}, points->object[i], points->s_sem[i]};
-  if (result == PAGS_OK)
-    pags_sort(keys, points->count, sizeof *keys, by_position);
-  for (int64_t row = 0; result == PAGS_OK && row < g->count; row++) {
-    point_key key = {
+  PAGS_AUTOFREE point_key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
+  PAGS_CHECK_MEMORY(keys, "%lld points", (long long)points->count);
+  PAGS_TRY(pags_gaussians_add_object_id(g));
+  PAGS_TRY(pags_gaussians_add_s_sem(g));
+  for (int64_t i = 0; i < points->count; i++) {
+    keys[i] = (point_key){.object = points->object[i], .s_sem = points->s_sem[i]};
+    pags_copy3f(points->xyz + 3 * i, keys[i].xyz);
+  }
+  pags_sort(keys, points->count, sizeof *keys, by_position);
+  for (int64_t row = 0; row < g->count; row++) {
+    const point_key key = {
         {pags_plane(g, PAGS_MEAN)[row], pags_plane(g, PAGS_MEAN + 1)[row], pags_plane(g, PAGS_MEAN + 2)[row]}, 0, 0};
     const point_key *found = bsearch(&key, keys, (size_t)points->count, sizeof *keys, by_position);
     g->object_id[row] = found ? found->object : -1;
     g->s_sem[row] = found ? found->s_sem : 0.0f;
   }
-  free(keys);
-  return result;
+  return PAGS_OK;
 }
 
-/* Returns an object's extent in metres: half of the longest side of its box, as in Street Gaussians (Yan et al.
- * 2024). */
-static double object_extent(const pags_object *o) {
-  return 0.5 * fmax(fmax(o->size[0], o->size[1]), o->size[2]);
-}
-
-/* Numbers and priorities of the background's and the objects' rows. */
-static pags_result mark_models(pags_trainer *t, const pags_point_set *background) {
+/* Creates the background's and the objects' models, with numbers and priorities of their rows. If the number of
+ * Gaussians is limited, objects get at most half of it, shared out in proportion to their numbers of points. */
+static pags_result add_driving_models(pags_trainer *t, const pags_train_config *config,
+                                      const pags_driving_points *start, double extent) {
   pags_train_state *const s = &t->state;
-  if (background->object)
-    PAGS_TRY(mark_rows(background, &s->models[0].gaussians));
+  int64_t cap = s->cap > 0 ? s->cap : INT32_MAX - 64, points = 0, count = 0;
+  for (int64_t i = 0; config->objects.objects && i < start->object_count; i++)
+    points += start->objects[i].count;
+  const int64_t most = points < cap / 2 ? points : cap / 2;
+  PAGS_AUTOFREE first_model *models = malloc((size_t)(start->object_count + 1) * sizeof *models);
+  PAGS_CHECK_MEMORY(models, "%lld models", (long long)start->object_count + 1);
+  const pags_point_set *const p = &start->background;
+  models[count++] = (first_model){-1, extent, p->count, p->xyz, p->rgb, cap - most};
+  for (int64_t i = 0; points > 0 && i < start->object_count; i++) {
+    const pags_point_set *const o = start->objects + i;
+    const int64_t share = o->count * most / points; /* both factors are below 2^31 */
+    /* The extent in metres is half of the longest side of the box, as in Street Gaussians (Yan et al. 2024). */
+    const double *const size = s->tracks.objects[i].size;
+    if (share > 0)
+      models[count++] = (first_model){i, 0.5 * fmax(fmax(size[0], size[1]), size[2]), o->count, o->xyz, o->rgb, share};
+  }
+  PAGS_TRY(add_models(t, config, models, count));
+  if (p->object)
+    PAGS_TRY(mark_rows(p, &s->models[0].gaussians));
   for (int64_t m = 1; m < s->model_count; m++) {
     pags_gaussians *const g = &s->models[m].gaussians;
     PAGS_TRY(pags_gaussians_add_s_sem(g));
@@ -207,41 +170,15 @@ static pags_result mark_models(pags_trainer *t, const pags_point_set *background
   return PAGS_OK;
 }
 
-/* Creates the background's and the objects' models. If the number of Gaussians is limited, objects get at most half
- * of it, shared out in proportion to their numbers of points. */
-static pags_result add_driving_models(pags_trainer *t, const pags_train_config *config,
-                                      const pags_driving_points *start, double extent) {
-  int64_t cap = t->state.cap > 0 ? t->state.cap : INT32_MAX - 64, points = 0, count = 0;
-  for (int64_t i = 0; config->objects.objects && i < start->object_count; i++)
-    points += start->objects[i].count;
-  const int64_t most = points < cap / 2 ? points : cap / 2;
-  first_model *const models = malloc((size_t)(start->object_count + 1) * sizeof *models);
-  if (!models)
-    return pags_out_of_memory("%lld models", (long long)start->object_count + 1);
-  const pags_point_set *const p = &start->background;
-  models[count++] = (first_model){-1, extent, p->count, p->xyz, p->rgb, cap - most};
-  for (int64_t i = 0; points > 0 && i < start->object_count; i++) {
-    const pags_point_set *const o = start->objects + i;
-    const int64_t share = o->count * most / points; /* both factors are below 2^31 */
-    if (share > 0)
-      models[count++] = (first_model){i, object_extent(&t->state.tracks.objects[i]), o->count, o->xyz, o->rgb, share};
-  }
-  const pags_result result = add_models(t, config, models, count);
-  free(models);
-  return result == PAGS_OK ? mark_models(t, p) : result;
-}
-
 static pags_result start_driving(pags_trainer *t, const pags_train_config *config, double extent) {
   pags_train_state *s = &t->state;
-  pags_driving_points start;
+  PAGS_AUTO(pags_driving_points_destroy) pags_driving_points start = {0};
   PAGS_TRY(pags_track_poses_create(&s->tracks, t->dataset));
   if (config->objects.tracks)
     PAGS_TRY(pags_tracks_smooth(&s->tracks));
   PAGS_TRY(pags_driving_points_create(t->dataset, config, config->start.lidar_start, t->cache, t->tasks, &start));
   s->lidar_points = start.lidar_points;
-  pags_result result = add_driving_models(t, config, &start, extent);
-  pags_driving_points_destroy(&start);
-  PAGS_TRY(result);
+  PAGS_TRY(add_driving_models(t, config, &start, extent));
   const pags_block *block = pags_dataset_block(t->dataset);
   if (config->sky.sky && !(block && block->whole))
     PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));
@@ -260,62 +197,51 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
 
 /* ---- Starting and resuming ---- */
 
-/* Makes sure that the Gaussians have a semantic priority S_sem exactly if the data set has labels of what is
- * critical. */
-static pags_result set_priorities(const pags_trainer *t, pags_gaussians *g) {
-  if (pags_score_pass_has_labels(t->dataset))
-    return pags_gaussians_add_s_sem(g);
-  pags_port_aligned_free(g->s_sem);
-  g->s_sem = NULL;
-  return PAGS_OK;
-}
-
-static pags_result start(pags_trainer *t, const pags_train_config *config, start_points *points) {
-  const int driving = pags_dataset_fps(t->dataset) > 0.0;
-  double extent;
-  if (!driving)
-    PAGS_TRY(find_points(t, config, points));
-  PAGS_TRY(pags_init_extent(t->dataset, t->views, t->view_count, points->count, points->xyz, &extent));
-  if (driving) /* in metres: a car that stands still sees a street, too */
-    extent = fmin(fmax(extent, 1.0), most_extent);
-  pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
-  PAGS_TRY(pags_state_create(&t->state, &schedule, pags_schedule_steps(&schedule, config->schedule.iterations),
-                             1 + pags_dataset_object_count(t->dataset)));
-  t->state.cap = choose_cap(t, config);
-  PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, points, extent));
-  for (int64_t i = 0; i < t->state.model_count; i++)
-    PAGS_TRY(set_priorities(t, &t->state.models[i].gaussians));
-  return PAGS_OK;
-}
-
 pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config) {
-  start_points points = {0};
-  const pags_result result = start(t, config, &points);
-  free(points.matched_xyz);
-  free(points.matched_rgb);
-  return result;
+  pags_train_state *const s = &t->state;
+  const bool driving = pags_dataset_fps(t->dataset) > 0.0;
+  first_model only = {.object = -1}; /* of a photograph set */
+  PAGS_AUTOFREE float *matched_xyz = NULL;
+  PAGS_AUTOFREE uint8_t *matched_rgb = NULL;
+  int random = 0;
+  if (!driving)
+    pags_dataset_points(t->dataset, &only.count, &only.xyz, &only.rgb, &random);
+  if (random && !config->start.random_start) { /* as many points that matching photographs finds instead */
+    PAGS_TRY(
+        pags_dataset_match_points(t->dataset, t->tasks, only.count, config->schedule.seed, &matched_xyz, &matched_rgb));
+    only.xyz = matched_xyz;
+    only.rgb = matched_rgb;
+  }
+  PAGS_TRY(pags_init_extent(t->dataset, t->views, t->view_count, only.count, only.xyz, &only.extent));
+  if (driving) /* in metres: a car that stands still sees a street, too */
+    only.extent = fmin(fmax(only.extent, 1.0), most_extent);
+  pags_schedule schedule = pags_schedule_make(config, only.extent, t->view_count);
+  PAGS_TRY(pags_state_create(s, &schedule, pags_schedule_steps(&schedule, config->schedule.iterations),
+                             1 + pags_dataset_object_count(t->dataset)));
+  s->cap = choose_cap(t, config);
+  only.most = s->cap > 0 ? s->cap : INT32_MAX - 64;
+  PAGS_TRY(driving ? start_driving(t, config, only.extent) : start_static(t, config, &only));
+
+  /* Gaussians have a semantic priority S_sem exactly if the data set has labels of what is critical. */
+  for (int64_t i = 0; i < s->model_count; i++) {
+    pags_gaussians *const g = &s->models[i].gaussians;
+    if (pags_score_pass_has_labels(t->dataset)) {
+      PAGS_TRY(pags_gaussians_add_s_sem(g));
+    } else {
+      pags_port_aligned_free(g->s_sem);
+      g->s_sem = NULL;
+    }
+  }
+  return PAGS_OK;
 }
 
 static pags_result refuse_other_views(const pags_trainer *t) {
-  char *text = pags_other_views(t->output.folder, t->dataset);
-  const pags_result result = pags_fail(
+  PAGS_AUTOFREE char *text = pags_other_views(t->output.folder, t->dataset);
+  return pags_fail(
       PAGS_ERROR_ARGUMENT,
       "%s: belongs to other views, or another choice of what is critical, than those of %s%s%s; give the data "
       "set as it was, or --overwrite to begin afresh",
       t->output.checkpoint, pags_dataset_path(t->dataset), text ? ": " : "", text ? text : "");
-  free(text);
-  return result;
-}
-
-/* Warns where steps were computed by kernels that round otherwise than this process's. */
-static void compare_kernels(const char *path, const pags_kernel_names *before) {
-  const pags_kernels *const own = pags_kernels_get(NULL);
-  const char *const other = own ? before->of[!own->fuses] : "";
-  if (*other)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: steps were computed with the kernels %s, this process has %s, which round differently: "
-                     "the bits will differ from those of an undisturbed run; PAGS_CPU=%s selects the former",
-                     path, other, own->name, other);
 }
 
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
@@ -339,8 +265,13 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
                      "%s: was begun with another %s; pass the same, or --overwrite to begin afresh", path, field);
   PAGS_TRY(pags_shared_parts_load(t->dataset, false, s));
   const int64_t batch = s->schedule.batch, stop = pags_schedule_steps(&s->schedule, config->schedule.iterations);
-  if (s->step < (s->clocked ? s->stop : stop))
-    compare_kernels(path, &s->kernels);
+  const pags_kernels *const own = pags_kernels_get(NULL);
+  const char *const other = own ? s->kernels.of[!own->fuses] : "";
+  if (s->step < (s->clocked ? s->stop : stop) && *other)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: steps were computed with the kernels %s, this process has %s, which round differently: "
+                     "the bits will differ from those of an undisturbed run; PAGS_CPU=%s selects the former",
+                     path, other, own->name, other);
   if (s->clocked || stop == s->stop)
     return PAGS_OK;
   if (stop < s->stop)

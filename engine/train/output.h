@@ -4,6 +4,8 @@
 #ifndef PAGS_TRAIN_OUTPUT_H
 #define PAGS_TRAIN_OUTPUT_H
 
+#include <math.h>
+
 #include <pags/dataset.h>
 #include <pags/frame.h>
 #include <pags/scene.h>
@@ -22,34 +24,24 @@ typedef struct pags_output {
 } pags_output;
 
 /* Locks the output folder and examines it without changing it: fails if it is a file, if another process writes there,
- * or if it isn't empty and neither resume nor overwrite is set. `found` receives 1 if there is a checkpoint to resume.
- */
-pags_result pags_output_find(pags_output *output, const pags_train_options *options, int *found);
+ * or if it isn't empty and neither resume nor overwrite is set. *found: there is a checkpoint to resume. */
+pags_result pags_output_find(pags_output *output, const pags_train_options *options, bool *found);
 /* Creates the folder and opens the log. A fresh run removes what an earlier run left in the folder; a resumed run
  * keeps the lines of the log up to `step`. */
-pags_result pags_output_open(pags_output *output, int resumed, int64_t step);
+pags_result pags_output_open(pags_output *output, bool resumed, int64_t step);
 /* Closes the log and lets the folder go. If `failed` and the folder holds no checkpoint, the log is removed, and so is
  * the folder, if this run made it and it is empty. */
-void pags_output_close(pags_output *output, int failed);
+void pags_output_close(pags_output *output, bool failed);
 
-/* A line of the log. It contains no times, so that the logs of equal runs are equal. */
-typedef struct pags_log_entry {
-  int64_t step, gaussians;
-  int level, sh_degree;                            /* level of downscaled photographs, 0: full size; SH degree in use */
-  double loss, psnr;                               /* running means over about one pass through the training views */
-  double step_loss, step_l1, step_ssim, step_psnr; /* of the step's view alone */
-  pags_driving_losses terms;                       /* of the step's view alone, times their weights in the loss */
-  int64_t bad_rows; /* Gaussians' updates left out for a number that isn't finite, in the whole run */
-} pags_log_entry;
-pags_result pags_output_log(pags_output *output, const pags_log_entry *entry);
-typedef struct pags_density_change { /* sums over all models */
-  int64_t cloned, split, pruned, wanted;
-} pags_density_change;
-/* A line for held-out views: the mean of their PSNR, and how many they are. */
-pags_result pags_output_log_held_out(pags_output *output, int64_t step, int64_t gaussians, double psnr, int views);
-pags_result pags_output_log_density(pags_output *output, int64_t step, const pags_density_change *change,
-                                    int64_t gaussians);
-pags_result pags_output_log_prune(pags_output *output, int64_t step, int64_t pruned, int64_t gaussians);
+/* A number in a line of the log. Lines contain no times, so that the logs of equal runs are equal. */
+typedef struct pags_log_value {
+  const char *name;
+  double value;
+} pags_log_value;
+/* Leaves a value out of a line. */
+#define PAGS_LOG_NOTHING (-HUGE_VAL)
+/* Writes a line and hands it to the operating system at once, so that the log of a killed run is almost complete. */
+pags_result pags_output_log(pags_output *output, const pags_log_value *values, int count);
 
 /* Writes preview_STEP.png: the rendered picture next to its photograph. */
 pags_result pags_output_preview(const pags_output *output, int64_t step, const pags_picture *picture,

@@ -13,9 +13,6 @@
 #include "train/prune.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/rng.h"
@@ -24,7 +21,7 @@
 #include "maths/maths.h"
 #include "threads/record.h"
 #include "train/score_pass.h"
-#include "train/size_limit.h"
+#include "train/stages.h"
 
 /* ---- Normalising scores ---- */
 
@@ -36,11 +33,6 @@ static uint64_t number_of(const uint32_t *numbers, int64_t row) {
   return numbers ? numbers[row] : (uint64_t)row;
 }
 
-static pags_result make_keys(int64_t count, pags_key **out) {
-  *out = malloc((size_t)(count + 1) * sizeof **out);
-  return *out ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
-}
-
 /* The lowest position of the value at the begin of this rank's part of an order. A run of equal values may have begun
  * at an earlier rank. */
 static pags_result lowest_of_first(pags_transport *transport, const pags_spread_order *order, int64_t *lowest) {
@@ -48,7 +40,7 @@ static pags_result lowest_of_first(pags_transport *transport, const pags_spread_
     int64_t count, first, last_lowest; /* last_lowest: the lowest position here of the last value */
     uint64_t first_value, last_value;
   } part_end;
-  part_end mine = {order->count, order->first, order->first, 0, 0}, *all;
+  part_end mine = {order->count, order->first, order->first, 0, 0};
   for (int64_t i = 1; i < order->count; i++)
     if (order->keys[i].high != order->keys[i - 1].high)
       mine.last_lowest = order->first + i;
@@ -56,95 +48,77 @@ static pags_result lowest_of_first(pags_transport *transport, const pags_spread_
     mine.first_value = order->keys[0].high;
     mine.last_value = order->keys[order->count - 1].high;
   }
-  all = malloc((size_t)pags_transport_ranks(transport) * sizeof *all);
-  if (!all)
-    return pags_out_of_memory("the numbers of %d ranks", pags_transport_ranks(transport));
-  const pags_result result = pags_share_all(transport, &mine, sizeof mine, all);
+  PAGS_AUTOFREE part_end *all = malloc((size_t)pags_transport_ranks(transport) * sizeof *all);
+  PAGS_CHECK_MEMORY(all, "the numbers of %d ranks", pags_transport_ranks(transport));
+  PAGS_TRY(pags_share_all(transport, &mine, sizeof mine, all));
   int64_t carried = -1; /* the lowest position of the current value */
   uint64_t value = 0;
-  for (int r = 0; result == PAGS_OK && r <= pags_transport_rank(transport); r++) {
+  for (int r = 0; r <= pags_transport_rank(transport); r++) {
     if (all[r].count == 0)
       continue;
     *lowest = carried >= 0 && all[r].first_value == value ? carried : all[r].first;
     carried = all[r].last_value == all[r].first_value ? *lowest : all[r].last_lowest;
     value = all[r].last_value;
   }
-  free(all);
-  return result;
+  return PAGS_OK;
 }
 
 /* The share of the other rows with lower values. */
 static pags_result rank_rows(pags_transport *transport, const pags_key *keys, int64_t count, int64_t all, float *out) {
-  pags_spread_order order;
+  PAGS_AUTO(pags_order_destroy) pags_spread_order order = {0};
   int64_t lower = 0;
-  pags_result result = pags_order_create_even(transport, keys, count, &order);
-  if (result == PAGS_OK)
-    result = lowest_of_first(transport, &order, &lower);
-  float *const placed = malloc((size_t)(order.count + 1) * sizeof *placed);
-  if (result == PAGS_OK && !placed)
-    result = pags_out_of_memory("%lld Gaussians", (long long)order.count);
-  for (int64_t i = 0; result == PAGS_OK && i < order.count; i++) {
+  PAGS_TRY(pags_order_create_even(transport, keys, count, &order));
+  PAGS_TRY(lowest_of_first(transport, &order, &lower));
+  PAGS_AUTOFREE float *placed = malloc((size_t)(order.count + 1) * sizeof *placed);
+  PAGS_CHECK_MEMORY(placed, "%lld Gaussians", (long long)order.count);
+  for (int64_t i = 0; i < order.count; i++) {
     if (i > 0 && order.keys[i].high != order.keys[i - 1].high)
       lower = order.first + i;
     placed[i] = all > 1 ? (float)((double)lower / (double)(all - 1)) : 0.0f;
   }
-  if (result == PAGS_OK)
-    result = pags_order_move(transport, &order, out, placed, true);
-  free(placed);
-  pags_order_destroy(&order);
-  return result;
+  return pags_order_move(transport, &order, out, placed, true);
 }
 
 /* The values at three places of the order of all rows; 0 where there is no such place. */
 static pags_result values_at(pags_transport *transport, const pags_key *keys, int64_t count, int64_t all,
                              const int64_t positions[3], double values[3]) {
-  pags_key *sorted, found[3];
-  pags_result mine = make_keys(count, &sorted);
-  if (mine == PAGS_OK) {
+  PAGS_AUTOFREE pags_key *sorted = malloc((size_t)(count + 1) * sizeof *sorted);
+  pags_key found[3];
+  if (sorted)
     memcpy(sorted, keys, (size_t)count * sizeof *keys);
-    mine = pags_keys_sort(sorted, count);
-  }
-  pags_result result = pags_transport_agree(transport, mine);
-  if (result == PAGS_OK)
-    result = pags_order_find(transport, sorted, count, positions, 3, found);
-  for (int k = 0; result == PAGS_OK && k < 3; k++)
+  PAGS_TRY(pags_transport_agree(
+      transport, sorted ? pags_keys_sort(sorted, count) : pags_out_of_memory("%lld Gaussians", (long long)count)));
+  PAGS_TRY(pags_order_find(transport, sorted, count, positions, 3, found));
+  for (int k = 0; k < 3; k++)
     values[k] = positions[k] >= 0 && positions[k] < all ? pags_double_of_key(found[k].high) : 0.0;
-  free(sorted);
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_prune_normalise(pags_transport *transport, const uint32_t *numbers, pags_s_grad kind,
                                  const double *raw, int64_t count, float *out) {
-  pags_key *keys;
+  PAGS_AUTOFREE pags_key *keys = malloc((size_t)(count + 1) * sizeof *keys);
   int64_t sums[2] = {count, 0}; /* rows; rows of value 0 */
-  pags_result result = make_keys(count, &keys);
-  for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
+  PAGS_TRY(pags_transport_agree(transport, keys ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count)));
+  for (int64_t i = 0; i < count; i++) {
     keys[i] = (pags_key){pags_key_of_double(raw[i] > 0.0 ? raw[i] : 0.0), number_of(numbers, i)}; /* NaN counts as 0 */
     sums[1] += !(raw[i] > 0.0);
   }
-  result = pags_transport_agree(transport, result);
-  if (result == PAGS_OK)
-    result = pags_share_sum(transport, sums, 2);
+  PAGS_TRY(pags_share_sum(transport, sums, 2));
   const int64_t all = sums[0], zeros = sums[1];
-  if (result == PAGS_OK && kind == PAGS_S_GRAD_RANK) {
-    result = rank_rows(transport, keys, count, all, out);
-    free(keys);
-    return result;
-  }
+  if (kind == PAGS_S_GRAD_RANK)
+    return rank_rows(transport, keys, count, all, out);
   double values[3] = {0.0}; /* the least, the median of those over 0, the largest */
   const int64_t positions[3] = {0, zeros + (all - zeros) / 2, all > 0 ? all - 1 : 0};
-  if (result == PAGS_OK)
-    result = values_at(transport, keys, count, all, positions, values);
+  PAGS_TRY(values_at(transport, keys, count, all, positions, values));
   const double median = zeros < all ? values[1] : 1.0, range = values[2] - values[0];
   const double most = all > zeros ? pags_log1p(values[2] / median) : 1.0;
-  for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
+  for (int64_t i = 0; i < count; i++) {
     const double value = pags_double_of_key(keys[i].high);
     out[i] = kind == PAGS_S_GRAD_LOG ? (float)(pags_log1p(value / median) / most)
              : range > 0.0           ? (float)((value - values[0]) / range)
                                      : 0.0f;
   }
-  free(keys);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Choosing rows ---- */
@@ -153,29 +127,6 @@ typedef struct floors {
   int64_t floor;             /* rows that each group but 0 keeps at least */
   int64_t *members, *before; /* [groups] all rows; those that come before the next one of the group */
 } floors;
-
-/* Number of members of each group, and how many of them come before this rank's part of the order. */
-static pags_result count_groups(pags_transport *transport, const int32_t *group, int64_t count, int64_t groups,
-                                floors *f) {
-  const int ranks = pags_transport_ranks(transport), rank = pags_transport_rank(transport);
-  int64_t *const all = malloc((size_t)ranks * (size_t)groups * sizeof *all), *const own =
-                                                                                 calloc((size_t)groups, sizeof *own);
-  pags_result result = all && own ? PAGS_OK : pags_out_of_memory("%lld groups", (long long)groups);
-  for (int64_t i = 0; result == PAGS_OK && i < count; i++)
-    own[group[i]]++;
-  result = pags_transport_agree(transport, result);
-  if (result == PAGS_OK)
-    result = pags_share_all(transport, own, groups * (int64_t)sizeof *own, all);
-  for (int r = 0; result == PAGS_OK && r < ranks; r++)
-    for (int64_t g = 0; g < groups; g++) {
-      f->members[g] += all[r * groups + g];
-      f->before[g] += r < rank ? all[r * groups + g] : 0;
-    }
-  free(all);
-  free(own);
-  return result;
-}
-
 /* Marks the rows to remove in the order of rising scores: of each group all but its `floor` highest may go, and of
  * these the lowest go until the target is reached. */
 static pags_result mark_drops(const pags_prune_request *r, const pags_spread_order *order, const int32_t *group,
@@ -197,60 +148,59 @@ static pags_result mark_drops(const pags_prune_request *r, const pags_spread_ord
 
 static pags_result choose(const pags_prune_request *r, const pags_spread_order *order, int32_t *group, uint32_t *drop,
                           uint32_t *own, int64_t *dropped) {
-  floors f = {.members = calloc((size_t)r->groups, sizeof *f.members),
-              .before = calloc((size_t)r->groups, sizeof *f.before)};
-  pags_result result = f.members && f.before ? PAGS_OK : pags_out_of_memory("%lld groups", (long long)r->groups);
-  result = pags_transport_agree(r->transport, result);
+  const int ranks = pags_transport_ranks(r->transport), rank = pags_transport_rank(r->transport);
+  PAGS_AUTOFREE int64_t *here = calloc((size_t)((3 + ranks) * r->groups), sizeof *here);
+  PAGS_TRY(
+      pags_transport_agree(r->transport, here ? PAGS_OK : pags_out_of_memory("%lld groups", (long long)r->groups)));
   memcpy(own, r->group, (size_t)r->count * sizeof *own);
-  if (result == PAGS_OK)
-    result = pags_order_move(r->transport, order, own, group, false);
-  if (result == PAGS_OK)
-    result = count_groups(r->transport, group, order->count, r->groups, &f);
+  PAGS_TRY(pags_order_move(r->transport, order, own, group, false));
 
-  /* The floor of each group, lowered so that all floors together take at most half of the target. */
-  int64_t groups = 0, all = 0;
-  for (int64_t g = 0; result == PAGS_OK && g < r->groups; g++) {
+  /* Number of members of each group, and how many of them come before this rank's part of the order. */
+  floors f = {.members = here + r->groups, .before = here + 2 * r->groups};
+  int64_t *const of_ranks = here + 3 * r->groups, groups = 0, all = 0;
+  for (int64_t i = 0; i < order->count; i++)
+    here[group[i]]++;
+  PAGS_TRY(pags_share_all(r->transport, here, r->groups * (int64_t)sizeof *here, of_ranks));
+  for (int64_t g = 0; g < r->groups; g++) {
+    for (int k = 0; k < ranks; k++) {
+      f.members[g] += of_ranks[k * r->groups + g];
+      f.before[g] += k < rank ? of_ranks[k * r->groups + g] : 0;
+    }
     groups += g > 0 && f.members[g] > 0;
     all += f.members[g];
   }
+
+  /* The floor of each group, lowered so that all floors together take at most half of the target. */
   const int64_t most = groups > 0 ? r->target / 2 / groups : r->floor;
   f.floor = r->floor < most ? r->floor : most;
-  if (result == PAGS_OK)
-    result = mark_drops(r, order, group, all, &f, drop, dropped);
-  free(f.members);
-  free(f.before);
-  return result == PAGS_OK ? pags_order_move(r->transport, order, own, drop, true) : result;
+  PAGS_TRY(mark_drops(r, order, group, all, &f, drop, dropped));
+  return pags_order_move(r->transport, order, own, drop, true);
 }
 
 pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_t *dropped) {
-  pags_key *keys;
-  pags_spread_order order = {0};
+  const size_t room = (size_t)(r->count + 1);
+  PAGS_AUTOFREE pags_key *keys = malloc(room * sizeof *keys);
+  PAGS_AUTO(pags_order_destroy) pags_spread_order order = {0};
   *dropped = 0;
-  pags_result result = pags_transport_agree(r->transport, make_keys(r->count, &keys));
-  for (int64_t i = 0; result == PAGS_OK && i < r->count; i++) {
+  PAGS_TRY(
+      pags_transport_agree(r->transport, keys ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)r->count)));
+  for (int64_t i = 0; i < r->count; i++) {
     uint32_t bits[4];
     const uint64_t number = number_of(r->numbers, i);
     pags_rng_u32x4(r->seed, r->draw, number, bits);
     keys[i] = (pags_key){pags_key_of_float(r->score[i]), (uint64_t)bits[0] << 32 | number};
   }
-  if (result == PAGS_OK)
-    result = pags_order_create_even(r->transport, keys, r->count, &order);
-  free(keys);
+  PAGS_TRY(pags_order_create_even(r->transport, keys, r->count, &order));
   const size_t here = (size_t)order.count + 1;
-  int32_t *const group = malloc(here * sizeof *group);
-  uint32_t *const placed = malloc(here * sizeof *placed), *const own = malloc((size_t)(r->count + 1) * sizeof *own);
-  if (result == PAGS_OK && (!group || !placed || !own))
-    result = pags_out_of_memory("%lld Gaussians", (long long)r->count);
-  result = pags_transport_agree(r->transport, result);
-  if (result == PAGS_OK)
-    result = choose(r, &order, group, placed, own, dropped);
-  for (int64_t i = 0; result == PAGS_OK && i < r->count; i++)
+  PAGS_AUTOFREE int32_t *group = malloc(here * sizeof *group);
+  PAGS_AUTOFREE uint32_t *placed = malloc(here * sizeof *placed);
+  PAGS_AUTOFREE uint32_t *own = malloc(room * sizeof *own);
+  const pags_result mine = group && placed && own ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)r->count);
+  PAGS_TRY(pags_transport_agree(r->transport, mine));
+  PAGS_TRY(choose(r, &order, group, placed, own, dropped));
+  for (int64_t i = 0; i < r->count; i++)
     drop[i] = (uint8_t)own[i];
-  free(group);
-  free(placed);
-  free(own);
-  pags_order_destroy(&order);
-  return result;
+  return PAGS_OK;
 }
 
 int64_t pags_prune_target(const pags_schedule *s, int index, int64_t count) {
@@ -275,19 +225,12 @@ typedef struct row_lists {
   uint32_t *number; /* place among the rows of all ranks */
 } row_lists;
 
-static pags_result create_lists(row_lists *l, int64_t count) {
-  size_t room = (size_t)(count > 0 ? count : 1);
-  *l = (row_lists){malloc(room * sizeof(float)), malloc(room * sizeof(int32_t)), malloc(room),
-                   malloc(room * sizeof(double)), malloc(room * sizeof(uint32_t))};
-  return l->score && l->group && l->drop && l->raw && l->number
-             ? PAGS_OK
-             : pags_out_of_memory("%lld Gaussians", (long long)count);
-}
-
-static int32_t group_of(const pags_train_model *m, int64_t row) {
-  if (m->object >= 0)
-    return (int32_t)m->object + 1;
-  return m->gaussians.object_id ? m->gaussians.object_id[row] + 1 : 0;
+static void destroy_lists(row_lists *l) {
+  free(l->score);
+  free(l->group);
+  free(l->drop);
+  free(l->raw);
+  free(l->number);
 }
 
 double pags_prune_hybrid(const pags_train_config *c, double s_sem, double s_grad) {
@@ -315,35 +258,36 @@ static pags_result score_rows(const pags_train_state *s, const pags_score_pass *
       double s_sem = m->gaussians.s_sem ? (double)m->gaussians.s_sem[row] : 0.0;
       double hybrid = pags_prune_hybrid(c, s_sem, (double)l->score[at]);
       l->score[at] = scores->drawn[at] > 0.0 ? (float)hybrid : 0.0f;
-      l->group[at] = group_of(m, row);
+      l->group[at] = m->object >= 0           ? (int32_t)m->object + 1
+                     : m->gaussians.object_id ? m->gaussians.object_id[row] + 1
+                                              : 0;
     }
   }
   return PAGS_OK;
 }
 
 static pags_result keep_rows(pags_train_model *m, const uint8_t *drop, pags_tasks *tasks) {
+  pags_transport *const transport = pags_model_transport(m);
   const int64_t count = m->gaussians.count, total = m->total;
+  const size_t room = (size_t)(count > 0 ? count : 1);
   int64_t kept = 0, before, all;
-  int64_t *source = malloc((size_t)(count > 0 ? count : 1) * sizeof *source);
-  uint32_t *number = malloc((size_t)(count > 0 ? count : 1) * sizeof *number);
-  pags_result result = source && number ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
-  for (int64_t row = 0; result == PAGS_OK && row < count; row++)
+  PAGS_AUTOFREE int64_t *source = malloc(room * sizeof *source);
+  PAGS_AUTOFREE uint32_t *number = malloc(room * sizeof *number);
+  const pags_result mine = source && number ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
+  PAGS_TRY(pags_transport_agree(transport, mine));
+  for (int64_t row = 0; row < count; row++)
     if (!drop[row])
       source[kept++] = row;
-  result = pags_transport_agree(pags_model_transport(m), result);
-  if (result == PAGS_OK)
-    result = pags_share_before(pags_model_transport(m), kept, &before, &all);
-  for (int64_t i = 0; result == PAGS_OK && i < kept; i++)
+  PAGS_TRY(pags_share_before(transport, kept, &before, &all));
+  for (int64_t i = 0; i < kept; i++)
     number[i] = (uint32_t)(before + i);
-  if (result == PAGS_OK && all < total)
-    result = pags_transport_agree(pags_model_transport(m), pags_model_gather(m, source, kept, kept, tasks));
-  if (result == PAGS_OK && all < total)
-    result = pags_model_sort(m, number, tasks);
-  free(source);
-  free(number);
+  if (all < total) {
+    PAGS_TRY(pags_transport_agree(transport, pags_model_gather(m, source, kept, kept, tasks)));
+    PAGS_TRY(pags_model_sort(m, number, tasks));
+  }
   if (m->density.squared)
     memset(m->density.squared, 0, (size_t)m->density.capacity * sizeof *m->density.squared);
-  return result;
+  return PAGS_OK;
 }
 
 /* Computes the number of Gaussians that a prune shall leave. The last prune also applies the size limit
@@ -364,53 +308,43 @@ static pags_result target_of(const pags_trainer *t, int index, int64_t count, in
   return PAGS_OK;
 }
 
-static pags_result prune_rows(pags_trainer *t, int index, const pags_score_pass *scores, row_lists *l,
-                              int64_t *dropped) {
+pags_result pags_prune(pags_trainer *t, int index) {
   pags_train_state *s = &t->state;
-  pags_prune_request request = {.count = scores->count,
-                                .score = l->score,
-                                .group = l->group,
+  PAGS_AUTO(pags_score_pass_destroy) pags_score_pass scores = {0};
+  int64_t dropped = 0, at = 0;
+  pags_tasks_mark(t->tasks, "prune", "scores");
+  const int64_t before = pags_state_gaussian_count(s);
+  PAGS_TRY(pags_score_pass_measure(t, 1, &scores));
+  pags_tasks_mark(t->tasks, NULL, "choose");
+  pags_score_pass_write_s_sem(s, &scores);
+  const size_t room = (size_t)(scores.count > 0 ? scores.count : 1);
+  PAGS_AUTO(destroy_lists)
+  row_lists l = {malloc(room * sizeof(float)), malloc(room * sizeof(int32_t)), malloc(room),
+                 malloc(room * sizeof(double)), malloc(room * sizeof(uint32_t))};
+  const bool has_room = l.score && l.group && l.drop && l.raw && l.number;
+  const pags_result mine = has_room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)scores.count);
+  PAGS_TRY(pags_transport_agree(pags_model_transport(s->models), mine));
+  pags_prune_request request = {.count = scores.count,
+                                .score = l.score,
+                                .group = l.group,
                                 .groups = s->tracks.count + 1,
                                 .floor = s->schedule.config.priority.prune_floor,
                                 .transport = pags_model_transport(s->models),
-                                .numbers = l->number,
+                                .numbers = l.number,
                                 .seed = s->schedule.config.schedule.seed,
                                 .draw = pags_draw(s->step, PAGS_DRAW_PRUNE)};
-  int64_t at = 0;
-  PAGS_TRY(target_of(t, index, pags_state_gaussian_count(s), &request.target));
-  PAGS_TRY(score_rows(s, scores, l));
-  PAGS_TRY(pags_prune_choose(&request, l->drop, dropped));
+  PAGS_TRY(target_of(t, index, before, &request.target));
+  PAGS_TRY(score_rows(s, &scores, &l));
+  PAGS_TRY(pags_prune_choose(&request, l.drop, &dropped));
   pags_tasks_mark(t->tasks, NULL, "gather");
   for (int64_t i = 0; i < s->model_count; i++) {
-    int64_t count = s->models[i].gaussians.count;
-    PAGS_TRY(keep_rows(&s->models[i], l->drop + at, t->tasks));
+    const int64_t count = s->models[i].gaussians.count;
+    PAGS_TRY(keep_rows(&s->models[i], l.drop + at, t->tasks));
     at += count;
   }
-  return PAGS_OK;
-}
-
-pags_result pags_prune(pags_trainer *t, int index) {
-  pags_score_pass scores;
-  row_lists lists;
-  int64_t dropped = 0;
-  pags_tasks_mark(t->tasks, "prune", "scores");
-  const int64_t before = pags_state_gaussian_count(&t->state);
-  PAGS_TRY(pags_score_pass_measure(t, 1, &scores));
-  pags_tasks_mark(t->tasks, NULL, "choose");
-  pags_score_pass_write_s_sem(&t->state, &scores);
-  pags_result result = pags_transport_agree(pags_model_transport(t->state.models), create_lists(&lists, scores.count));
-  if (result == PAGS_OK)
-    result = prune_rows(t, index, &scores, &lists, &dropped);
-
-  free(lists.score);
-  free(lists.group);
-  free(lists.drop);
-  free(lists.raw);
-  free(lists.number);
-
-  pags_score_pass_destroy(&scores);
-  PAGS_TRY(result);
-  pags_log_message(PAGS_LOG_INFO, "step %lld: %lld of %lld Gaussians pruned by score", (long long)t->state.step,
+  pags_log_message(PAGS_LOG_INFO, "step %lld: %lld of %lld Gaussians pruned by score", (long long)s->step,
                    (long long)dropped, (long long)before);
-  return t->output.lines.stream ? pags_output_log_prune(&t->output, t->state.step, dropped, before - dropped) : PAGS_OK;
+  const pags_log_value values[] = {
+      {"step", (double)s->step}, {"gaussians", (double)(before - dropped)}, {"pruned_by_score", (double)dropped}};
+  return t->output.lines.stream ? pags_output_log(&t->output, values, 3) : PAGS_OK;
 }

@@ -4,6 +4,7 @@
 #ifndef PAGS_TRAIN_RUN_H
 #define PAGS_TRAIN_RUN_H
 
+#include "base/clock.h"
 #include "init/lidar_planes.h"
 #include "train/driving_losses.h"
 #include "train/exact_sum.h"
@@ -11,9 +12,26 @@
 #include "train/photometric_loss.h"
 #include "train/shared_views.h"
 #include "train/sky_parts.h"
-#include "train/stage_clock.h"
 #include "train/state.h"
 #include "train/view_render.h"
+
+/* The time that a stage of training takes, in ms: by the wall's clock, and of the processor on the thread that trains,
+ * which doesn't count while it waits for other ranks. */
+typedef struct pags_stage_time {
+  double wall, processor;
+} pags_stage_time;
+
+static inline pags_stage_time pags_stage_now(void) {
+  return (pags_stage_time){pags_clock_ms(), (double)pags_port_thread_clock_ns() * 1e-6};
+}
+
+/* Adds the time since *since to *sum, and sets *since to the present. */
+static inline void pags_stage_lap(pags_stage_time *since, pags_stage_time *sum) {
+  const pags_stage_time now = pags_stage_now();
+  sum->wall += now.wall - since->wall;
+  sum->processor += now.processor - since->processor;
+  *since = now;
+}
 
 /* What the photographs of a step leave until its end, in their order. */
 typedef struct pags_step_rest {
@@ -65,7 +83,7 @@ typedef struct pags_trainer {
   struct pags_step_view *round;   /* [ranks]: the views of a round */
   pags_lidar_planes lidar_planes; /* of the data set; empty without lidar_pull and lidar_lay */
   bool counted;                   /* a pixel of a photograph has counted */
-  int measuring;                  /* 1: a timing probe; gradients are computed but nothing is updated */
+  bool measuring;                 /* a timing probe; gradients are computed but nothing is updated */
   pags_train_traffic traffic;     /* with several ranks: of the views that this one has drawn */
   struct {
     pags_stage_time wait, forward, loss, backward, density; /* summed over the steps of this process */

@@ -2,10 +2,6 @@
 /* Measures the scores of all Gaussians by a pass over the training views; see score_pass.h. */
 #include "train/score_pass.h"
 
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "cluster/shares.h"
 #include "threads/record.h"
@@ -20,34 +16,6 @@ typedef struct score_pass {
   int64_t plane_floats;
   int labelled; /* 1: the current view has labels */
 } score_pass;
-
-/* Rows of all models at this rank. */
-static int64_t count_rows(const pags_train_state *s) {
-  int64_t count = 0;
-  for (int64_t i = 0; i < s->model_count; i++)
-    count += s->models[i].gaussians.count;
-  return count;
-}
-
-static int64_t *list_first_rows(const pags_train_state *s) {
-  int64_t *first = malloc((size_t)s->model_count * sizeof *first), at = 0;
-  for (int64_t i = 0; first && i < s->model_count; i++) {
-    first[i] = at;
-    at += s->models[i].gaussians.count;
-  }
-  return first;
-}
-
-static pags_result create(pags_score_pass *scores, int64_t count) {
-  *scores = (pags_score_pass){.count = count};
-  scores->seen = calloc(4 * (size_t)(count > 0 ? count : 1), sizeof *scores->seen);
-  if (!scores->seen)
-    return pags_out_of_memory("the scores of %lld Gaussians", (long long)count);
-  scores->critical = scores->seen + count;
-  scores->squared = scores->critical + count;
-  scores->drawn = scores->squared + count;
-  return PAGS_OK;
-}
 
 void pags_score_pass_destroy(pags_score_pass *scores) {
   free(scores->seen);
@@ -65,23 +33,22 @@ static pags_result reserve_planes(score_pass *p, const pags_picture *picture) {
   if (floats <= p->plane_floats)
     return PAGS_OK;
   free(p->counted);
-  p->plane_floats = 0;
   p->counted = calloc(2 * (size_t)floats, sizeof *p->counted);
-  if (!p->counted)
-    return pags_out_of_memory("the masks of a picture of %dx%d", picture->width, picture->height);
-  p->plane_floats = floats;
+  p->plane_floats = p->counted ? floats : 0;
+  PAGS_CHECK_MEMORY(p->counted, "the masks of a picture of %dx%d", picture->width, picture->height);
   return PAGS_OK;
 }
 
 static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
   const score_pass *p = user;
-  int64_t at = p->first[p->trainer->render.drawn[c->part].model] + c->first;
+  const pags_score_pass *const s = p->scores;
+  const int64_t first = p->first[p->trainer->render.drawn[c->part].model] + c->first;
   (void)worker;
   for (int i = 0; i < c->count; i++) {
-    p->scores->squared[at + i] += c->squared[i];
-    p->scores->drawn[at + i] += c->seen[i];
-    p->scores->seen[at + i] += p->labelled ? c->seen[i] : 0.0;
-    p->scores->critical[at + i] += p->labelled ? c->critical[i] : 0.0;
+    s->squared[first + i] += c->squared[i];
+    s->drawn[first + i] += c->seen[i];
+    s->seen[first + i] += p->labelled ? c->seen[i] : 0.0;
+    s->critical[first + i] += p->labelled ? c->critical[i] : 0.0;
   }
 }
 
@@ -92,12 +59,6 @@ static int factor_of(const pags_trainer *t, int64_t index, int rough) {
   const int shorter = camera->width < camera->height ? camera->width : camera->height,
             level = pags_views_level(t, index);
   return rough && level < 4 && shorter / (2 * level) >= t->state.schedule.config.schedule.resolution_floor ? 2 : 1;
-}
-
-static pags_frame_options options_of(const pags_trainer *t) {
-  pags_frame_options options = pags_view_render_options(t, t->state.step);
-  options.keep_for_backward = 1;
-  return options;
 }
 
 /* Fills the mask planes from the photograph's mask and labels; of each block of `factor` x `factor` pixels, one is
@@ -157,7 +118,8 @@ static pags_result give_back(score_pass *p, int count) {
 /* Looks at `count` views, one a rank. */
 static pags_result add_round(score_pass *p, const int64_t *indices, int count, int rough) {
   pags_trainer *t = p->trainer;
-  const pags_frame_options options = options_of(t);
+  pags_frame_options options = pags_view_render_options(t, t->state.step);
+  options.keep_for_backward = 1;
   for (int i = 0; i < count; i++) {
     const int factor = pags_views_level(t, indices[i]) * factor_of(t, indices[i], rough);
     t->round[i] = (pags_step_view){.view = t->views[indices[i]],
@@ -165,10 +127,9 @@ static pags_result add_round(score_pass *p, const int64_t *indices, int count, i
   }
   PAGS_TRY(pags_round_project(t, t->state.step, count, &options));
   p->labelled = 0;
-  pags_result mine = PAGS_OK;
-  if (pags_round_draws(t, count))
-    mine = look_at(p, indices[t->shared.rank], rough, &options);
-  PAGS_TRY(pags_transport_agree(t->shared.transport, mine));
+  const bool draws = t->shared.rank < count;
+  PAGS_TRY(pags_transport_agree(t->shared.transport,
+                                draws ? look_at(p, indices[t->shared.rank], rough, &options) : PAGS_OK));
   return t->ranks > 1 ? give_back(p, count) : PAGS_OK;
 }
 
@@ -196,18 +157,28 @@ static pags_result add_views(score_pass *p, int rough) {
 }
 
 pags_result pags_score_pass_measure(pags_trainer *t, int rough, pags_score_pass *out) {
-  score_pass p = {.trainer = t, .scores = out, .first = list_first_rows(&t->state)};
+  const pags_train_state *const s = &t->state;
+  score_pass p = {.trainer = t, .scores = out, .first = malloc((size_t)s->model_count * sizeof *p.first)};
   *out = (pags_score_pass){0};
-  pags_result result = p.first ? create(out, count_rows(&t->state))
-                               : pags_out_of_memory("the scores of %lld models", (long long)t->state.model_count);
-  if (t->ranks > 1)
-    result = pags_transport_agree(t->options->transport, result);
-  if (result == PAGS_OK)
+  for (int64_t i = 0; p.first && i < s->model_count; i++) {
+    p.first[i] = out->count;
+    out->count += s->models[i].gaussians.count;
+  }
+  pags_result result = PAGS_OK;
+  out->seen = calloc(4 * (size_t)(out->count > 0 ? out->count : 1), sizeof *out->seen);
+  if (!p.first)
+    result = pags_out_of_memory("the scores of %lld models", (long long)s->model_count);
+  else if (!out->seen)
+    result = pags_out_of_memory("the scores of %lld Gaussians", (long long)out->count);
+  result = pags_transport_agree(t->options->transport, result);
+  if (result == PAGS_OK) {
+    out->critical = out->seen + out->count;
+    out->squared = out->critical + out->count;
+    out->drawn = out->squared + out->count;
     result = add_views(&p, rough);
+  }
   free(p.first);
   free(p.counted);
-  if (result != PAGS_OK)
-    pags_score_pass_destroy(out);
   return result;
 }
 
@@ -224,12 +195,11 @@ void pags_score_pass_write_s_sem(pags_train_state *s, const pags_score_pass *sco
 }
 
 pags_result pags_score_pass_finish(pags_trainer *t) {
-  pags_score_pass scores;
+  PAGS_AUTO(pags_score_pass_destroy) pags_score_pass scores = {0};
   if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.priority.s_sem == PAGS_S_SEM_INIT)
     return PAGS_OK;
   PAGS_TRY(pags_score_pass_measure(t, 0, &scores));
   pags_score_pass_write_s_sem(&t->state, &scores);
-  pags_score_pass_destroy(&scores);
   return PAGS_OK;
 }
 

@@ -22,7 +22,7 @@ typedef struct pags_score_pass {
  * that size (but not below training's smallest size) and, from 100 views on, half of them, which ranks Gaussians nearly
  * as well in a sixth of the time.
  * The run must be settled (no pending Adam steps); nothing of it is changed. The same bits for any number of
- * threads. */
+ * threads. The scores must be destroyed on failure, too. */
 pags_result pags_score_pass_measure(pags_trainer *trainer, int rough, pags_score_pass *out);
 void pags_score_pass_destroy(pags_score_pass *scores); /* a zeroed struct is allowed */
 

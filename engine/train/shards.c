@@ -3,10 +3,6 @@
 #include "train/shards.h"
 
 #include <assert.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
@@ -37,25 +33,22 @@ static int64_t generation_of(const char *file, const char *name, bool *part) {
 /* Finds the newest generation of which a shard lies next to `path` and removes those of others than `keep`; keep < 0:
  * all stay. A shard that can't be removed stays. */
 static pags_result look_through(const char *path, int64_t keep, int64_t *newest) {
-  pags_dir_list list;
-  char *folder = pags_path_folder(path);
   *newest = 0;
-  if (!folder)
-    return pags_out_of_memory(NULL);
-  pags_result result = pags_dir_list_read(folder, &list);
-  for (int64_t i = 0; result == PAGS_OK && i < list.count; i++) {
+  PAGS_AUTOFREE char *folder = pags_path_folder(path);
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  PAGS_CHECK_MEMORY(folder, NULL);
+  PAGS_TRY(pags_dir_list_read(folder, &list));
+  for (int64_t i = 0; i < list.count; i++) {
     bool part;
     const int64_t generation = generation_of(list.names[i], pags_path_name(path), &part);
     *newest = generation > *newest && !part ? generation : *newest;
-    char *file = keep >= 0 && generation > 0 && generation != keep ? pags_path_join(folder, list.names[i]) : NULL;
+    if (keep < 0 || generation <= 0 || generation == keep)
+      continue;
+    PAGS_AUTOFREE char *file = pags_path_join(folder, list.names[i]);
     if (file)
       pags_port_remove_file(file);
-    free(file);
   }
-  if (result == PAGS_OK)
-    pags_dir_list_destroy(&list);
-  free(folder);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Writing ---- */
@@ -63,18 +56,16 @@ static pags_result look_through(const char *path, int64_t keep, int64_t *newest)
 /* What rank 0 hears of each shard: its bytes, then its rows of each model. */
 static pags_result write_manifest(const char *path, int64_t generation, const pags_train_state *state, int ranks,
                                   const int64_t *facts) {
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 1);
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {.indent = 1};
   pags_json_begin_object(&writer, NULL);
   pags_json_put_string(&writer, "format", "pags-checkpoint-shards");
   pags_json_put_integer(&writer, "version", VERSION);
   pags_json_put_integer(&writer, "step", state->step);
   pags_json_put_integer(&writer, "models", state->model_count);
   pags_json_begin_array(&writer, "shards");
-  bool memory = true;
   for (int rank = 0; rank < ranks; rank++, facts += 1 + state->model_count) {
-    char *file = shard_path(pags_path_name(path), generation, rank);
-    memory &= file != NULL;
+    PAGS_AUTOFREE char *file = shard_path(pags_path_name(path), generation, rank);
+    PAGS_CHECK_MEMORY(file, NULL);
     pags_json_begin_object(&writer, NULL);
     pags_json_put_string(&writer, "file", file);
     pags_json_put_integer(&writer, "bytes", facts[0]);
@@ -83,13 +74,10 @@ static pags_result write_manifest(const char *path, int64_t generation, const pa
       pags_json_put_integer(&writer, NULL, facts[1 + m]);
     pags_json_end_array(&writer);
     pags_json_end_object(&writer);
-    free(file);
   }
   pags_json_end_array(&writer);
   pags_json_end_object(&writer);
-  const pags_result result = memory ? pags_json_writer_save(&writer, path) : pags_out_of_memory(NULL);
-  pags_json_writer_destroy(&writer);
-  return result;
+  return pags_json_writer_save(&writer, path);
 }
 
 /* Collective, once all shards are on disk. */
@@ -98,55 +86,37 @@ static pags_result name_shards(const char *path, const char *own, int64_t genera
   const int ranks = pags_transport_ranks(transport);
   const int64_t count = 1 + state->model_count, bytes = count * (int64_t)sizeof(int64_t);
   const bool leads = pags_transport_rank(transport) == 0;
-  int64_t *facts = calloc((size_t)count, sizeof *facts), *all = NULL, *sizes = NULL;
+  PAGS_AUTOFREE int64_t *facts = calloc((size_t)(count + (leads ? (count + 1) * ranks : 0)), sizeof *facts);
   uint64_t size = 0;
-  bool memory = facts != NULL;
-  if (leads) {
-    all = calloc((size_t)(count * ranks), sizeof *all);
-    sizes = calloc((size_t)ranks, sizeof *sizes);
-    memory &= all && sizes;
-    for (int rank = 0; sizes && rank < ranks; rank++)
-      sizes[rank] = bytes;
-  }
-  pags_result result = memory ? pags_file_size(own, &size) : pags_out_of_memory("%d shards", ranks);
-  result = pags_transport_agree(transport, result);
-  if (result == PAGS_OK) {
-    facts[0] = (int64_t)size;
-    for (int64_t m = 0; m < state->model_count; m++)
-      facts[1 + m] = state->models[m].gaussians.count;
-    result = pags_transport_gather(transport, 0, facts, bytes, all, sizes);
-    if (result == PAGS_OK && leads)
-      result = write_manifest(path, generation, state, ranks, all);
-    result = pags_transport_agree(transport, result);
-  }
-  free(facts);
-  free(all);
-  free(sizes);
-  return result;
+  PAGS_TRY(
+      pags_transport_agree(transport, facts ? pags_file_size(own, &size) : pags_out_of_memory("%d shards", ranks)));
+  int64_t *const all = facts + count, *const sizes = all + count * ranks; /* at rank 0 */
+  for (int rank = 0; leads && rank < ranks; rank++)
+    sizes[rank] = bytes;
+  facts[0] = (int64_t)size;
+  for (int64_t m = 0; m < state->model_count; m++)
+    facts[1 + m] = state->models[m].gaussians.count;
+  PAGS_TRY(pags_transport_gather(transport, 0, facts, bytes, all, sizes));
+  return pags_transport_agree(transport, leads ? write_manifest(path, generation, state, ranks, all) : PAGS_OK);
 }
 
 pags_result pags_shards_save(const char *path, pags_transport *transport, const pags_train_state *state,
                              uint64_t fingerprint) {
   int64_t generation = 0, newest;
-  if (pags_transport_ranks(transport) == 1) {
-    PAGS_TRY(pags_checkpoint_save(path, state, fingerprint));
-    return look_through(path, 0, &newest);
-  }
+  if (pags_transport_ranks(transport) == 1)
+    return pags_shards_save_whole(path, transport, state, fingerprint);
   const bool leads = pags_transport_rank(transport) == 0;
-  pags_result result = leads ? look_through(path, -1, &generation) : PAGS_OK;
-  PAGS_TRY(pags_transport_agree(transport, result));
+  PAGS_TRY(pags_transport_agree(transport, leads ? look_through(path, -1, &generation) : PAGS_OK));
   generation++;
   PAGS_TRY(pags_transport_broadcast(transport, 0, &generation, sizeof generation));
-  char *own = shard_path(path, generation, pags_transport_rank(transport));
-  result = pags_transport_agree(transport, own ? PAGS_OK : pags_out_of_memory(NULL));
-  if (result == PAGS_OK)
-    result = pags_checkpoint_save_shared(own, transport, false, state, fingerprint);
+  PAGS_AUTOFREE char *own = shard_path(path, generation, pags_transport_rank(transport));
+  PAGS_TRY(pags_transport_agree(transport, own ? PAGS_OK : pags_out_of_memory(NULL)));
+  pags_result result = pags_checkpoint_save(own, transport, false, state, fingerprint);
   if (result == PAGS_OK)
     result = name_shards(path, own, generation, transport, state);
-  if (result != PAGS_OK && own)
+  if (result != PAGS_OK)
     pags_port_remove_file(own);
-  free(own);
-  if (result == PAGS_OK && leads)
+  else if (leads)
     look_through(path, generation, &newest); /* what stays of earlier generations takes room, and no more */
   return result;
 }
@@ -154,9 +124,7 @@ pags_result pags_shards_save(const char *path, pags_transport *transport, const 
 pags_result pags_shards_save_whole(const char *path, pags_transport *transport, const pags_train_state *state,
                                    uint64_t fingerprint) {
   int64_t newest;
-  if (pags_transport_ranks(transport) == 1)
-    return pags_shards_save(path, NULL, state, fingerprint);
-  PAGS_TRY(pags_checkpoint_save_shared(path, transport, true, state, fingerprint));
+  PAGS_TRY(pags_checkpoint_save(path, transport, pags_transport_ranks(transport) > 1, state, fingerprint));
   return pags_transport_agree(transport,
                               pags_transport_rank(transport) == 0 ? look_through(path, 0, &newest) : PAGS_OK);
 }
@@ -166,7 +134,7 @@ pags_result pags_shards_save_whole(const char *path, pags_transport *transport, 
 typedef struct shard {
   char *path;
   int64_t bytes;
-  int64_t *rows; /* [models] */
+  int64_t *rows, *first; /* [models] its rows, and those of the shards before it */
   pags_train_state state;
   bool loaded;
 } shard;
@@ -203,9 +171,8 @@ static pags_result read_shard(const pags_json *json, const pags_json_value *valu
     return pags_json_fail(json, rows, "'rows' has %lld numbers, expected %lld, one a model", (long long)rows->count,
                           (long long)models);
   out->path = pags_path_join(folder, file);
-  out->rows = calloc((size_t)models, sizeof *out->rows);
-  if (!out->path || !out->rows)
-    return pags_out_of_memory(NULL);
+  out->rows = calloc(2 * (size_t)models, sizeof *out->rows);
+  PAGS_CHECK_MEMORY(out->path && out->rows, NULL);
   int64_t m = 0;
   for (const pags_json_value *row = rows->first; row; row = row->next, m++) {
     double number;
@@ -231,8 +198,7 @@ static pags_result read_manifest(const pags_json *json, const char *folder, mani
   if (shards->count < 1 || shards->count > PAGS_RANKS_MOST)
     return pags_json_fail(json, shards, "expected 1 to %d shards, got %lld", PAGS_RANKS_MOST, (long long)shards->count);
   out->shards = calloc((size_t)shards->count, sizeof *out->shards);
-  if (!out->shards)
-    return pags_out_of_memory("%lld shards", (long long)shards->count);
+  PAGS_CHECK_MEMORY(out->shards, "%lld shards", (long long)shards->count);
   out->count = shards->count;
   shard *at = out->shards;
   for (const pags_json_value *value = shards->first; value; value = value->next)
@@ -260,12 +226,12 @@ static pags_result load_shard(const manifest *m, shard *s, const pags_dataset *d
   return PAGS_OK;
 }
 
-/* Copies what lies in both: a shard's rows of a model from `offset` on, and this rank's [begin, end) of them. */
-static pags_result take_rows(const shard *s, int64_t model, int64_t offset, int64_t begin, int64_t end,
-                             pags_train_model *to) {
+/* Copies what lies in both: a shard's rows of a model, and this rank's [begin, end) of them. */
+static pags_result take_rows(const shard *s, int64_t model, int64_t begin, int64_t end, pags_train_model *to) {
   pags_train_model *from = &s->state.models[model];
+  const int64_t offset = s->first[model], size = from->adam.cluster_size;
   const int64_t last = offset + s->rows[model] < end ? offset + s->rows[model] : end;
-  const int64_t first = offset > begin ? offset : begin, size = from->adam.cluster_size;
+  const int64_t first = offset > begin ? offset : begin;
   if (first >= last)
     return PAGS_OK;
   if (offset % size != 0)
@@ -281,15 +247,19 @@ static pags_result take_rows(const shard *s, int64_t model, int64_t offset, int6
   return PAGS_OK;
 }
 
-/* Adds the model with this rank's rows to the state. */
-static pags_result join_model(const manifest *m, int64_t model, int64_t begin, int64_t end, pags_train_state *state) {
+/* Whether a shard has some of the rows rows[0] .. rows[1] - 1 of a model. */
+static bool has_some(const shard *s, int64_t model, const int64_t *rows) {
+  return s->first[model] < rows[1] && s->first[model] + s->rows[model] > rows[0];
+}
+
+/* Adds the model with this rank's rows, rows[0] .. rows[1] - 1, to the state. */
+static pags_result join_model(const manifest *m, int64_t model, const int64_t *rows, pags_train_state *state) {
   const pags_train_model *like = &m->shards[0].state.models[model];
-  int64_t offset = 0;
-  for (int64_t i = 0; i < m->count; offset += m->shards[i++].rows[model])
-    if (m->shards[i].loaded && offset < end && offset + m->shards[i].rows[model] > begin)
-      like = &m->shards[i].state.models[model]; /* one without rows may not know which columns there are */
+  for (const shard *s = m->shards; s < m->shards + m->count; s++)
+    if (s->loaded && has_some(s, model, rows))
+      like = &s->state.models[model]; /* one without rows may not know which columns there are */
   pags_gaussians g;
-  PAGS_TRY(pags_gaussians_create_like(&g, end - begin, &like->gaussians));
+  PAGS_TRY(pags_gaussians_create_like(&g, rows[1] - rows[0], &like->gaussians));
   PAGS_TRY(pags_state_add_model(state, like->object, like->schedule.extent, &g));
   pags_train_model *to = &state->models[model];
   if (like->gaussians.fourier) {
@@ -298,10 +268,9 @@ static pags_result join_model(const manifest *m, int64_t model, int64_t begin, i
   }
   to->fourier_gain = like->fourier_gain;
   pags_state_fit_box(state, model);
-  offset = 0;
-  for (int64_t i = 0; i < m->count; offset += m->shards[i++].rows[model])
-    if (m->shards[i].loaded)
-      PAGS_TRY(take_rows(&m->shards[i], model, offset, begin, end, to));
+  for (const shard *s = m->shards; s < m->shards + m->count; s++)
+    if (s->loaded)
+      PAGS_TRY(take_rows(s, model, rows[0], rows[1], to));
   pags_adam_bound_all(&to->adam, &to->gaussians, &to->clusters, NULL);
   return PAGS_OK;
 }
@@ -325,30 +294,25 @@ static pags_result join_all(manifest *m, int rank, int ranks, pags_shards_cut_fn
                             pags_train_state *state, uint64_t *fingerprint) {
   m->rows = calloc((size_t)m->models, sizeof *m->rows);
   m->begin = calloc((size_t)(m->models * (ranks + 1)), sizeof *m->begin);
-  if (!m->rows || !m->begin)
-    return pags_out_of_memory("%lld models", (long long)m->models);
-  for (int64_t i = 0; i < m->count; i++)
-    for (int64_t k = 0; k < m->models; k++)
-      m->rows[k] += m->shards[i].rows[k];
-  for (int64_t k = 0; k < m->models; k++)
-    m->begin[k * 2 + 1] = m->rows[k]; /* of one rank; else overwritten */
-  if (ranks > 1)
-    cut(m->rows, m->models, m->shards[0].state.schedule.config.picture.cluster_size, ranks, m->begin);
+  PAGS_CHECK_MEMORY(m->rows && m->begin, "%lld models", (long long)m->models);
+  for (shard *s = m->shards; s < m->shards + m->count; s++) {
+    s->first = s->rows + m->models;
+    for (int64_t k = 0; k < m->models; k++) {
+      s->first[k] = m->rows[k];
+      m->rows[k] += s->rows[k];
+    }
+  }
+  cut(m->rows, m->models, m->shards[0].state.schedule.config.picture.cluster_size, ranks, m->begin);
 
   /* Load the shards in which this rank has rows. */
-  for (int64_t k = 0; k < m->models; k++) {
-    const int64_t *mine = m->begin + k * (ranks + 1) + rank;
-    int64_t offset = 0;
-    for (int64_t i = 0; i < m->count; offset += m->shards[i++].rows[k])
-      if (!m->shards[i].loaded && offset < mine[1] && offset + m->shards[i].rows[k] > mine[0])
-        PAGS_TRY(load_shard(m, &m->shards[i], dataset, fingerprint));
-  }
+  for (int64_t k = 0; k < m->models; k++)
+    for (shard *s = m->shards; s < m->shards + m->count; s++)
+      if (!s->loaded && has_some(s, k, m->begin + k * (ranks + 1) + rank))
+        PAGS_TRY(load_shard(m, s, dataset, fingerprint));
 
   PAGS_TRY(take_shared(&m->shards[0].state, state));
-  for (int64_t k = 0; k < m->models; k++) {
-    const int64_t *mine = m->begin + k * (ranks + 1) + rank;
-    PAGS_TRY(join_model(m, k, mine[0], mine[1], state));
-  }
+  for (int64_t k = 0; k < m->models; k++)
+    PAGS_TRY(join_model(m, k, m->begin + k * (ranks + 1) + rank, state));
   return PAGS_OK;
 }
 
@@ -358,36 +322,32 @@ static pags_result read_for_all(const char *path, pags_transport *transport, uin
   enum { SOLE = sizeof sole - 1 };
   int64_t bytes = 0;
   char head[SOLE];
-  *text = NULL;
-  pags_result result = PAGS_OK;
+  pags_result mine = PAGS_OK;
   if (pags_transport_rank(transport) == 0 &&
       !(pags_file_head(path, head, SOLE) == SOLE && memcmp(head, sole, SOLE) == 0)) {
-    result = pags_file_read(path, text, size);
-    bytes = result == PAGS_OK ? (int64_t)*size : 0;
+    mine = pags_file_read(path, text, size);
+    bytes = mine == PAGS_OK ? (int64_t)*size : 0;
   }
-  PAGS_TRY(pags_transport_agree(transport, result));
+  PAGS_TRY(pags_transport_agree(transport, mine));
   PAGS_TRY(pags_transport_broadcast(transport, 0, &bytes, sizeof bytes));
   *size = (size_t)bytes;
   if (!*text && bytes > 0)
     *text = malloc((size_t)bytes);
-  result = bytes > 0 && !*text ? pags_out_of_memory("%s", path) : PAGS_OK;
-  PAGS_TRY(pags_transport_agree(transport, result));
+  PAGS_TRY(pags_transport_agree(transport, bytes > 0 && !*text ? pags_out_of_memory("%s", path) : PAGS_OK));
   return pags_transport_broadcast(transport, 0, *text, bytes);
 }
 
 /* A manifest of one shard, the file itself, which is read at once. */
 static pags_result read_sole(const char *path, const pags_dataset *dataset, manifest *out, uint64_t *fingerprint) {
   shard *s = out->shards = calloc(1, sizeof *out->shards);
-  if (!s)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(s, NULL);
   out->count = 1;
   PAGS_TRY(pags_checkpoint_load(path, dataset, &s->state, fingerprint));
   s->loaded = true;
-  s->path = pags_text_copy(path);
   out->models = s->state.model_count;
-  s->rows = calloc((size_t)out->models, sizeof *s->rows);
-  if (!s->path || !s->rows)
-    return pags_out_of_memory(NULL);
+  s->path = pags_text_copy(path);
+  s->rows = calloc(2 * (size_t)out->models, sizeof *s->rows);
+  PAGS_CHECK_MEMORY(s->path && s->rows, NULL);
   for (int64_t i = 0; i < out->models; i++)
     s->rows[i] = s->state.models[i].gaussians.count;
   return PAGS_OK;
@@ -398,33 +358,28 @@ static pags_result read_first(const char *path, const uint8_t *text, size_t size
                               manifest *out, uint64_t *fingerprint) {
   if (!text)
     return read_sole(path, dataset, out, fingerprint);
-  pags_json *json;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_AUTOFREE char *folder = pags_path_folder(path);
   PAGS_TRY(pags_json_parse_text(path, (const char *)text, size, &json));
-  char *folder = pags_path_folder(path);
-  pags_result result = folder ? read_manifest(json, folder, out) : pags_out_of_memory(NULL);
-  free(folder);
-  pags_json_destroy(json);
-  return result == PAGS_OK ? load_shard(out, &out->shards[0], dataset, fingerprint) : result;
+  PAGS_CHECK_MEMORY(folder, NULL);
+  PAGS_TRY(read_manifest(json, folder, out));
+  return load_shard(out, &out->shards[0], dataset, fingerprint);
 }
 
 pags_result pags_shards_load(const char *path, pags_transport *transport, pags_shards_cut_fn *cut,
                              const pags_dataset *dataset, pags_train_state *state, uint64_t *fingerprint) {
   const int rank = pags_transport_rank(transport), ranks = pags_transport_ranks(transport);
-  manifest m = {0};
-  uint8_t *text;
+  PAGS_AUTO(destroy_manifest) manifest m = {0};
+  PAGS_AUTOFREE uint8_t *text = NULL;
   size_t size;
   *state = (pags_train_state){0};
-  pags_result result = read_for_all(path, transport, &text, &size);
-  if (result == PAGS_OK && !text && ranks == 1)
+  PAGS_TRY(read_for_all(path, transport, &text, &size));
+  if (!text && ranks == 1)
     return pags_checkpoint_load(path, dataset, state, fingerprint);
-  if (result == PAGS_OK) {
-    result = read_first(path, text, size, dataset, &m, fingerprint);
-    if (result == PAGS_OK)
-      result = join_all(&m, rank, ranks, cut, dataset, state, fingerprint);
-    result = pags_transport_agree(transport, result);
-  }
-  free(text);
-  destroy_manifest(&m);
+  pags_result result = read_first(path, text, size, dataset, &m, fingerprint);
+  if (result == PAGS_OK)
+    result = join_all(&m, rank, ranks, cut, dataset, state, fingerprint);
+  result = pags_transport_agree(transport, result);
   if (result != PAGS_OK)
     pags_state_destroy(state);
   return result;

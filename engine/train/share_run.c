@@ -2,48 +2,32 @@
 /* Shares a run out to ranks; see stages.h. */
 #include "train/stages.h"
 
-#include <stdlib.h>
-
 #include "base/memory.h"
 #include "cluster/shares.h"
-
-pags_result pags_share_run_check(const pags_train_options *options) {
-  if (options->estimate && pags_transport_ranks(options->transport) > 1)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED, "--estimate requires one process; it can't be shared between ranks");
-  return PAGS_OK;
-}
-
-/* Notes where in the whole models this rank's rows lie. */
-static void note_shares(pags_trainer *t) {
-  pags_sharing *const s = &t->sharing;
-  for (int64_t i = 0; i < s->models; i++) {
-    pags_train_model *const m = &t->state.models[i];
-    m->sharing = s;
-    m->index = i;
-    m->first_row = s->begin[i * (t->ranks + 1) + t->shared.rank];
-    m->total = s->rows[i];
-  }
-}
 
 pags_result pags_share_run_begin(pags_trainer *t) {
   const int64_t models = t->state.model_count;
   t->round = calloc((size_t)t->ranks, sizeof *t->round);
-  if (!t->round)
-    return pags_out_of_memory("the views of %d ranks", t->ranks);
+  PAGS_CHECK_MEMORY(t->round, "the views of %d ranks", t->ranks);
   if (t->ranks == 1)
     return PAGS_OK;
   PAGS_TRY(pags_shared_views_create(&t->shared, t->options->transport, t->tasks));
   pags_sharing *const s = &t->sharing;
   *s = (pags_sharing){.transport = t->options->transport, .models = models};
   s->rows = malloc((size_t)models * (size_t)(t->ranks + 2) * sizeof *s->rows);
-  if (!s->rows)
-    return pags_out_of_memory("the shares of %lld models", (long long)models);
+  PAGS_CHECK_MEMORY(s->rows, "the shares of %lld models", (long long)models);
   s->begin = s->rows + models;
-  for (int64_t m = 0; m < models; m++)
-    s->rows[m] = t->state.models[m].gaussians.count;
+  for (int64_t i = 0; i < models; i++)
+    s->rows[i] = t->state.models[i].gaussians.count;
   PAGS_TRY(pags_share_sum(s->transport, s->rows, (int)models));
   pags_shares_cut(s->rows, models, t->state.schedule.config.picture.cluster_size, t->ranks, s->begin);
-  note_shares(t);
+  for (int64_t i = 0; i < models; i++) {
+    pags_train_model *const m = &t->state.models[i];
+    m->sharing = s;
+    m->index = i;
+    m->first_row = s->begin[i * (t->ranks + 1) + t->shared.rank];
+    m->total = s->rows[i];
+  }
   return pags_transport_agree(s->transport, pags_sky_fit_share(&t->state.sky, t->shared.rank, t->ranks));
 }
 
@@ -52,13 +36,12 @@ pags_result pags_share_run_end(pags_trainer *t) {
     return PAGS_OK;
   pags_shared_views_destroy(&t->shared); /* makes room for the scene */
   pags_view_render_destroy(t);
-  pags_result result = PAGS_OK;
-  for (int64_t m = 0; result == PAGS_OK && m < t->state.model_count; m++) {
-    result = pags_model_collect(&t->state.models[m]);
+  for (int64_t m = 0; m < t->state.model_count; m++) {
+    PAGS_TRY(pags_model_collect(&t->state.models[m]));
     t->state.models[m].sharing = NULL;
   }
-  t->ranks = result == PAGS_OK ? 1 : t->ranks;
-  return result;
+  t->ranks = 1;
+  return PAGS_OK;
 }
 
 void pags_share_run_destroy(pags_trainer *t) {
@@ -68,10 +51,10 @@ void pags_share_run_destroy(pags_trainer *t) {
   free(t->round);
 }
 
-pags_result pags_share_run_agree(const pags_trainer *t, pags_result mine, int *stop, bool *save) {
+pags_result pags_share_run_agree(const pags_trainer *t, pags_result mine, bool *stop, bool *save) {
   if (t->ranks == 1)
     return mine;
-  int64_t sums[] = {*stop != 0, t->shared.rank == 0 && *save, mine != PAGS_OK};
+  int64_t sums[] = {*stop, t->shared.rank == 0 && *save, mine != PAGS_OK};
   PAGS_TRY(pags_share_sum(t->shared.transport, sums, 3));
   *stop = sums[0] > 0;
   *save = sums[1] > 0;

@@ -1,40 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loads the parts that blocks share; see shared_parts.h. */
-#include "train/shared_parts.h"
-
-#include <stdlib.h>
-#include <string.h>
+/* Loads the parts that blocks share; see stages.h. */
+#include "train/stages.h"
 
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/sort.h"
 #include "scene/scene_json.h"
-
-typedef struct shared_parts {
-  pags_scene scene; /* without its Gaussians */
-  char *sky;        /* file of the sky; NULL: it has none */
-} shared_parts;
-
-static void destroy(shared_parts *w) {
-  pags_scene_destroy(&w->scene);
-  free(w->sky);
-  *w = (shared_parts){0};
-}
-
-static pags_result load(const char *folder, shared_parts *w) {
-  pags_scene_files files = {0};
-  char *path = pags_path_join(folder, "scene.json");
-  *w = (shared_parts){0};
-  if (!path)
-    return pags_out_of_memory("%s", folder);
-  pags_result result = pags_scene_json_read(path, &w->scene, &files);
-  if (result == PAGS_OK && files.sky && !(w->sky = pags_path_join(folder, files.sky)))
-    result = pags_out_of_memory("%s", folder);
-  free(files.counts);
-  free(files.sky);
-  free(path);
-  return result;
-}
 
 static int by_name(const void *a, const void *b) {
   return strcmp(((const pags_scene_view *)a)->name, ((const pags_scene_view *)b)->name);
@@ -70,32 +41,31 @@ static pags_result take_exposures(const char *folder, const pags_dataset *datase
   return PAGS_OK;
 }
 
-static pags_result take_sky(const shared_parts *w, pags_sky_fit *fit) {
-  pags_sky sky;
-  if (!w->sky)
-    return PAGS_OK;
-  PAGS_TRY(pags_sky_load(w->sky, &sky));
-  const pags_result result = pags_sky_fit_prepare(fit, sky.size);
-  if (result == PAGS_OK) {
-    pags_sky_destroy(&fit->sky);
-    fit->sky = sky;
-    return PAGS_OK;
-  }
-  pags_sky_destroy(&sky);
-  return result;
+static pags_result take_sky(const char *folder, const char *file, pags_sky_fit *fit) {
+  PAGS_AUTOFREE char *path = pags_path_join(folder, file);
+  PAGS_AUTO(pags_sky_destroy) pags_sky sky = {0};
+  PAGS_CHECK_MEMORY(path, "%s", folder);
+  PAGS_TRY(pags_sky_load(path, &sky));
+  PAGS_TRY(pags_sky_fit_prepare(fit, sky.size));
+  const pags_sky empty = fit->sky;
+  fit->sky = sky;
+  sky = empty;
+  return PAGS_OK;
 }
 
 pags_result pags_shared_parts_load(const pags_dataset *dataset, bool begin, pags_train_state *state) {
   const pags_block *block = pags_dataset_block(dataset);
-  shared_parts w;
   if (!block || !block->whole)
     return PAGS_OK;
-  pags_result result = load(block->whole, &w);
-  if (result == PAGS_OK && begin && state->schedule.config.sky.sky)
-    result = take_sky(&w, &state->sky);
-  if (result == PAGS_OK && state->exposures.count > 0)
-    result = take_exposures(block->whole, dataset, &w.scene, begin, &state->exposures);
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0}; /* without its Gaussians */
+  PAGS_AUTO(pags_scene_files_destroy) pags_scene_files files = {0};
+  PAGS_AUTOFREE char *path = pags_path_join(block->whole, "scene.json");
+  PAGS_CHECK_MEMORY(path, "%s", block->whole);
+  PAGS_TRY(pags_scene_json_read(path, &scene, &files));
+  if (files.sky && begin && state->schedule.config.sky.sky)
+    PAGS_TRY(take_sky(block->whole, files.sky, &state->sky));
+  if (state->exposures.count > 0)
+    PAGS_TRY(take_exposures(block->whole, dataset, &scene, begin, &state->exposures));
   state->sky.fixed = true;
-  destroy(&w);
-  return result;
+  return PAGS_OK;
 }

@@ -2,9 +2,6 @@
 /* Shares the results of a step between ranks; see stages.h. */
 #include "train/stages.h"
 
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "cluster/shares.h"
 
@@ -16,10 +13,9 @@ typedef struct view_result {
 } view_result;
 
 pags_result pags_shared_step_results(pags_trainer *t, pags_step_view *views, int count) {
-  pags_transport *const transport = t->shared.transport;
-  view_result mine, *const all = calloc((size_t)t->shared.ranks, sizeof *all);
-  if (!all)
-    return pags_out_of_memory("the losses of %d photographs", count);
+  view_result mine;
+  PAGS_AUTOFREE view_result *all = calloc((size_t)t->shared.ranks, sizeof *all);
+  PAGS_CHECK_MEMORY(all, "the losses of %d photographs", count);
   memset(&mine, 0, sizeof mine); /* its padding is sent, too */
   if (t->shared.rank < count) {
     const pags_step_view *const own = views + t->shared.rank;
@@ -28,15 +24,14 @@ pags_result pags_shared_step_results(pags_trainer *t, pags_step_view *views, int
     mine.by_light = own->by_light;
     mine.objects_drawn = own->objects_drawn;
   }
-  const pags_result result = pags_share_all(transport, &mine, sizeof mine, all);
-  for (int i = 0; result == PAGS_OK && i < count; i++) {
+  PAGS_TRY(pags_share_all(t->shared.transport, &mine, sizeof mine, all));
+  for (int i = 0; i < count; i++) {
     views[i].loss = all[i].loss;
     views[i].terms = all[i].terms;
     views[i].by_light = all[i].by_light;
     views[i].objects_drawn = all[i].objects_drawn;
   }
-  free(all);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Poses ---- */
@@ -46,65 +41,55 @@ pags_result pags_shared_step_results(pags_trainer *t, pags_step_view *views, int
 static pags_result share_poses(pags_trainer *t) {
   pags_step_rest *const r = &t->rest;
   const int64_t size = sizeof *r->poses, room = t->state.schedule.batch * t->state.model_count;
-  int64_t *const bytes = calloc((size_t)t->shared.ranks, sizeof *bytes), count = 0;
-  void *all = NULL;
-  if (!bytes)
-    return pags_out_of_memory("the poses of a step");
-  pags_result result = pags_share_parts(t->shared.transport, r->poses, r->pose_count * size, &all, bytes);
-  for (int k = 0; result == PAGS_OK && k < t->shared.ranks; k++)
+  PAGS_AUTOFREE int64_t *bytes = calloc((size_t)t->shared.ranks, sizeof *bytes);
+  PAGS_AUTOFREE void *all = NULL;
+  int64_t count = 0;
+  PAGS_CHECK_MEMORY(bytes, "the poses of a step");
+  PAGS_TRY(pags_share_parts(t->shared.transport, r->poses, r->pose_count * size, &all, bytes));
+  for (int k = 0; k < t->shared.ranks; k++)
     count += bytes[k] / size;
-  if (result == PAGS_OK && count > room)
-    result = pags_fail(PAGS_ERROR_LIMIT, "%lld poses in a step of at most %lld", (long long)count, (long long)room);
-  if (result == PAGS_OK && count > 0)
+  if (count > room)
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld poses in a step of at most %lld", (long long)count, (long long)room);
+  if (count > 0)
     memcpy(r->poses, all, (size_t)(count * size));
-  if (result == PAGS_OK)
-    r->pose_count = count;
-  free(all);
-  free(bytes);
-  return result;
+  r->pose_count = count;
+  return PAGS_OK;
 }
 
 /* Adds up the gradients by the camera of each photograph over the Gaussians of all ranks. */
 static pags_result share_cameras(pags_trainer *t) {
   pags_step_rest *const r = &t->rest;
   const int ranks = t->shared.ranks;
-  pags_exact_sum *const mine = calloc((size_t)r->count * (size_t)(ranks + 1), sizeof *mine);
+  PAGS_AUTOFREE pags_exact_sum *mine = calloc((size_t)r->count * (size_t)(ranks + 1), sizeof *mine);
   if (!mine)
     return pags_transport_give_up(t->shared.transport,
                                   pags_out_of_memory("the cameras of %lld photographs", (long long)r->count));
   for (int64_t i = 0; i < r->count; i++)
     mine[i] = r->photographs[i].by_world;
   pags_exact_sum *const all = mine + r->count;
-  const pags_result result = pags_share_all(t->shared.transport, mine, r->count * (int64_t)sizeof *mine, all);
-  for (int64_t i = 0; result == PAGS_OK && i < r->count; i++)
+  PAGS_TRY(pags_share_all(t->shared.transport, mine, r->count * (int64_t)sizeof *mine, all));
+  for (int64_t i = 0; i < r->count; i++)
     for (int k = 0; k < ranks; k++)
       if (k != t->shared.rank)
         pags_exact_sum_join(&r->photographs[i].by_world, all + k * r->count + i);
-  free(mine);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Updates that were left out ---- */
 
-typedef struct left_out {
-  int64_t count;
-  pags_nonfinite_row first;
-} left_out;
-
 pags_result pags_shared_step_nonfinite(pags_trainer *t) {
   pags_nonfinite *const n = &t->state.nonfinite;
-  left_out mine, *const all = calloc((size_t)t->shared.ranks, sizeof *all);
-  if (!all)
-    return pags_out_of_memory("skipped updates of a step");
+  pags_left_out mine;
+  PAGS_AUTOFREE pags_left_out *all = calloc((size_t)t->shared.ranks, sizeof *all);
+  PAGS_CHECK_MEMORY(all, "skipped updates of a step");
   memset(&mine, 0, sizeof mine);
   mine.count = n->count - t->shared_nonfinite;
   mine.first = n->first;
-  const pags_result result = pags_share_all(t->shared.transport, &mine, sizeof mine, all);
-  for (int r = 0; result == PAGS_OK && r < t->shared.ranks; r++)
+  PAGS_TRY(pags_share_all(t->shared.transport, &mine, sizeof mine, all));
+  for (int r = 0; r < t->shared.ranks; r++)
     if (r != t->shared.rank && all[r].count > 0)
       pags_nonfinite_note(n, all[r].count, &all[r].first);
-  free(all);
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_shared_step_rest(pags_trainer *t) {

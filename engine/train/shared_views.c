@@ -3,19 +3,16 @@
 #include "train/shared_views.h"
 
 #include <assert.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "cluster/shares.h"
 
-pags_result pags_buffer_reserve(pags_buffer *buffer, int64_t bytes) {
+/* Makes room and keeps what is there. */
+static pags_result reserve(pags_buffer *buffer, int64_t bytes) {
   if (buffer->data && bytes <= buffer->room)
     return PAGS_OK;
   const int64_t room = bytes + bytes / 2 + 64;
   void *const data = realloc(buffer->data, (size_t)room);
-  if (!data)
-    return pags_out_of_memory("messages of %lld bytes", (long long)room);
+  PAGS_CHECK_MEMORY(data, "messages of %lld bytes", (long long)room);
   *buffer = (pags_buffer){data, room};
   return PAGS_OK;
 }
@@ -25,8 +22,7 @@ pags_result pags_shared_views_create(pags_shared_views *shared, pags_transport *
   *shared = (pags_shared_views){.transport = transport, .rank = pags_transport_rank(transport), .ranks = ranks};
   shared->owners = calloc((size_t)ranks, sizeof(pags_frame *));
   shared->sent = calloc(4 * (size_t)ranks, sizeof *shared->sent);
-  if (!shared->owners || !shared->sent)
-    return pags_out_of_memory("views of %d ranks", ranks);
+  PAGS_CHECK_MEMORY(shared->owners && shared->sent, "views of %d ranks", ranks);
   shared->sent_before = shared->sent + ranks;
   shared->arrived = shared->sent + 2 * ranks;
   shared->arrived_before = shared->sent + 3 * ranks;
@@ -64,7 +60,7 @@ pags_result pags_shared_views_project(pags_shared_views *shared, int view, pags_
   for (int k = 0; k < view; k++)
     before += shared->sent[k];
   PAGS_TRY(pags_frame_project(frame, lender, parts, part_count, camera, options, touch, user, &count));
-  PAGS_TRY(pags_buffer_reserve(&shared->sending, (before + count) * (int64_t)sizeof(pags_sent_splat)));
+  PAGS_TRY(reserve(&shared->sending, (before + count) * (int64_t)sizeof(pags_sent_splat)));
   PAGS_TRY(pags_frame_take_splats(frame, (pags_sent_splat *)shared->sending.data + before));
   shared->sent[view] = count;
   shared->sent_before[view] = pags_frame_splats_before(frame, 1);
@@ -81,28 +77,24 @@ static int64_t total(const int64_t *counts, int ranks) {
 /* Tells each rank how many splats it gets. */
 static pags_result exchange_counts(pags_shared_views *shared) {
   const int ranks = shared->ranks;
-  int64_t *const pairs = malloc(5 * (size_t)ranks * sizeof *pairs), *const ones = pairs + 4 * ranks;
-  if (!pairs)
-    return pags_out_of_memory("a message to %d ranks", ranks);
+  PAGS_AUTOFREE int64_t *pairs = malloc(4 * (size_t)ranks * sizeof *pairs);
+  PAGS_CHECK_MEMORY(pairs, "a message to %d ranks", ranks);
   for (int r = 0; r < ranks; r++) {
     pairs[2 * r] = shared->sent[r];
     pairs[2 * r + 1] = shared->sent_before[r];
-    ones[r] = 1;
   }
-  const pags_result result =
-      pags_share_items(shared->transport, pairs, ones, pairs + 2 * ranks, ones, 2 * (int64_t)sizeof *pairs);
+  PAGS_TRY(pags_share_each(shared->transport, pairs, pairs + 2 * ranks, 2 * (int64_t)sizeof *pairs));
   for (int r = 0; r < ranks; r++) {
     shared->arrived[r] = pairs[2 * (ranks + r)];
     shared->arrived_before[r] = pairs[2 * (ranks + r) + 1];
   }
-  free(pairs);
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_shared_views_send(pags_shared_views *shared, pags_result mine) {
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   PAGS_TRY(exchange_counts(shared));
-  mine = pags_buffer_reserve(&shared->splats, total(shared->arrived, shared->ranks) * (int64_t)sizeof(pags_sent_splat));
+  mine = reserve(&shared->splats, total(shared->arrived, shared->ranks) * (int64_t)sizeof(pags_sent_splat));
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   const int64_t before = pags_transport_counted(shared->transport).bytes_received;
   PAGS_TRY(pags_share_items(shared->transport, shared->sending.data, shared->sent, shared->splats.data, shared->arrived,
@@ -113,7 +105,8 @@ pags_result pags_shared_views_send(pags_shared_views *shared, pags_result mine) 
 
 /* ---- Drawing ---- */
 
-bool pags_shared_views_draws(const pags_shared_views *shared) {
+/* Whether this rank has a view of the round. */
+static bool draws(const pags_shared_views *shared) {
   return shared->rank < shared->count;
 }
 
@@ -124,7 +117,7 @@ static int64_t drawn_count(const pags_shared_views *shared, bool objects) {
 }
 
 static pags_result pick_objects(pags_shared_views *shared) {
-  PAGS_TRY(pags_buffer_reserve(&shared->object_splats, drawn_count(shared, true) * (int64_t)sizeof(pags_sent_splat)));
+  PAGS_TRY(reserve(&shared->object_splats, drawn_count(shared, true) * (int64_t)sizeof(pags_sent_splat)));
   const pags_sent_splat *from = shared->splats.data;
   pags_sent_splat *to = shared->object_splats.data;
   for (int r = 0; r < shared->ranks; r++) {
@@ -168,9 +161,9 @@ static pags_result give_back(pags_shared_views *shared, bool objects, const uint
   pags_buffer *const own = objects ? &shared->object_splats : &shared->splats;
   pags_buffer *const returned = objects ? &shared->object_sums : &shared->sending;
   const int ranks = shared->ranks;
-  int64_t *const counts = calloc(2 * (size_t)ranks, sizeof *counts);
+  PAGS_AUTOFREE int64_t *counts = calloc(2 * (size_t)ranks, sizeof *counts);
   pags_result mine = counts ? PAGS_OK : pags_out_of_memory("a message to %d ranks", ranks);
-  const bool gives = pags_shared_views_draws(shared) && (!drawn || drawn[shared->rank]);
+  const bool gives = draws(shared) && (!drawn || drawn[shared->rank]);
   for (int k = 0; counts && k < ranks; k++) {
     if (gives)
       counts[k] = shared->arrived[k] - (objects ? shared->arrived_before[k] : 0);
@@ -178,14 +171,12 @@ static pags_result give_back(pags_shared_views *shared, bool objects, const uint
       counts[ranks + k] = returned_count(shared, k, objects);
   }
   if (counts)
-    mine = pags_buffer_reserve(returned, total(counts + ranks, ranks) * bytes);
-  pags_result result = pags_transport_agree(shared->transport, mine);
+    mine = reserve(returned, total(counts + ranks, ranks) * bytes);
+  PAGS_TRY(pags_transport_agree(shared->transport, mine));
   const int64_t before = pags_transport_counted(shared->transport).bytes_sent;
-  if (result == PAGS_OK)
-    result = pags_share_items(shared->transport, own->data, counts, returned->data, counts + ranks, bytes);
+  PAGS_TRY(pags_share_items(shared->transport, own->data, counts, returned->data, counts + ranks, bytes));
   shared->bytes_back += pags_transport_counted(shared->transport).bytes_sent - before;
-  free(counts);
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_shared_views_return_sums(pags_shared_views *shared, bool objects, const uint8_t *drawn) {
@@ -203,7 +194,7 @@ pags_result pags_shared_views_backward(pags_shared_views *shared, int view, bool
     sums += !drawn || drawn[k] ? returned_count(shared, k, objects) : 0;
   if (objects) { /* the frame finds them behind those of the background, which it doesn't read */
     const int64_t some = returned_count(shared, view, true);
-    PAGS_TRY(pags_buffer_reserve(&shared->spread, (shared->sent[view] + 1) * (int64_t)sizeof *sums));
+    PAGS_TRY(reserve(&shared->spread, (shared->sent[view] + 1) * (int64_t)sizeof *sums));
     pags_splat_sums *const spread = shared->spread.data;
     if (some > 0)
       memcpy(spread + shared->sent_before[view], sums, (size_t)some * sizeof *sums);
@@ -220,7 +211,7 @@ pags_result pags_shared_views_receive_scores(pags_shared_views *shared, int view
 }
 
 void pags_shared_views_count(const pags_shared_views *shared, pags_train_traffic *sum) {
-  sum->views += pags_shared_views_draws(shared);
+  sum->views += draws(shared);
   sum->splats += total(shared->arrived, shared->ranks);
   sum->bytes_there += shared->bytes_there;
   sum->bytes_back += shared->bytes_back;

@@ -36,9 +36,6 @@ typedef struct pags_shared_views {
 pags_result pags_shared_views_create(pags_shared_views *shared, pags_transport *transport, pags_tasks *tasks);
 void pags_shared_views_destroy(pags_shared_views *shared); /* a zeroed struct is allowed */
 
-/* Makes room and keeps what is there; PAGS_ERROR_MEMORY. */
-pags_result pags_buffer_reserve(pags_buffer *buffer, int64_t bytes);
-
 /* ---- A round: begin; project for each view; send; on ranks that have a view, draw and sums; then the returns ---- */
 
 void pags_shared_views_begin(pags_shared_views *shared, int count);
@@ -51,7 +48,6 @@ pags_result pags_shared_views_project(pags_shared_views *shared, int view, pags_
  * one has. */
 pags_result pags_shared_views_send(pags_shared_views *shared, pags_result mine);
 
-bool pags_shared_views_draws(const pags_shared_views *shared); /* whether this rank has a view of the round */
 /* Draws the own view, or, with `objects`, only what isn't of the background. */
 pags_result pags_shared_views_draw(pags_shared_views *shared, pags_frame *frame, bool objects, float alpha_min,
                                    const pags_camera *camera, const pags_frame_options *options, pags_picture *out);

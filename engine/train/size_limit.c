@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Converts the size limit of the scene folder into limits on the number of Gaussians; see size_limit.h. */
-#include "train/size_limit.h"
+/* Converts the size limit of the scene folder into limits on the number of Gaussians; see stages.h. */
+#include "train/stages.h"
 
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
 
 #include <pags/scene.h>
 
@@ -23,7 +21,7 @@ enum {
 };
 static const int64_t least_background = 16;
 
-/* See size_limit.h. Counts Fourier terms for objects whose colour over time isn't decided yet. */
+/* See stages.h. Counts Fourier terms for objects whose colour over time isn't decided yet. */
 int pags_size_limit_row(const pags_train_state *s, int64_t model) {
   const pags_train_model *m = &s->models[model];
   int undecided =
@@ -34,13 +32,9 @@ int pags_size_limit_row(const pags_train_state *s, int64_t model) {
 /* Returns the bytes by which scene.json may still grow: numbers that are short at the start get more digits in
  * training. */
 static int64_t to_come(const pags_dataset *dataset, const pags_train_state *s) {
-  int64_t bytes = GENERAL_BYTES;
-  if (s->photometry.count > 0)
-    bytes += LIGHT_BYTES * pags_dataset_view_count(dataset);
-  if (s->cameras.count > 0)
-    bytes += CORRECTION_BYTES * pags_dataset_view_count(dataset);
-  if (s->exposures.count > 0)
-    bytes += VIEW_BYTES * pags_dataset_view_count(dataset);
+  const int a_view = (s->photometry.count > 0 ? LIGHT_BYTES : 0) + (s->cameras.count > 0 ? CORRECTION_BYTES : 0) +
+                     (s->exposures.count > 0 ? VIEW_BYTES : 0);
+  int64_t bytes = GENERAL_BYTES + a_view * pags_dataset_view_count(dataset);
   for (int64_t i = 1; i < s->model_count && s->schedule.config.objects.tracks; i++)
     bytes += KEYFRAME_BYTES * s->tracks.objects[s->models[i].object].keyframe_count;
   return bytes;
@@ -87,9 +81,10 @@ pags_result pags_size_limit_room(const pags_dataset *dataset, const pags_train_s
 /* Keeps an even choice of `kept` rows of all ranks. */
 static pags_result keep_evenly(pags_train_model *m, int64_t kept, pags_tasks *tasks) {
   const int64_t total = m->total, begin = m->first_row, end = begin + m->gaussians.count;
-  int64_t *const source = malloc((size_t)kept * sizeof *source), own = 0;
-  uint32_t *const numbers = malloc((size_t)kept * sizeof *numbers); /* among all that are kept */
+  PAGS_AUTOFREE int64_t *source = malloc((size_t)kept * sizeof *source);
+  PAGS_AUTOFREE uint32_t *numbers = malloc((size_t)kept * sizeof *numbers); /* among all that are kept */
   const bool room = source && numbers;
+  int64_t own = 0;
   for (int64_t i = 0; room && i < kept; i++) {
     const int64_t row = i * total / kept;
     if (row < begin || row >= end)
@@ -97,15 +92,10 @@ static pags_result keep_evenly(pags_train_model *m, int64_t kept, pags_tasks *ta
     source[own] = row - begin;
     numbers[own++] = (uint32_t)i;
   }
-  pags_result mine = room ? PAGS_OK : pags_out_of_memory("from %lld Gaussians", (long long)total);
-  if (mine == PAGS_OK)
-    mine = pags_model_gather(m, source, own, own, tasks);
-  pags_result result = pags_transport_agree(pags_model_transport(m), mine);
-  if (result == PAGS_OK)
-    result = pags_model_sort(m, numbers, tasks);
-  free(source);
-  free(numbers);
-  return result;
+  PAGS_TRY(pags_transport_agree(pags_model_transport(m),
+                                room ? pags_model_gather(m, source, own, own, tasks)
+                                     : pags_out_of_memory("from %lld Gaussians", (long long)total)));
+  return pags_model_sort(m, numbers, tasks);
 }
 
 /* How many Gaussians of the background the run may start with. */

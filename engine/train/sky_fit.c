@@ -4,9 +4,6 @@
 #include "train/sky_fit.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "maths/maths.h"
 #include "simd/kernels.h"
@@ -74,7 +71,7 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
 
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size) {
   const char *why;
-  *fit = (pags_sky_fit){.kernels = pags_kernels_get(&why)};
+  *fit = (pags_sky_fit){.kernels = pags_kernels_get(&why), .ranks = 1};
   if (!fit->kernels)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
   PAGS_TRY(pags_sky_create(&fit->sky, size));
@@ -82,10 +79,7 @@ pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size) {
   fit->first = calloc(floats, sizeof(float));
   fit->second = calloc(floats, sizeof(float));
   fit->visits = calloc(floats / 3, sizeof *fit->visits);
-  if (!fit->first || !fit->second || !fit->visits) {
-    pags_sky_fit_destroy(fit);
-    return pags_out_of_memory("a sky of %d texels a side", size);
-  }
+  PAGS_CHECK_MEMORY(fit->first && fit->second && fit->visits, "a sky of %d texels a side", size);
   return PAGS_OK;
 }
 
@@ -96,12 +90,8 @@ int64_t pags_sky_fit_blocks(const pags_sky_fit *fit) {
   return (texels + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK;
 }
 
-static int ranks_of(const pags_sky_fit *fit) {
-  return fit->ranks > 0 ? fit->ranks : 1;
-}
-
 int64_t pags_sky_fit_own_blocks(const pags_sky_fit *fit, int rank) {
-  return (pags_sky_fit_blocks(fit) - rank + ranks_of(fit) - 1) / ranks_of(fit);
+  return fit->ranks > 0 ? (pags_sky_fit_blocks(fit) - rank + fit->ranks - 1) / fit->ranks : 0;
 }
 
 /* Moves every ranks-th block of `bytes` each to a smaller array; *all is of `size` bytes. Blocks of zeros, which most
@@ -160,7 +150,7 @@ static const float epsilon = 1e-15f;
 /* Does one Adam step for a block of texels of this rank. A texel that no pixel saw stays as it is; a gradient that
  * isn't finite counts as none. */
 static void update_block(pags_sky_fit *f, int64_t block, const float *gradient) {
-  const int64_t first_texel = block * PAGS_SKY_BLOCK, own_texel = block / ranks_of(f) * PAGS_SKY_BLOCK;
+  const int64_t first_texel = block * PAGS_SKY_BLOCK, own_texel = block / f->ranks * PAGS_SKY_BLOCK;
   const int64_t left = 6 * (int64_t)f->sky.size * f->sky.size - first_texel;
   const int64_t texels = left < PAGS_SKY_BLOCK ? left : PAGS_SKY_BLOCK;
   float rate[BLOCK_FLOATS] = {0.0f}, correction[BLOCK_FLOATS] = {0.0f};
@@ -215,7 +205,7 @@ static void add(void *user, const pags_sky_gradient *g, int worker) {
     float sound[BLOCK_FLOATS];
     for (int i = 0; i < BLOCK_FLOATS; i++)
       sound[i] = isfinite(from[i]) ? from[i] : 0.0f;
-    pags_gradient_store_add(&f->sum, (g->first / PAGS_SKY_BLOCK + block) / ranks_of(f), f->step, sound, BLOCK_FLOATS);
+    pags_gradient_store_add(&f->sum, (g->first / PAGS_SKY_BLOCK + block) / f->ranks, f->step, sound, BLOCK_FLOATS);
   }
 }
 
@@ -234,7 +224,7 @@ static void finish_blocks(void *context, int64_t begin, int64_t end, int worker)
     for (int i = 0; sum && i < BLOCK_FLOATS; i++)
       mean[i] = job->share * sum[i];
     if (sum)
-      update_block(f, own * ranks_of(f) + f->rank, mean);
+      update_block(f, own * f->ranks + f->rank, mean);
   }
 }
 
@@ -254,8 +244,7 @@ pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedul
     /* Compute the bias corrections once. */
     double power1 = 1.0, power2 = 1.0;
     fit->correction = malloc(CORRECTIONS * sizeof *fit->correction);
-    if (!fit->correction)
-      return pags_out_of_memory("the sky's optimiser");
+    PAGS_CHECK_MEMORY(fit->correction, "the sky's optimiser");
     fit->correction[0][0] = fit->correction[0][1] = 1.0f;
     for (int k = 1; k < CORRECTIONS; k++) {
       power1 *= schedule->beta1;

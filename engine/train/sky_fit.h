@@ -18,9 +18,9 @@ struct pags_kernels;
 typedef struct pags_sky_fit {
   const struct pags_kernels *kernels;
   pags_sky sky; /* size 0: the scene has no sky */
-  bool fixed;   /* it is another scene's and stays as it is (shared_parts.h) */
+  bool fixed;   /* it is another scene's and stays as it is (shared_parts.c) */
   /* Each rank has all texels; of every ranks-th block of them, from block number `rank` on, it has the following as
-   * well, and updates them. ranks 0: not shared, all blocks. */
+   * well, and updates them. */
   int rank, ranks;
   float *first, *second; /* Adam's moments, as the texels; a texel's change only with a gradient */
   uint16_t *visits; /* per texel: number of gradients to date, at most 65535, for the bias correction of the moments */
@@ -40,8 +40,8 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
  * has one. */
 uint64_t pags_sky_fit_bytes(int size);
 uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset);
-/* Allocates a sky of `size` with zero moments, as for loading a checkpoint. PAGS_ERROR_MEMORY, PAGS_ERROR_UNSUPPORTED
- * when PAGS_CPU asks for kernels that can't run here. */
+/* Allocates a sky of `size` with zero moments, as for loading a checkpoint. Must be destroyed on failure, too.
+ * PAGS_ERROR_MEMORY, PAGS_ERROR_UNSUPPORTED when PAGS_CPU asks for kernels that can't run here. */
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size);
 void pags_sky_fit_destroy(pags_sky_fit *fit);
 /* Keeps only the rank's part of a sky that it has in whole. PAGS_ERROR_MEMORY. */

@@ -23,8 +23,6 @@ char *pags_other_views(const char *folder, const pags_dataset *dataset);
 
 /* ---- Sharing a run between ranks: share_run.c ---- */
 
-/* Refuses options that several ranks don't support. */
-pags_result pags_share_run_check(const pags_train_options *options);
 /* Collective: gives each rank its share of all models (pags_shares_cut). */
 pags_result pags_share_run_begin(pags_trainer *trainer);
 /* Collective, after the last view: collects the Gaussians at rank 0, which then writes the scene. */
@@ -32,7 +30,7 @@ pags_result pags_share_run_end(pags_trainer *trainer);
 void pags_share_run_destroy(pags_trainer *trainer); /* a zeroed one is allowed */
 /* Collective, after a step: sets *stop if one of the ranks wants to stop, and *save if rank 0 wants a checkpoint. Fails
  * if one rank has failed; `mine` is the result of this rank. */
-pags_result pags_share_run_agree(const pags_trainer *trainer, pags_result mine, int *stop, bool *save);
+pags_result pags_share_run_agree(const pags_trainer *trainer, pags_result mine, bool *stop, bool *save);
 
 /* ---- One training step: step.c ---- */
 
@@ -63,9 +61,7 @@ pags_result pags_shared_step_nonfinite(pags_trainer *trainer);
  * Collective: sends the splats of all views to the ranks that draw them; nothing with one process. `step`: as of
  * pags_view_render_draw. */
 pags_result pags_round_project(pags_trainer *trainer, int64_t step, int count, const pags_frame_options *options);
-/* Returns whether this rank draws one of `count` views. */
-bool pags_round_draws(const pags_trainer *trainer, int count);
-/* Draws this rank's view. */
+/* Draws this rank's view, if its number is below that of the views. */
 pags_result pags_round_draw(pags_trainer *trainer, int64_t step, const pags_frame_options *options,
                             pags_picture *picture);
 
@@ -106,5 +102,60 @@ pags_result pags_color_over_time_decide(pags_trainer *trainer);
 /* Writes the member "modelled" of scene.json, as JSON: which parts the run models and why (sky, exposure, tracks, each
  * object). The caller frees `text`. */
 pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *state, char **text);
+
+/* ---- Time and memory of a run, before it is run: estimate.c ---- */
+
+/* Time and memory of a run. Seconds: step_seconds * steps + scoring_seconds. */
+typedef struct pags_estimate {
+  double step_seconds;    /* mean over the steps of the run */
+  double scoring_seconds; /* of all score passes: one per prune, one at the end */
+  uint64_t bytes;
+} pags_estimate;
+
+/* Measures a few passes at each resolution level, which change no bit of the run, and extrapolates. Assumes nothing
+ * about the machine; the assumptions about growth are listed in estimate.c. */
+pags_result pags_trainer_estimate(pags_trainer *trainer, pags_estimate *out);
+
+/* Returns the bytes of the gradients that a step of several photographs adds up (gradient_store.h), with their room for
+ * growth: those of Gaussians, and those of a sky of `sky_size` texels a side; 0 with one photograph a step. */
+uint64_t pags_batch_bytes(const pags_train_config *config, int64_t gaussians, int sky_size);
+
+/* ---- Density control after a step: density.c ---- */
+
+/* Runs, each where the schedule has it due after the step just done: clone, split and prune (or MCMC's moves), the
+ * choice of objects with colour over time, pruning by score, the pull of the background onto LiDAR planes, the reset
+ * of opacities. Whatever looks at all Gaussians first applies all pending Adam steps. */
+pags_result pags_density_control(pags_trainer *trainer);
+
+/* ---- Parts that the blocks of a recording share: shared_parts.c ---- */
+
+/* The training of a block (docs/blocks.md) takes the sky of a scene of the whole recording, which stays fixed, and its
+ * exposures, which are optimised with a fixed mean. Otherwise each block would choose its own sky and brightness, which
+ * photograph = gain * picture + offset leaves open.
+ *
+ * Fixes the sky and the mean exposure of a run to those of the scene that the data set names. `begin`: sky and
+ * exposures start from that scene; otherwise they are those of a checkpoint. Does nothing if the data set names no
+ * scene. PAGS_ERROR_FORMAT if the scene lacks a photograph of the data set. */
+pags_result pags_shared_parts_load(const pags_dataset *dataset, bool begin, pags_train_state *state);
+
+/* ---- The limit on the size of the scene: size_limit.c ---- */
+
+/* --target-size limits the bytes of scene.json, PLYs and sky. Training keeps it by limiting the number of Gaussians,
+ * the rows of the PLYs.
+ *
+ * Returns the bytes that a Gaussian of the model will take in the finished scene's PLY. */
+int pags_size_limit_row(const pags_train_state *state, int64_t model);
+
+/* Computes the bytes that all Gaussians together may take; below 0 if the rest of the scene alone is too large. Bytes
+ * by which scene.json may still grow are set aside. */
+pags_result pags_size_limit_rows(const pags_dataset *dataset, const pags_train_state *state, int64_t *bytes);
+
+/* Computes how many more Gaussians fit, each counted as one of the largest kind; 0 if there are too many already;
+ * INT32_MAX if growth isn't limited: no target size, or a prune by score still to come, which applies it. */
+pags_result pags_size_limit_room(const pags_dataset *dataset, const pags_train_state *state, int64_t *gaussians);
+
+/* Collective. Call before the first step: if no prune by score is to come, thins the background evenly so that the
+ * start fits the target size. */
+pags_result pags_size_limit_start(const pags_dataset *dataset, pags_train_state *state, pags_tasks *tasks);
 
 #endif

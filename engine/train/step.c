@@ -14,18 +14,15 @@
 #include "train/stages.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
-#include "port/port.h"
 #include "threads/record.h"
 #include "train/driving_losses.h"
 #include "train/dropout.h"
 #include "train/mcmc.h"
 #include "train/score_pass.h"
 
-enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
+enum { MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
 /* The object opacity term is evaluated for one of OBJECTS_EVERY photographs: its picture changes slowly, and it costs a
  * tenth of a step. */
 enum { OBJECTS_EVERY = 4, FINISH_GRAIN = 8 };
@@ -41,35 +38,23 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
   if (floats <= p->plane_floats)
     return PAGS_OK;
   p->plane_floats = 0;
-  for (int i = 0; i < (t->state.photometry.count > 0 ? PLANES : SHOWN); i++) {
-    pags_port_aligned_free(p->plane[i]);
-    /* The stride is a multiple of 16 floats, so the size is one of 64 bytes. */
-    p->plane[i] = pags_port_aligned_alloc(64, (size_t)floats * sizeof(float));
-    if (!p->plane[i])
-      return pags_out_of_memory("gradients of a %d x %d picture", picture->width, picture->height);
-    memset(p->plane[i], 0, (size_t)floats * sizeof(float));
-  }
+  for (int i = 0; i < (t->state.photometry.count > 0 ? PLANES : SHOWN); i++)
+    PAGS_CHECK_MEMORY(pags_floats_renew(&p->plane[i], floats), "gradients of a %d x %d picture", picture->width,
+                      picture->height);
   free(p->emphasis);
   p->emphasis = calloc((size_t)floats, 1);
-  if (!p->emphasis)
-    return pags_out_of_memory("loss weights of a %d x %d picture", picture->width, picture->height);
+  PAGS_CHECK_MEMORY(p->emphasis, "loss weights of a %d x %d picture", picture->width, picture->height);
   for (int64_t i = 0; i < floats; i++)
     p->plane[ONES][i] = 1.0f;
   p->plane_floats = floats;
   return PAGS_OK;
 }
 
-/* Floats that a cluster's gradients take at most. */
-static int64_t cluster_floats(const pags_train_model *m) {
-  return (pags_plane_count(m->gaussians.sh_degree) + (m->gaussians.fourier ? PAGS_FOURIER_PLANES : 0)) *
-         (int64_t)m->clusters.size;
-}
-
 /* Makes room in a store for the clusters of a model, and for their growth. */
 static pags_result reserve_store(const pags_train_model *m, pags_gradient_store *store) {
   const int64_t clusters = m->clusters.count;
   return pags_gradient_store_reserve(store, clusters <= store->clusters ? clusters : clusters + clusters / 2,
-                                     cluster_floats(m));
+                                     pags_all_planes(&m->gaussians) * (int64_t)m->clusters.size);
 }
 
 static pags_result reserve_rest(pags_trainer *t) {
@@ -83,19 +68,13 @@ static pags_result reserve_rest(pags_trainer *t) {
 
 /* ---- Receivers of the backward pass ---- */
 
-static int any_drawn(const pags_cluster_gradient *g) {
-  int any = 0;
-  for (int i = 0; i < g->count; i++)
-    any |= g->drawn[i];
-  return any;
-}
-
-/* Returns whether a cluster has rows whose gradient the frame has set to zero because it wasn't finite. */
-static int any_bad(const pags_cluster_gradient *g) {
-  int any = 0;
-  for (int i = 0; i < g->count; i++)
-    any |= g->bad[i];
-  return any;
+/* Whether one of a cluster's rows is drawn, or bad: has a gradient that the frame has set to zero because it wasn't
+ * finite. */
+static bool any(const uint8_t *flags, int count) {
+  int found = 0;
+  for (int i = 0; i < count; i++)
+    found |= flags[i];
+  return found != 0;
 }
 
 /* Receiver of the object opacity term's backward pass: keeps an object's gradients until those of the whole picture
@@ -103,15 +82,15 @@ static int any_bad(const pags_cluster_gradient *g) {
 static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   const pags_render_context *c = user;
   pags_view_render *p = &c->trainer->render;
-  int64_t model = p->drawn[c->first_part + g->part].model;
+  const int64_t model = p->drawn[c->first_part + g->part].model;
+  const pags_train_model *m = &c->trainer->state.models[model];
   (void)worker;
-  if (!any_drawn(g))
+  if (!any(g->drawn, g->count))
     return;
-  for (int i = 0; any_bad(g) && i < g->count; i++)
+  for (int i = 0; i < g->count; i++)
     if (g->bad[i])
       pags_nonfinite_note(&c->trainer->state.nonfinite, 1,
-                          &(pags_nonfinite_row){c->step, c->trainer->state.models[model].object,
-                                                c->trainer->state.models[model].first_row + g->first + i, g->bad[i] - 1,
+                          &(pags_nonfinite_row){c->step, m->object, m->first_row + g->first + i, g->bad[i] - 1,
                                                 PAGS_NONFINITE_GRADIENT});
   pags_gradient_store_add(&p->models[model].held, g->cluster, p->photograph, g->data, g->planes * g->stride);
 }
@@ -128,17 +107,6 @@ static void add_fourier(const double basis[5], const pags_cluster_gradient *g, f
     }
 }
 
-/* One Adam step on a cluster's Gaussians. */
-static void update(pags_trainer *t, pags_train_model *m, int64_t cluster, const float *data, int64_t stride,
-                   int planes) {
-  pags_nonfinite_row first = {0};
-  int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, cluster, data, stride, planes, &first);
-  first.object = m->object;
-  first.row += m->first_row;
-  if (left_out)
-    pags_nonfinite_note(&t->state.nonfinite, left_out, &first);
-}
-
 /* Receiver of the backward pass: adds the densify statistics of a cluster and does an Adam step on its Gaussians, or
  * with several photographs a step adds up their gradients for finish_blocks. A cluster in view none of whose Gaussians
  * was drawn is skipped and its step stays pending: whether a cluster was in view must not change a bit. */
@@ -147,10 +115,10 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   pags_view_render *p = &c->trainer->render;
   int64_t model = p->drawn[g->part].model;
   pags_train_model *m = &c->trainer->state.models[model];
-  float copy[ROW_PLANES * LARGEST_CLUSTER];
+  float copy[ROW_PLANES * PAGS_LARGEST_CLUSTER];
   const float *data = g->data;
   (void)worker;
-  if (c->trainer->measuring || !any_drawn(g))
+  if (c->trainer->measuring || !any(g->drawn, g->count))
     return;
 
   /* Add the densify statistics. */
@@ -163,7 +131,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
 
   const bool alone = m->schedule.batch == 1;
   const float *const held = pags_gradient_store_find(&p->models[model].held, g->cluster, p->photograph);
-  int mcmc = alone && m->schedule.config.density.strategy == PAGS_STRATEGY_MCMC, bad = any_bad(g);
+  const bool mcmc = alone && m->schedule.config.density.strategy == PAGS_STRATEGY_MCMC, bad = any(g->bad, g->count);
   if (mcmc || held || bad || m->gaussians.fourier) {
     memcpy(copy, data, (size_t)g->planes * (size_t)g->stride * sizeof(float));
     data = copy;
@@ -181,21 +149,13 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     if (g->bad[i])
       copy[(g->bad[i] - 1) * g->stride + i] = NAN; /* not finite again, so that the update leaves the row out */
   if (alone)
-    update(c->trainer, m, g->cluster, data, g->stride, g->planes);
+    pags_model_update(m, &c->trainer->state.nonfinite, g->cluster, data, g->stride, g->planes);
   else
     pags_gradient_store_add(&p->models[model].sum, g->cluster, c->step, data,
                             (g->planes + (m->gaussians.fourier ? PAGS_FOURIER_PLANES : 0)) * g->stride);
 }
 
 /* ---- Loss terms ---- */
-
-static pags_result load_depth(pags_trainer *t, int64_t view) {
-  if (t->render.depth[view].loaded)
-    return PAGS_OK;
-  t->render.depth[view].loaded = 1;
-  return pags_lidar_depth_samples(t->dataset, view, MOST_SAMPLES, &t->render.depth[view].count,
-                                  &t->render.depth[view].samples);
-}
 
 /* Whether other ranks draw, too. */
 static bool shares(const pags_trainer *t) {
@@ -422,14 +382,17 @@ static pags_result draw_view(pags_trainer *t, int64_t step, pags_step_view *v, p
   pags_stage_time clock = pags_stage_now();
   pags_tasks_mark(t->tasks, NULL, "photograph");
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
-  if (t->state.schedule.config.losses.depth_weight > 0.0)
-    PAGS_TRY(load_depth(t, v->view));
+  pags_view_samples *const samples = &t->render.depth[v->view];
+  if (t->state.schedule.config.losses.depth_weight > 0.0 && !samples->loaded) {
+    samples->loaded = true;
+    PAGS_TRY(pags_lidar_depth_samples(t->dataset, v->view, MOST_SAMPLES, &samples->count, &samples->samples));
+  }
   pags_stage_lap(&clock, &t->ms.wait);
   pags_tasks_mark(t->tasks, NULL, "compose");
   PAGS_TRY(compose(t, v));
   pags_frame_options options = pags_view_render_options(t, step);
   options.keep_for_backward = 1;
-  options.depth_sum = t->render.depth[v->view].count > 0;
+  options.depth_sum = samples->count > 0;
   if (shares(t))
     PAGS_TRY(
         pags_shared_views_draw(&t->shared, t->render.frame, false, alpha_min(t), &v->camera, &options, &v->picture));
@@ -493,7 +456,7 @@ static pags_result add_scores(pags_trainer *t, pags_step_view *views, int count,
                               const pags_picture_gradient *gradient) {
   pags_shared_views *const shared = &t->shared;
   pags_result mine = PAGS_OK;
-  if (pags_round_draws(t, count)) {
+  if (shared->rank < count) {
     const pags_score_planes planes =
         pags_score_pass_training_planes(gradient, t->render.plane[ONES], t->render.plane[ZEROS]);
     if (!shares(t))
@@ -524,7 +487,7 @@ pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *view
     pags_stage_lap(&clock, &t->ms.forward);
     pags_sky_parts_begin(&t->sky_parts);
   }
-  if (mine == PAGS_OK && pags_round_draws(t, count))
+  if (mine == PAGS_OK && shared->rank < count)
     mine = draw_view(t, step, views + shared->rank, &gradient);
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   clock = pags_stage_now();
@@ -548,14 +511,6 @@ typedef struct finish_job {
   int64_t model, step;
 } finish_job;
 
-/* Number of a cluster's rows; `stride` receives that of its gradients. */
-static int cluster_rows(const pags_train_model *m, int64_t cluster, int *stride) {
-  const int64_t rest = m->gaussians.count - cluster * m->clusters.size;
-  const int rows = rest < m->clusters.size ? (int)rest : m->clusters.size;
-  *stride = (rows + 15) / 16 * 16;
-  return rows;
-}
-
 /* Block function: updates the clusters [begin, end) that one of the step's photographs shows by the mean of their
  * gradients. */
 static void finish_blocks(void *context, int64_t begin, int64_t end, int worker) {
@@ -568,57 +523,59 @@ static void finish_blocks(void *context, int64_t begin, int64_t end, int worker)
   (void)worker;
   for (int64_t c = begin; c < end; c++) {
     float *const data = pags_gradient_store_find(sum, c, job->step);
-    int stride;
-    const int rows = cluster_rows(m, c, &stride);
-    for (int64_t i = 0; data && i < (int64_t)all * stride; i++)
+    if (!data)
+      continue;
+    const int rows = pags_cluster_rows(m->gaussians.count, m->clusters.size, c), stride = (rows + 15) / 16 * 16;
+    for (int64_t i = 0; i < (int64_t)all * stride; i++)
       data[i] *= share;
-    if (data && m->schedule.config.density.strategy == PAGS_STRATEGY_MCMC)
+    if (m->schedule.config.density.strategy == PAGS_STRATEGY_MCMC)
       pags_mcmc_regularise(m, c * m->clusters.size, rows, data, stride);
-    if (data)
-      update(job->trainer, m, c, data, stride, planes);
+    pags_model_update(m, &job->trainer->state.nonfinite, c, data, stride, planes);
   }
 }
 
+/* Notes that the update of a pose or of an exposure was left out. */
+static void note(pags_trainer *t, int64_t step, int64_t object, int64_t row, pags_nonfinite_kind kind) {
+  pags_nonfinite_note(&t->state.nonfinite, 1, &(pags_nonfinite_row){step, object, row, 0, (int32_t)kind});
+}
+
 pags_result pags_train_finish(pags_trainer *t, int64_t step) {
-  const pags_schedule *s = &t->state.schedule;
+  pags_train_state *const state = &t->state;
+  const pags_schedule *s = &state->schedule;
   pags_step_rest *r = &t->rest;
   pags_stage_time clock = pags_stage_now();
   pags_tasks_mark(t->tasks, NULL, "finish");
-  for (int64_t i = 0; s->batch > 1 && i < t->state.model_count; i++)
-    if (t->render.models[i].sum.rows && !pags_parallel_for(t->tasks, t->state.models[i].clusters.count, FINISH_GRAIN,
+  for (int64_t i = 0; s->batch > 1 && i < state->model_count; i++)
+    if (t->render.models[i].sum.rows && !pags_parallel_for(t->tasks, state->models[i].clusters.count, FINISH_GRAIN,
                                                            finish_blocks, &(finish_job){t, i, step}))
       return pags_fail(PAGS_CANCELLED, "cancelled");
   if (shares(t))
     PAGS_TRY(pags_shared_step_rest(t));
-  if (s->batch > 1 && t->state.sky.sky.size > 0 && !t->state.sky.fixed)
-    PAGS_TRY(pags_sky_fit_finish(&t->state.sky, s, step, t->tasks));
+  if (s->batch > 1 && state->sky.sky.size > 0 && !state->sky.fixed)
+    PAGS_TRY(pags_sky_fit_finish(&state->sky, s, step, t->tasks));
   if (shares(t))
-    PAGS_TRY(pags_sky_parts_spread(&t->sky_parts, t->shared.transport, &t->state.sky));
+    PAGS_TRY(pags_sky_parts_spread(&t->sky_parts, t->shared.transport, &state->sky));
   for (int64_t i = 0; s->config.objects.tracks && step > s->tracks_from && i < r->pose_count; i++)
-    if (!pags_track_poses_update(&t->state.tracks, r->poses[i].object, r->poses[i].keyframe, r->poses[i].by_pose, s,
+    if (!pags_track_poses_update(&state->tracks, r->poses[i].object, r->poses[i].keyframe, r->poses[i].by_pose, s,
                                  step))
-      pags_nonfinite_note(
-          &t->state.nonfinite, 1,
-          &(pags_nonfinite_row){step, r->poses[i].object, r->poses[i].keyframe, 0, PAGS_NONFINITE_POSE});
-  for (int64_t i = 0; t->state.exposures.count > 0 && i < r->count; i++)
-    if (!pags_exposures_update(&t->state.exposures, t->dataset, r->photographs[i].view, r->photographs[i].by_exposure,
-                               s, step))
-      pags_nonfinite_note(&t->state.nonfinite, 1,
-                          &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_EXPOSURE});
-  for (int64_t i = 0; t->state.cameras.count > 0 && step > pags_holdout_test_from(s) && i < r->count; i++) {
+      note(t, step, r->poses[i].object, r->poses[i].keyframe, PAGS_NONFINITE_POSE);
+  const bool corrects = step > pags_holdout_test_from(s);
+  for (int64_t i = 0; i < r->count; i++) {
+    const int64_t view = r->photographs[i].view;
     double by_world[6];
     pags_exact_sum_value(&r->photographs[i].by_world, by_world);
-    if (!pags_camera_poses_update(&t->state.cameras, t->dataset, r->photographs[i].view, by_world, s, step))
-      pags_nonfinite_note(&t->state.nonfinite, 1,
-                          &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_CAMERA});
+    if (state->exposures.count > 0 &&
+        !pags_exposures_update(&state->exposures, t->dataset, view, r->photographs[i].by_exposure, s, step))
+      note(t, step, -1, view, PAGS_NONFINITE_EXPOSURE);
+    if (corrects && state->cameras.count > 0 &&
+        !pags_camera_poses_update(&state->cameras, t->dataset, view, by_world, s, step))
+      note(t, step, -1, view, PAGS_NONFINITE_CAMERA);
+    if (corrects && state->photometry.count > 0 &&
+        !pags_photometry_update(&state->photometry, pags_dataset_view(t->dataset, view)->sensor,
+                                &r->photographs[i].by_light, s, step))
+      note(t, step, -1, view, PAGS_NONFINITE_EXPOSURE);
   }
-  for (int64_t i = 0; t->state.photometry.count > 0 && step > pags_holdout_test_from(s) && i < r->count; i++) {
-    const int sensor = pags_dataset_view(t->dataset, r->photographs[i].view)->sensor;
-    if (!pags_photometry_update(&t->state.photometry, sensor, &r->photographs[i].by_light, s, step))
-      pags_nonfinite_note(&t->state.nonfinite, 1,
-                          &(pags_nonfinite_row){step, -1, r->photographs[i].view, 0, PAGS_NONFINITE_EXPOSURE});
-  }
-  pags_exposures_decide(&t->state.exposures, t->dataset, s, step);
+  pags_exposures_decide(&state->exposures, t->dataset, s, step);
   r->count = r->pose_count = 0;
   pags_stage_lap(&clock, &t->ms.backward);
   return PAGS_OK;

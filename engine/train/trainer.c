@@ -8,9 +8,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -19,12 +16,9 @@
 #include "port/port.h"
 #include "threads/record.h"
 #include "train/config.h"
-#include "train/density.h"
-#include "train/estimate.h"
 #include "train/score_pass.h"
 #include "train/sh_trim.h"
 #include "train/shards.h"
-#include "train/size_limit.h"
 #include "train/stages.h"
 #include "train/views.h"
 
@@ -58,15 +52,6 @@ static pags_result check_nonfinite(const pags_trainer *t) {
       PAGS_ERROR_LIMIT,
       "step %lld: %lld updates were left out because a number wasn't finite, %lld are allowed; the first was %s",
       (long long)t->state.step, (long long)t->state.nonfinite.count, (long long)t->options->bad_rows_most, text);
-}
-
-/* Decides how long photographs are shown at half size, from the pixels that they have for each Gaussian now. */
-static void decide_half_size(pags_trainer *t) {
-  const double ratio = pags_views_mean_pixels(t) / fmax((double)pags_state_gaussian_count(&t->state), 1);
-  const double fraction = pags_schedule_half_until(ratio);
-  pags_schedule_set_half_until(&t->state.schedule, fraction);
-  pags_log_message(PAGS_LOG_INFO, "%.2g pixels of a photograph for each Gaussian: half size until %.0f %% of the run",
-                   ratio, 100 * fraction);
 }
 
 /* Does a round of the step's photographs, from its photograph number `first` on: one for each rank, as far as there are
@@ -111,8 +96,14 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   PAGS_TRY(check_nonfinite(t));
   PAGS_TRY(pags_holdout_tests_decide(t));
   PAGS_TRY(pags_density_control(t));
-  if (pags_schedule_is_half_decision(&s->schedule, step))
-    decide_half_size(t);
+  if (pags_schedule_is_half_decision(&s->schedule, step)) {
+    /* Decide how long photographs are shown at half size, from the pixels that they have for each Gaussian now. */
+    const double ratio = pags_views_mean_pixels(t) / fmax((double)pags_state_gaussian_count(s), 1);
+    const double fraction = pags_schedule_half_until(ratio);
+    pags_schedule_set_half_until(&s->schedule, fraction);
+    pags_log_message(PAGS_LOG_INFO, "%.2g pixels of a photograph for each Gaussian: half size until %.0f %% of the run",
+                     ratio, 100 * fraction);
+  }
   PAGS_TRY(check_nonfinite(t)); /* under MCMC, density control has updated the Gaussians that the view doesn't show */
   pags_stage_lap(&clock, &t->ms.density);
   return PAGS_OK;
@@ -151,8 +142,8 @@ static void update_clock(const pags_trainer *t, run_clock *clock) {
   }
 }
 
-/* Calls the callbacks for progress and snapshots; returns 0 if one of them, or the cancel flag, asks to stop. */
-static int call_host(pags_trainer *t, run_clock *clock, const pags_step_view *v) {
+/* Calls the callbacks for progress and snapshots; returns false if one of them, or the cancel flag, asks to stop. */
+static bool call_host(pags_trainer *t, run_clock *clock, const pags_step_view *v) {
   const pags_train_options *o = t->options;
   const pags_train_state *s = &t->state;
   const double since = pags_clock_ms(), seconds = (since - clock->begin) / 1e3;
@@ -174,10 +165,8 @@ static int call_host(pags_trainer *t, run_clock *clock, const pags_step_view *v)
                                         .held_out_psnr = t->held_out.psnr,
                                         .held_out_step = t->held_out.step,
                                         .moment = (pags_train_moment *)t};
-  int go_on = 1;
   pags_tasks_mark(t->tasks, "host", NULL);
-  if (o->progress)
-    go_on = o->progress(o->progress_user, &progress);
+  const bool go_on = !o->progress || o->progress(o->progress_user, &progress);
   if (o->snapshot && o->snapshot_every > 0 && t->state.step % o->snapshot_every == 0) {
     pags_state_flush(&t->state, t->tasks);
     o->snapshot(o->snapshot_user, &progress, &t->state.models[0].gaussians, pags_dataset_origin(t->dataset));
@@ -191,32 +180,29 @@ static int call_host(pags_trainer *t, run_clock *clock, const pags_step_view *v)
   return go_on && !(o->cancel && *o->cancel);
 }
 
-static bool checkpoint_is_due(const pags_trainer *t, const run_clock *clock) {
-  const pags_train_options *o = t->options;
-  const int64_t step = t->state.step;
-  const bool by_steps = o->checkpoint_every > 0 && step % o->checkpoint_every == 0;
-  const bool by_time = o->checkpoint_minutes > 0 && pags_clock_ms() - clock->saved >= 60e3 * o->checkpoint_minutes;
-  return (by_steps || by_time) && step < t->state.stop;
-}
-
 /* Writes what a step leaves in the folder: rank 0 the log, and the rank that has drawn the step's last view its
  * preview. */
 static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
   const pags_train_options *o = t->options;
   const pags_train_state *s = &t->state;
-  if (t->shared.rank == 0 && o->log_every > 0 && s->step % o->log_every == 0)
-    PAGS_TRY(pags_output_log(&t->output, &(pags_log_entry){.step = s->step,
-                                                           .gaussians = pags_state_gaussian_count(s),
-                                                           .level = v->level,
-                                                           .sh_degree = pags_schedule_sh_degree(&s->schedule, s->step),
-                                                           .loss = s->loss,
-                                                           .psnr = mean_psnr(t),
-                                                           .step_loss = v->loss.loss,
-                                                           .step_l1 = v->loss.l1,
-                                                           .step_ssim = v->loss.ssim,
-                                                           .step_psnr = view_psnr(&v->loss),
-                                                           .terms = v->terms,
-                                                           .bad_rows = s->nonfinite.count}));
+  if (t->shared.rank == 0 && o->log_every > 0 && s->step % o->log_every == 0) {
+    const pags_log_value values[] = {
+        {"step", (double)s->step},
+        {"gaussians", (double)pags_state_gaussian_count(s)},
+        {"shrink", v->level},
+        {"sh_degree", pags_schedule_sh_degree(&s->schedule, s->step)},
+        {"loss", s->loss},
+        {"psnr", mean_psnr(t)},
+        {"view_loss", v->loss.loss},
+        {"view_l1", v->loss.l1},
+        {"view_ssim", v->loss.ssim},
+        {"view_psnr", view_psnr(&v->loss)},
+        {"view_sky", v->terms.sky > 0.0 ? v->terms.sky : PAGS_LOG_NOTHING},
+        {"view_depth", v->terms.depth > 0.0 ? v->terms.depth : PAGS_LOG_NOTHING},
+        {"view_objects", v->terms.objects > 0.0 ? v->terms.objects : PAGS_LOG_NOTHING},
+        {"bad_rows", s->nonfinite.count > 0 ? (double)s->nonfinite.count : PAGS_LOG_NOTHING}};
+    PAGS_TRY(pags_output_log(&t->output, values, sizeof values / sizeof *values));
+  }
   if (o->preview_every > 0 && s->step % o->preview_every == 0 && t->shared.rank == (s->schedule.batch - 1) % t->ranks)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
   return PAGS_OK;
@@ -233,8 +219,11 @@ static pags_result measure_held_out(pags_trainer *t, pags_result written) {
   PAGS_TRY(pags_held_out_measure(t));
   if (t->held_out.count == 0 || t->shared.rank > 0)
     return PAGS_OK;
-  return pags_output_log_held_out(&t->output, step, pags_state_gaussian_count(&t->state), t->held_out.psnr,
-                                  t->held_out.count);
+  const pags_log_value values[] = {{"step", (double)step},
+                                   {"gaussians", (double)pags_state_gaussian_count(&t->state)},
+                                   {"held_out_psnr", t->held_out.psnr},
+                                   {"held_out_views", t->held_out.count}};
+  return pags_output_log(&t->output, values, 4);
 }
 
 /* Sets the number of steps so that the run takes the time limit, by the estimate; rank 0 decides. Collective. */
@@ -259,11 +248,11 @@ static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   return PAGS_OK;
 }
 
-static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
+static pags_result loop(pags_trainer *t, run_clock *clock) {
   pags_train_state *s = &t->state;
   const double limit = t->options->time_limit_seconds;
   const bool times = limit > 0.0 && t->shared.rank == 0; /* rank 0's clock decides when the time is over */
-  while (s->step < s->stop && !*stopped) {
+  for (bool stopped = false; s->step < s->stop && !stopped;) {
     pags_step_view v;
     PAGS_TRY(do_step(t, &v));
     update_clock(t, clock);
@@ -272,7 +261,7 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
       clock->first_masked = v.view;
     clock->blank = pags_frame_stats_get(t->render.frame)->binned > 0 ? 0 : clock->blank + 1;
     if (t->options->estimate) {
-      *stopped = s->step >= ESTIMATE_STEPS;
+      stopped = s->step >= ESTIMATE_STEPS;
       continue;
     }
     const pags_result written = measure_held_out(t, write_step(t, &v));
@@ -280,11 +269,14 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
       PAGS_TRY(pags_transport_agree(t->options->transport, written));
       PAGS_TRY(fit_to_clock(t, clock));
     }
-    *stopped =
+    stopped =
         (written == PAGS_OK && !call_host(t, clock, &v)) || (times && pags_clock_ms() - clock->begin > 1e3 * limit);
-    bool save = checkpoint_is_due(t, clock);
-    PAGS_TRY(pags_share_run_agree(t, written, stopped, &save));
-    if (!save || *stopped) /* the end writes one, too */
+    const pags_train_options *o = t->options;
+    const bool by_steps = o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0;
+    const bool by_time = o->checkpoint_minutes > 0 && pags_clock_ms() - clock->saved >= 60e3 * o->checkpoint_minutes;
+    bool save = (by_steps || by_time) && s->step < s->stop;
+    PAGS_TRY(pags_share_run_agree(t, written, &stopped, &save));
+    if (!save || stopped) /* the end writes one, too */
       continue;
     pags_tasks_mark(t->tasks, "checkpoint", "write");
     PAGS_TRY(pags_train_moment_save((pags_train_moment *)t));
@@ -345,10 +337,9 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
 
 static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   run_clock clock = {.begin = begin};
-  int stopped = 0;
   clock.window = clock.tail = clock.saved = pags_clock_ms();
   clock.window_step = clock.tail_step = clock.first_step = t->state.step;
-  const pags_result code = loop(t, &clock, &stopped);
+  const pags_result code = loop(t, &clock);
 
   /* Fill in the result, the times being means over this process's steps. */
   const pags_train_state *s = &t->state;
@@ -403,36 +394,36 @@ pags_train_options pags_train_options_default(void) {
                               .bad_rows_most = 1000};
 }
 
-/* Fills in the fields set to auto. Blocks of a recording have one gauge of poses and brightness, which corrections of
- * each block by itself would move. Photographs of one colour have none that depends on the view. */
-static pags_train_config resolve(const pags_dataset *dataset, const pags_train_config *asked, bool one_colour) {
-  pags_train_config config = *asked;
-  if (one_colour && config.color.sh_degree < 0)
-    config.color.sh_degree = 0;
-  if (pags_dataset_block(dataset)) {
-    config.cameras.camera_poses = config.cameras.camera_poses > 0;
-    config.cameras.light = config.cameras.light > 0;
-  }
-  return pags_config_resolve(&config, pags_dataset_fps(dataset) > 0.0);
-}
-
 /* What a rank finds out by itself, before anything is written; rank 0 alone writes to the folder. */
-static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags_train_config *config, int *found,
+static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags_train_config *config, bool *found,
                            bool *one_colour) {
   const pags_train_options *o = t->options;
+  const bool driving = pags_dataset_fps(t->dataset) > 0.0;
   PAGS_TRY(pags_train_config_check(asked));
   if (!o->estimate)
     PAGS_TRY(pags_output_find(&t->output, o, found));
   PAGS_TRY(pags_views_list(t));
   PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
-  if (!(pags_dataset_fps(t->dataset) > 0.0))
+  if (!driving)
     PAGS_TRY(pags_views_find_one_colour(t, one_colour));
-  *config = resolve(t->dataset, asked, *one_colour);
+
+  /* Fill in the fields set to auto. Blocks of a recording have one gauge of poses and brightness, which corrections of
+   * each block by itself would move. Photographs of one colour have none that depends on the view. */
+  *config = *asked;
+  if (*one_colour && config->color.sh_degree < 0)
+    config->color.sh_degree = 0;
+  if (pags_dataset_block(t->dataset)) {
+    config->cameras.camera_poses = config->cameras.camera_poses > 0;
+    config->cameras.light = config->cameras.light > 0;
+  }
+  *config = pags_config_resolve(config, driving);
   PAGS_TRY(pags_train_config_check(config)); /* chosen values can contradict those that were set */
-  return pags_share_run_check(o);
+  if (o->estimate && t->ranks > 1)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "--estimate requires one process; it can't be shared between ranks");
+  return PAGS_OK;
 }
 
-static pags_result open_state(pags_trainer *t, const pags_train_config *config, int found) {
+static pags_result open_state(pags_trainer *t, const pags_train_config *config, bool found) {
   PAGS_TRY(found ? pags_trainer_resume(t, config) : pags_trainer_start(t, config));
   return pags_view_render_create(t);
 }
@@ -440,8 +431,7 @@ static pags_result open_state(pags_trainer *t, const pags_train_config *config, 
 static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pags_train_result *result) {
   const pags_train_options *o = t->options;
   pags_train_config config;
-  int found = 0;
-  bool one_colour = false;
+  bool found = false, one_colour = false;
   PAGS_TRY(pags_transport_agree(o->transport, prepare(t, asked, &config, &found, &one_colour)));
   PAGS_TRY(pags_transport_agree(o->transport, open_state(t, &config, found)));
   t->state.one_colour = one_colour;
@@ -461,9 +451,8 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
   double begin = pags_clock_ms();
   assert(options->dataset && options->tasks && (options->output || options->estimate));
   *result = (pags_train_result){0};
-  pags_trainer *t = calloc(1, sizeof *t);
-  if (!t)
-    return pags_out_of_memory("a trainer");
+  PAGS_AUTOFREE pags_trainer *t = calloc(1, sizeof *t);
+  PAGS_CHECK_MEMORY(t, "a trainer");
   t->options = options;
   t->dataset = options->dataset;
   t->tasks = options->tasks;
@@ -475,8 +464,7 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
     pags_transport_give_up(options->transport, code);
 
   /* Free everything; close the output folder. */
-  int failed = code != PAGS_OK;
-  pags_output_close(&t->output, failed);
+  pags_output_close(&t->output, code != PAGS_OK);
   pags_photo_cache_destroy(t->cache);
   pags_view_render_destroy(t);
   pags_share_run_destroy(t);
@@ -486,7 +474,5 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
   free(t->rest.poses);
   free(t->views);
   free(t->order);
-  free(t);
-
   return code;
 }

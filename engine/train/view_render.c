@@ -3,10 +3,8 @@
  * its pending Adam steps (adam.c), evaluates colour over time and draws which Gaussians dropout leaves out. */
 #include "train/view_render.h"
 
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "port/port.h"
 #include "train/dropout.h"
 #include "train/run.h"
@@ -18,8 +16,7 @@ pags_result pags_view_render_create(pags_trainer *t) {
   p->drawn = calloc(models, sizeof *p->drawn);
   p->models = calloc(models, sizeof *p->models);
   p->depth = calloc(views, sizeof *p->depth);
-  if (!p->parts || !p->drawn || !p->models || !p->depth)
-    return pags_out_of_memory("the parts of %lld models", (long long)models);
+  PAGS_CHECK_MEMORY(p->parts && p->drawn && p->models && p->depth, "the parts of %lld models", (long long)models);
   PAGS_TRY(pags_frame_create(t->tasks, &p->frame));
   return t->state.model_count > 1 ? pags_frame_create(t->tasks, &p->object_frame) : PAGS_OK;
 }
@@ -49,19 +46,16 @@ void pags_view_render_destroy(pags_trainer *t) {
 
 pags_result pags_view_render_reserve_factors(pags_trainer *t) {
   pags_view_render *p = &t->render;
-  pags_dropout dropout = pags_dropout_at(&t->state.schedule, p->photograph, -1);
+  const pags_dropout dropout = pags_dropout_at(&t->state.schedule, p->photograph, -1);
   for (int i = 0; dropout.most > 0.0 && i < p->part_count; i++) {
-    int64_t model = p->drawn[i].model, stride = t->state.models[model].gaussians.stride;
-    if (stride > p->models[model].factor_room) {
-      pags_port_aligned_free(p->models[model].factor);
-      p->models[model].factor_room = 0;
-      p->models[model].factor = pags_port_aligned_alloc(64, (size_t)stride * sizeof(float));
-      if (!p->models[model].factor)
-        return pags_out_of_memory("the dropout of %lld Gaussians", (long long)stride);
-      memset(p->models[model].factor, 0, (size_t)stride * sizeof(float));
-      p->models[model].factor_room = stride;
+    pags_model_room *const room = &p->models[p->drawn[i].model];
+    const int64_t stride = t->state.models[p->drawn[i].model].gaussians.stride;
+    if (stride > room->factor_room) {
+      room->factor_room = 0;
+      PAGS_CHECK_MEMORY(pags_floats_renew(&room->factor, stride), "the dropout of %lld Gaussians", (long long)stride);
+      room->factor_room = stride;
     }
-    p->parts[i].opacity_factor = p->models[model].factor;
+    p->parts[i].opacity_factor = room->factor;
     p->parts[i].opacity_factor_most = pags_dropout_boost(&dropout);
   }
   return PAGS_OK;
@@ -81,27 +75,24 @@ static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t k
 
 void pags_view_render_compose(pags_trainer *t, int64_t view) {
   const pags_view *v = pags_dataset_view(t->dataset, view);
-  const double *origin = pags_dataset_origin(t->dataset);
   double pose[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   int32_t first_id = 0;
   t->render.part_count = 0;
-  for (int64_t i = 0; i < t->state.model_count; i++) {
-    const pags_train_model *m = &t->state.models[i];
-    if (m->object < 0) {
+  for (int64_t i = 0; i < t->state.model_count; first_id += (int32_t)t->state.models[i++].total) {
+    const int64_t number = t->state.models[i].object;
+    if (number < 0) {
       add_part(t, i, first_id, -1, pose);
-    } else {
-      const pags_object *object = &t->state.tracks.objects[m->object];
-      if (pags_object_pose(object, v->camera.time, pose)) {
-        for (int k = 0; k < 3; k++)
-          pose[4 * k + 3] -= origin[k];
-        double begin = object->keyframes[0].time, end = object->keyframes[object->keyframe_count - 1].time;
-        pags_fourier_basis(pags_fourier_phase(begin, end, v->camera.time), t->render.models[i].basis);
-        add_part(t, i, first_id, pags_track_poses_keyframe(object, v->frame), pose);
-        if (pags_camera_rolls(&v->camera))
-          pags_object_velocity(object, v->camera.time, t->render.parts[t->render.part_count - 1].velocity);
-      }
+      continue;
     }
-    first_id += (int32_t)m->total;
+    const pags_object *object = &t->state.tracks.objects[number];
+    if (!pags_object_pose(object, v->camera.time, pose))
+      continue;
+    pags_pose_subtract(pose, pags_dataset_origin(t->dataset));
+    const double begin = object->keyframes[0].time, end = object->keyframes[object->keyframe_count - 1].time;
+    pags_fourier_basis(pags_fourier_phase(begin, end, v->camera.time), t->render.models[i].basis);
+    add_part(t, i, first_id, pags_track_poses_keyframe(object, v->frame), pose);
+    if (pags_camera_rolls(&v->camera))
+      pags_object_velocity(object, v->camera.time, t->render.parts[t->render.part_count - 1].velocity);
   }
 }
 
@@ -129,64 +120,49 @@ pags_frame_options pags_view_render_options(const pags_trainer *t, int64_t step)
   return o;
 }
 
-/* Computes the rows of one cluster, padding included. */
-static void rows_of(const pags_train_model *m, int64_t cluster, int64_t *first, int64_t *last) {
-  *first = cluster * m->clusters.size;
-  *last = *first + m->clusters.size < m->gaussians.stride ? *first + m->clusters.size : m->gaussians.stride;
-}
-
-/* Draws the dropout factors of one cluster's Gaussians. */
-static void drop(const pags_render_context *c, int64_t model, int64_t cluster) {
-  const pags_train_model *m = &c->trainer->state.models[model];
-  pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, c->trainer->render.photograph, m->object);
-  dropout.first_row = m->first_row;
-  int64_t first, last;
-  rows_of(m, cluster, &first, &last);
-  pags_dropout_draw(&dropout, m->gaussians.s_sem, first, last - first, c->trainer->render.models[model].factor);
-}
-
 void pags_view_render_touch(void *user, int part, int64_t cluster, int worker) {
   const pags_render_context *c = user;
-  int64_t model = c->trainer->render.drawn[c->first_part + part].model;
+  const pags_view_render *const p = &c->trainer->render;
+  const int64_t model = p->drawn[c->first_part + part].model;
   pags_train_model *m = &c->trainer->state.models[model];
-  int64_t first, last;
   (void)worker;
   pags_adam_touch(&m->adam, &m->gaussians, cluster, c->step);
-  rows_of(m, cluster, &first, &last);
+
+  /* The cluster's rows, padding included. */
+  const int64_t first = cluster * m->clusters.size, end = first + m->clusters.size;
+  const int64_t last = end < m->gaussians.stride ? end : m->gaussians.stride;
   if (m->gaussians.fourier)
-    pags_fourier_colour(&m->gaussians, c->trainer->render.models[model].basis, first, last,
-                        c->trainer->render.models[model].dc);
-  if (c->trainer->render.parts[c->first_part + part].opacity_factor)
-    drop(c, model, cluster);
+    pags_fourier_colour(&m->gaussians, p->models[model].basis, first, last, p->models[model].dc);
+  if (p->parts[c->first_part + part].opacity_factor) {
+    pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, p->photograph, m->object);
+    dropout.first_row = m->first_row;
+    pags_dropout_draw(&dropout, m->gaussians.s_sem, first, last - first, p->models[model].factor);
+  }
 }
 
 pags_result pags_view_render_prepare(pags_trainer *t, int64_t step) {
-  for (int i = 0; i < t->render.part_count; i++) {
-    int64_t model = t->render.drawn[i].model;
+  pags_view_render *const p = &t->render;
+  for (int i = 0; i < p->part_count; i++) {
+    pags_model_room *const room = &p->models[p->drawn[i].model];
+    pags_train_model *const m = &t->state.models[p->drawn[i].model];
 
     /* Make room for the buffers of the model, whose sizes follow its number of clusters or Gaussians. */
-    pags_view_render *p = &t->render;
-    const pags_train_model *m = &t->state.models[model];
-    int64_t clusters = m->clusters.count;
+    const int64_t clusters = m->clusters.count, stride = m->gaussians.stride;
     const bool posed = m->object >= 0 || t->state.cameras.count > 0;
-    if (posed && clusters > p->models[model].pose_room) {
-      free(p->models[model].pose);
-      p->models[model].pose_room = clusters + clusters / 2;
-      p->models[model].pose = calloc((size_t)p->models[model].pose_room, sizeof *p->models[model].pose);
-      if (!p->models[model].pose)
-        return p->models[model].pose_room = 0, pags_out_of_memory("pose gradients");
+    if (posed && clusters > room->pose_room) {
+      free(room->pose);
+      room->pose_room = 0;
+      room->pose = calloc((size_t)(clusters + clusters / 2), sizeof *room->pose);
+      PAGS_CHECK_MEMORY(room->pose, "pose gradients");
+      room->pose_room = clusters + clusters / 2;
     }
-    if (m->gaussians.fourier && p->models[model].dc_stride != m->gaussians.stride) {
-      pags_port_aligned_free(p->models[model].dc);
-      p->models[model].dc_stride = m->gaussians.stride;
-      p->models[model].dc = pags_port_aligned_alloc(64, 3 * (size_t)m->gaussians.stride * sizeof(float));
-      if (!p->models[model].dc)
-        return p->models[model].dc_stride = 0, pags_out_of_memory("colours over time");
-      memset(p->models[model].dc, 0, 3 * (size_t)m->gaussians.stride * sizeof(float));
+    if (m->gaussians.fourier && room->dc_stride != stride) {
+      room->dc_stride = 0;
+      PAGS_CHECK_MEMORY(pags_floats_renew(&room->dc, 3 * stride), "colours over time");
+      room->dc_stride = stride;
     }
-
-    t->render.parts[i].dc = t->state.models[model].gaussians.fourier ? t->render.models[model].dc : NULL;
-    pags_adam_begin(&t->state.models[model].adam, step);
+    p->parts[i].dc = m->gaussians.fourier ? room->dc : NULL;
+    pags_adam_begin(&m->adam, step);
   }
   return PAGS_OK;
 }

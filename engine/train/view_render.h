@@ -4,8 +4,8 @@
 #ifndef PAGS_TRAIN_VIEW_RENDER_H
 #define PAGS_TRAIN_VIEW_RENDER_H
 
+#include "train/driving_losses.h"
 #include "train/gradient_store.h"
-#include "train/lidar_depth.h"
 #include "train/state.h"
 
 struct pags_trainer;
@@ -31,6 +31,13 @@ typedef struct pags_drawn_model {
   int64_t keyframe; /* index of the track's keyframe at the view's time step; -1: none, or the background */
 } pags_drawn_model;
 
+/* LiDAR depth samples of a view. */
+typedef struct pags_view_samples {
+  int64_t count;
+  pags_lidar_depth_sample *samples;
+  bool loaded;
+} pags_view_samples;
+
 /* Frames and buffers for rendering in training, besides the run's state; kept from step to step. */
 typedef struct pags_view_render {
   pags_frame *frame, *object_frame;
@@ -43,11 +50,7 @@ typedef struct pags_view_render {
                                        camera shows them (photometry.h) */
   uint8_t *emphasis;                /* 1 where the training view is critical, else 0; as long as a plane */
   int64_t plane_floats;             /* floats allocated per plane */
-  struct {
-    int64_t count;
-    pags_lidar_depth_sample *samples;
-    bool loaded;
-  } *depth; /* LiDAR depth samples, one per view of the data set */
+  pags_view_samples *depth;         /* one per view of the data set */
 } pags_view_render;
 
 /* The argument of the frame's callbacks. */

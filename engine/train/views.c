@@ -3,54 +3,45 @@
  * resolution, and which ones the photo cache decodes ahead. */
 #include "train/views.h"
 
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/bytes.h"
 #include "base/memory.h"
 #include "train/stages.h"
-
-static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
-  const uint8_t *b = bytes;
-  for (size_t i = 0; i < size; i++)
-    hash = (hash ^ b[i]) * 1099511628211u;
-  return hash;
-}
 
 /* Returns a hash of the names, sizes, cameras and roles (training or held out) of all views, of the objects' labelled
  * poses, and of the user's choice of what is critical: the data that the steps of a checkpoint depend on. */
 static uint64_t fingerprint_of(const pags_dataset *dataset) {
-  uint64_t hash = 14695981039346656037u;
+  uint64_t hash = PAGS_HASH_OF_NOTHING;
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const pags_view *v = pags_dataset_view(dataset, i);
     int sizes[3] = {v->camera.width, v->camera.height, v->test};
     double lens[4] = {v->camera.fx, v->camera.fy, v->camera.cx, v->camera.cy};
-    hash = hash_bytes(hash, v->name, strlen(v->name) + 1);
-    hash = hash_bytes(hash, sizes, sizeof sizes);
-    hash = hash_bytes(hash, lens, sizeof lens);
-    hash = hash_bytes(hash, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
+    hash = pags_hash_bytes(hash, v->name, strlen(v->name) + 1);
+    hash = pags_hash_bytes(hash, sizes, sizeof sizes);
+    hash = pags_hash_bytes(hash, lens, sizeof lens);
+    hash = pags_hash_bytes(hash, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
     if (pags_camera_rolls(&v->camera))
-      hash = hash_bytes(hash, &v->camera.shutter, sizeof v->camera.shutter);
+      hash = pags_hash_bytes(hash, &v->camera.shutter, sizeof v->camera.shutter);
     if (pags_camera_bends(&v->camera)) {
       const pags_lens_model *const m = &v->camera.lens;
       const int kind = (int)m->kind;
-      hash = hash_bytes(hash, &kind, sizeof kind);
-      hash = hash_bytes(hash, m->k, sizeof m->k);
-      hash = hash_bytes(hash, m->d, sizeof m->d);
-      hash = hash_bytes(hash, m->p, sizeof m->p);
-      hash = hash_bytes(hash, m->s, sizeof m->s);
-      hash = hash_bytes(hash, &m->field, sizeof m->field);
+      hash = pags_hash_bytes(hash, &kind, sizeof kind);
+      hash = pags_hash_bytes(hash, m->k, sizeof m->k);
+      hash = pags_hash_bytes(hash, m->d, sizeof m->d);
+      hash = pags_hash_bytes(hash, m->p, sizeof m->p);
+      hash = pags_hash_bytes(hash, m->s, sizeof m->s);
+      hash = pags_hash_bytes(hash, &m->field, sizeof m->field);
     }
   }
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *o = pags_dataset_object(dataset, i);
-    hash = hash_bytes(hash, o->id, strlen(o->id) + 1);
+    hash = pags_hash_bytes(hash, o->id, strlen(o->id) + 1);
     for (int64_t k = 0; k < o->keyframe_count; k++) {
-      hash = hash_bytes(hash, &o->keyframes[k].time, sizeof o->keyframes[k].time);
-      hash = hash_bytes(hash, o->keyframes[k].world_from_object, sizeof o->keyframes[k].world_from_object);
+      hash = pags_hash_bytes(hash, &o->keyframes[k].time, sizeof o->keyframes[k].time);
+      hash = pags_hash_bytes(hash, o->keyframes[k].world_from_object, sizeof o->keyframes[k].world_from_object);
     }
   }
   if (pags_dataset_critical(dataset))
-    hash = hash_bytes(hash, pags_dataset_critical(dataset), strlen(pags_dataset_critical(dataset)));
+    hash = pags_hash_bytes(hash, pags_dataset_critical(dataset), strlen(pags_dataset_critical(dataset)));
   return hash;
 }
 
@@ -58,8 +49,7 @@ pags_result pags_views_list(pags_trainer *t) {
   int64_t all = pags_dataset_view_count(t->dataset);
   t->views = malloc((size_t)(all > 0 ? all : 1) * sizeof *t->views);
   t->order = malloc(2 * (size_t)(all > 0 ? all : 1) * sizeof *t->order);
-  if (!t->views || !t->order)
-    return pags_out_of_memory("%lld views", (long long)all);
+  PAGS_CHECK_MEMORY(t->views && t->order, "%lld views", (long long)all);
   for (int64_t i = 0; i < all; i++)
     if (!pags_dataset_view(t->dataset, i)->test)
       t->views[t->view_count++] = i;
@@ -80,14 +70,15 @@ double pags_views_mean_pixels(const pags_trainer *t) {
   return pixels;
 }
 
-/* Computes the permutations of the pass that a photograph belongs to and of the next pass. */
-static void prepare_order(pags_trainer *t, int64_t photograph) {
-  int64_t epoch = (photograph - 1) / t->view_count;
-  if (epoch == t->order_epoch)
-    return;
-  pags_schedule_order(&t->state.schedule, epoch, t->order);
-  pags_schedule_order(&t->state.schedule, epoch + 1, t->order + t->view_count);
-  t->order_epoch = epoch;
+void pags_views_largest(const pags_trainer *t, int *width, int *height) {
+  *width = *height = 1;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    if ((int64_t)camera->width * camera->height > (int64_t)*width * *height) {
+      *width = camera->width;
+      *height = camera->height;
+    }
+  }
 }
 
 /* Returns the data set's view of a photograph of these two passes. In place of one that holdout tests use, the
@@ -155,15 +146,20 @@ int pags_views_level(const pags_trainer *t, int64_t index) {
 }
 
 pags_result pags_views_photo(pags_trainer *t, int64_t index, int *level, pags_photo *photo) {
-  int64_t left = t->view_count - index;
-  *level = level_of(t, t->state.step, t->views[index]);
+  const int64_t left = t->view_count - index;
+  *level = pags_views_level(t, index);
   if (t->ranks == 1)
     pags_photo_cache_prefetch(t->cache, t->views + index, left < PAGS_TRAIN_AHEAD ? left : PAGS_TRAIN_AHEAD, *level);
   return pags_photo_cache_get(t->cache, t->views[index], *level, photo);
 }
 
 int64_t pags_views_next(pags_trainer *t, int64_t photograph, int *level) {
-  prepare_order(t, photograph);
+  const int64_t epoch = (photograph - 1) / t->view_count;
+  if (epoch != t->order_epoch) { /* the permutations of this pass and of the next */
+    pags_schedule_order(&t->state.schedule, epoch, t->order);
+    pags_schedule_order(&t->state.schedule, epoch + 1, t->order + t->view_count);
+    t->order_epoch = epoch;
+  }
   const int64_t view = view_of(t, photograph);
   *level = level_of(t, pags_schedule_steps(&t->state.schedule, photograph), view);
   announce(t, photograph, *level);

@@ -15,6 +15,9 @@ pags_result pags_views_list(pags_trainer *trainer);
 /* Returns the mean number of pixels of the training photographs at their full size. */
 double pags_views_mean_pixels(const pags_trainer *trainer);
 
+/* Size of the largest training photograph. */
+void pags_views_largest(const pags_trainer *trainer, int *width, int *height);
+
 /* Whether no pixel of the training photographs differs from another by more than a level of 255. Looks at photographs
  * until one does, which is the first for all but blank captures. */
 pags_result pags_views_find_one_colour(pags_trainer *trainer, bool *out);

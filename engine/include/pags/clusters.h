@@ -10,6 +10,9 @@
 extern "C" {
 #endif
 
+/* Gaussians in the largest clusters. */
+enum { PAGS_LARGEST_CLUSTER = 256 };
+
 /* The bounds of all clusters of a set of Gaussians. Cluster c holds the rows [c * size, (c + 1) * size); the last
  * cluster may be shorter. The bounds are tight if the rows are in Morton order (pags_gaussians_morton_order),
  * since rows that lie together in memory then lie together in space too. Memory: 28 / size bytes per Gaussian. */

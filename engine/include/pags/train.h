@@ -457,7 +457,7 @@ typedef struct pags_train_result {
   pags_train_traffic traffic; /* of this rank; zero if it is alone */
   double seconds_watched;     /* time spent in callbacks, which `seconds` leaves out */
   double estimated_seconds;   /* with options.estimate: time of the whole run */
-  uint64_t estimated_bytes;   /* with options.estimate: memory at the most Gaussians expected (train/estimate.h) */
+  uint64_t estimated_bytes;   /* with options.estimate: memory at the most Gaussians expected (train/estimate.c) */
 } pags_train_result;
 
 /* Trains, and writes to the folder options->output: scene.json with the models (background.ply, ...) and the sky,

@@ -10,7 +10,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "train/lidar_depth.h"
+#include "train/driving_losses.h"
 #include "unit/driving_stub.h"
 
 static int count_wrong(const pags_dataset *d, int step, const pags_lidar_depth_sample *samples, int64_t count) {

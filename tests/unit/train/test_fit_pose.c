@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fits of a camera's pose to the left half of a photograph (train/fit_pose.h): a pose that is off is found, one that is
+/* Fits of a camera's pose to the left half of a photograph (train/fit_pose.c): a pose that is off is found, one that is
  * right stays, and nothing of the right half is used. */
 #include "unit/random_scene.h"
 
@@ -11,7 +11,7 @@
 #include <cmocka.h>
 #include <math.h>
 
-#include "train/fit_pose.h"
+#include "train/camera_poses.h"
 
 enum { STRIDE = 112, COUNT = 120 };
 
