@@ -385,8 +385,14 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
     PAGS_TRY(check_plausible(dataset));
   report_split(dataset, &resolved);
   PAGS_TRY(pags_dataset_set_origin(dataset));
-  if (dataset->parsed.driving)
-    PAGS_TRY(pags_driving_views_check(dataset, options));
+  if (dataset->parsed.driving) {
+    PAGS_TRY(pags_ego_masks_make(dataset, options));
+    pags_held_out_check(dataset);
+  }
+  if (dataset->parsed.driving && options->look) {
+    PAGS_TRY(pags_look_at_photographs(dataset));
+    PAGS_TRY(pags_look_for_mirror(dataset));
+  }
   PAGS_TRY(pags_dataset_make_points(dataset, options));
   pags_dataset_check_in_view(dataset);
   return PAGS_OK;

@@ -35,10 +35,10 @@ double pags_view_angle(const pags_dataset *dataset, int64_t a, int64_t b) {
   return 57.29577951308232 * pags_acos(fmax(-1, fmin(1, p[2] * q[2] + p[6] * q[6] + p[10] * q[10])));
 }
 
-/* ---- All looks ---- */
+/* ---- Held-out photographs ---- */
 
 /* A camera of a lower rate may have its photographs just at the time steps that are held out. */
-static void check_held_out(const pags_dataset *dataset) {
+void pags_held_out_check(const pags_dataset *dataset) {
   const pags_driving *driving = dataset->parsed.driving;
   pags_tally found = {0};
   for (int64_t i = 0; i < driving->sensor_count; i++) {
@@ -57,12 +57,4 @@ static void check_held_out(const pags_dataset *dataset) {
         "%s/images: more than half of the photographs of %lld of %lld cameras are held out, the first is %s; "
         "another --split-every holds out others, 0 none",
         driving->root, (long long)found.count, (long long)driving->sensor_count, found.first);
-}
-
-pags_result pags_driving_views_check(pags_dataset *dataset, const pags_dataset_options *options) {
-  PAGS_TRY(pags_ego_masks_make(dataset, options));
-  check_held_out(dataset);
-  if (options->look)
-    PAGS_TRY(pags_look_at_photographs(dataset));
-  return options->look ? pags_look_for_mirror(dataset) : PAGS_OK;
 }

@@ -14,9 +14,8 @@ pags_result pags_small_photo_load(const pags_dataset *dataset, int64_t view, int
 double pags_view_distance(const pags_dataset *dataset, int64_t a, int64_t b);
 double pags_view_angle(const pags_dataset *dataset, int64_t a, int64_t b);
 
-/* Finds ego masks; with `look`, looks at the photographs; warns of cameras of which most photographs are held out. Call
- * it after the views are made. */
-pags_result pags_driving_views_check(pags_dataset *dataset, const pags_dataset_options *options);
+/* Warns of cameras of which most photographs are held out. */
+void pags_held_out_check(const pags_dataset *dataset);
 
 /* Warns of photographs without content and of those that a moving camera repeats (look_photographs.c). */
 pags_result pags_look_at_photographs(const pags_dataset *dataset);
