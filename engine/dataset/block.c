@@ -61,10 +61,10 @@ static pags_result read_steps(const pags_json *json, const pags_json_value *root
 }
 
 static pags_result refuse(const pags_json *json, const char *flag, const char *given, const char *stated) {
-  return pags_fail(PAGS_ERROR_ARGUMENT,
-                   "%s: --%s %s, but the recording was split with %s%s; leave the option out, or split the recording "
-                   "with it",
-                   pags_json_path(json), flag, given, stated ? stated : "none", stated ? "" : " given");
+  return pags_fail(
+      PAGS_ERROR_ARGUMENT,
+      "%s: --%s %s, but the recording was split with %s%s; leave the option out, or split the recording with it",
+      pags_json_path(json), flag, given, stated ? stated : "none", stated ? "" : " given");
 }
 
 static pags_result take_options(const pags_json *json, const pags_json_value *stated, pags_block_file *out,
@@ -206,10 +206,10 @@ pags_result pags_block_cut(const pags_block *block, pags_parsed_dataset *parsed)
   driving->sweep_count = sweeps;
   driving->object_count = objects;
   if (views == 0)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: has no photograph of the time steps %d to %d, which are block %d's; expected the recording "
-                     "that was split",
-                     driving->root, block->first, block->last, block->number);
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: has no photograph of the time steps %d to %d, which are block %d's; expected the recording that was split",
+        driving->root, block->first, block->last, block->number);
   return pags_driving_note(driving,
                            "block %d of %d of this recording: time steps %d to %d, of which %d to %d are its own",
                            block->number, block->count, block->first, block->last, block->own_first, block->own_last);

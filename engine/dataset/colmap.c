@@ -72,8 +72,7 @@ pags_result pags_colmap_check_kind(const char *where, int kind, const char *name
   return pags_fail(PAGS_ERROR_UNSUPPORTED,
                    "%s: camera model %s is not known; expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, "
                    "FULL_OPENCV, FOV, DIVISION, EUCM, EQUIRECTANGULAR or a FISHEYE model of COLMAP; `colmap "
-                   "image_undistorter` makes "
-                   "PINHOLE ones of any",
+                   "image_undistorter` makes PINHOLE ones of any",
                    where, name);
 }
 

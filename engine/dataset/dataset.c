@@ -69,8 +69,8 @@ static pags_result read_of_kind(const char *path, const pags_dataset_options *op
   PAGS_TRY(pags_unsupported_recording_check(path, true));
   return pags_fail(
       PAGS_ERROR_FORMAT,
-      "%s: not in drivestudio's layout, which --kind %s asks for: expected the folders images, intrinsics, "
-      "extrinsics and ego_pose (docs/dataset-layout.md), found %s; other data sets are read without --kind",
+      "%s: not in drivestudio's layout, which --kind %s asks for: expected the folders images, intrinsics, extrinsics "
+      "and ego_pose (docs/dataset-layout.md), found %s; other data sets are read without --kind",
       path, options->kind,
       pags_folder_has_folder(path, "images") ? "images, but neither extrinsics nor ego_pose" : "no folder images");
 }
@@ -94,8 +94,8 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
     if (pags_folder_has(path, "transforms.json")) {
       if (has_split)
         PAGS_WARN(
-            "%s: transforms.json is used; transforms_train.json and the files of its split are not "
-            "(without transforms.json they are one data set)",
+            "%s: transforms.json is used; transforms_train.json and the files of its split are not (without "
+            "transforms.json they are one data set)",
             path);
       PAGS_AUTOFREE char *transforms = pags_path_join(path, "transforms.json");
       PAGS_CHECK_MEMORY(transforms, "%s", path);
@@ -239,8 +239,8 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
   }
   if (lossy)
     PAGS_WARN(
-        "%s: the distortion can't be undone at up to %.1f %% of a picture, which is left out; the first "
-        "picture of such a camera is %s",
+        "%s: the distortion can't be undone at up to %.1f %% of a picture, which is left out; the first picture of "
+        "such a camera is %s",
         dataset->parsed.source, 100 * worst, lossy);
   if (bent && dataset->parsed.driving)
     PAGS_TRY(pags_driving_note(dataset->parsed.driving,
@@ -254,8 +254,8 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
                      dataset->parsed.source, (long long)bent_count, (long long)dataset->count, bent);
   if (rolling)
     PAGS_WARN(
-        "%s: %lld views that keep their lens have a rolling shutter, which isn't used with a lens: their "
-        "pictures are taken as exposed at once",
+        "%s: %lld views that keep their lens have a rolling shutter, which isn't used with a lens: their pictures are "
+        "taken as exposed at once",
         dataset->parsed.source, (long long)rolling);
   if (training == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: all of its views are held out; expected more views, or --split-every 0",
@@ -271,12 +271,11 @@ static pags_result check_plausible(const pags_dataset *dataset) {
     const pags_lens *lens = &view->lens;
     const double ratio = fmin(lens->fx / lens->width, lens->fy / lens->height), even = lens->fx / lens->fy;
     if (ratio < 0.02)
-      return pags_fail(
-          PAGS_ERROR_FORMAT,
-          "%s (%s): focal lengths %g and %g for %d x %d pixels, an angle of view of %.0f degrees; expected "
-          "pixels (are they in millimetres, or the pictures of another size?)",
-          view->where, pags_path_name(view->image_path), lens->fx, lens->fy, lens->width, lens->height,
-          2 * pags_atan(0.5 / ratio) * 180 / 3.14159265358979323846);
+      return pags_fail(PAGS_ERROR_FORMAT,
+                       "%s (%s): focal lengths %g and %g for %d x %d pixels, an angle of view of %.0f degrees; "
+                       "expected pixels (are they in millimetres, or the pictures of another size?)",
+                       view->where, pags_path_name(view->image_path), lens->fx, lens->fy, lens->width, lens->height,
+                       2 * pags_atan(0.5 / ratio) * 180 / 3.14159265358979323846);
     const double left = (double)dataset->cameras[i].width / lens->width;
     if (left < 0.1)
       return pags_fail(PAGS_ERROR_FORMAT,
@@ -290,13 +289,12 @@ static pags_result check_plausible(const pags_dataset *dataset) {
   const pags_parsed_view *view = &dataset->parsed.views[first];
   const pags_lens *lens = &view->lens;
   if (odd)
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s: %lld of %lld views have unlikely intrinsics, the first is %s: focal lengths %g and %g, centre "
-        "%g, %g for %d x %d pixels, of which the distortion leaves %d x %d",
-        dataset->parsed.source, (long long)odd, (long long)dataset->count, pags_path_name(view->image_path), lens->fx,
-        lens->fy, lens->cx, lens->cy, lens->width, lens->height, dataset->cameras[first].width,
-        dataset->cameras[first].height);
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld views have unlikely intrinsics, the first is %s: focal lengths %g and %g, "
+                     "centre %g, %g for %d x %d pixels, of which the distortion leaves %d x %d",
+                     dataset->parsed.source, (long long)odd, (long long)dataset->count,
+                     pags_path_name(view->image_path), lens->fx, lens->fy, lens->cx, lens->cy, lens->width,
+                     lens->height, dataset->cameras[first].width, dataset->cameras[first].height);
   return PAGS_OK;
 }
 

@@ -56,9 +56,9 @@ static pags_result mark(pags_dataset *dataset, const double *positions) {
     dataset->far[i] = false;
   if (found.count && training)
     PAGS_WARN(
-        "%s: %lld of %lld cameras stand far from the others, the first is %s: %.3g from their middle, of "
-        "which three quarters are within %.3g; the size of the scene is taken from the others; leave the "
-        "picture out if its pose is wrong",
+        "%s: %lld of %lld cameras stand far from the others, the first is %s: %.3g from their middle, of which three "
+        "quarters are within %.3g; the size of the scene is taken from the others; leave the picture out if its pose "
+        "is wrong",
         dataset->parsed.source, (long long)found.count, (long long)n, dataset->views[first].name,
         pags_distance3(positions + 3 * first, found.middle), found.near);
   return PAGS_OK;

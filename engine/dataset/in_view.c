@@ -21,7 +21,7 @@ void pags_dataset_check_in_view(const pags_dataset *dataset) {
   }
   if (points > 0)
     PAGS_WARN(
-        "%s: none of the %lld points looked at is in view of any camera: poses and points don't belong "
-        "together, or their axes or units differ",
+        "%s: none of the %lld points looked at is in view of any camera: poses and points don't belong together, or "
+        "their axes or units differ",
         dataset->parsed.source, (long long)((points + step - 1) / step));
 }

@@ -74,10 +74,10 @@ pags_result pags_photo_mask_fit(const char *path, int width, int height, int tur
     PAGS_TRY(pags_image_turn(mask, turn));
   const pags_size_fit fit = pags_size_fits(mask->width, mask->height, width, height);
   if (fit == PAGS_FIT_NONE)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a mask of %d x %d pixels for a photograph of %d x %d; expected the same size, or the same "
-                     "ratio of sides",
-                     path, mask->width, mask->height, width, height);
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: a mask of %d x %d pixels for a photograph of %d x %d; expected the same size, or the same ratio of sides",
+        path, mask->width, mask->height, width, height);
   if (fit == PAGS_FIT_EXACT)
     return PAGS_OK;
   pags_image out;
@@ -119,17 +119,13 @@ static pags_result find_mask(const char *folder, const char *name, char **out) {
 
 /* Reports which files of the folder are the mask of no photograph. Only the folder itself is looked at. */
 static pags_result say_unused(const char *folder, const pags_parsed_dataset *parsed) {
-  pags_dir_list list;
-  long long unused = 0;
-  const char *first = NULL;
-  const char **used = malloc((size_t)parsed->count * sizeof *used);
-  if (!used)
-    return pags_out_of_memory("%s", folder);
+  long long unused = 0, shared = 0;
+  const char *first = NULL, *first_shared = NULL;
+  PAGS_AUTOFREE const char **used = malloc((size_t)parsed->count * sizeof *used);
+  PAGS_CHECK_MEMORY(used, "%s", folder);
   for (int64_t i = 0; i < parsed->count; i++)
     used[i] = parsed->views[i].mask_path ? parsed->views[i].mask_path + strlen(folder) + 1 : "";
   pags_sort(used, parsed->count, sizeof *used, pags_text_compare);
-  long long shared = 0;
-  const char *first_shared = NULL;
   for (int64_t i = 1; i < parsed->count; i++)
     if (*used[i] && strcmp(used[i], used[i - 1]) == 0) {
       first_shared = first_shared ? first_shared : used[i];
@@ -137,16 +133,15 @@ static pags_result say_unused(const char *folder, const pags_parsed_dataset *par
     }
   if (shared)
     PAGS_WARN(
-        "%s: %lld photographs share the mask of another whose name differs in the extension alone, the "
-        "first is %s; a mask for each is NAME.jpg.png and NAME.png.png",
+        "%s: %lld photographs share the mask of another whose name differs in the extension alone, the first is %s; a "
+        "mask for each is NAME.jpg.png and NAME.png.png",
         folder, shared, first_shared);
-  pags_result result = pags_dir_list_read(folder, &list);
-  for (int64_t i = 0; result == PAGS_OK && i < list.count; i++) {
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  PAGS_TRY(pags_dir_list_read(folder, &list));
+  for (int64_t i = 0; i < list.count; i++) {
     const char *name = list.names[i];
-    char *path = pags_path_join(folder, name);
-    const bool picture = path && pags_file_exists(path) && name[0] != '.';
-    free(path);
-    if (!picture || bsearch(&name, used, (size_t)parsed->count, sizeof *used, pags_text_compare))
+    if (name[0] == '.' || !pags_folder_has(folder, name) ||
+        bsearch(&name, used, (size_t)parsed->count, sizeof *used, pags_text_compare))
       continue;
     first = first ? first : name;
     unused++;
@@ -154,10 +149,7 @@ static pags_result say_unused(const char *folder, const pags_parsed_dataset *par
   if (unused)
     PAGS_WARN("%s: %lld of %lld files are masks of no photograph, the first is %s", folder, unused,
               (long long)list.count, first);
-  if (result == PAGS_OK)
-    pags_dir_list_destroy(&list);
-  free(used);
-  return result;
+  return PAGS_OK;
 }
 
 /* Gives every view its mask in `folder`, if it has one there under its path below the folder of images, or below the
@@ -180,10 +172,8 @@ static pags_result find_all(const char *root, const char *folder, pags_parsed_da
     PAGS_WARN("%s: no file there is the mask of a photograph; expected %s%s", folder,
               pags_path_name(parsed->views[0].image_path), ".png and the like");
   else if (without)
-    PAGS_WARN(
-        "%s: %lld of %lld photographs have no mask there, and all of their pixels are used, the first is "
-        "%s",
-        folder, without, (long long)parsed->count, first);
+    PAGS_WARN("%s: %lld of %lld photographs have no mask there, and all of their pixels are used, the first is %s",
+              folder, without, (long long)parsed->count, first);
   return without == parsed->count ? PAGS_OK : say_unused(folder, parsed);
 }
 
@@ -193,25 +183,19 @@ pags_result pags_photo_masks_find(const char *root, pags_parsed_dataset *parsed)
       return PAGS_OK;
   /* Next to the folder of images; for images_4, masks_4 comes first. */
   const char *path = parsed->views[0].image_path, *images = find_images(path);
-  char *base = !images         ? pags_text_copy(root)
-               : images > path ? pags_text_format("%.*s", (int)(images - path), path)
-                               : pags_text_copy(".");
-  if (!base)
-    return pags_out_of_memory("%s", root);
-  const bool shrunk = images && strncmp(images, "images_", 7) == 0;
-  char *folders[3] = {shrunk ? pags_text_format("%s/masks%.*s", base, (int)strcspn(images, "/") - 6, images + 6)
-                             : pags_path_join(base, "masks"),
-                      pags_path_join(base, "masks"), pags_path_join(base, "mask")};
-  free(base);
-  pags_result result = folders[0] && folders[1] && folders[2] ? PAGS_OK : pags_out_of_memory("%s", root);
-  for (int i = 0; i < 3 && result == PAGS_OK; i++)
-    if (pags_dir_exists(folders[i])) {
-      result = find_all(root, folders[i], parsed);
-      break;
-    }
-  for (int i = 0; i < 3; i++)
-    free(folders[i]);
-  return result;
+  PAGS_AUTOFREE char *base = !images         ? pags_text_copy(root)
+                             : images > path ? pags_text_format("%.*s", (int)(images - path), path)
+                                             : pags_text_copy(".");
+  PAGS_CHECK_MEMORY(base, "%s", root);
+  const int suffix = images && pags_text_starts(images, "images_") ? (int)strcspn(images, "/") - 6 : 0;
+  for (int i = suffix ? 0 : 1; i < 3; i++) {
+    PAGS_AUTOFREE char *folder =
+        pags_text_format("%s/mask%s%.*s", base, i < 2 ? "s" : "", i == 0 ? suffix : 0, images ? images + 6 : "");
+    PAGS_CHECK_MEMORY(folder, "%s", root);
+    if (pags_dir_exists(folder))
+      return find_all(root, folder, parsed);
+  }
+  return PAGS_OK;
 }
 
 /* ---- Checking all ---- */
@@ -236,10 +220,9 @@ typedef struct findings {
 } findings;
 
 static pags_result look_at(const pags_parsed_view *view, findings *found) {
-  pags_image mask;
+  PAGS_AUTO(pags_image_destroy) pags_image mask = {0};
   pags_mask_facts facts;
   PAGS_TRY(pags_photo_mask_load(view->mask_path, &mask, &facts));
-  pags_image_destroy(&mask);
   found->looked_at++;
   if (facts.values == PAGS_MASK_ONES && !found->ones++)
     found->first_ones = view->mask_path;
@@ -248,13 +231,6 @@ static pags_result look_at(const pags_parsed_view *view, findings *found) {
   if (facts.blank && !found->blank++)
     found->first_blank = view->name;
   return PAGS_OK;
-}
-
-static void drop_masks(pags_parsed_dataset *parsed) {
-  for (int64_t i = 0; i < parsed->count; i++) {
-    free(parsed->views[i].mask_path);
-    parsed->views[i].mask_path = NULL;
-  }
 }
 
 /* Reads the headers of all masks and lists them in the order in which they are worth a look. */
@@ -284,40 +260,37 @@ static pags_result list_masks(const pags_parsed_dataset *parsed, candidate *list
 
 pags_result pags_photo_masks_check(pags_parsed_dataset *parsed) {
   const double most_pixels = 4e6; /* looked at: some 30 ms */
-  candidate *list = malloc((size_t)parsed->count * sizeof *list);
+  PAGS_AUTOFREE candidate *list = malloc((size_t)parsed->count * sizeof *list);
+  PAGS_CHECK_MEMORY(list, "%s", parsed->source);
   int64_t count;
   findings found = {0};
-  if (!list)
-    return pags_out_of_memory("%s", parsed->source);
-  pags_result result = list_masks(parsed, list, &count);
+  PAGS_TRY(list_masks(parsed, list, &count));
   double pixels = 0;
-  for (int64_t i = 0; i < count && result == PAGS_OK; i++) {
+  for (int64_t i = 0; i < count; i++) {
     pixels += list[i].pixels;
     if (i == 0 || pixels <= most_pixels || found.blank == found.looked_at)
-      result = look_at(&parsed->views[list[i].view], &found);
+      PAGS_TRY(look_at(&parsed->views[list[i].view], &found));
   }
-  free(list);
-  PAGS_TRY(result);
   if (found.ones)
     PAGS_WARN(
-        "%s: %lld of the %lld masks looked at have no value over 1: 1 is taken for 255, use the pixel; "
-        "the first is %s",
+        "%s: %lld of the %lld masks looked at have no value over 1: 1 is taken for 255, use the pixel; the first is %s",
         parsed->source, found.ones, found.looked_at, found.first_ones);
   if (found.narrow)
     PAGS_WARN(
-        "%s: %lld of the %lld masks looked at have 16 bits but no value over 255, and are taken for "
-        "bytes; the first is %s",
+        "%s: %lld of the %lld masks looked at have 16 bits but no value over 255, and are taken for bytes; the first "
+        "is %s",
         parsed->source, found.narrow, found.looked_at, found.first_narrow);
   if (found.blank && found.blank == parsed->count) {
     PAGS_WARN(
-        "%s: the masks leave no pixel of any of the %lld photographs, and are ignored; expected 128 or "
-        "more of 255 where a pixel is used",
+        "%s: the masks leave no pixel of any of the %lld photographs, and are ignored; expected 128 or more of 255 "
+        "where a pixel is used",
         parsed->source, (long long)count);
-    drop_masks(parsed);
+    for (int64_t i = 0; i < parsed->count; i++)
+      free(pags_take(&parsed->views[i].mask_path));
   } else if (found.blank) {
     PAGS_WARN(
-        "%s: %lld of the %lld masks looked at leave no pixel of their photograph, which then teaches "
-        "nothing; the first photograph is %s",
+        "%s: %lld of the %lld masks looked at leave no pixel of their photograph, which then teaches nothing; the "
+        "first photograph is %s",
         parsed->source, found.blank, found.looked_at, found.first_blank);
   }
   return PAGS_OK;

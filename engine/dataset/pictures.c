@@ -275,36 +275,33 @@ static void report_files(const pags_parsed_dataset *parsed, const findings *foun
   static const char *const rest[] = {"the background colour", "left out of the loss", "black"};
   if (found->partial.count)
     PAGS_WARN(
-        "%s: %lld of %lld photographs are EXR files whose data window covers only a part of their display "
-        "window, the rest of which is %s (--image-alpha); the first is %s",
+        "%s: %lld of %lld photographs are EXR files whose data window covers only a part of their display window, the "
+        "rest of which is %s (--image-alpha); the first is %s",
         parsed->source, found->partial.count, found->views, rest[alpha], found->partial.first->name);
   if (found->first_layer.count)
     PAGS_WARN(
-        "%s: %lld of %lld photographs are EXR files in which several layers may be the picture; of %s, %s "
-        "is used",
+        "%s: %lld of %lld photographs are EXR files in which several layers may be the picture; of %s, %s is used",
         parsed->source, found->first_layer.count, found->views, found->first_layer.first->name,
         layer_of(found->first_layer.first));
   if (found->oblong.count)
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s: %lld of %lld photographs have pixels that are not square, but cameras whose focal lengths are "
-        "equal; the first is %s, with pixels of %.4g times their height. If these cameras are of square "
-        "pixels, store the pictures so, or give both focal lengths",
-        parsed->source, found->oblong.count, found->views, found->oblong.first->name,
-        found->oblong.first->picture.pixel_aspect);
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %lld of %lld photographs have pixels that are not square, but cameras whose focal lengths "
+                     "are equal; the first is %s, with pixels of %.4g times their height. If these cameras are of "
+                     "square pixels, store the pictures so, or give both focal lengths",
+                     parsed->source, found->oblong.count, found->views, found->oblong.first->name,
+                     found->oblong.first->picture.pixel_aspect);
   if (found->stretched.count)
     pags_log_message(
         PAGS_LOG_INFO,
-        "%s: %lld of %lld photographs have pixels that are not square, and cameras of square pixels, whose "
-        "intrinsics are scaled across or down; the first is %s, with pixels of %.4g times their height",
+        "%s: %lld of %lld photographs have pixels that are not square, and cameras of square pixels, whose intrinsics "
+        "are scaled across or down; the first is %s, with pixels of %.4g times their height",
         parsed->source, found->stretched.count, found->views, found->stretched.first->name,
         found->stretched.first->picture.pixel_aspect);
   if (found->space.count)
-    pags_log_message(PAGS_LOG_INFO,
-                     "%s: %lld of %lld photographs have colours that are not sRGB and are converted to it; those of %s "
-                     "are %s",
-                     parsed->source, found->space.count, found->views, found->space.first->name,
-                     found->space.first->picture.space);
+    pags_log_message(
+        PAGS_LOG_INFO,
+        "%s: %lld of %lld photographs have colours that are not sRGB and are converted to it; those of %s are %s",
+        parsed->source, found->space.count, found->views, found->space.first->name, found->space.first->picture.space);
   if (found->layer.count)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs are EXR files of several layers; of %s, %s is used",
                      parsed->source, found->layer.count, found->views, found->layer.first->name,
@@ -332,16 +329,15 @@ static void report(const pags_parsed_dataset *parsed, const findings *found, boo
   }
   if (found->unclear.count)
     PAGS_WARN(
-        "%s: %lld of %lld photographs have an EXIF orientation that their size doesn't tell the meaning "
-        "of, and are taken as they are stored; the first is %s (orientation %d). If the cameras are those "
-        "of upright pictures, store them upright",
+        "%s: %lld of %lld photographs have an EXIF orientation that their size doesn't tell the meaning of, and are "
+        "taken as they are stored; the first is %s (orientation %d). If the cameras are those of upright pictures, "
+        "store them upright",
         parsed->source, found->unclear.count, found->views, found->unclear.first->name,
         found->unclear.first->picture.orientation);
   if (found->aside.count)
     PAGS_WARN(
-        "%s: %lld of %lld cameras have their principal point at the edge of the picture or outside, the "
-        "first is that of %s, at %.0f,%.0f in %d x %d pixels: intrinsics of pictures of another size? "
-        "'w' and 'h' say of which",
+        "%s: %lld of %lld cameras have their principal point at the edge of the picture or outside, the first is that "
+        "of %s, at %.0f,%.0f in %d x %d pixels: intrinsics of pictures of another size? 'w' and 'h' say of which",
         parsed->source, found->aside.count, found->views, found->aside.first->name, found->aside.first->lens.cx,
         found->aside.first->lens.cy, found->aside.first->lens.width, found->aside.first->lens.height);
   note(parsed, found, &found->turned, "are turned by their EXIF orientation, as their cameras are");

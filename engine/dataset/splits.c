@@ -120,14 +120,11 @@ void pags_split_lists_end(pags_split_lists *lists, const char *source) {
     }
   if (unused)
     PAGS_WARN(
-        "%s: %lld of %lld names in train_filenames, val_filenames and test_filenames are "
-        "of no frame, the first is %s",
+        "%s: %lld of %lld names in train_filenames, val_filenames and test_filenames are of no frame, the first is %s",
         source, (long long)unused, (long long)lists->count, first);
   if (lists->left_out)
-    PAGS_WARN(
-        "%s: %lld frames are in none of its lists of file names and left out, the first "
-        "is %s",
-        source, (long long)lists->left_out, lists->first_left_out ? lists->first_left_out : "?");
+    PAGS_WARN("%s: %lld frames are in none of its lists of file names and left out, the first is %s", source,
+              (long long)lists->left_out, lists->first_left_out ? lists->first_left_out : "?");
   for (int64_t i = 0; i < lists->count; i++)
     free(lists->names[i].name);
   free(lists->names);

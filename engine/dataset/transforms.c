@@ -269,11 +269,10 @@ static pags_result read_pose(reader *r, const pags_json_value *frame, const char
   PAGS_TRY(pags_json_array(r->json, frame, "transform_matrix", &rows));
   PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", rows->count == 3 ? 12 : 16, all));
   if (fabs(all[12]) + fabs(all[13]) + fabs(all[14]) + fabs(all[15] - 1) > 1e-6)
-    return pags_json_fail(
-        r->json, rows,
-        "the last row of 'transform_matrix' is %g %g %g %g, expected 0 0 0 1: the matrix is written row "
-        "by row, with the camera's position in its last column",
-        all[12], all[13], all[14], all[15]);
+    return pags_json_fail(r->json, rows,
+                          "the last row of 'transform_matrix' is %g %g %g %g, expected 0 0 0 1: the matrix is written "
+                          "row by row, with the camera's position in its last column",
+                          all[12], all[13], all[14], all[15]);
   for (int i = 0; i < 12; i++)
     view->world_from_camera[i] = i % 4 == 1 || i % 4 == 2 ? -all[i] : all[i];
   const double scale = pags_rigid_unscale(view->world_from_camera);
@@ -325,16 +324,15 @@ static pags_result read_all(reader *r, const char *path, pags_split split) {
   for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
     PAGS_TRY(read_frame(r, frame, split));
   if (r->lists.left_out && r->lists.left_out == frames->count)
-    return pags_json_fail(
-        r->json, frames,
-        "none of its %lld frames is in train_filenames, val_filenames or test_filenames; expected the "
-        "names that 'file_path' has",
-        (long long)frames->count);
+    return pags_json_fail(r->json, frames,
+                          "none of its %lld frames is in train_filenames, val_filenames or test_filenames; expected "
+                          "the names that 'file_path' has",
+                          (long long)frames->count);
   report_unused(r, frames);
   if (r->scaled)
     PAGS_WARN(
-        "%s: 'transform_matrix' of %lld of %lld frames has a scale (%.4g to %.4g), which is left out: "
-        "rotation and position are used as they are; the first is %s",
+        "%s: 'transform_matrix' of %lld of %lld frames has a scale (%.4g to %.4g), which is left out: rotation and "
+        "position are used as they are; the first is %s",
         pags_json_path(r->json), (long long)r->scaled, (long long)frames->count, r->scale_range[0], r->scale_range[1],
         r->first_scaled);
   return r->parsed->points.count ? PAGS_OK : read_points(r);

@@ -313,10 +313,10 @@ static pags_result refuse_folder(const char *path) {
                      "export; a data set has photographs",
                      path, (long long)splats, splats == 1 ? "" : "s", splat);
   if (found)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: not a data set: %lld picture%s without cameras; `pags import photos %s -o DATASET` finds "
-                     "them by COLMAP",
-                     path, (long long)found, found == 1 ? "" : "s", inside ? images : path);
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: not a data set: %lld picture%s without cameras; `pags import photos %s -o DATASET` finds them by COLMAP",
+        path, (long long)found, found == 1 ? "" : "s", inside ? images : path);
   PAGS_TRY(refuse_children(path, &list));
   PAGS_TRY(pags_unsupported_splats_check_folder(path));
   return pags_fail(

@@ -88,15 +88,14 @@ static pags_result check_lenses(const pags_driving *driving, const pags_parsed_d
     double scale;
     total++;
     if (x < least_focal || y < least_focal || x > most_focal || y > most_focal)
-      return pags_fail(
-          PAGS_ERROR_FORMAT,
-          "%s/intrinsics/%d.txt:1: focal lengths %g and %g, expected pixels: %g to %g times the size of the "
-          "photographs, %d x %d (%s)%s",
-          driving->root, sensor->number, lens->fx, lens->fy, least_focal, most_focal, lens->width, lens->height,
-          pags_path_name(view->image_path),
-          lens->cx <= 1 && lens->cy <= 1 && lens->fx < 10
-              ? "; values divided by the picture's size are to be multiplied by it"
-              : "");
+      return pags_fail(PAGS_ERROR_FORMAT,
+                       "%s/intrinsics/%d.txt:1: focal lengths %g and %g, expected pixels: %g to %g times the size of "
+                       "the photographs, %d x %d (%s)%s",
+                       driving->root, sensor->number, lens->fx, lens->fy, least_focal, most_focal, lens->width,
+                       lens->height, pags_path_name(view->image_path),
+                       lens->cx <= 1 && lens->cy <= 1 && lens->fx < 10
+                           ? "; values divided by the picture's size are to be multiplied by it"
+                           : "");
     if (is_of_another_size(lens, &scale))
       first_resized = resized++ ? first_resized : view;
     else if (fabs(lens->cx / lens->width - 0.5) > far_off || fabs(lens->cy / lens->height - 0.5) > far_off)
@@ -109,24 +108,23 @@ static pags_result check_lenses(const pags_driving *driving, const pags_parsed_d
     const pags_lens *lens = &first_resized->lens;
     pags_log_message(
         PAGS_LOG_WARNING,
-        "%s/intrinsics: %d of %d cameras have intrinsics of photographs of another size: the principal point "
-        "of camera %d, %g %g, is the middle of about %.0f x %.0f pixels, its photographs have %d x %d",
+        "%s/intrinsics: %d of %d cameras have intrinsics of photographs of another size: the principal point of camera "
+        "%d, %g %g, is the middle of about %.0f x %.0f pixels, its photographs have %d x %d",
         driving->root, resized, total, first_resized->sensor, lens->cx, lens->cy, 2 * lens->cx, 2 * lens->cy,
         lens->width, lens->height);
   }
   if (aside > 0)
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s/intrinsics: %d of %d cameras have a principal point far from the middle, the first is camera %d: "
-        "%g %g in photographs of %d x %d; intrinsics may be wrong",
-        driving->root, aside, total, first_aside->sensor, first_aside->lens.cx, first_aside->lens.cy,
-        first_aside->lens.width, first_aside->lens.height);
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/intrinsics: %d of %d cameras have a principal point far from the middle, the first is camera "
+                     "%d: %g %g in photographs of %d x %d; intrinsics may be wrong",
+                     driving->root, aside, total, first_aside->sensor, first_aside->lens.cx, first_aside->lens.cy,
+                     first_aside->lens.width, first_aside->lens.height);
   if (stretched > 0)
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s/intrinsics: %d of %d cameras have focal lengths that differ by more than a quarter, the first is "
-        "camera %d: %g and %g; intrinsics may be wrong",
-        driving->root, stretched, total, first_stretched->sensor, first_stretched->lens.fx, first_stretched->lens.fy);
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/intrinsics: %d of %d cameras have focal lengths that differ by more than a quarter, the first "
+                     "is camera %d: %g and %g; intrinsics may be wrong",
+                     driving->root, stretched, total, first_stretched->sensor, first_stretched->lens.fx,
+                     first_stretched->lens.fy);
   return PAGS_OK;
 }
 
@@ -181,8 +179,8 @@ static void check_upright(const pags_driving *driving, const pags_parsed_dataset
     better = upright[r] == total ? r : better;
   if (first >= 0)
     PAGS_WARN(
-        "%s/extrinsics: %d of %d cameras don't stand upright, the first is camera %d: extrinsics or "
-        "camera_axes may be wrong%s",
+        "%s/extrinsics: %d of %d cameras don't stand upright, the first is camera %d: extrinsics or camera_axes may be "
+        "wrong%s",
         driving->root, total - upright[AS_READ], total, first, advice[better]);
 }
 
@@ -211,11 +209,11 @@ static void check_way(const pags_driving *driving, const pags_parsed_dataset *pa
     way = sqrt(square);
   }
   if (climbing > 0)
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s/%s: %d of %d cameras move up or down, the first is camera %d: by %.1f m on %.1f m; poses may be "
-        "inverted, expected camera-to-world (or car-to-world), z up",
-        driving->root, driving->rules.per_frame ? "extrinsics" : "ego_pose", climbing, total, first, height, way);
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s/%s: %d of %d cameras move up or down, the first is camera %d: by %.1f m on %.1f m; poses may "
+                     "be inverted, expected camera-to-world (or car-to-world), z up",
+                     driving->root, driving->rules.per_frame ? "extrinsics" : "ego_pose", climbing, total, first,
+                     height, way);
 }
 
 pags_result pags_calibration_check(const pags_driving *driving, const pags_parsed_dataset *parsed) {

@@ -130,8 +130,7 @@ static pags_result check_kind(const pags_driving *driving, const char *folder, c
               folder, name, (long long)f->count);
   else if (look.most > 0 && look.white == 0)
     PAGS_WARN(
-        "%s/%s: no pixel of %s is white (128 or above), though values go up to %d; expected 0 and 255 "
-        "(%lld masks)",
+        "%s/%s: no pixel of %s is white (128 or above), though values go up to %d; expected 0 and 255 (%lld masks)",
         root, folder, name, look.most, (long long)f->count);
   else if (is_grey(&look))
     PAGS_WARN("%s/%s: %.0f %% of the pixels of %s are grey: it may be no mask; expected 0 and 255 (%lld masks)", root,
@@ -188,8 +187,8 @@ static pags_result check_labels(const pags_driving *driving, const files *f) {
   for (int i = 0; i < PAGS_LABEL_SETS && !other; i++)
     other = 100 * count_unknown(&pags_label_sets[i], counts) <= looked ? &pags_label_sets[i] : NULL;
   PAGS_WARN(
-      "%s/semantic: %.0f %% of the pixels of %s have ids (up to %d) that %s labels don't have; "
-      "expected 'labels' of dataset.json to say what they are%s%s (%lld label images)",
+      "%s/semantic: %.0f %% of the pixels of %s have ids (up to %d) that %s labels don't have; expected 'labels' of "
+      "dataset.json to say what they are%s%s (%lld label images)",
       driving->root, 100.0 * (double)unknown / (double)looked, pags_path_name(view->semantic_path), most, set->name,
       other ? ", such as " : "", other ? other->name : "", (long long)f->count);
   return PAGS_OK;

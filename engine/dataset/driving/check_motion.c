@@ -84,13 +84,12 @@ pags_result pags_driving_check_motion(pags_driving *driving, const pags_parsed_d
   driving->poses_leap = found.count > 0;
   if (found.count)
     PAGS_WARN(
-        "%s/%s: %lld of %lld steps between poses leap as no car does, so poses or times may be wrong; the "
-        "first is %s",
+        "%s/%s: %lld of %lld steps between poses leap as no car does, so poses or times may be wrong; the first is %s",
         driving->root, folder, (long long)found.count, (long long)all, found.first);
   if (repeated.count)
     PAGS_WARN(
-        "%s/%s: %lld of %lld poses repeat the one before though the car drives on; the first is of frame "
-        "%s; expected a pose of its own for each time step",
+        "%s/%s: %lld of %lld poses repeat the one before though the car drives on; the first is of frame %s; expected "
+        "a pose of its own for each time step",
         driving->root, folder, (long long)repeated.count, (long long)all, repeated.first);
   return PAGS_OK;
 }
@@ -114,7 +113,7 @@ void pags_driving_check_places(const pags_driving *driving) {
   }
   if (far.count)
     PAGS_WARN(
-        "%s/instances/instances_info.json: %lld of %lld boxes lie more than %d m from the cameras, so "
-        "obj_to_world may be in other axes than those of the world; the first is %s",
+        "%s/instances/instances_info.json: %lld of %lld boxes lie more than %d m from the cameras, so obj_to_world may "
+        "be in other axes than those of the world; the first is %s",
         driving->root, (long long)far.count, (long long)all, FARTHEST, far.first);
 }

@@ -268,19 +268,17 @@ static pags_result check_rows(const pags_driving *driving, const char *path, con
                      "'lidar_columns' of dataset.json",
                      path, columns, how->columns, driving->rules.kind);
   if (alike) {
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s: its %d columns hold the same kind of values: it may not be rows of x, y, z, ...; expected a row "
-        "of %d float32 a point",
-        path, how->columns, how->columns);
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: its %d columns hold the same kind of values: it may not be rows of x, y, z, ...; expected a "
+                     "row of %d float32 a point",
+                     path, how->columns, how->columns);
     return PAGS_OK;
   }
   const double flattest = fmin(look.spread[0], look.spread[1]);
   if (look.points >= FEW_POINTS && look.spread[2] > 1.5 * flattest)
     pags_log_message(
         PAGS_LOG_WARNING,
-        "%s: its points spread by %.1f m along z, but %.1f m along %s: their axes may be wrong; expected z to "
-        "point up",
+        "%s: its points spread by %.1f m along z, but %.1f m along %s: their axes may be wrong; expected z to point up",
         path, look.spread[2], flattest, look.spread[0] < look.spread[1] ? "x" : "y");
   return PAGS_OK;
 }
@@ -309,8 +307,8 @@ static void warn_of_rows(const pags_driving *driving, const pags_sweep_rows *sum
   const long long left_out = (long long)(sum->not_finite + sum->no_return + sum->far);
   if (left_out)
     PAGS_WARN(
-        "%s/lidar: %lld of %lld rows in %lld sweeps are no points and left out: %lld not finite, %lld "
-        "without a return (zero, or at one repeated place), %lld beyond %d m; the first such sweep is %s",
+        "%s/lidar: %lld of %lld rows in %lld sweeps are no points and left out: %lld not finite, %lld without a return "
+        "(zero, or at one repeated place), %lld beyond %d m; the first such sweep is %s",
         driving->root, left_out, (long long)sum->all, (long long)looked, (long long)sum->not_finite,
         (long long)sum->no_return, (long long)sum->far, (int)PAGS_FARTHEST, wanting->first);
   if (empty->count)

@@ -105,11 +105,10 @@ static pags_result unknown_word(const pags_driving *driving, const char *word) {
       add_word(&named, ", ", driving->objects[i].class_name);
   }
 
-  return pags_fail(
-      PAGS_ERROR_ARGUMENT,
-      "critical '%s' is not known; expected vehicle, pedestrian, cyclist, or a class of %s labels by name or "
-      "number (%s)%s%s",
-      word, set->name, classes, *boxes ? ", or the class of boxes: " : "", boxes);
+  return pags_fail(PAGS_ERROR_ARGUMENT,
+                   "critical '%s' is not known; expected vehicle, pedestrian, cyclist, or a class of %s labels by name "
+                   "or number (%s)%s%s",
+                   word, set->name, classes, *boxes ? ", or the class of boxes: " : "", boxes);
 }
 
 /* Splits the list at its commas, strips blanks around the words, and marks what each word names as critical. */

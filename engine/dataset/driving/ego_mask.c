@@ -86,15 +86,13 @@ static void warn_of_masks(const pags_driving *driving, const char *given) {
   if (ones > 0)
     pags_log_message(
         PAGS_LOG_WARNING,
-        "%s: %d of %d ego masks are of 0 and 1, the first is camera %d's, in place of 0 and 255: 1 is taken "
-        "as white",
+        "%s: %d of %d ego masks are of 0 and 1, the first is camera %d's, in place of 0 and 255: 1 is taken as white",
         given, ones, total, first_one);
   if (wide > 0)
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s: %d of %d ego masks leave out more than half of the picture, the first is camera %d's: they may "
-        "be inverted; expected white for the recording car",
-        given, wide, total, first_wide);
+    pags_log_message(PAGS_LOG_WARNING,
+                     "%s: %d of %d ego masks leave out more than half of the picture, the first is camera %d's: they "
+                     "may be inverted; expected white for the recording car",
+                     given, wide, total, first_wide);
 }
 
 static pags_result take_given(pags_dataset *dataset, const char *given) {
@@ -289,11 +287,10 @@ static pags_result search_camera(search *s, pags_sensor *sensor) {
       *to++ = s->still[j * s->width + i] ? 255 : 0;
     }
 
-  return pags_driving_note(
-      driving,
-      "ego mask: camera %d sees what never changes in %.1f %% of its pixels, at the lower edge: left out "
-      "(give --ego-mask to overrule)",
-      sensor->number, 100.0 * proposed / (s->width * s->height));
+  return pags_driving_note(driving,
+                           "ego mask: camera %d sees what never changes in %.1f %% of its pixels, at the lower edge: "
+                           "left out (give --ego-mask to overrule)",
+                           sensor->number, 100.0 * proposed / (s->width * s->height));
 }
 
 static pags_result begin_search(search *s) {

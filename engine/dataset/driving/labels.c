@@ -283,8 +283,7 @@ static void warn(const pags_labels *all) {
                 (long long)kinds[i].of, kinds[i].what, kinds[i].tally->first);
   if (all->leaping.count)
     PAGS_WARN(
-        "%s: the boxes of %lld of %lld objects leap as nothing does that moves, so some may be wrong; the "
-        "first is %s",
+        "%s: the boxes of %lld of %lld objects leap as nothing does that moves, so some may be wrong; the first is %s",
         all->source, (long long)all->leaping.count, (long long)all->ids, all->leaping.first);
   if (all->renamed.count)
     PAGS_WARN("%s: %lld ids are used in several classes, the class was added to them; the first is %s", all->source,
@@ -301,8 +300,8 @@ pags_result pags_labels_end(pags_labels *all, const char *of) {
     driving->provides |= PAGS_PROVIDES_BOXES;
   else
     PAGS_WARN(
-        "%s: none of its %lld objects has a box at a time step used: the set is taken as one without "
-        "boxes; delete the file if it has none",
+        "%s: none of its %lld objects has a box at a time step used: the set is taken as one without boxes; delete the "
+        "file if it has none",
         all->source, (long long)all->ids);
   return pags_driving_note(driving, "boxes: %lld objects%s, %lld of them moving", (long long)driving->object_count, of,
                            (long long)moving);

@@ -187,8 +187,8 @@ pags_result pags_look_at_photographs(const pags_dataset *dataset) {
   for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
     if (kinds[i].tally->count)
       PAGS_WARN(
-          "%s/images: %lld of %lld photographs looked at %s; the first is %s. Delete them and pass "
-          "--allow-missing, or choose others by --cameras and --frames",
+          "%s/images: %lld of %lld photographs looked at %s; the first is %s. Delete them and pass --allow-missing, or "
+          "choose others by --cameras and --frames",
           driving->root, (long long)kinds[i].tally->count, (long long)all.looked, kinds[i].what, kinds[i].tally->first);
   return PAGS_OK;
 }

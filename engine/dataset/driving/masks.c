@@ -82,11 +82,10 @@ static pags_result narrow(const char *path, pags_image *image) {
   *image = narrowed;
   if (most <= 255)
     return PAGS_OK;
-  return pags_fail(
-      PAGS_ERROR_FORMAT,
-      "%s: values up to %u, expected ids of classes up to 255; ids of instances (class x 1000 + number) are "
-      "to be divided",
-      path, most);
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: values up to %u, expected ids of classes up to 255; ids of instances (class x 1000 + number) "
+                   "are to be divided",
+                   path, most);
 }
 
 /* Keeps the first of the channels of a label image, which must be equal but for alpha. */

@@ -151,10 +151,10 @@ static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sen
                      "matrix of 3x3, 3x4 or 4x4 without skew and without a fourth column",
                      path, count);
   if (sensor->lens_stated && !pags_lens_is_pinhole(&sensor->lens))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: %d numbers, expected fx fy cx cy alone, since 'lenses' of dataset.json has the distortion of "
-                     "camera %d",
-                     path, count, sensor->number);
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: %d numbers, expected fx fy cx cy alone, since 'lenses' of dataset.json has the distortion of camera %d",
+        path, count, sensor->number);
   if (sensor->lens_stated)
     sensor->lens.model = stated;
   if (!(sensor->lens.fx > 0 && sensor->lens.fy > 0))

@@ -53,8 +53,8 @@ static void drop_far(const pags_driving *driving, pags_parsed_points *points, co
       points->items[points->count++] = points->items[i];
   if (points->count < all)
     PAGS_WARN(
-        "%s: %lld of %lld points are more than %d km from the car and left out; expected a model in the "
-        "recording's world, in metres",
+        "%s: %lld of %lld points are more than %d km from the car and left out; expected a model in the recording's "
+        "world, in metres",
         model, (long long)(all - points->count), (long long)all, FARTHEST / 1000);
 }
 

@@ -69,8 +69,8 @@ static pags_result read_row(const rows *list, const char *at, int64_t line, row 
     char *end;
     if (!next_word(&at, word))
       return pags_fail(PAGS_ERROR_FORMAT,
-                       "%s:%lld: %d words, expected at least %d: frame_id, track_id, object_class, "
-                       "alpha, height, width, length, center_x, center_y, center_z, heading",
+                       "%s:%lld: %d words, expected at least %d: frame_id, track_id, object_class, alpha, height, "
+                       "width, length, center_x, center_y, center_z, heading",
                        list->path, (long long)line, i, (int)COLUMNS);
     if (i == 2) {
       memcpy(out->class_name, word, sizeof word);

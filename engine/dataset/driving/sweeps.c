@@ -45,12 +45,11 @@ static pags_result check_size(const pags_driving *driving, const char *path, uin
   if (size % row_bytes(driving) == 0)
     return PAGS_OK;
   const char *format = pags_sweep_format(path);
-  return pags_fail(
-      PAGS_ERROR_FORMAT,
-      "%s: %s%s%llu bytes, expected a multiple of %llu (%d floats a row, as kind %s has; 'lidar_columns' of "
-      "dataset.json names others)",
-      path, format ? format : "", format ? "; " : "", (unsigned long long)size, (unsigned long long)row_bytes(driving),
-      driving->rules.columns, driving->rules.kind);
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: %s%s%llu bytes, expected a multiple of %llu (%d floats a row, as kind %s has; 'lidar_columns' "
+                   "of dataset.json names others)",
+                   path, format ? format : "", format ? "; " : "", (unsigned long long)size,
+                   (unsigned long long)row_bytes(driving), driving->rules.columns, driving->rules.kind);
 }
 
 /* Reads the pose of a sweep; *missing: none exists, and the sweep is left out as its photographs are. */

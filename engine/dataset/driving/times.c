@@ -176,8 +176,7 @@ static void find_exposure_unit(const times *t, const char *path, const char *tol
   if (off > 0)
     pags_log_message(
         PAGS_LOG_WARNING,
-        "%s: %lld of %lld exposures are far from the time of their frame, the first by %g s: 'cameras' may be "
-        "wrong",
+        "%s: %lld of %lld exposures are far from the time of their frame, the first by %g s: 'cameras' may be wrong",
         path, (long long)off, (long long)count, first_off);
 }
 

@@ -107,8 +107,8 @@ static pags_result survey_folder(const survey *s, const known_folder *folder) {
   write_name(s, folder, s->pictures[0].frame, s->pictures[0].camera, expected, sizeof expected);
   if (odd > 0)
     PAGS_WARN(
-        "%s: %lld of %lld files aren't read, the first is %s; expected names like %s (%s, as the "
-        "photographs have them)",
+        "%s: %lld of %lld files aren't read, the first is %s; expected names like %s (%s, as the photographs have "
+        "them)",
         path, (long long)odd, (long long)files, first_odd, expected,
         folder->form == FRAME_AND_CAMERA ? "frame_camera"
         : folder->form == FRAME          ? "frame"
@@ -271,8 +271,8 @@ static pags_result survey_root(const survey *s) {
               (long long)found.folders, found.first_folder);
   if (found.files > 0)
     PAGS_WARN(
-        "%s: %lld files aren't read that look like parts of the set, the first is %s; expected names are "
-        "those of docs/dataset-layout.md",
+        "%s: %lld files aren't read that look like parts of the set, the first is %s; expected names are those of "
+        "docs/dataset-layout.md",
         root, (long long)found.files, found.first_file);
   return PAGS_OK;
 }
