@@ -224,26 +224,23 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
   extent e = {.count = gaussians->count, .degree = gaussians->sh_degree};
   e.clusters = (e.count + ROWS - 1) / ROWS;
   *out = (pags_packed){.shape.alpha_min = gaussians->alpha_min};
-  uint64_t *const whole = malloc((size_t)(e.clusters + 1) * sizeof *whole); /* bit i of a cluster's: its row i */
-  for (int64_t c = 0; whole && c < e.clusters; c++) {
+  PAGS_AUTOFREE uint64_t *whole = malloc((size_t)(e.clusters + 1) * sizeof *whole); /* bit i of a cluster's: its row i */
+  PAGS_CHECK_MEMORY(whole, "packing %lld Gaussians", (long long)e.count);
+  for (int64_t c = 0; c < e.clusters; c++) {
     const int64_t left = e.count - c * ROWS;
     whole[c] = pags_packed_choose_whole(gaussians, c * ROWS, left < ROWS ? (int)left : ROWS);
     e.mixed += whole[c] != 0;
     e.whole += __builtin_popcountll(whole[c]);
   }
   const size_t size = find_places(&e).size;
-  uint8_t *const bytes = whole ? pags_port_aligned_alloc(ALIGNMENT, align(size)) : NULL;
-  if (!bytes) {
-    free(whole);
-    return pags_out_of_memory("packing %lld Gaussians", (long long)gaussians->count);
-  }
+  uint8_t *const bytes = pags_port_aligned_alloc(ALIGNMENT, align(size));
+  PAGS_CHECK_MEMORY(bytes, "packing %lld Gaussians", (long long)e.count);
   memset(bytes, 0, align(size));
   attach(out, bytes, &e);
   out->has_s_sem = gaussians->s_sem != NULL;
   out->mixed_count = out->whole_count = 0;
   for (int64_t c = 0; c < e.clusters; c++)
     pack_cluster(gaussians, c, whole[c], out);
-  free(whole);
   const pags_result result = pags_clusters_add_runs(&out->clusters);
   if (result != PAGS_OK)
     pags_packed_destroy(out);
@@ -268,12 +265,10 @@ pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out) {
   const int degree = packed->shape.sh_degree, plane_count = pags_plane_count(degree);
   PAGS_TRY(pags_gaussians_create(out, packed->shape.count, degree));
   out->alpha_min = packed->shape.alpha_min;
-  if (packed->has_s_sem) {
-    const pags_result result = pags_gaussians_add_s_sem(out);
-    if (result != PAGS_OK) {
-      pags_gaussians_destroy(out);
-      return result;
-    }
+  const pags_result result = packed->has_s_sem ? pags_gaussians_add_s_sem(out) : PAGS_OK;
+  if (result != PAGS_OK) {
+    pags_gaussians_destroy(out);
+    return result;
   }
   for (int64_t c = 0; c < packed->clusters.count; c++) {
     const int64_t first = c * ROWS;
@@ -330,14 +325,13 @@ static pags_result put_bounds(pags_file_writer *file, const float *plane, int64_
   return PAGS_OK;
 }
 
-/* Moves `count` packed floats, of up to three axes, by an offset. */
+/* Moves the packed floats of three axes by an offset. */
 static void move(uint8_t *floats, const double *offset) {
-  for (int k = 0; k < 3 && offset; k++) {
-    float x;
-    memcpy(&x, floats + 4 * k, sizeof x);
-    x = (float)((double)x + offset[k]);
-    memcpy(floats + 4 * k, &x, sizeof x);
-  }
+  float x[3];
+  memcpy(x, floats, sizeof x);
+  for (int k = 0; k < 3 && offset; k++)
+    x[k] = (float)((double)x[k] + offset[k]);
+  memcpy(floats, x, sizeof x);
 }
 
 /* Writes the lists of the first `mixed` clusters with whole rows and of the first `whole` of these rows, once per copy
@@ -366,15 +360,6 @@ static pags_result put_lists(pags_file_writer *file, const pags_packed *packed, 
   return PAGS_OK;
 }
 
-/* Fails where the header couldn't be read again. */
-static pags_result check_head(const char *path, const pags_packed *packed) {
-  for (int k = 0; k < 3; k++)
-    if (!isfinite(packed->origin[k]) || !isfinite(packed->background[k]))
-      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a finite origin and background, found %g and %g", path,
-                       packed->origin[k], (double)packed->background[k]);
-  return PAGS_OK;
-}
-
 pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_t copies, const double *offsets) {
   extent one = {.count = packed->shape.count,
                 .clusters = packed->clusters.count,
@@ -392,7 +377,10 @@ pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_
   if (all.count > INT64_C(0x7FFFFFC0))
     return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are more than the 2^31 - 64 of a packed file", path,
                      (long long)all.count);
-  PAGS_TRY(check_head(path, packed));
+  for (int k = 0; k < 3; k++)
+    if (!isfinite(packed->origin[k]) || !isfinite(packed->background[k]))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a finite origin and background, found %g and %g", path,
+                       packed->origin[k], (double)packed->background[k]);
   PAGS_TRY(pags_file_writer_begin(&file, path));
 
   /* The header, the bounds (six planes of boxes, one of sigmas), the padding, the geometry, the colours, the lists. */
@@ -436,20 +424,16 @@ static pags_result check_range(const char *path, const pags_gaussians *g) {
 }
 
 pags_result pags_packed_export(const char *path, const pags_gaussians *gaussians, const pags_packed *head) {
-  pags_gaussians sorted;
-  pags_packed packed;
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians sorted = {0};
+  PAGS_AUTO(pags_packed_destroy) pags_packed packed = {0};
   PAGS_TRY(check_range(path, gaussians));
   PAGS_TRY(pags_gaussians_sorted_copy(&sorted, gaussians));
-  pags_result result = pags_packed_create(&sorted, &packed);
-  pags_gaussians_destroy(&sorted);
-  PAGS_TRY(result);
+  PAGS_TRY(pags_packed_create(&sorted, &packed));
   memcpy(packed.origin, head->origin, sizeof packed.origin);
   memcpy(packed.background, head->background, sizeof packed.background);
   packed.up = head->up;
   packed.antialiased = head->antialiased;
-  result = pags_packed_save(path, &packed, 1, NULL);
-  pags_packed_destroy(&packed);
-  return result;
+  return pags_packed_save(path, &packed, 1, NULL);
 }
 
 /* ---- Mapping the file ---- */
@@ -509,11 +493,6 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
   return PAGS_OK;
 }
 
-/* Maps a file of `size` bytes as a private copy-on-write mapping, so that the file itself is never written to. */
-static pags_result map_file(const char *path, uint64_t size, uint8_t **bytes) {
-  return pags_port_map(path, size, bytes) ? PAGS_OK : pags_fail(PAGS_ERROR_IO, "%s: can't be mapped into memory", path);
-}
-
 pags_result pags_packed_open(const char *path, pags_packed *out) {
   uint64_t size;
   uint8_t *bytes = NULL;
@@ -523,30 +502,22 @@ pags_result pags_packed_open(const char *path, pags_packed *out) {
   if (size < HEAD)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a head of %d bytes, found %llu", path, HEAD,
                      (unsigned long long)size);
-  PAGS_TRY(map_file(path, size, &bytes));
-  pags_result result = read_head(path, bytes, size, &e, out);
-  if (result == PAGS_OK) {
-    attach(out, bytes, &e);
-    out->mapped = 1;
-    result = check_bounds(path, out);
-    if (result == PAGS_OK)
-      result = pags_packed_check_whole(path, out);
-    if (result == PAGS_OK)
-      result = pags_clusters_add_runs(&out->clusters);
-  } else {
-    pags_port_unmap(bytes, size);
-  }
-  if (result != PAGS_OK)
-    pags_packed_destroy(out);
-  return result;
+  /* A private copy-on-write mapping, so that the file itself is never written to. */
+  if (!pags_port_map(path, size, &bytes))
+    return pags_fail(PAGS_ERROR_IO, "%s: can't be mapped into memory", path);
+  PAGS_AUTO(pags_packed_destroy) pags_packed packed = {.block = bytes, .block_size = size, .mapped = 1};
+  PAGS_TRY(read_head(path, bytes, size, &e, &packed));
+  attach(&packed, bytes, &e);
+  PAGS_TRY(check_bounds(path, &packed));
+  PAGS_TRY(pags_packed_check_whole(path, &packed));
+  PAGS_TRY(pags_clusters_add_runs(&packed.clusters));
+  *out = packed;
+  packed = (pags_packed){0};
+  return PAGS_OK;
 }
 
 int pags_packed_is_file(const char *path) {
   char start[sizeof *magic];
-  FILE *const file = pags_port_open(path, "rb");
-  const bool is = file && fread(start, 1, sizeof start, file) == sizeof start &&
-                  (memcmp(start, magic[0], sizeof start) == 0 || memcmp(start, magic[1], sizeof start) == 0);
-  if (file)
-    fclose(file);
-  return is;
+  return pags_file_head(path, start, sizeof start) == sizeof start &&
+         (memcmp(start, magic[0], sizeof start) == 0 || memcmp(start, magic[1], sizeof start) == 0);
 }

@@ -110,7 +110,8 @@ const pags_packed_mixed *pags_packed_find_mixed(const pags_packed *packed, int64
   return packed->mixed + begin;
 }
 
-void pags_packed_put_whole(const pags_packed *packed, int64_t cluster, int begin, int end, float *planes) {
+/* Writes planes [begin, end) of a cluster's whole rows over planes of ROWS floats, the first being plane `begin`. */
+static void put_whole(const pags_packed *packed, int64_t cluster, int begin, int end, float *planes) {
   int64_t count;
   const pags_packed_mixed *const mixed = pags_packed_find_mixed(packed, cluster, &count);
   const size_t bytes = pags_packed_whole_bytes(packed->shape.sh_degree);
@@ -187,7 +188,7 @@ static inline float half_to_float(uint32_t half) {
 static void unpack_means(const uint16_t words[][ROWS], const pags_packed *packed, int64_t cluster, float *planes) {
   const pags_clusters *const clusters = &packed->clusters;
   int64_t unused;
-  const pags_packed_mixed *const mixed = packed->mixed_count ? pags_packed_find_mixed(packed, cluster, &unused) : NULL;
+  const pags_packed_mixed *const mixed = pags_packed_find_mixed(packed, cluster, &unused);
   for (int a = 0; a < 3; a++) {
     const float from = mixed ? mixed->lo[a] : clusters->lo[a][cluster],
                 to = mixed ? mixed->hi[a] : clusters->hi[a][cluster], step = (to - from) * (1.0f / 65535.0f);
@@ -233,16 +234,14 @@ void pags_packed_geometry(const pags_packed *packed, int64_t cluster, float *pla
     unpack_scaled(words[3 + k], planes + (PAGS_SCALE + k) * ROWS);
   unpack_rotations((const uint16_t(*)[ROWS])words + 6, planes + PAGS_ROTATION * ROWS);
   unpack_scaled(words[9], planes + PAGS_OPACITY * ROWS);
-  if (packed->mixed_count)
-    pags_packed_put_whole(packed, cluster, PAGS_MEAN, PAGS_SH, planes);
+  put_whole(packed, cluster, PAGS_MEAN, PAGS_SH, planes);
 }
 
 void pags_packed_means(const pags_packed *packed, int64_t cluster, float *planes) {
   uint16_t words[3][ROWS];
   memcpy(words, packed->geometry + cluster * PAGS_PACKED_GEOMETRY, sizeof words);
   unpack_means((const uint16_t(*)[ROWS])words, packed, cluster, planes);
-  if (packed->mixed_count)
-    pags_packed_put_whole(packed, cluster, PAGS_MEAN, PAGS_MEAN + 3, planes);
+  put_whole(packed, cluster, PAGS_MEAN, PAGS_MEAN + 3, planes);
 }
 
 void pags_packed_colours(const pags_packed *packed, int64_t cluster, int sh_degree, float *planes) {
@@ -263,8 +262,7 @@ void pags_packed_colours(const pags_packed *packed, int64_t cluster, int sh_degr
     for (int i = 0; i < ROWS; i++)
       planes[(3 + p) * ROWS + i] = (float)bytes[i] * step;
   }
-  if (packed->mixed_count)
-    pags_packed_put_whole(packed, cluster, PAGS_SH, PAGS_SH + 3 + rest, planes);
+  put_whole(packed, cluster, PAGS_SH, PAGS_SH + 3 + rest, planes);
 }
 
 float pags_packed_s_sem(const pags_packed *packed, int64_t row) {

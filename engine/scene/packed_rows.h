@@ -44,10 +44,6 @@ static inline size_t pags_packed_whole_bytes(int sh_degree) {
 /* Returns what there is of a cluster with whole rows, and how many these are; NULL if it has none. */
 const pags_packed_mixed *pags_packed_find_mixed(const pags_packed *packed, int64_t cluster, int64_t *count);
 
-/* Writes planes [begin, end) of a cluster's whole rows over planes of PAGS_PACKED_ROWS floats, the first being plane
- * `begin`. */
-void pags_packed_put_whole(const pags_packed *packed, int64_t cluster, int begin, int end, float *planes);
-
 /* Fails unless the lists are in order, all numbers finite, and the rows within the bounds of their clusters. */
 pags_result pags_packed_check_whole(const char *path, const pags_packed *packed);
 
