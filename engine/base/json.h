@@ -77,10 +77,18 @@ pags_result pags_json_integer(const pags_json *json, const pags_json_value *obje
                               int64_t hi, int64_t *out);
 pags_result pags_json_integer_or(const pags_json *json, const pags_json_value *object, const char *key, int64_t lo,
                                  int64_t hi, int64_t fallback, int64_t *out);
+/* The same as an int. */
+pags_result pags_json_int(const pags_json *json, const pags_json_value *object, const char *key, int lo, int hi,
+                          int *out);
+pags_result pags_json_int_or(const pags_json *json, const pags_json_value *object, const char *key, int lo, int hi,
+                             int fallback, int *out);
 pags_result pags_json_unsigned_or(const pags_json *json, const pags_json_value *object, const char *key,
                                   uint64_t fallback, uint64_t *out);
 pags_result pags_json_bool_or(const pags_json *json, const pags_json_value *object, const char *key, bool fallback,
                               bool *out);
+/* The same as 0 or 1. */
+pags_result pags_json_flag_or(const pags_json *json, const pags_json_value *object, const char *key, bool fallback,
+                              int *out);
 pags_result pags_json_string(const pags_json *json, const pags_json_value *object, const char *key, const char **out);
 pags_result pags_json_string_copy(const pags_json *json, const pags_json_value *object, const char *key,
                                   char **out); /* freed by the caller; PAGS_ERROR_MEMORY too */
@@ -93,6 +101,9 @@ pags_result pags_json_object(const pags_json *json, const pags_json_value *objec
 /* An array of exactly `count` numbers; it may be nested (a 4x4 matrix as four arrays of four is 16 numbers). */
 pags_result pags_json_numbers(const pags_json *json, const pags_json_value *object, const char *key, int count,
                               double *out);
+/* The same; `out` stays as it is if the key is missing or null. */
+pags_result pags_json_numbers_or(const pags_json *json, const pags_json_value *object, const char *key, int count,
+                                 double *out);
 
 /* Getters for a value without a key, such as an element of an array; `what` names the value in messages. */
 pags_result pags_json_as_number(const pags_json *json, const pags_json_value *value, const char *what, double *out);

@@ -78,6 +78,20 @@ pags_result pags_json_integer_or(const pags_json *json, const pags_json_value *o
   return is_absent(object, key) ? PAGS_OK : pags_json_integer(json, object, key, lo, hi, out);
 }
 
+pags_result pags_json_int(const pags_json *json, const pags_json_value *object, const char *key, int lo, int hi,
+                          int *out) {
+  int64_t integer = 0;
+  PAGS_TRY(pags_json_integer(json, object, key, lo, hi, &integer));
+  *out = (int)integer;
+  return PAGS_OK;
+}
+
+pags_result pags_json_int_or(const pags_json *json, const pags_json_value *object, const char *key, int lo, int hi,
+                             int fallback, int *out) {
+  *out = fallback;
+  return is_absent(object, key) ? PAGS_OK : pags_json_int(json, object, key, lo, hi, out);
+}
+
 pags_result pags_json_unsigned_or(const pags_json *json, const pags_json_value *object, const char *key,
                                   uint64_t fallback, uint64_t *out) {
   const pags_json_value *value = NULL;
@@ -103,6 +117,14 @@ pags_result pags_json_bool_or(const pags_json *json, const pags_json_value *obje
     return PAGS_OK;
   PAGS_TRY(get(json, object, key, PAGS_JSON_BOOL, &value));
   *out = value->boolean;
+  return PAGS_OK;
+}
+
+pags_result pags_json_flag_or(const pags_json *json, const pags_json_value *object, const char *key, bool fallback,
+                              int *out) {
+  bool value;
+  PAGS_TRY(pags_json_bool_or(json, object, key, fallback, &value));
+  *out = value;
   return PAGS_OK;
 }
 
@@ -167,6 +189,11 @@ pags_result pags_json_numbers(const pags_json *json, const pags_json_value *obje
   if (filled != count)
     return pags_json_fail(json, value, "expected %d numbers for '%s', found %lld", count, key, (long long)filled);
   return PAGS_OK;
+}
+
+pags_result pags_json_numbers_or(const pags_json *json, const pags_json_value *object, const char *key, int count,
+                                 double *out) {
+  return is_absent(object, key) ? PAGS_OK : pags_json_numbers(json, object, key, count, out);
 }
 
 pags_result pags_json_as_number(const pags_json *json, const pags_json_value *value, const char *what, double *out) {

@@ -144,6 +144,18 @@ static inline void pags_pose_place(double pose[12], const double position[3]) {
     pose[4 * k + 3] = position[k];
 }
 
+/* pose = [R|t] of a row-major 3x3 matrix; and R of a pose. */
+static inline void pags_pose_make(const double r[9], const double t[3], double pose[12]) {
+  for (int k = 0; k < 3; k++) {
+    memcpy(pose + 4 * k, r + 3 * k, 3 * sizeof *r);
+    pose[4 * k + 3] = t[k];
+  }
+}
+static inline void pags_pose_rotation(const double pose[12], double r[9]) {
+  for (int k = 0; k < 3; k++)
+    memcpy(r + 3 * k, pose + 4 * k, 3 * sizeof *r);
+}
+
 /* t -= by: from absolute coordinates to those relative to a scene's origin `by`. */
 static inline void pags_pose_subtract(double pose[12], const double by[3]) {
   for (int k = 0; k < 3; k++)

@@ -14,8 +14,7 @@ pags_result pags_map_create(pags_map *map, int channels, int width, int height, 
   *map = (pags_map){.channels = channels, .width = width, .height = height, .phases = phases, .stride = stride};
   map->plane = stride * ((int64_t)height + 2 * PAGS_MAP_BORDER);
   map->base = calloc((size_t)(map->plane * channels * phases), sizeof(float));
-  if (!map->base)
-    return pags_out_of_memory("LPIPS: %d planes of %dx%d", channels, width, height);
+  PAGS_CHECK_MEMORY(map->base, "LPIPS: %d planes of %dx%d", channels, width, height);
   return PAGS_OK;
 }
 
@@ -57,11 +56,6 @@ static void fill(float *row, int width, float value) {
     row[x] = value;
 }
 
-static void rectify(float *row, int width) {
-  for (int x = 0; x < width; x++)
-    row[x] = row[x] > 0.0f ? row[x] : 0.0f;
-}
-
 typedef struct conv_job {
   const pags_map *in, *out;
   const pags_conv *conv;
@@ -85,7 +79,8 @@ static void conv_rows(void *context, int64_t begin, int64_t end, int worker) {
         add_taps(row, width, in, job->offset + t, weight + t);
       for (; t < taps; t++)
         add_tap(row, width, in + job->offset[t], weight[t]);
-      rectify(row, width);
+      for (int x = 0; x < width; x++) /* ReLU */
+        row[x] = row[x] > 0.0f ? row[x] : 0.0f;
     }
 }
 
@@ -93,9 +88,9 @@ static void conv_rows(void *context, int64_t begin, int64_t end, int worker) {
 static pags_result convolve(const pags_map *in, const pags_conv *conv, int first, pags_tasks *tasks,
                             const pags_map *out) {
   const int step = conv->step, taps = conv->inputs * conv->size * conv->size;
-  int64_t *offset = malloc((size_t)taps * sizeof *offset), *at = offset;
-  if (!offset)
-    return pags_out_of_memory("LPIPS: a convolution of %d channels", conv->inputs);
+  PAGS_AUTOFREE int64_t *offset = malloc((size_t)taps * sizeof *offset);
+  int64_t *at = offset;
+  PAGS_CHECK_MEMORY(offset, "LPIPS: a convolution of %d channels", conv->inputs);
   for (int c = 0; c < conv->inputs; c++)
     for (int y = -conv->padding; y < conv->size - conv->padding; y++)
       for (int x = -conv->padding; x < conv->size - conv->padding; x++) {
@@ -103,9 +98,8 @@ static pags_result convolve(const pags_map *in, const pags_conv *conv, int first
         *at++ = (c + in->channels * phase) * in->plane + y * in->stride + (x - phase) / step;
       }
   conv_job job = {.in = in, .out = out, .conv = conv, .first = first, .taps = taps, .offset = offset};
-  const bool whole = pags_parallel_for(tasks, out->height, 1, conv_rows, &job);
-  free(offset);
-  return whole ? PAGS_OK : pags_fail(PAGS_CANCELLED, "LPIPS: cancelled");
+  return pags_parallel_for(tasks, out->height, 1, conv_rows, &job) ? PAGS_OK
+                                                                   : pags_fail(PAGS_CANCELLED, "LPIPS: cancelled");
 }
 
 pags_result pags_layer_conv(const pags_map *in, const pags_conv *conv, pags_tasks *tasks, pags_map *out) {
@@ -116,16 +110,11 @@ pags_result pags_layer_conv(const pags_map *in, const pags_conv *conv, pags_task
 }
 
 pags_result pags_layer_fire(const pags_map *in, const pags_fire *fire, pags_tasks *tasks, pags_map *out) {
-  pags_map squeezed = {0};
-  pags_result result = pags_layer_conv(in, &fire->squeeze, tasks, &squeezed);
-  if (result == PAGS_OK)
-    result = pags_map_create(out, fire->expand1.outputs + fire->expand3.outputs, in->width, in->height, 1);
-  if (result == PAGS_OK)
-    result = convolve(&squeezed, &fire->expand1, 0, tasks, out);
-  if (result == PAGS_OK)
-    result = convolve(&squeezed, &fire->expand3, fire->expand1.outputs, tasks, out);
-  pags_map_destroy(&squeezed);
-  return result;
+  PAGS_AUTO(pags_map_destroy) pags_map squeezed = {0};
+  PAGS_TRY(pags_layer_conv(in, &fire->squeeze, tasks, &squeezed));
+  PAGS_TRY(pags_map_create(out, fire->expand1.outputs + fire->expand3.outputs, in->width, in->height, 1));
+  PAGS_TRY(convolve(&squeezed, &fire->expand1, 0, tasks, out));
+  return convolve(&squeezed, &fire->expand3, fire->expand1.outputs, tasks, out);
 }
 
 /* ---- Max pooling ---- */
@@ -159,7 +148,6 @@ static int pooled(int extent, bool partial) {
 pags_result pags_layer_pool(const pags_map *in, bool partial, pags_tasks *tasks, pags_map *out) {
   PAGS_TRY(pags_map_create(out, in->channels, pooled(in->width, partial), pooled(in->height, partial), 1));
   pool_job job = {.in = in, .out = out};
-  if (!pags_parallel_for(tasks, out->height, 1, pool_rows, &job))
-    return pags_fail(PAGS_CANCELLED, "LPIPS: cancelled");
-  return PAGS_OK;
+  return pags_parallel_for(tasks, out->height, 1, pool_rows, &job) ? PAGS_OK
+                                                                   : pags_fail(PAGS_CANCELLED, "LPIPS: cancelled");
 }

@@ -64,6 +64,8 @@ static const net networks[NETWORKS] = {
                 {.kind = CONV, .tap = true, .name = "conv4", .outputs = 256, .size = 3, .step = 1, .padding = 1},
                 {.kind = CONV, .tap = true, .name = "conv5", .outputs = 256, .size = 3, .step = 1, .padding = 1}}}};
 
+PAGS_DEFINE_AUTO(pags_lpips, pags_lpips_destroy)
+
 struct pags_lpips {
   pags_npz npz; /* owns the weights that are pointed to */
   const net *network;
@@ -181,21 +183,16 @@ static pags_result read_network(const char *npz_path, pags_lpips *lpips) {
 
 pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
   *out = NULL;
-  pags_lpips *lpips = calloc(1, sizeof *lpips);
-  if (!lpips)
-    return pags_out_of_memory("%s", npz_path);
-  pags_result result = read_network(npz_path, lpips);
-  if (result == PAGS_OK)
-    *out = lpips;
-  else
-    pags_lpips_destroy(lpips);
-  return result;
+  PAGS_AUTO(pags_lpips_destroy_auto) pags_lpips *lpips = calloc(1, sizeof *lpips);
+  PAGS_CHECK_MEMORY(lpips, "%s", npz_path);
+  PAGS_TRY(read_network(npz_path, lpips));
+  *out = pags_take(&lpips);
+  return PAGS_OK;
 }
 
 void pags_lpips_destroy(pags_lpips *lpips) {
-  if (!lpips)
-    return;
-  pags_npz_destroy(&lpips->npz);
+  if (lpips)
+    pags_npz_destroy(&lpips->npz);
   free(lpips);
 }
 
@@ -248,21 +245,17 @@ static void tap_rows(void *context, int64_t begin, int64_t end, int worker) {
 
 static pags_result tap_distance(const pags_map maps[2], const float *lin, pags_tasks *tasks, double *distance) {
   const int width = maps[0].width, height = maps[0].height;
-  tap_job job = {.a = &maps[0], .b = &maps[1], .lin = lin};
-  job.scratch = calloc((size_t)width * 3 * (size_t)pags_tasks_workers(tasks), sizeof *job.scratch);
-  job.row_sum = calloc((size_t)height, sizeof *job.row_sum);
-  pags_result result = PAGS_OK;
-  if (!job.scratch || !job.row_sum)
-    result = pags_out_of_memory("LPIPS");
-  else if (!pags_parallel_for(tasks, height, 4, tap_rows, &job))
-    result = pags_fail(PAGS_CANCELLED, "LPIPS: cancelled");
+  PAGS_AUTOFREE float *scratch = calloc((size_t)width * 3 * (size_t)pags_tasks_workers(tasks), sizeof *scratch);
+  PAGS_AUTOFREE double *row_sum = calloc((size_t)height, sizeof *row_sum);
+  PAGS_CHECK_MEMORY(scratch && row_sum, "LPIPS");
+  tap_job job = {.a = &maps[0], .b = &maps[1], .lin = lin, .scratch = scratch, .row_sum = row_sum};
+  if (!pags_parallel_for(tasks, height, 4, tap_rows, &job))
+    return pags_fail(PAGS_CANCELLED, "LPIPS: cancelled");
   double sum = 0.0;
-  for (int y = 0; result == PAGS_OK && y < height; y++)
-    sum += job.row_sum[y];
+  for (int y = 0; y < height; y++)
+    sum += row_sum[y];
   *distance += sum / ((double)width * (double)height);
-  free(job.scratch);
-  free(job.row_sum);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Both pictures through the network ---- */
@@ -289,22 +282,9 @@ static pags_result run_layer(const pags_lpips *lpips, int i, const pags_map *in,
   }
 }
 
-/* Runs both pictures through the network and adds up the distances at all taps. `maps` holds the inputs; on return it
- * holds maps that the caller frees, also after an error. */
-static pags_result walk(const pags_lpips *lpips, pags_map maps[2], pags_tasks *tasks, double *distance) {
-  *distance = 0.0;
-  for (int i = 0, taps = 0; i < lpips->network->layer_count; i++) {
-    for (int k = 0; k < 2; k++) {
-      pags_map next = {0};
-      pags_result result = run_layer(lpips, i, &maps[k], tasks, &next);
-      pags_map_destroy(&maps[k]);
-      maps[k] = next;
-      PAGS_TRY(result);
-    }
-    if (lpips->network->layers[i].tap)
-      PAGS_TRY(tap_distance(maps, lpips->lin[taps++], tasks, distance));
-  }
-  return PAGS_OK;
+static void destroy_maps(pags_map (*maps)[2]) {
+  pags_map_destroy(&(*maps)[0]);
+  pags_map_destroy(&(*maps)[1]);
 }
 
 pags_result pags_lpips_distance(const pags_lpips *lpips, const pags_image *a, const pags_image *b, pags_tasks *tasks,
@@ -313,13 +293,18 @@ pags_result pags_lpips_distance(const pags_lpips *lpips, const pags_image *a, co
   if (a->width < SMALLEST || a->height < SMALLEST)
     return pags_fail(PAGS_ERROR_ARGUMENT, "LPIPS: expected pictures of at least %dx%d, got %dx%d", SMALLEST, SMALLEST,
                      a->width, a->height);
-  pags_map maps[2] = {{0}};
-  pags_result result = make_input(lpips, a, &maps[0]);
-  if (result == PAGS_OK)
-    result = make_input(lpips, b, &maps[1]);
-  if (result == PAGS_OK)
-    result = walk(lpips, maps, tasks, distance);
-  pags_map_destroy(&maps[0]);
-  pags_map_destroy(&maps[1]);
-  return result;
+  PAGS_AUTO(destroy_maps) pags_map maps[2] = {{0}};
+  PAGS_TRY(make_input(lpips, a, &maps[0]));
+  PAGS_TRY(make_input(lpips, b, &maps[1]));
+  *distance = 0.0;
+  for (int i = 0, taps = 0; i < lpips->network->layer_count; i++) {
+    for (int k = 0; k < 2; k++) {
+      PAGS_AUTO(pags_map_destroy) pags_map input = maps[k];
+      maps[k] = (pags_map){0};
+      PAGS_TRY(run_layer(lpips, i, &input, tasks, &maps[k]));
+    }
+    if (lpips->network->layers[i].tap) /* adds the distance at the tap */
+      PAGS_TRY(tap_distance(maps, lpips->lin[taps++], tasks, distance));
+  }
+  return PAGS_OK;
 }

@@ -10,9 +10,21 @@
  * message begins with `metric`. */
 pags_result pags_metric_check(const pags_image *a, const pags_image *b, const char *metric);
 
-/* psnr[r] = PSNR, dB, over the pixels whose `regions` value has bit r set, for r < count <= 16. The images must have
- * passed pags_metric_check. */
-void pags_metric_psnr(const pags_image *a, const pags_image *b, const uint16_t *regions, int count, double *psnr);
+/* The pixels that count: those of up to 16 regions, by the bits of each pixel, or, without regions, of a mask; without
+ * both, all. */
+typedef struct pags_metric_pixels {
+  const uint16_t *regions;
+  const uint8_t *mask;
+  int count; /* of the regions; 1 without regions */
+} pags_metric_pixels;
+
+/* Returns a bit for each region that contains pixel `at`; with a mask or neither, bit 0 is the only region. */
+static inline unsigned pags_metric_regions(const pags_metric_pixels *pixels, int64_t at) {
+  return pixels->regions ? pixels->regions[at] : !pixels->mask || pixels->mask[at];
+}
+
+/* psnr[r] = PSNR, dB, over region r. The images must have passed pags_metric_check. */
+void pags_metric_psnr(const pags_image *a, const pags_image *b, const pags_metric_pixels *pixels, double *psnr);
 
 /* Clamps to [0, 1]. NaN becomes 0, so that a broken pixel counts as black instead of making the metric NaN. */
 static inline float pags_metric_clamp(float v) {

@@ -17,10 +17,7 @@
  * missing. `key` includes quotes and colon. */
 static const char *find_key(const char *header, const char *key) {
   const char *p = strstr(header, key);
-  if (!p)
-    return NULL;
-  p += strlen(key);
-  return p + strspn(p, " ");
+  return p ? p + strlen(key) + strspn(p + strlen(key), " ") : NULL;
 }
 
 static bool parse_shape(const char *p, pags_npz_array *array) {
@@ -60,13 +57,6 @@ static pags_result parse_header(const char *text, const char *path, pags_npz_arr
   return PAGS_OK;
 }
 
-static void copy_floats(float *out, const uint8_t *bytes, int64_t count) {
-  for (int64_t i = 0; i < count; i++) {
-    uint32_t bits = pags_load_u32(bytes + 4 * i);
-    memcpy(out + i, &bits, sizeof bits);
-  }
-}
-
 static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path, pags_npz_array *array) {
   if (size < 12 || memcmp(bytes, "\x93NUMPY", 6) != 0 || bytes[6] < 1 || bytes[6] > 3)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected an npy array of version 1 to 3", path, array->name);
@@ -74,21 +64,18 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
   size_t length = bytes[6] == 1 ? pags_load_u16(bytes + 8) : pags_load_u32(bytes + 8);
   if (size - begin < length)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': the npy header is cut off", path, array->name);
-  char *text = malloc(length + 1);
-  if (!text)
-    return pags_out_of_memory("%s", path);
+  PAGS_AUTOFREE char *text = malloc(length + 1);
+  PAGS_CHECK_MEMORY(text, "%s", path);
   memcpy(text, bytes + begin, length);
   text[length] = '\0';
-  pags_result result = parse_header(text, path, array);
-  free(text);
-  PAGS_TRY(result);
+  PAGS_TRY(parse_header(text, path, array));
   if ((size - begin - length) != (uint64_t)array->count * 4)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected %lld bytes of values, found %zu", path, array->name,
                      (long long)array->count * 4, size - begin - length);
   array->data = malloc(array->count ? (size_t)array->count * sizeof(float) : 1);
-  if (!array->data)
-    return pags_out_of_memory("%s", path);
-  copy_floats(array->data, bytes + begin + length, array->count);
+  PAGS_CHECK_MEMORY(array->data, "%s", path);
+  for (int64_t i = 0; i < array->count; i++)
+    array->data[i] = pags_load_f32(bytes + begin + length + 4 * i);
   return PAGS_OK;
 }
 
@@ -96,38 +83,33 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
 
 static pags_result read_members(const pags_zip *zip, pags_npz *out) {
   out->arrays = calloc((size_t)zip->count + 1, sizeof *out->arrays);
-  if (!out->arrays)
-    return pags_out_of_memory("%s", zip->path);
+  PAGS_CHECK_MEMORY(out->arrays, "%s", zip->path);
   for (int64_t i = 0; i < zip->count; i++) {
     const pags_zip_member *m = &zip->members[i];
-    uint8_t *bytes;
+    PAGS_AUTOFREE uint8_t *bytes = NULL;
     out->count++; /* counted first, so that a member that fails half-way is freed */
     /* The array's name is the member's without ".npy". */
     size_t length = m->name_length;
     if (length > 4 && memcmp(m->name + length - 4, ".npy", 4) == 0)
       length -= 4;
     out->arrays[i].name = malloc(length + 1);
-    if (!out->arrays[i].name)
-      return pags_out_of_memory("%s", zip->path);
+    PAGS_CHECK_MEMORY(out->arrays[i].name, "%s", zip->path);
     memcpy(out->arrays[i].name, m->name, length);
     out->arrays[i].name[length] = '\0';
     if (m->deflated) /* so that a small file can't ask for much memory */
       return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%.*s' is compressed, expected a stored member", zip->path,
                        (int)m->name_length, m->name);
     PAGS_TRY(pags_zip_read(zip, m, &bytes));
-    const pags_result result = parse_npy(bytes, m->size, zip->path, &out->arrays[i]);
-    free(bytes);
-    PAGS_TRY(result);
+    PAGS_TRY(parse_npy(bytes, m->size, zip->path, &out->arrays[i]));
   }
   return PAGS_OK;
 }
 
 pags_result pags_npz_parse(const uint8_t *bytes, size_t size, const char *path, pags_npz *out) {
-  pags_zip zip;
+  PAGS_AUTO(pags_zip_close) pags_zip zip = {0};
   *out = (pags_npz){0};
   PAGS_TRY(pags_zip_open(bytes, size, path, &zip));
-  pags_result result = read_members(&zip, out);
-  pags_zip_close(&zip);
+  const pags_result result = read_members(&zip, out);
   if (result != PAGS_OK)
     pags_npz_destroy(out);
   return result;
@@ -143,13 +125,11 @@ void pags_npz_destroy(pags_npz *npz) {
 }
 
 pags_result pags_npz_load(const char *path, pags_npz *out) {
-  uint8_t *bytes = NULL;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size = 0;
   *out = (pags_npz){0};
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  pags_result result = pags_npz_parse(bytes, size, path, out);
-  free(bytes);
-  return result;
+  return pags_npz_parse(bytes, size, path, out);
 }
 
 const pags_npz_array *pags_npz_find(const pags_npz *npz, const char *name) {

@@ -18,51 +18,29 @@ pags_result pags_metric_check(const pags_image *a, const pags_image *b, const ch
   return PAGS_OK;
 }
 
-static double square_error(const float *a, const float *b) {
-  double sum = 0.0;
-  for (int c = 0; c < 3; c++) {
-    double d = (double)pags_metric_clamp(a[c]) - (double)pags_metric_clamp(b[c]);
-    sum += d * d;
-  }
-  return sum;
-}
-
-static double decibels(double sum, int64_t counted) {
-  if (counted == 0)
-    return NAN;
-  return sum > 0.0 ? -10.0 * pags_log10(sum / (3.0 * (double)counted)) : INFINITY;
-}
-
-pags_result pags_eval_psnr(const pags_image *a, const pags_image *b, const uint8_t *mask, double *psnr) {
-  PAGS_TRY(pags_metric_check(a, b, "PSNR"));
-  const float *pa = a->data, *pb = b->data;
-  const int64_t pixels = (int64_t)a->width * a->height;
-  int64_t counted = 0;
-  double sum = 0.0;
-  for (int64_t i = 0; i < pixels; i++) {
-    if (mask && !mask[i])
-      continue;
-    counted++;
-    sum += square_error(pa + 3 * i, pb + 3 * i);
-  }
-  *psnr = decibels(sum, counted);
-  return PAGS_OK;
-}
-
-void pags_metric_psnr(const pags_image *a, const pags_image *b, const uint16_t *regions, int count, double *psnr) {
+void pags_metric_psnr(const pags_image *a, const pags_image *b, const pags_metric_pixels *pixels, double *psnr) {
   const float *pa = a->data, *pb = b->data;
   int64_t counted[16] = {0};
   double sums[16] = {0};
   for (int64_t i = 0; i < (int64_t)a->width * a->height; i++) {
-    if (!regions[i])
-      continue;
-    double error = square_error(pa + 3 * i, pb + 3 * i);
-    for (int r = 0; r < count; r++)
-      if (regions[i] >> r & 1) {
+    unsigned bits = pags_metric_regions(pixels, i);
+    double error = 0.0;
+    for (int c = 0; c < 3 && bits; c++) {
+      const double d = (double)pags_metric_clamp(pa[3 * i + c]) - (double)pags_metric_clamp(pb[3 * i + c]);
+      error += d * d;
+    }
+    for (int r = 0; bits; r++, bits >>= 1)
+      if (bits & 1) {
         counted[r]++;
         sums[r] += error;
       }
   }
-  for (int r = 0; r < count; r++)
-    psnr[r] = decibels(sums[r], counted[r]);
+  for (int r = 0; r < pixels->count; r++)
+    psnr[r] = !counted[r] ? NAN : sums[r] > 0.0 ? -10.0 * pags_log10(sums[r] / (3.0 * (double)counted[r])) : INFINITY;
+}
+
+pags_result pags_eval_psnr(const pags_image *a, const pags_image *b, const uint8_t *mask, double *psnr) {
+  PAGS_TRY(pags_metric_check(a, b, "PSNR"));
+  pags_metric_psnr(a, b, &(pags_metric_pixels){.mask = mask, .count = 1}, psnr);
+  return PAGS_OK;
 }

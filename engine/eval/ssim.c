@@ -24,11 +24,9 @@ enum { RADIUS = 5, TAPS = 2 * RADIUS + 1, MOMENTS = 5 /* a, b, a^2, b^2, ab */, 
 static const double C1 = 0.01 * 0.01, C2 = 0.03 * 0.03;
 
 typedef struct ssim_job {
-  const float *a, *b;      /* pixels of the two pictures, channels interleaved */
-  const uint8_t *mask;     /* pixels that count, if `regions` is NULL; NULL: all */
-  const uint16_t *regions; /* bits of the regions of each pixel; NULL: one region */
-  int region_count;
+  const float *a, *b; /* pixels of the two pictures, channels interleaved */
   int width, height;
+  pags_metric_pixels pixels;
   double window[TAPS];    /* the window in one dimension; sums to 1 */
   double *scratch;        /* a piece for each worker */
   int64_t scratch_stride; /* doubles in each piece */
@@ -64,13 +62,6 @@ static double map_value(double mu_a, double mu_b, double aa, double bb, double a
   return (2.0 * mu_a * mu_b + C1) * (2.0 * s_ab + C2) / ((mu_a * mu_a + mu_b * mu_b + C1) * (s_aa + s_bb + C2));
 }
 
-/* Returns a bit for each region that contains pixel `at`; with a mask or neither, bit 0 is the only region. */
-static unsigned regions_of(const ssim_job *job, int64_t at) {
-  if (job->regions)
-    return job->regions[at];
-  return !job->mask || job->mask[at];
-}
-
 static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
   const ssim_job *job = context;
   double *scratch = job->scratch + worker * job->scratch_stride;
@@ -79,7 +70,7 @@ static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
       /* Compute one channel of this row of the SSIM map and add it to the row's sums by region. */
       int row = (int)y;
       int64_t stride = job->width + 2 * RADIUS;
-      double *sums = job->row_sum + y * job->region_count;
+      double *sums = job->row_sum + y * job->pixels.count;
       double *blurred = scratch + MOMENTS * stride;
       double own[MOST_REGIONS] = {0};
       sum_columns(job, row, c, scratch, stride);
@@ -96,31 +87,15 @@ static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
       }
       for (int x = 0; x < job->width; x++) {
         const double *v = blurred + x;
-        unsigned bits = regions_of(job, (int64_t)row * job->width + x);
+        unsigned bits = pags_metric_regions(&job->pixels, (int64_t)row * job->width + x);
         double value = bits ? map_value(v[0], v[stride], v[2 * stride], v[3 * stride], v[4 * stride]) : 0.0;
         for (int r = 0; bits; r++, bits >>= 1)
           if (bits & 1)
             own[r] += value;
       }
-      for (int r = 0; r < job->region_count; r++)
+      for (int r = 0; r < job->pixels.count; r++)
         sums[r] += own[r];
     }
-}
-
-/* ssim[r] = mean of the SSIM map over region r and the channels; NaN for an empty region. */
-static void take_means(const ssim_job *job, double *ssim) {
-  int64_t counted[MOST_REGIONS] = {0}, pixels = (int64_t)job->width * job->height;
-  for (int64_t i = 0; i < pixels; i++) {
-    unsigned bits = regions_of(job, i);
-    for (int r = 0; bits; r++, bits >>= 1)
-      counted[r] += bits & 1;
-  }
-  for (int r = 0; r < job->region_count; r++) {
-    double sum = 0.0;
-    for (int y = 0; y < job->height; y++)
-      sum += job->row_sum[(int64_t)y * job->region_count + r];
-    ssim[r] = counted[r] ? sum / (3.0 * (double)counted[r]) : NAN;
-  }
 }
 
 static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
@@ -134,25 +109,37 @@ static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
   for (int i = 0; i < TAPS; i++)
     job->window[i] /= sum;
 
+  const int regions = job->pixels.count;
   job->scratch_stride = 2 * MOMENTS * ((int64_t)job->width + 2 * RADIUS);
-  job->scratch = calloc((size_t)(job->scratch_stride * pags_tasks_workers(tasks)), sizeof *job->scratch);
-  job->row_sum = calloc((size_t)job->height * (size_t)job->region_count, sizeof *job->row_sum);
-  pags_result result = PAGS_OK;
-  if (!job->scratch || !job->row_sum)
-    result = pags_out_of_memory("SSIM: a picture of %dx%d", job->width, job->height);
-  else if (!pags_parallel_for(tasks, job->height, 8, ssim_rows, job))
-    result = pags_fail(PAGS_CANCELLED, "SSIM: cancelled");
-  if (result == PAGS_OK)
-    take_means(job, ssim);
-  free(job->scratch);
-  free(job->row_sum);
-  return result;
+  PAGS_AUTOFREE double *scratch = calloc((size_t)(job->scratch_stride * pags_tasks_workers(tasks)), sizeof *scratch);
+  PAGS_AUTOFREE double *row_sum = calloc((size_t)job->height * (size_t)regions, sizeof *row_sum);
+  PAGS_CHECK_MEMORY(scratch && row_sum, "SSIM: a picture of %dx%d", job->width, job->height);
+  job->scratch = scratch;
+  job->row_sum = row_sum;
+  if (!pags_parallel_for(tasks, job->height, 8, ssim_rows, job))
+    return pags_fail(PAGS_CANCELLED, "SSIM: cancelled");
+
+  /* ssim[r] = mean of the SSIM map over region r and the channels; NaN for an empty region. */
+  int64_t counted[MOST_REGIONS] = {0};
+  for (int64_t i = 0; i < (int64_t)job->width * job->height; i++) {
+    unsigned bits = pags_metric_regions(&job->pixels, i);
+    for (int r = 0; bits; r++, bits >>= 1)
+      counted[r] += bits & 1;
+  }
+  for (int r = 0; r < regions; r++) {
+    sum = 0.0;
+    for (int y = 0; y < job->height; y++)
+      sum += row_sum[(int64_t)y * regions + r];
+    ssim[r] = counted[r] ? sum / (3.0 * (double)counted[r]) : NAN;
+  }
+  return PAGS_OK;
 }
 
 pags_result pags_eval_ssim(const pags_image *a, const pags_image *b, const uint8_t *mask, pags_tasks *tasks,
                            double *ssim) {
   PAGS_TRY(pags_metric_check(a, b, "SSIM"));
-  ssim_job job = {.a = a->data, .b = b->data, .mask = mask, .region_count = 1, .width = a->width, .height = a->height};
+  ssim_job job = {
+      .a = a->data, .b = b->data, .width = a->width, .height = a->height, .pixels = {.mask = mask, .count = 1}};
   return run(&job, tasks, ssim);
 }
 
@@ -160,8 +147,11 @@ pags_result pags_eval_regions(const pags_image *a, const pags_image *b, const ui
                               pags_tasks *tasks, double *psnr, double *ssim) {
   assert(count >= 1 && count <= MOST_REGIONS);
   PAGS_TRY(pags_metric_check(a, b, "PSNR and SSIM"));
-  pags_metric_psnr(a, b, regions, count, psnr);
-  ssim_job job = {
-      .a = a->data, .b = b->data, .regions = regions, .region_count = count, .width = a->width, .height = a->height};
+  ssim_job job = {.a = a->data,
+                  .b = b->data,
+                  .width = a->width,
+                  .height = a->height,
+                  .pixels = {.regions = regions, .count = count}};
+  pags_metric_psnr(a, b, &job.pixels, psnr);
   return run(&job, tasks, ssim);
 }

@@ -3,16 +3,14 @@
  * one camera, which scene.json shares. */
 #include <assert.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "scene/scene_json.h"
 
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "scene/other_formats.h"
-
-static const char axes_note[] = "OpenCV: x right, y down, z forward; pixel centres at i + 0.5";
 
 static pags_result read_shutter(const pags_json *json, const pags_json_value *object, pags_shutter *shutter) {
   const pags_json_value *value;
@@ -48,23 +46,16 @@ pags_result pags_lens_from_json(const pags_json *json, const pags_json_value *va
                           "eucm, ftheta or equirectangular, found '%s'",
                           kind);
   lens->kind = (pags_lens_kind)found;
-  const struct {
-    const char *key;
-    double *numbers;
-    int count;
-  } terms[] = {{"k", lens->k, 6}, {"d", lens->d, 3}, {"p", lens->p, 2}, {"s", lens->s, 4}};
-  for (size_t i = 0; i < sizeof terms / sizeof *terms; i++)
-    if (pags_json_member(value, terms[i].key))
-      PAGS_TRY(pags_json_numbers(json, value, terms[i].key, terms[i].count, terms[i].numbers));
+  PAGS_TRY(pags_json_numbers_or(json, value, "k", 6, lens->k));
+  PAGS_TRY(pags_json_numbers_or(json, value, "d", 3, lens->d));
+  PAGS_TRY(pags_json_numbers_or(json, value, "p", 2, lens->p));
+  PAGS_TRY(pags_json_numbers_or(json, value, "s", 4, lens->s));
   return pags_json_number_or(json, value, "field", 0, &lens->field);
 }
 
 pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *object, pags_camera *camera) {
-  int64_t width, height;
-  PAGS_TRY(pags_json_integer(json, object, "width", 1, 65535, &width));
-  PAGS_TRY(pags_json_integer(json, object, "height", 1, 65535, &height));
-  camera->width = (int)width;
-  camera->height = (int)height;
+  PAGS_TRY(pags_json_int(json, object, "width", 1, 65535, &camera->width));
+  PAGS_TRY(pags_json_int(json, object, "height", 1, 65535, &camera->height));
   PAGS_TRY(pags_json_number(json, object, "fx", &camera->fx));
   PAGS_TRY(pags_json_number(json, object, "fy", &camera->fy));
   PAGS_TRY(pags_json_number(json, object, "cx", &camera->cx));
@@ -87,16 +78,9 @@ pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *
                           "'camera_from_world_quaternion_wxyz', found one of length %g",
                           norm);
   pags_rotation_from_quaternion(q, r);
-  for (int i = 0; i < 3; i++) {
-    for (int j = 0; j < 3; j++)
-      pose[4 * i + j] = r[3 * i + j];
-    pose[4 * i + 3] = t[i];
-  }
+  pags_pose_make(r, t, pose);
   pags_rigid_inverse(pose, camera->world_from_camera);
-
-  char what[900];
-  snprintf(what, sizeof what, "%s:%d", pags_json_path(json), object->line);
-  return pags_camera_check(camera, what);
+  return pags_camera_check_json(json, object, camera);
 }
 
 void pags_camera_lens_to_json(pags_json_writer *writer, const pags_camera *camera) {
@@ -131,11 +115,8 @@ void pags_lens_to_json(pags_json_writer *writer, const char *key, const pags_len
 void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
   double pose[12], r[9], q[4], t[3];
   pags_rigid_inverse(camera->world_from_camera, pose);
-  for (int i = 0; i < 3; i++) {
-    for (int j = 0; j < 3; j++)
-      r[3 * i + j] = pose[4 * i + j];
-    t[i] = pose[4 * i + 3];
-  }
+  pags_pose_rotation(pose, r);
+  pags_pose_position(pose, t);
   pags_quaternion_from_rotation(r, q);
   pags_camera_lens_to_json(writer, camera);
   pags_json_put_numbers(writer, "camera_from_world_quaternion_wxyz", q, 4);
@@ -177,34 +158,30 @@ static pags_result read_path(const pags_json *json, pags_camera_path *path) {
     if (frames->count == 0)
       return pags_json_fail(json, frames, "expected at least one camera in 'frames'");
     path->cameras = calloc((size_t)frames->count, sizeof *path->cameras);
-    if (!path->cameras)
-      return pags_out_of_memory("%s: its cameras", pags_json_path(json));
+    PAGS_CHECK_MEMORY(path->cameras, "%s: its cameras", pags_json_path(json));
     for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
       PAGS_TRY(pags_camera_from_json(json, frame, &path->cameras[path->count++]));
     return PAGS_OK;
   }
   path->cameras = calloc(1, sizeof *path->cameras);
-  if (!path->cameras)
-    return pags_out_of_memory("%s: its camera", pags_json_path(json));
+  PAGS_CHECK_MEMORY(path->cameras, "%s: its camera", pags_json_path(json));
   path->count = 1;
   return pags_camera_from_json(json, root, path->cameras);
 }
 
 pags_result pags_camera_path_load(const char *path, pags_camera_path *out) {
-  pags_json *json;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   *out = (pags_camera_path){0};
   PAGS_TRY(pags_json_parse_file(path, &json));
-  pags_result result = read_path(json, out);
+  const pags_result result = read_path(json, out);
   if (result != PAGS_OK)
     pags_camera_path_destroy(out);
-  pags_json_destroy(json);
   return result;
 }
 
 pags_result pags_camera_path_save(const char *path, const pags_camera_path *cameras) {
   assert(cameras->fps > 0 || cameras->count == 1);
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 1);
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {.indent = 1};
   pags_json_begin_object(&writer, NULL);
   if (cameras->fps > 0) {
     pags_json_put_number(&writer, "fps", cameras->fps);
@@ -218,11 +195,9 @@ pags_result pags_camera_path_save(const char *path, const pags_camera_path *came
   } else {
     pags_camera_to_json(&writer, cameras->cameras);
   }
-  pags_json_put_string(&writer, "axes", axes_note);
+  pags_json_put_string(&writer, "axes", "OpenCV: x right, y down, z forward; pixel centres at i + 0.5");
   pags_json_end_object(&writer);
-  pags_result result = pags_json_writer_save(&writer, path);
-  pags_json_writer_destroy(&writer);
-  return result;
+  return pags_json_writer_save(&writer, path);
 }
 
 void pags_camera_path_destroy(pags_camera_path *path) {

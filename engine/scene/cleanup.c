@@ -13,6 +13,7 @@
 
 #include "base/json.h"
 #include "base/memory.h"
+#include "base/text.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
 
@@ -38,14 +39,11 @@ typedef struct rule {
 
 /* ---- Reading ---- */
 
-static pags_result check_keys(const pags_json *json, const pags_json_value *object, const char *const *known) {
-  for (const pags_json_value *child = object->first; child; child = child->next) {
-    int i = 0;
-    while (known[i] && strcmp(known[i], child->key) != 0)
-      i++;
-    if (!known[i])
+static pags_result check_keys(const pags_json *json, const pags_json_value *object, const char *const *known,
+                              int count) {
+  for (const pags_json_value *child = object->first; child; child = child->next)
+    if (pags_text_find(child->key, known, count) < 0)
       return pags_json_fail(json, child, "'%s' is no member of a rule of clean-up and look", child->key);
-  }
   return PAGS_OK;
 }
 
@@ -60,10 +58,10 @@ static pags_result read_number(const pags_json *json, const pags_json_value *obj
 }
 
 static pags_result read_crop(const pags_json *json, const pags_json_value *value, crop *out) {
-  static const char *const known[] = {"shape", "keep", "unit_from_frame", NULL};
+  static const char *const known[] = {"shape", "keep", "unit_from_frame"};
   const char *shape;
   PAGS_TRY(pags_json_as_object(json, value, "a crop"));
-  PAGS_TRY(check_keys(json, value, known));
+  PAGS_TRY(check_keys(json, value, known, 3));
   PAGS_TRY(pags_json_string(json, value, "shape", &shape));
   out->ball = strcmp(shape, "sphere") == 0;
   if (!out->ball && strcmp(shape, "box") != 0)
@@ -73,20 +71,17 @@ static pags_result read_crop(const pags_json *json, const pags_json_value *value
 }
 
 static pags_result read_rule(const pags_json *json, const pags_json_value *value, int64_t objects, rule *out) {
-  static const char *const known[] = {
-      "object", "least_opacity", "least_size", "greatest_size", "least_views", "crops", "matrix", "opacity", "sh",
-      NULL};
-  int64_t views;
+  static const char *const known[] = {"object", "least_opacity", "least_size", "greatest_size", "least_views", "crops",
+                                      "matrix", "opacity",       "sh"};
   *out = (rule){0};
   PAGS_TRY(pags_json_as_object(json, value, "a rule"));
-  PAGS_TRY(check_keys(json, value, known));
+  PAGS_TRY(check_keys(json, value, known, sizeof known / sizeof *known));
   out->everything = !pags_json_member(value, "object");
   PAGS_TRY(pags_json_integer_or(json, value, "object", -1, objects - 1, -1, &out->object));
   PAGS_TRY(read_number(json, value, "least_opacity", 0, 1, 0, &out->limits.least_opacity));
   PAGS_TRY(read_number(json, value, "least_size", 0, 1e6, 0, &out->limits.least_size));
   PAGS_TRY(read_number(json, value, "greatest_size", 0, 1e6, 0, &out->limits.greatest_size));
-  PAGS_TRY(pags_json_integer_or(json, value, "least_views", 0, INT32_MAX, 0, &views));
-  out->limits.least_views = (int)views;
+  PAGS_TRY(pags_json_int_or(json, value, "least_views", 0, INT32_MAX, 0, &out->limits.least_views));
   PAGS_TRY(read_number(json, value, "opacity", 0, 1000, 1, &out->opacity));
   PAGS_TRY(read_number(json, value, "sh", 0, 10, 1, &out->sh));
   out->has_matrix = pags_json_member(value, "matrix") != NULL;
@@ -203,8 +198,7 @@ static pags_result apply_to_model(pags_scene *scene, int64_t model, const rule *
     bool stays = true;
     if (r->everything || object_of_row(scene, g, own, i) == r->object) {
       double mean[3], p[3];
-      for (int k = 0; k < 3; k++)
-        mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
+      pags_gaussian_mean(g, i, mean);
       pags_rigid_point(frame, mean, p);
       stays = r->opacity > 0 && pags_filter_fits(&r->limits, g, i) && (!placed || is_left(r, p)) &&
               (own >= 0 || !r->limits.least_views || pags_support_has(support, r->limits.least_views, mean));
@@ -220,8 +214,7 @@ static pags_result apply_to_model(pags_scene *scene, int64_t model, const rule *
 }
 
 static pags_result apply(pags_scene *scene, const rule *r, const pags_support *support, int64_t *index) {
-  if (r->limits.least_views && !support->count)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "the scene has no training views to count; expected a scene folder");
+  PAGS_TRY(pags_support_check(support, r->limits.least_views));
   for (int64_t m = 0; m < scene->model_count; m++)
     PAGS_TRY(apply_to_model(scene, m, r, support, index));
   if (!r->everything || !r->has_matrix)
@@ -235,26 +228,22 @@ static pags_result apply(pags_scene *scene, const rule *r, const pags_support *s
 
 pags_result pags_scene_cleanup(pags_scene *scene, const char *name, const char *text) {
   const int64_t before = pags_scene_gaussian_count(scene);
-  pags_support support = {0};
-  pags_json *json;
+  PAGS_AUTO(pags_support_destroy) pags_support support = {0};
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   PAGS_TRY(pags_json_parse_text(name, text, strlen(text), &json));
   const pags_json_value *root = pags_json_root(json);
-  int64_t *index = malloc(((size_t)before + 1) * sizeof *index);
-  pags_result result =
-      index ? pags_support_find(scene, &support) : pags_out_of_memory("%lld Gaussians", (long long)before);
-  if (result == PAGS_OK && root->type != PAGS_JSON_ARRAY)
-    result = pags_json_fail(json, root, "expected an array of rules of clean-up and look");
-  for (const pags_json_value *value = root->first; value && result == PAGS_OK; value = value->next) {
+  PAGS_AUTOFREE int64_t *index = malloc(((size_t)before + 1) * sizeof *index);
+  PAGS_CHECK_MEMORY(index, "%lld Gaussians", (long long)before);
+  PAGS_TRY(pags_support_find(scene, &support));
+  if (root->type != PAGS_JSON_ARRAY)
+    return pags_json_fail(json, root, "expected an array of rules of clean-up and look");
+  for (const pags_json_value *value = root->first; value; value = value->next) {
     rule r;
-    result = read_rule(json, value, scene->object_count, &r);
-    if (result == PAGS_OK)
-      result = apply(scene, &r, &support, index);
+    PAGS_TRY(read_rule(json, value, scene->object_count, &r));
+    PAGS_TRY(apply(scene, &r, &support, index));
   }
-  if (result == PAGS_OK && before && !pags_scene_gaussian_count(scene))
-    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: none of the %lld Gaussians is left by clean-up and look", name,
-                       (long long)before);
-  free(index);
-  pags_support_destroy(&support);
-  pags_json_destroy(json);
-  return result;
+  if (before && !pags_scene_gaussian_count(scene))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: none of the %lld Gaussians is left by clean-up and look", name,
+                     (long long)before);
+  return PAGS_OK;
 }

@@ -146,8 +146,7 @@ pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *o
     }
   }
   if (infinite)
-    pags_log_message(
-        PAGS_LOG_WARNING,
+    PAGS_WARN(
         "%s: %lld of %lld chunks have a lower bound of scale of -inf, so that the scales between the bounds are lost",
         table->path, (long long)infinite, (long long)r.chunk->count);
   return r.sh ? unpack_sh(&r, out) : PAGS_OK;

@@ -35,8 +35,7 @@ bool pags_filter_fits(const pags_filter *f, const pags_gaussians *g, int64_t i) 
 pags_result pags_support_find(const pags_scene *scene, pags_support *out) {
   *out = (pags_support){.cameras = malloc(((size_t)scene->view_count + 1) * sizeof *out->cameras),
                         .camera_from_scene = malloc(((size_t)scene->view_count + 1) * sizeof *out->camera_from_scene)};
-  if (!out->cameras || !out->camera_from_scene)
-    return pags_out_of_memory("%lld views", (long long)scene->view_count);
+  PAGS_CHECK_MEMORY(out->cameras && out->camera_from_scene, "%lld views", (long long)scene->view_count);
   for (int64_t v = 0; v < scene->view_count; v++) {
     if (scene->views[v].test)
       continue;
@@ -46,6 +45,12 @@ pags_result pags_support_find(const pags_scene *scene, pags_support *out) {
     pags_rigid_inverse(pose, out->camera_from_scene[out->count]);
     out->cameras[out->count++] = &scene->views[v].camera;
   }
+  return PAGS_OK;
+}
+
+pags_result pags_support_check(const pags_support *s, int least) {
+  if (least && !s->count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "the scene has no training views to count; expected a scene folder");
   return PAGS_OK;
 }
 
@@ -90,8 +95,7 @@ static pags_result filter_model(pags_scene *scene, int64_t model, const pags_fil
       within = object_is_within(scene, o, f, time);
   for (int64_t i = 0; i < g->count && within; i++) {
     double mean[3];
-    for (int k = 0; k < 3; k++)
-      mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
+    pags_gaussian_mean(g, i, mean);
     if (pags_filter_fits(f, g, i) &&
         (model > 0 || (is_within(f, mean) && (!f->least_views || pags_support_has(s, f->least_views, mean)))))
       index[count++] = i;
@@ -102,24 +106,22 @@ static pags_result filter_model(pags_scene *scene, int64_t model, const pags_fil
 pags_result pags_scene_filter(pags_scene *scene, const pags_filter *filter, double time, uint8_t *chosen,
                               int64_t *left) {
   const int64_t before = pags_scene_gaussian_count(scene);
-  pags_support s = {0};
+  PAGS_AUTO(pags_support_destroy) pags_support s = {0};
   *left = before;
   if (!pags_filter_is_set(filter))
     return PAGS_OK;
-  int64_t *index = malloc(((size_t)before + 1) * sizeof *index);
-  pags_result result = index ? pags_support_find(scene, &s) : pags_out_of_memory("%lld Gaussians", (long long)before);
-  if (result == PAGS_OK && filter->least_views && !s.count)
-    result = pags_fail(PAGS_ERROR_ARGUMENT, "the scene has no training views to count; expected a scene folder");
-  for (int64_t m = 0; m < scene->model_count && result == PAGS_OK; m++)
-    result = filter_model(scene, m, filter, time, &s, index);
+  PAGS_AUTOFREE int64_t *index = malloc(((size_t)before + 1) * sizeof *index);
+  PAGS_CHECK_MEMORY(index, "%lld Gaussians", (long long)before);
+  PAGS_TRY(pags_support_find(scene, &s));
+  PAGS_TRY(pags_support_check(&s, filter->least_views));
+  for (int64_t m = 0; m < scene->model_count; m++)
+    PAGS_TRY(filter_model(scene, m, filter, time, &s, index));
   for (int64_t o = 0; o < scene->object_count && chosen; o++)
     chosen[o] = (uint8_t)(chosen[o] && object_is_within(scene, o, filter, time));
-  free(index);
-  pags_support_destroy(&s);
   *left = pags_scene_gaussian_count(scene);
-  if (result == PAGS_OK && before && !*left)
-    result =
-        pags_fail(PAGS_ERROR_ARGUMENT, "none of the %lld Gaussians passes the limits of place, opacity, size and views",
-                  (long long)before);
-  return result;
+  if (before && !*left)
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "none of the %lld Gaussians passes the limits of place, opacity, size and views",
+                     (long long)before);
+  return PAGS_OK;
 }

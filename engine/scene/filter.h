@@ -43,6 +43,9 @@ typedef struct pags_support {
   double (*camera_from_scene)[12];
 } pags_support;
 
+/* Fails if views are to be counted, at least `least` of them, and there are none. */
+pags_result pags_support_check(const pags_support *support, int least);
+
 pags_result pags_support_find(const pags_scene *scene, pags_support *out);
 void pags_support_destroy(pags_support *support); /* a zeroed struct is allowed */
 

@@ -415,18 +415,16 @@ static void say(const gltf_splats *s) {
   const char *path = s->file.path;
   const pags_json_value *animations = pags_json_member(s->file.root, "animations");
   if (s->other_primitives)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld primitives are no Gaussians and aren't read", path,
-                     (long long)s->other_primitives);
+    PAGS_WARN("%s: %lld primitives are no Gaussians and aren't read", path, (long long)s->other_primitives);
   if (animations && animations->count)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld animations aren't read: everything stands where its node does", path,
-                     (long long)animations->count);
+    PAGS_WARN("%s: %lld animations aren't read: everything stands where its node does", path,
+              (long long)animations->count);
   for (size_t i = 0; i < sizeof guessed / sizeof *guessed; i++)
     if (guessed[i].primitives)
-      pags_log_message(PAGS_LOG_WARNING, "%s: %lld of %lld primitives %s", path, (long long)guessed[i].primitives,
-                       (long long)s->count, guessed[i].what);
+      PAGS_WARN("%s: %lld of %lld primitives %s", path, (long long)guessed[i].primitives, (long long)s->count,
+                guessed[i].what);
   if (s->clamped)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld opacities are outside of 0..1 and clamped", path,
-                     (long long)s->clamped);
+    PAGS_WARN("%s: %lld opacities are outside of 0..1 and clamped", path, (long long)s->clamped);
 }
 
 static void destroy(gltf_splats *s) {

@@ -9,38 +9,24 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
-
-enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
+#include "base/vec3.h"
 
 /* ---- Checks ---- */
 
-static pags_result fail_memory(const pags_json *json) {
-  return pags_out_of_memory("%s: the objects", pags_json_path(json));
-}
-
 static const double usual_fps = 10; /* of scenes that state none, as of data sets */
-
-static int compare_names(const void *a, const void *b) {
-  const char *const *x = a;
-  const char *const *y = b;
-  return strcmp(*x, *y);
-}
 
 /* Sorts the names and compares neighbours, so that a file of very many names takes no quadratic time. */
 pags_result pags_json_names_differ(const pags_json *json, const pags_json_value *value, const char *what,
-                                   const char *const *names, int64_t count) {
-  const char **sorted = malloc((size_t)(count + 1) * sizeof *sorted);
-  if (!sorted)
-    return fail_memory(json);
+                                   const void *first, size_t stride, int64_t count) {
+  PAGS_AUTOFREE char **sorted = malloc((size_t)(count + 1) * sizeof *sorted);
+  PAGS_CHECK_MEMORY(sorted, "%s: the %s", pags_json_path(json), what);
   for (int64_t i = 0; i < count; i++)
-    sorted[i] = names[i];
-  pags_sort(sorted, count, sizeof *sorted, compare_names);
-  pags_result result = PAGS_OK;
-  for (int64_t i = 1; i < count && result == PAGS_OK; i++)
+    memcpy(&sorted[i], (const char *)first + (size_t)i * stride, sizeof *sorted);
+  pags_sort(sorted, count, sizeof *sorted, pags_text_compare);
+  for (int64_t i = 1; i < count; i++)
     if (strcmp(sorted[i - 1], sorted[i]) == 0)
-      result = pags_json_fail(json, value, "two %s are named \"%.80s\"", what, sorted[i]);
-  free(sorted);
-  return result;
+      return pags_json_fail(json, value, "two %s are named \"%.80s\"", what, sorted[i]);
+  return PAGS_OK;
 }
 
 /* Checks that the 3x3 part of the pose m is a rotation: R R^T within 2e-3 of the identity, determinant positive.
@@ -48,10 +34,8 @@ pags_result pags_json_names_differ(const pags_json *json, const pags_json_value 
 static pags_result check_rigid(const pags_json *json, const pags_json_value *value, const double m[12]) {
   double error = 0;
   for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++) {
-      double dot = m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2];
-      error = fmax(error, fabs(dot - (i == j)));
-    }
+    for (int j = 0; j < 3; j++)
+      error = fmax(error, fabs(pags_dot3(m + 4 * i, m + 4 * j) - (i == j)));
   double determinant =
       m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
   if (!(error <= 2e-3) || determinant < 0)
@@ -82,27 +66,22 @@ static pags_result check_sizes(const pags_json *json, const pags_json_value *val
 static pags_result read_category(const pags_json *json, const pags_json_value *object, pags_category *category) {
   const char *name;
   PAGS_TRY(pags_json_string(json, object, "category", &name));
-  for (int i = 0; i < CATEGORIES; i++) {
-    if (strcmp(name, pags_category_name((pags_category)i)) == 0) {
-      *category = (pags_category)i;
+  for (*category = 0; *category <= PAGS_CATEGORY_CYCLIST; ++*category)
+    if (strcmp(name, pags_category_name(*category)) == 0)
       return PAGS_OK;
-    }
-  }
   return pags_json_fail(
       json, pags_json_member(object, "category"),
       "expected \"vehicle\", \"pedestrian\", \"cyclist\" or \"other\" for 'category', found \"%.40s\"", name);
 }
 
 static pags_result read_record(const pags_json *json, const pags_json_value *object, pags_object *record) {
-  bool moving;
   PAGS_TRY(pags_json_string_copy(json, object, "id", &record->id));
   PAGS_TRY(pags_json_string_copy(json, object, "class", &record->class_name));
   PAGS_TRY(read_category(json, object, &record->category));
   PAGS_TRY(pags_json_numbers(json, object, "size", 3, record->size));
   if (!(record->size[0] > 0 && record->size[1] > 0 && record->size[2] > 0))
     return pags_json_fail(json, pags_json_member(object, "size"), "expected three positive numbers for 'size'");
-  PAGS_TRY(pags_json_bool_or(json, object, "moving", false, &moving));
-  record->moving = moving;
+  PAGS_TRY(pags_json_flag_or(json, object, "moving", false, &record->moving));
 
   /* The keyframes: labelled poses in ascending order of time. */
   const pags_json_value *keyframes;
@@ -110,24 +89,17 @@ static pags_result read_record(const pags_json *json, const pags_json_value *obj
   if (keyframes->count == 0)
     return pags_json_fail(json, keyframes, "expected at least one pose in 'knots'");
   record->keyframes = calloc((size_t)keyframes->count, sizeof *record->keyframes);
-  if (!record->keyframes)
-    return fail_memory(json);
+  PAGS_CHECK_MEMORY(record->keyframes, "%s: the objects", pags_json_path(json));
   for (const pags_json_value *value = keyframes->first; value; value = value->next) {
     pags_keyframe *keyframe = &record->keyframes[record->keyframe_count++];
-
-    int64_t frame;
-    bool trained;
-    PAGS_TRY(pags_json_integer(json, value, "frame", INT32_MIN, INT32_MAX, &frame));
+    PAGS_TRY(pags_json_int(json, value, "frame", INT32_MIN, INT32_MAX, &keyframe->frame));
     PAGS_TRY(pags_json_number(json, value, "time", &keyframe->time));
-    PAGS_TRY(pags_json_bool_or(json, value, "trained", false, &trained));
+    PAGS_TRY(pags_json_flag_or(json, value, "trained", false, &keyframe->trained));
     PAGS_TRY(pags_json_numbers(json, value, "world_from_object", 12, keyframe->world_from_object));
     PAGS_TRY(check_rigid(json, pags_json_member(value, "world_from_object"), keyframe->world_from_object));
     PAGS_TRY(pags_json_numbers(json, value, "rotation", 3, keyframe->rotation));
     PAGS_TRY(pags_json_numbers(json, value, "translation", 3, keyframe->translation));
     PAGS_TRY(check_sizes(json, value, keyframe));
-    keyframe->frame = (int32_t)frame;
-    keyframe->trained = trained;
-
     if (keyframe > record->keyframes && !(keyframe->time > keyframe[-1].time))
       return pags_json_fail(json, value, "expected a 'time' after the previous one's %.17g, found %.17g",
                             keyframe[-1].time, keyframe->time);
@@ -144,43 +116,15 @@ static pags_result read_model(const pags_json *json, const pags_json_value *obje
   PAGS_TRY(pags_json_string_or(json, object, "model", NULL, &name));
   if (!name)
     return PAGS_OK;
-  for (int64_t i = 1; i < scene->model_count; i++) {
+  for (int64_t i = 1; i < scene->model_count; i++)
     if (!taken[i] && strcmp(scene->models[i].name, name) == 0) {
       taken[i] = true;
       *model = i;
       return PAGS_OK;
     }
-  }
   return pags_json_fail(json, pags_json_member(object, "model"),
                         "expected the name of a model that is no other object's and not the first, found \"%.80s\"",
                         name);
-}
-
-static pags_result read_objects(const pags_json *json, const pags_json_value *objects, pags_scene *scene, bool *taken) {
-  for (const pags_json_value *value = objects->first; value; value = value->next) {
-    pags_scene_object *object = &scene->objects[scene->object_count++];
-    bool critical, rigid;
-    PAGS_TRY(read_record(json, value, &object->record));
-    object->record.time_step = 1 / (scene->fps > 0 ? scene->fps : usual_fps);
-    PAGS_TRY(pags_json_bool_or(json, value, "critical", pags_category_is_critical(object->record.category), &critical));
-    PAGS_TRY(pags_json_bool_or(json, value, "rigid", true, &rigid));
-    object->critical = critical;
-    object->rigid = rigid;
-    PAGS_TRY(read_model(json, value, scene, taken, &object->model));
-  }
-  return PAGS_OK;
-}
-
-/* Fails if two objects have the same id. */
-static pags_result check_ids(const pags_json *json, const pags_json_value *objects, const pags_scene *scene) {
-  const char **ids = malloc((size_t)(scene->object_count + 1) * sizeof *ids);
-  if (!ids)
-    return fail_memory(json);
-  for (int64_t i = 0; i < scene->object_count; i++)
-    ids[i] = scene->objects[i].record.id;
-  pags_result result = pags_json_names_differ(json, objects, "objects", ids, scene->object_count);
-  free(ids);
-  return result;
 }
 
 pags_result pags_scene_objects_from_json(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
@@ -190,11 +134,20 @@ pags_result pags_scene_objects_from_json(const pags_json *json, const pags_json_
   PAGS_TRY(pags_json_array(json, root, "objects", &objects));
   if (objects->count > INT32_MAX)
     return pags_json_fail(json, objects, "expected at most 2147483647 objects");
-  bool *taken = calloc((size_t)scene->model_count + 1, sizeof *taken);
+  PAGS_AUTOFREE bool *taken = calloc((size_t)scene->model_count + 1, sizeof *taken);
   scene->objects = calloc((size_t)objects->count + 1, sizeof *scene->objects);
-  pags_result result = taken && scene->objects ? read_objects(json, objects, scene, taken) : fail_memory(json);
-  free(taken);
-  return result == PAGS_OK ? check_ids(json, objects, scene) : result;
+  PAGS_CHECK_MEMORY(taken && scene->objects, "%s: the objects", pags_json_path(json));
+  for (const pags_json_value *value = objects->first; value; value = value->next) {
+    pags_scene_object *object = &scene->objects[scene->object_count++];
+    PAGS_TRY(read_record(json, value, &object->record));
+    object->record.time_step = 1 / (scene->fps > 0 ? scene->fps : usual_fps);
+    const bool critical = pags_category_is_critical(object->record.category);
+    PAGS_TRY(pags_json_flag_or(json, value, "critical", critical, &object->critical));
+    PAGS_TRY(pags_json_flag_or(json, value, "rigid", true, &object->rigid));
+    PAGS_TRY(read_model(json, value, scene, taken, &object->model));
+  }
+  return pags_json_names_differ(json, objects, "objects", &scene->objects->record.id, sizeof *scene->objects,
+                                scene->object_count);
 }
 
 /* ---- Writing ---- */

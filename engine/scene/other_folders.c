@@ -92,9 +92,8 @@ static pags_result find_iteration(const char *folder, const char *clouds, const 
         "%s: expected iteration_N/point_cloud.ply, as training writes it, found %lld iterations without one", clouds,
         (long long)count);
   if (best < newest)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: iteration_%lld, the newest, has no point_cloud.ply; iteration_%lld is taken", clouds,
-                     (long long)newest, (long long)best);
+    PAGS_WARN("%s: iteration_%lld, the newest, has no point_cloud.ply; iteration_%lld is taken", clouds,
+              (long long)newest, (long long)best);
   else if (count > 1)
     pags_log_message(PAGS_LOG_INFO, "%s: iteration_%lld is taken, the newest of %lld", clouds, (long long)best,
                      (long long)count);

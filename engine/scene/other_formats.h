@@ -12,6 +12,9 @@
 
 #include "base/json.h"
 
+/* Checks a camera that was read from `value`, in PAGS' form or another; a message names the line. */
+pags_result pags_camera_check_json(const pags_json *json, const pags_json_value *value, pags_camera *camera);
+
 /* Whether the document is an array of cameras with position and rotation, at least one. */
 bool pags_cameras_are_inria(const pags_json_value *root);
 /* One camera of it: width, height, fx, fy, position and rotation (world from camera, OpenCV's axes; rows); the

@@ -224,7 +224,8 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
   extent e = {.count = gaussians->count, .degree = gaussians->sh_degree};
   e.clusters = (e.count + ROWS - 1) / ROWS;
   *out = (pags_packed){.shape.alpha_min = gaussians->alpha_min};
-  PAGS_AUTOFREE uint64_t *whole = malloc((size_t)(e.clusters + 1) * sizeof *whole); /* bit i of a cluster's: its row i */
+  PAGS_AUTOFREE uint64_t *whole =
+      malloc((size_t)(e.clusters + 1) * sizeof *whole); /* bit i of a cluster's: its row i */
   PAGS_CHECK_MEMORY(whole, "packing %lld Gaussians", (long long)e.count);
   for (int64_t c = 0; c < e.clusters; c++) {
     const int64_t left = e.count - c * ROWS;
@@ -417,9 +418,8 @@ static pags_result check_range(const char *path, const pags_gaussians *g) {
     clamped += beyond;
   }
   if (clamped)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld Gaussians have a sigma over 8.9e6 m or a colour over 18,000, which are clamped", path,
-                     (long long)clamped);
+    PAGS_WARN("%s: %lld Gaussians have a sigma over 8.9e6 m or a colour over 18,000, which are clamped", path,
+              (long long)clamped);
   return PAGS_OK;
 }
 

@@ -125,15 +125,15 @@ static void complete(const ply_table *table, const ply_element *vertex, const re
   if (kind->round) {
     for (int k = 1; k < 3; k++)
       memcpy(pags_plane(out, PAGS_SCALE + k), pags_plane(out, PAGS_SCALE), (size_t)count * sizeof(float));
-    pags_log_message(PAGS_LOG_WARNING, "%s: scale_0 alone: its %lld Gaussians are taken as round", table->path, count);
+    PAGS_WARN("%s: scale_0 alone: its %lld Gaussians are taken as round", table->path, count);
   }
   if (!kind->turned)
     fill(out, PAGS_ROTATION, 1); /* the planes of x, y and z are zeros */
   if (!kind->turned && !kind->round)
-    pags_log_message(PAGS_LOG_WARNING, "%s: no rot_0: its %lld Gaussians are taken as not rotated", table->path, count);
+    PAGS_WARN("%s: no rot_0: its %lld Gaussians are taken as not rotated", table->path, count);
   if (kind->solid) {
     fill(out, PAGS_OPACITY, PAGS_MOST_OPACITY);
-    pags_log_message(PAGS_LOG_WARNING, "%s: no opacity: its %lld Gaussians are taken as opaque", table->path, count);
+    PAGS_WARN("%s: no opacity: its %lld Gaussians are taken as opaque", table->path, count);
   }
 }
 

@@ -96,8 +96,7 @@ static void parse_vertical_axis(const char *path, int words, char *value[], pags
   else if (up[0] == 0 && up[1] != 0 && up[2] == 0)
     facts->up = up[1] > 0 ? PAGS_UP_Y : PAGS_UP_MINUS_Y;
   else
-    pags_log_message(PAGS_LOG_WARNING, "%s: its vertical axis, %g %g %g, is none of z, y and -y and is not used", path,
-                     up[0], up[1], up[2]);
+    PAGS_WARN("%s: its vertical axis, %g %g %g, is none of z, y and -y and is not used", path, up[0], up[1], up[2]);
 }
 
 /* Reads the metadata that programs write as comments, in any case, with or without a colon: "SplatRenderMode: mip"
@@ -127,8 +126,7 @@ static void parse_comment(ply_table *t, int words, char *word[]) {
     const bool sound = offset[0] >= (double)PAGS_LEAST_ALPHA_MIN && offset[0] < 1;
     t->alpha_min = sound ? (float)offset[0] : 0.0f;
     if (!sound)
-      pags_log_message(PAGS_LOG_WARNING, "%s: its alpha_min, %g, isn't from 1/255 to 1 and is not used", t->path,
-                       offset[0]);
+      PAGS_WARN("%s: its alpha_min, %g, isn't from 1/255 to 1 and is not used", t->path, offset[0]);
   } else if (strcasecmp(key, "converted_from_alpha_min") == 0 && parse_numbers(word + 2, 1, offset))
     facts->converted_from = (float)offset[0];
   else if (strcasecmp(key, "offset") == 0 && words == 5 && parse_numbers(word + 2, 3, offset))

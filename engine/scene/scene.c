@@ -13,6 +13,7 @@
 #include "base/lock.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "scene/other_formats.h"
 #include "scene/scene_json.h"
 #include "scene/splat_formats.h"
@@ -26,29 +27,23 @@ enum { SAFE_NAME = 100 }; /* bytes of an object's id in a file name, with the fi
 static pags_result load_model(const char *folder, pags_scene *scene, pags_model *model, int64_t expected) {
   const int expected_degree = model->gaussians.sh_degree;
   const float alpha_min = model->gaussians.alpha_min;
-  char *path = pags_path_join(folder, model->file);
-  if (!path)
-    return pags_out_of_memory("%s: a path", folder);
+  PAGS_AUTOFREE char *path = pags_path_join(folder, model->file);
+  PAGS_CHECK_MEMORY(path, "%s: a path", folder);
   pags_splat_facts facts;
-  pags_result result = pags_splat_read(path, PAGS_AXES_UNKNOWN, &model->gaussians, &facts);
-  const int64_t found = result == PAGS_OK ? model->gaussians.count + facts.left_out : 0;
-  if (result == PAGS_OK && (found != expected || model->gaussians.sh_degree != expected_degree))
-    result =
-        pags_fail(PAGS_ERROR_FORMAT, "%s: scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d",
-                  path, (long long)expected, expected_degree, (long long)found, model->gaussians.sh_degree);
+  PAGS_TRY(pags_splat_read(path, PAGS_AXES_UNKNOWN, &model->gaussians, &facts));
+  const int64_t found = model->gaussians.count + facts.left_out;
+  if (found != expected || model->gaussians.sh_degree != expected_degree)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d", path,
+                     (long long)expected, expected_degree, (long long)found, model->gaussians.sh_degree);
   if (alpha_min > 0.0f)
     model->gaussians.alpha_min = alpha_min;
-  for (int k = 0; k < 3 && result == PAGS_OK && model == scene->models; k++)
-    scene->origin[k] += facts.taken_off[k];
-  if (result == PAGS_OK && model != scene->models)
+  if (model == scene->models)
+    pags_add3(scene->origin, facts.taken_off, scene->origin);
+  else
     pags_large_put_back(&model->gaussians, facts.taken_off);
-  free(path);
-  return result;
-}
 
-/* Fails if an object_id of the model isn't below the number of objects, so that an object_id can be used as an index
- * of scene->objects. In a scene without objects any object_id is allowed. */
-static pags_result check_object_ids(const char *folder, const pags_scene *scene, const pags_model *model) {
+  /* An object_id can be used as an index of scene->objects. In a scene without objects any object_id is allowed. */
   const int32_t *id = model->gaussians.object_id;
   for (int64_t i = 0; id && scene->object_count && i < model->gaussians.count; i++)
     if (id[i] >= scene->object_count)
@@ -62,9 +57,8 @@ static pags_result refuse_folder(const char *folder) {
   static const char *const names[] = {"transforms.json", "transforms_train.json", "dataset.json", "sparse", "images"};
   bool photographs = false;
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
-    char *path = pags_path_join(folder, names[i]);
+    PAGS_AUTOFREE char *path = pags_path_join(folder, names[i]);
     photographs = photographs || (path && pags_path_exists(path));
-    free(path);
   }
   return pags_fail(PAGS_ERROR_IO,
                    "%s: expected a scene, but the folder has no scene.json, no point_cloud/iteration_N of a training "
@@ -74,83 +68,59 @@ static pags_result refuse_folder(const char *folder) {
 
 /* Loads a folder of PAGS, which has a scene.json. */
 static pags_result load_own(const char *folder, pags_scene *scene) {
-  pags_scene_files files = {0};
-  char *path = pags_path_join(folder, "scene.json");
-  if (!path)
-    return pags_out_of_memory("%s: a path", folder);
-  pags_result result = pags_file_exists(path) ? pags_scene_json_read(path, scene, &files) : refuse_folder(folder);
-  for (int64_t i = 0; i < scene->model_count && result == PAGS_OK; i++) {
-    result = load_model(folder, scene, &scene->models[i], files.counts[i]);
-    if (result == PAGS_OK)
-      result = check_object_ids(folder, scene, &scene->models[i]);
-  }
-  if (result == PAGS_OK && files.sky) {
-    char *sky = pags_path_join(folder, files.sky);
-    result = sky ? pags_sky_load(sky, &scene->sky) : pags_out_of_memory("%s: a path", folder);
-    free(sky);
-  }
-  free(files.counts);
-  free(files.sky);
-  free(path);
-  return result;
+  PAGS_AUTO(pags_scene_files_destroy) pags_scene_files files = {0};
+  PAGS_AUTOFREE char *path = pags_path_join(folder, "scene.json");
+  PAGS_CHECK_MEMORY(path, "%s: a path", folder);
+  if (!pags_file_exists(path))
+    return refuse_folder(folder);
+  PAGS_TRY(pags_scene_json_read(path, scene, &files));
+  for (int64_t i = 0; i < scene->model_count; i++)
+    PAGS_TRY(load_model(folder, scene, &scene->models[i], files.counts[i]));
+  if (!files.sky)
+    return PAGS_OK;
+  PAGS_AUTOFREE char *sky = pags_path_join(folder, files.sky);
+  PAGS_CHECK_MEMORY(sky, "%s: a path", folder);
+  return pags_sky_load(sky, &scene->sky);
 }
 
 /* Loads a bare splat file as a scene of one model, "background"; its up axis is -y unless it names another. `file` is
  * the file name of the model. */
 static pags_result load_bare(const char *path, const char *file, int axes, pags_scene *scene) {
-  scene->models = calloc(1, sizeof *scene->models);
-  if (!scene->models)
-    return pags_out_of_memory("%s: a model", path);
+  pags_model *model = scene->models = calloc(1, sizeof *scene->models);
+  PAGS_CHECK_MEMORY(model, "%s: a model", path);
   scene->model_count = 1;
-  pags_model *model = scene->models;
   model->name = pags_text_copy("background");
   model->file = pags_text_copy(file);
-  if (!model->name || !model->file)
-    return pags_out_of_memory("%s: a model", path);
+  PAGS_CHECK_MEMORY(model->name && model->file, "%s: a model", path);
   if (pags_packed_is_file(path)) {
     /* A packed file also holds the background colour of the scene that it was made from. */
-    pags_packed packed;
+    PAGS_AUTO(pags_packed_destroy) pags_packed packed = {0};
     PAGS_TRY(pags_packed_open(path, &packed));
-    for (int k = 0; k < 3; k++)
-      scene->background[k] = packed.background[k];
-    pags_packed_destroy(&packed);
+    pags_copy3f(packed.background, scene->background);
   }
   PAGS_TRY(pags_splat_read(path, axes, &model->gaussians, &scene->file));
   scene->up = scene->file.up == PAGS_UP_UNKNOWN ? PAGS_UP_MINUS_Y : scene->file.up;
   scene->antialiased = scene->file.antialiased;
-  memcpy(scene->origin, scene->file.origin, sizeof scene->origin);
+  pags_copy3(scene->file.origin, scene->origin);
   return PAGS_OK;
 }
 
 static pags_result load_folder(const char *folder, int axes, pags_scene *scene) {
-  char *file;
   if (pags_folder_has(folder, "scene.json") || !pags_other_folder_kind(folder)) {
     if (axes != PAGS_AXES_UNKNOWN)
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a scene folder's axes are known: expected no other ones", folder);
     return load_own(folder, scene);
   }
+  PAGS_AUTOFREE char *file = NULL;
   PAGS_TRY(pags_other_folder_find(folder, &file));
-  char *path = pags_path_join(folder, file);
-  pags_result result = path ? load_bare(path, file, axes, scene) : pags_out_of_memory("%s: a path", folder);
-  if (result == PAGS_OK)
-    result = pags_other_folder_views(folder, scene);
-  free(path);
-  free(file);
-  return result;
+  PAGS_AUTOFREE char *path = pags_path_join(folder, file);
+  PAGS_CHECK_MEMORY(path, "%s: a path", folder);
+  PAGS_TRY(load_bare(path, file, axes, scene));
+  return pags_other_folder_views(folder, scene);
 }
 
 const char *pags_scene_folder_kind(const char *path) {
   return pags_folder_has(path, "scene.json") ? "scene" : pags_other_folder_kind(path);
-}
-
-/* Loads the scene folder that holds the scene.json at `path`. */
-static pags_result load_beside(const char *path, int axes, pags_scene *scene) {
-  char *folder = pags_path_folder(path);
-  if (!folder)
-    return pags_out_of_memory("%s: a path", path);
-  pags_result result = load_folder(folder, axes, scene);
-  free(folder);
-  return result;
 }
 
 pags_result pags_scene_load(const char *path, pags_scene *scene) {
@@ -159,10 +129,11 @@ pags_result pags_scene_load(const char *path, pags_scene *scene) {
 
 pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scene) {
   *scene = (pags_scene){0};
-  pags_result result = pags_dir_exists(path) ? load_folder(path, axes, scene)
-                       : strcmp(pags_path_name(path), "scene.json") == 0
-                           ? load_beside(path, axes, scene)
-                           : load_bare(path, "background.ply", axes, scene);
+  const bool folder = pags_dir_exists(path), in_folder = !folder && strcmp(pags_path_name(path), "scene.json") == 0;
+  PAGS_AUTOFREE char *parent = in_folder ? pags_path_folder(path) : NULL;
+  PAGS_CHECK_MEMORY(parent || !in_folder, "%s: a path", path);
+  const pags_result result = folder || in_folder ? load_folder(in_folder ? parent : path, axes, scene)
+                                                 : load_bare(path, "background.ply", axes, scene);
   if (result != PAGS_OK)
     pags_scene_destroy(scene);
   return result;
@@ -175,17 +146,14 @@ pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scen
 static pags_result save_model(const char *folder, const pags_scene *scene, const pags_model *model) {
   const bool background = model == scene->models;
   pags_splat_facts facts = {.antialiased = scene->antialiased, .up = background ? scene->up : PAGS_UP_Z};
-  for (int k = 0; k < 3 && background; k++)
-    facts.origin[k] = scene->origin[k];
+  if (background)
+    pags_copy3(scene->origin, facts.origin);
   assert(pags_path_is_inside(model->file));
-  char *path = pags_path_join(folder, model->file);
-  char *parent = path ? pags_path_folder(path) : NULL;
-  pags_result result = parent ? pags_make_dirs(parent) : pags_out_of_memory("%s: a path", folder);
-  if (result == PAGS_OK)
-    result = pags_ply_save_facts(path, &model->gaussians, &facts);
-  free(parent);
-  free(path);
-  return result;
+  PAGS_AUTOFREE char *path = pags_path_join(folder, model->file);
+  PAGS_AUTOFREE char *parent = path ? pags_path_folder(path) : NULL;
+  PAGS_CHECK_MEMORY(parent, "%s: a path", folder);
+  PAGS_TRY(pags_make_dirs(parent));
+  return pags_ply_save_facts(path, &model->gaussians, &facts);
 }
 
 /* scene.json is written last: if saving is interrupted, a new scene.json never names a model or sky that has not been
@@ -193,15 +161,11 @@ static pags_result save_model(const char *folder, const pags_scene *scene, const
 pags_result pags_scene_write(const char *folder, const pags_scene *scene) {
   for (int64_t i = 0; i < scene->model_count; i++)
     PAGS_TRY(save_model(folder, scene, &scene->models[i]));
-  char *sky = pags_path_join(folder, PAGS_SKY_FILE), *json = pags_path_join(folder, "scene.json");
-  pags_result result = sky && json ? PAGS_OK : pags_out_of_memory("%s: a path", folder);
-  if (result == PAGS_OK && scene->sky.size > 0)
-    result = pags_sky_save(sky, &scene->sky);
-  if (result == PAGS_OK)
-    result = pags_scene_json_write(json, scene);
-  free(sky);
-  free(json);
-  return result;
+  PAGS_AUTOFREE char *sky = pags_path_join(folder, PAGS_SKY_FILE), *json = pags_path_join(folder, "scene.json");
+  PAGS_CHECK_MEMORY(sky && json, "%s: a path", folder);
+  if (scene->sky.size > 0)
+    PAGS_TRY(pags_sky_save(sky, &scene->sky));
+  return pags_scene_json_write(json, scene);
 }
 
 pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
@@ -216,13 +180,11 @@ char *pags_scene_model_file(const pags_scene *scene, const char *id) {
   char safe[SAFE_NAME], file[SAFE_NAME + 64];
 
   /* Keeps the id's letters, digits and '-', and a '.' unless it is the first character; other characters become '_'. */
-  size_t room = sizeof safe;
   size_t length = 0;
-  for (const char *c = id; *c && length + 1 < room; c++) {
-    bool plain = (*c >= '0' && *c <= '9') || (*c >= 'A' && *c <= 'Z') || (*c >= 'a' && *c <= 'z') || *c == '-' ||
-                 (*c == '.' && length > 0);
-    safe[length] = plain ? *c : '_';
-    length++;
+  for (const char *c = id; *c && length + 1 < sizeof safe; c++) {
+    const bool plain = (*c >= '0' && *c <= '9') || (*c >= 'A' && *c <= 'Z') || (*c >= 'a' && *c <= 'z') || *c == '-' ||
+                       (*c == '.' && length > 0);
+    safe[length++] = plain ? *c : '_';
   }
   if (length == 0)
     safe[length++] = '_';
@@ -230,12 +192,11 @@ char *pags_scene_model_file(const pags_scene *scene, const char *id) {
 
   /* Numbers the file from 2 on until no model of the scene has it; comparing starts again with each number. */
   snprintf(file, sizeof file, "objects/%s.ply", safe);
-  for (int64_t i = 0, number = 2; i < scene->model_count; i++) {
+  for (int64_t i = 0, number = 2; i < scene->model_count; i++)
     if (scene->models[i].file && strcasecmp(scene->models[i].file, file) == 0) {
       snprintf(file, sizeof file, "objects/%s-%lld.ply", safe, (long long)number++);
       i = -1;
     }
-  }
   return pags_text_copy(file);
 }
 

@@ -12,26 +12,14 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "scene/axes.h"
 
 enum { VERSION = 1 };
 
 static const char *const alpha_names[] = {"composite", "mask", "ignore"}; /* pags_image_alpha */
 
-static pags_result fail_memory(const pags_json *json) {
-  return pags_out_of_memory("%s: the scene", pags_json_path(json));
-}
-
 /* ---- Reading ---- */
-
-static pags_result read_up(const pags_json *json, const pags_json_value *root, pags_up *up) {
-  const char *name;
-  PAGS_TRY(pags_json_string(json, root, "up", &name));
-  if (pags_up_from_code(name, up))
-    return PAGS_OK;
-  return pags_json_fail(json, pags_json_member(root, "up"),
-                        "expected \"z\", \"-y\", \"y\" or \"unknown\" for 'up', found \"%.40s\"", name);
-}
 
 static pags_result read_models(const pags_json *json, const pags_json_value *root, pags_scene *scene,
                                int64_t **counts) {
@@ -39,47 +27,27 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
   PAGS_TRY(pags_json_array(json, root, "models", &models));
   scene->models = calloc((size_t)models->count + 1, sizeof *scene->models);
   *counts = calloc((size_t)models->count + 1, sizeof **counts);
-  if (!scene->models || !*counts)
-    return fail_memory(json);
-  for (const pags_json_value *model = models->first; model; model = model->next) {
-    int64_t i = scene->model_count++;
-
-    /* One model, without its Gaussians. */
-    int64_t degree;
+  PAGS_CHECK_MEMORY(scene->models && *counts, "%s: the scene", pags_json_path(json));
+  for (const pags_json_value *value = models->first; value; value = value->next) {
+    int64_t *const count = &(*counts)[scene->model_count];
+    pags_model *const model = &scene->models[scene->model_count++]; /* without its Gaussians */
     double alpha_min;
-    PAGS_TRY(pags_json_string_copy(json, model, "name", &scene->models[i].name));
-    PAGS_TRY(pags_json_string_copy(json, model, "file", &scene->models[i].file));
-    PAGS_TRY(pags_json_integer(json, model, "gaussians", 0, INT32_MAX, &(*counts)[i]));
-    PAGS_TRY(pags_json_integer(json, model, "sh_degree", 0, 3, &degree));
-    scene->models[i].gaussians.sh_degree = (int)degree;
-    PAGS_TRY(pags_json_number_or(json, model, "alpha_min", 0, &alpha_min));
+    PAGS_TRY(pags_json_string_copy(json, value, "name", &model->name));
+    PAGS_TRY(pags_json_string_copy(json, value, "file", &model->file));
+    PAGS_TRY(pags_json_integer(json, value, "gaussians", 0, INT32_MAX, count));
+    PAGS_TRY(pags_json_int(json, value, "sh_degree", 0, 3, &model->gaussians.sh_degree));
+    PAGS_TRY(pags_json_number_or(json, value, "alpha_min", 0, &alpha_min));
     if (alpha_min != 0 && !(alpha_min >= (double)PAGS_LEAST_ALPHA_MIN && alpha_min < 1))
-      return pags_json_fail(json, pags_json_member(model, "alpha_min"),
+      return pags_json_fail(json, pags_json_member(value, "alpha_min"),
                             "expected a number from 1/255 to 1 for 'alpha_min', found %g", alpha_min);
-    scene->models[i].gaussians.alpha_min = (float)alpha_min;
-    if (!pags_path_is_inside(scene->models[i].file))
-      return pags_json_fail(json, pags_json_member(model, "file"),
-                            "expected a 'file' inside of the scene's folder, found \"%s\"", scene->models[i].file);
+    model->gaussians.alpha_min = (float)alpha_min;
+    if (!pags_path_is_inside(model->file))
+      return pags_json_fail(json, pags_json_member(value, "file"),
+                            "expected a 'file' inside of the scene's folder, found \"%s\"", model->file);
   }
-
   /* Names of models must differ, since objects refer to models by name. */
-  const char **names = malloc((size_t)(scene->model_count + 1) * sizeof *names);
-  if (!names)
-    return fail_memory(json);
-  for (int64_t i = 0; i < scene->model_count; i++)
-    names[i] = scene->models[i].name;
-  pags_result result = pags_json_names_differ(json, models, "models", names, scene->model_count);
-  free(names);
-  return result;
-}
-
-/* Reads the three numbers under `key`; if the key is missing or null, all three are `fallback`. */
-static pags_result read_three_or(const pags_json *json, const pags_json_value *object, const char *key, double fallback,
-                                 double out[3]) {
-  const pags_json_value *value = pags_json_member(object, key);
-  for (int k = 0; k < 3; k++)
-    out[k] = fallback;
-  return value && value->type != PAGS_JSON_NULL ? pags_json_numbers(json, object, key, 3, out) : PAGS_OK;
+  return pags_json_names_differ(json, models, "models", &scene->models->name, sizeof *scene->models,
+                                scene->model_count);
 }
 
 /* Copies the JSON text of the object under `key` unparsed, to be written back unchanged; leaves *out alone if the key
@@ -91,8 +59,7 @@ static pags_result read_raw(const pags_json *json, const pags_json_value *root, 
   PAGS_TRY(pags_json_as_object(json, value, key));
   size_t length = (size_t)(value->source_end - value->source_begin);
   *out = malloc(length + 1);
-  if (!*out)
-    return fail_memory(json);
+  PAGS_CHECK_MEMORY(*out, "%s: the scene", pags_json_path(json));
   memcpy(*out, value->source_begin, length);
   (*out)[length] = 0;
   return PAGS_OK;
@@ -109,43 +76,33 @@ static pags_result check_sizes(const pags_json *json, const pags_json_value *obj
   return PAGS_OK;
 }
 
-/* Reads how the photographs were opened for the training. */
-static pags_result read_photographs(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
-  const char *folder, *alpha;
-  PAGS_TRY(pags_json_string_or(json, root, "image_folder", NULL, &folder));
-  if (folder && !(scene->image_folder = pags_text_copy(folder)))
-    return fail_memory(json);
-  PAGS_TRY(pags_json_string_or(json, root, "image_alpha", alpha_names[0], &alpha));
-  for (int i = 0; i < 3; i++)
-    if (strcmp(alpha, alpha_names[i]) == 0) {
-      scene->image_alpha = i;
-      return PAGS_OK;
-    }
-  return pags_json_fail(json, pags_json_member(root, "image_alpha"),
-                        "expected \"composite\", \"mask\" or \"ignore\" for 'image_alpha', found \"%.40s\"", alpha);
+/* Copies a string; leaves *out alone if the key is missing or null. */
+static pags_result read_text(const pags_json *json, const pags_json_value *root, const char *key, char **out) {
+  const char *text;
+  PAGS_TRY(pags_json_string_or(json, root, key, NULL, &text));
+  return text ? pags_json_string_copy(json, root, key, out) : PAGS_OK;
 }
 
-static pags_result read_sky(const pags_json *json, const pags_json_value *root, char **file) {
-  const char *name;
-  PAGS_TRY(pags_json_string_or(json, root, "sky", NULL, &name));
-  if (!name)
+/* Reads how the photographs were opened for the training. */
+static pags_result read_photographs(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
+  const char *alpha;
+  PAGS_TRY(read_text(json, root, "image_folder", &scene->image_folder));
+  PAGS_TRY(pags_json_string_or(json, root, "image_alpha", alpha_names[0], &alpha));
+  scene->image_alpha = pags_text_find(alpha, alpha_names, 3);
+  if (scene->image_alpha >= 0)
     return PAGS_OK;
-  if (!pags_path_is_inside(name))
-    return pags_json_fail(json, pags_json_member(root, "sky"),
-                          "expected a file inside of the scene's folder for 'sky', found \"%s\"", name);
-  *file = pags_text_copy(name);
-  return *file ? PAGS_OK : fail_memory(json);
+  return pags_json_fail(json, pags_json_member(root, "image_alpha"),
+                        "expected \"composite\", \"mask\" or \"ignore\" for 'image_alpha', found \"%.40s\"", alpha);
 }
 
 static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scene_files *files) {
   const pags_json_value *root = pags_json_root(json);
   double time[2], background[3];
-  bool antialiased;
   PAGS_TRY(pags_json_as_object(json, root, "a scene"));
 
   /* Version and units come first, since they decide whether the other keys can be understood. */
   int64_t version;
-  const char *units;
+  const char *units, *up;
   PAGS_TRY(pags_json_integer(json, root, "version", 1, INT32_MAX, &version));
   if (version > VERSION)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s:%d: the scene's version is %lld, this program reads up to %d",
@@ -157,16 +114,17 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
 
   PAGS_TRY(pags_json_numbers(json, root, "origin", 3, scene->origin));
   PAGS_TRY(check_sizes(json, root, "origin", scene->origin));
-  PAGS_TRY(read_up(json, root, &scene->up));
+  PAGS_TRY(pags_json_string(json, root, "up", &up));
+  if (!pags_up_from_code(up, &scene->up))
+    return pags_json_fail(json, pags_json_member(root, "up"),
+                          "expected \"z\", \"-y\", \"y\" or \"unknown\" for 'up', found \"%.40s\"", up);
   PAGS_TRY(pags_json_numbers(json, root, "time", 2, time));
   scene->time_begin = time[0];
   scene->time_end = time[1];
-  PAGS_TRY(pags_json_bool_or(json, root, "antialiased", false, &antialiased));
-  scene->antialiased = antialiased;
+  PAGS_TRY(pags_json_flag_or(json, root, "antialiased", false, &scene->antialiased));
   PAGS_TRY(pags_json_numbers(json, root, "background", 3, background));
   PAGS_TRY(check_sizes(json, root, "background", background));
-  for (int k = 0; k < 3; k++)
-    scene->background[k] = (float)background[k];
+  pags_narrow3(background, scene->background);
   PAGS_TRY(pags_json_number_or(json, root, "fps", 0, &scene->fps));
   if (scene->fps < 0)
     return pags_json_fail(json, pags_json_member(root, "fps"), "expected a number from 0 on for 'fps', found %g",
@@ -174,11 +132,8 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   PAGS_TRY(pags_place_from_json(json, root, &scene->place));
 
   /* How the scene was trained: data set, seed, steps, configuration, notes on the models. */
-  const char *dataset, *colmap;
-  PAGS_TRY(pags_json_string_or(json, root, "dataset", NULL, &dataset));
-  PAGS_TRY(pags_json_string_or(json, root, "colmap", NULL, &colmap));
-  if ((dataset && !(scene->dataset = pags_text_copy(dataset))) || (colmap && !(scene->colmap = pags_text_copy(colmap))))
-    return fail_memory(json);
+  PAGS_TRY(read_text(json, root, "dataset", &scene->dataset));
+  PAGS_TRY(read_text(json, root, "colmap", &scene->colmap));
   PAGS_TRY(read_photographs(json, root, scene));
   PAGS_TRY(pags_json_unsigned_or(json, root, "seed", 0, &scene->seed));
   PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &scene->iterations));
@@ -186,7 +141,10 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   PAGS_TRY(read_raw(json, root, "block", &scene->block));
   PAGS_TRY(read_raw(json, root, "modelled", &scene->notes));
 
-  PAGS_TRY(read_sky(json, root, &files->sky));
+  PAGS_TRY(read_text(json, root, "sky", &files->sky));
+  if (files->sky && !pags_path_is_inside(files->sky))
+    return pags_json_fail(json, pags_json_member(root, "sky"),
+                          "expected a file inside of the scene's folder for 'sky', found \"%s\"", files->sky);
   PAGS_TRY(read_models(json, root, scene, &files->counts));
   PAGS_TRY(pags_scene_objects_from_json(json, root, scene));
 
@@ -194,30 +152,22 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   const pags_json_value *views;
   PAGS_TRY(pags_json_array(json, root, "cameras", &views));
   scene->views = calloc((size_t)views->count + 1, sizeof *scene->views);
-  if (!scene->views)
-    return fail_memory(json);
+  PAGS_CHECK_MEMORY(scene->views, "%s: the scene", pags_json_path(json));
   for (const pags_json_value *value = views->first; value; value = value->next) {
     pags_scene_view *view = &scene->views[scene->view_count++];
-    bool test;
-    int64_t sensor, frame;
+    *view = (pags_scene_view){.gain = {1, 1, 1}};
     PAGS_TRY(pags_json_string_copy(json, value, "name", &view->name));
-    PAGS_TRY(pags_json_bool_or(json, value, "test", false, &test));
-    PAGS_TRY(pags_json_integer_or(json, value, "sensor", -1, INT32_MAX, -1, &sensor));
-    PAGS_TRY(pags_json_integer_or(json, value, "frame", -1, INT32_MAX, -1, &frame));
-    PAGS_TRY(read_three_or(json, value, "gain", 1, view->gain));
-    PAGS_TRY(read_three_or(json, value, "offset", 0, view->offset));
+    PAGS_TRY(pags_json_flag_or(json, value, "test", false, &view->test));
+    PAGS_TRY(pags_json_int_or(json, value, "sensor", -1, INT32_MAX, -1, &view->sensor));
+    PAGS_TRY(pags_json_int_or(json, value, "frame", -1, INT32_MAX, -1, &view->frame));
+    PAGS_TRY(pags_json_numbers_or(json, value, "gain", 3, view->gain));
+    PAGS_TRY(pags_json_numbers_or(json, value, "offset", 3, view->offset));
     PAGS_TRY(check_sizes(json, value, "gain", view->gain));
     PAGS_TRY(check_sizes(json, value, "offset", view->offset));
-    view->test = test;
-    view->sensor = (int)sensor;
-    view->frame = (int)frame;
     PAGS_TRY(pags_camera_from_json(json, value, &view->camera));
-    if (pags_json_member(value, "correction"))
-      PAGS_TRY(pags_json_numbers(json, value, "correction", 6, view->correction));
-    if (pags_json_member(value, "vignette"))
-      PAGS_TRY(pags_json_numbers(json, value, "vignette", PAGS_VIGNETTING_RINGS, view->photometric.vignette));
-    if (pags_json_member(value, "response"))
-      PAGS_TRY(pags_json_numbers(json, value, "response", PAGS_RESPONSE_PIECES - 1, view->photometric.response));
+    PAGS_TRY(pags_json_numbers_or(json, value, "correction", 6, view->correction));
+    PAGS_TRY(pags_json_numbers_or(json, value, "vignette", PAGS_VIGNETTING_RINGS, view->photometric.vignette));
+    PAGS_TRY(pags_json_numbers_or(json, value, "response", PAGS_RESPONSE_PIECES - 1, view->photometric.response));
     if (!pags_photometric_is_valid(&view->photometric))
       return pags_json_fail(json, value, "expected a 'response' that rises from 0 to 1");
   }
@@ -225,12 +175,10 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
 }
 
 pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene_files *files) {
-  pags_json *json;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   *files = (pags_scene_files){0};
   PAGS_TRY(pags_json_parse_file(path, &json));
-  pags_result result = read_root(json, scene, files);
-  pags_json_destroy(json);
-  return result;
+  return read_root(json, scene, files);
 }
 
 /* ---- Writing ---- */
@@ -280,18 +228,17 @@ static pags_result write_raw(pags_json_writer *w, const char *key, const char *t
   size_t length = strlen(text);
   while (length && isspace((unsigned char)text[length - 1]))
     length--;
-  char *trimmed = pags_text_copy(text);
-  if (!trimmed)
-    return pags_out_of_memory("'%s' of a scene", key);
+  PAGS_AUTOFREE char *trimmed = pags_text_copy(text);
+  PAGS_CHECK_MEMORY(trimmed, "'%s' of a scene", key);
   trimmed[length] = 0;
   pags_json_put_raw(w, key, trimmed);
-  free(trimmed);
   return PAGS_OK;
 }
 
 /* Writes the whole of scene.json. */
 static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
-  double background[3] = {(double)scene->background[0], (double)scene->background[1], (double)scene->background[2]};
+  double background[3];
+  pags_widen3(scene->background, background);
   pags_json_begin_object(w, NULL);
   pags_json_put_integer(w, "version", VERSION);
   pags_json_put_string(w, "units", "metres");
@@ -342,24 +289,17 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
 }
 
 pags_result pags_scene_json_size(const pags_scene *scene, uint64_t *bytes) {
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 1);
-  pags_result result = write_root(&writer, scene);
-  if (result == PAGS_OK)
-    result = pags_json_writer_finish(&writer);
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {.indent = 1};
+  PAGS_TRY(write_root(&writer, scene));
+  PAGS_TRY(pags_json_writer_finish(&writer));
   *bytes = writer.size;
-  pags_json_writer_destroy(&writer);
-  return result;
+  return PAGS_OK;
 }
 
 pags_result pags_scene_json_write(const char *path, const pags_scene *scene) {
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 1);
-  pags_result result = write_root(&writer, scene);
-  if (result == PAGS_OK)
-    result = pags_json_writer_save(&writer, path);
-  pags_json_writer_destroy(&writer);
-  return result;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {.indent = 1};
+  PAGS_TRY(write_root(&writer, scene));
+  return pags_json_writer_save(&writer, path);
 }
 
 /* ---- The place on the earth, which dataset.json has too ---- */
@@ -367,8 +307,8 @@ pags_result pags_scene_json_write(const char *path, const pags_scene *scene) {
 static const char place_key[] = "geographic_origin";
 
 pags_result pags_place_from_json(const pags_json *json, const pags_json_value *root, pags_place *out) {
-  double numbers[3];
   const pags_json_value *value = pags_json_member(root, place_key);
+  double numbers[3];
   *out = (pags_place){0};
   if (!value || value->type == PAGS_JSON_NULL)
     return PAGS_OK;

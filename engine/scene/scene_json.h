@@ -56,9 +56,10 @@ void pags_camera_lens_to_json(pags_json_writer *writer, const pags_camera *camer
 pags_result pags_scene_objects_from_json(const pags_json *json, const pags_json_value *root, pags_scene *scene);
 void pags_scene_objects_to_json(pags_json_writer *writer, const pags_scene *scene);
 
-/* Fails with "two <what> are named ..." and the line of `value` if two of the `count` names are the same. */
+/* Fails with "two <what> are named ..." and the line of `value` if two of the `count` names are the same. `first` is
+ * the first name, a char *; the others follow `stride` bytes apart. */
 pags_result pags_json_names_differ(const pags_json *json, const pags_json_value *value, const char *what,
-                                   const char *const *names, int64_t count);
+                                   const void *first, size_t stride, int64_t count);
 
 /* Reads the place from the JSON object `root`. A latitude beyond +-90 or a longitude beyond +-180 degrees is an error
  * that names the line. If the key is missing, out->known is 0. */

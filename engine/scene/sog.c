@@ -82,8 +82,8 @@ static pags_result read_numbers(const sog_file *f, const pags_json_value *object
   }
   if (first_missing) {
     out[0] = out[1] + (out[1] - out[*count - 1]) / (*count - 1);
-    pags_log_message(PAGS_LOG_WARNING, "%s: line %d: the first number of '%s' is null; taken as %g, by the others",
-                     f->source.path, array->line, key, out[0]);
+    PAGS_WARN("%s: line %d: the first number of '%s' is null; taken as %g, by the others", f->source.path, array->line,
+              key, out[0]);
   }
   return PAGS_OK;
 }
@@ -144,11 +144,9 @@ static pags_result read_model(sog_file *f) {
   PAGS_TRY(pags_json_string_or(f->json, root, "model", "default", &model));
   f->facts->antialiased = antialias || strcmp(model, "antialiased") == 0;
   if (strcmp(model, "2dgs") == 0)
-    pags_log_message(PAGS_LOG_WARNING, "%s: 'model' is 2dgs: flat discs, which PAGS draws as thin ellipsoids",
-                     f->source.path);
+    PAGS_WARN("%s: 'model' is 2dgs: flat discs, which PAGS draws as thin ellipsoids", f->source.path);
   else if (strcmp(model, "default") != 0 && strcmp(model, "antialiased") != 0)
-    pags_log_message(PAGS_LOG_WARNING, "%s: 'model' is '%.40s', which PAGS doesn't know; taken as the default",
-                     f->source.path, model);
+    PAGS_WARN("%s: 'model' is '%.40s', which PAGS doesn't know; taken as the default", f->source.path, model);
   return PAGS_OK;
 }
 
@@ -315,10 +313,10 @@ static pags_result decode_quats(sog_file *f, pags_gaussians *out) {
     pags_splat_put_rotation(q, largest < 0 ? 0 : largest, i, out);
   }
   if (without)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld quaternions don't name their largest component, the first is "
-                     "that of Gaussian %lld; taken as no rotation",
-                     f->source.path, (long long)without, (long long)f->count, (long long)first);
+    PAGS_WARN(
+        "%s: %lld of %lld quaternions don't name their largest component, the first is "
+        "that of Gaussian %lld; taken as no rotation",
+        f->source.path, (long long)without, (long long)f->count, (long long)first);
   return PAGS_OK;
 }
 
@@ -381,10 +379,10 @@ static pags_result decode_shn(sog_file *f, const pags_webp *palette, pags_gaussi
         pags_plane(out, PAGS_SH + 3 * (k + 1) + c)[i] = f->shn.book[c][entry[4 * k + c]];
   }
   if (without)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld Gaussians name no entry of the palette of %lld, the first is "
-                     "Gaussian %lld; they get no colour that changes with the view",
-                     f->source.path, (long long)without, (long long)f->count, (long long)f->palette, (long long)first);
+    PAGS_WARN(
+        "%s: %lld of %lld Gaussians name no entry of the palette of %lld, the first is "
+        "Gaussian %lld; they get no colour that changes with the view",
+        f->source.path, (long long)without, (long long)f->count, (long long)f->palette, (long long)first);
   return PAGS_OK;
 }
 
@@ -400,8 +398,8 @@ static pags_result decode_all(sog_file *f, pags_gaussians *out) {
   if (f->sh_degree)
     PAGS_TRY(decode_shn(f, &palette, out));
   if (f->lossy.count)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld pictures are lossy WebP, the first is %s: their values aren't exact",
-                     f->source.path, (long long)f->lossy.count, f->lossy.first);
+    PAGS_WARN("%s: %lld pictures are lossy WebP, the first is %s: their values aren't exact", f->source.path,
+              (long long)f->lossy.count, f->lossy.first);
   return PAGS_OK;
 }
 

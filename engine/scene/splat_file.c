@@ -119,8 +119,7 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
   if (from >= (double)PAGS_LEAST_ALPHA_MIN && from < 1 && out->alpha_min == 0.0f)
     pags_plain_cut_undo(out, from);
   else if (from != 0)
-    pags_log_message(PAGS_LOG_WARNING, "%s: says that its Gaussians had the alpha_min %g, which can't be; not used",
-                     path, from);
+    PAGS_WARN("%s: says that its Gaussians had the alpha_min %g, which can't be; not used", path, from);
   return PAGS_OK;
 }
 

@@ -28,7 +28,7 @@ void pags_splat_put_rotation(double q[4], int largest, int64_t i, pags_gaussians
 
 pags_result pags_splat_create(const char *path, int64_t count, int stored_degree, pags_gaussians *out) {
   if (stored_degree > 3)
-    pags_log_message(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
+    PAGS_WARN("%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
   return pags_gaussians_create(out, count, stored_degree > 3 ? 3 : stored_degree);
 }
 
@@ -90,9 +90,8 @@ static pags_result leave_out(const char *path, pags_gaussians *g, int64_t bad) {
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: Gaussian %lld: expected finite numbers for its %s, found none in any of %lld Gaussians", path,
                      (long long)first, name, (long long)g->count);
-  pags_log_message(PAGS_LOG_WARNING,
-                   "%s: %lld of %lld Gaussians are left out, since a value isn't finite; the first is %lld (its %s)",
-                   path, (long long)bad, (long long)g->count, (long long)first, name);
+  PAGS_WARN("%s: %lld of %lld Gaussians are left out, since a value isn't finite; the first is %lld (its %s)", path,
+            (long long)bad, (long long)g->count, (long long)first, name);
   return pags_gaussians_keep(g, good, g->count - bad);
 }
 
@@ -104,7 +103,7 @@ static pags_result accept(const char *path, pags_gaussians *g) {
     pags_log_message(PAGS_LOG_INFO, "%s: %lld Gaussians have an infinite opacity or scale, which is taken as its limit",
                      path, (long long)limits);
   if (fixed)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld all-zero quaternions taken as no rotation", path, (long long)fixed);
+    PAGS_WARN("%s: %lld all-zero quaternions taken as no rotation", path, (long long)fixed);
   return bad ? leave_out(path, g, bad) : PAGS_OK;
 }
 

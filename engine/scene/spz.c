@@ -136,7 +136,7 @@ static void read_scene_record(const char *path, const uint8_t *data, spz_header 
   const uint32_t up = pags_load_u32(data);
   const double origin[3] = {pags_load_f64(data + 4), pags_load_f64(data + 12), pags_load_f64(data + 20)};
   if (up > PAGS_UP_Y || !isfinite(origin[0]) || !isfinite(origin[1]) || !isfinite(origin[2])) {
-    pags_log_message(PAGS_LOG_WARNING, "%s: the record of the origin and the up axis is damaged and left out", path);
+    PAGS_WARN("%s: the record of the origin and the up axis is damaged and left out", path);
     return;
   }
   h->facts.up = (pags_up)up;
@@ -151,8 +151,7 @@ static void read_records(const char *path, const uint8_t *bytes, size_t size, sp
   while (size >= 8) {
     const uint32_t type = pags_load_u32(bytes), length = pags_load_u32(bytes + 4);
     if (length > size - 8) {
-      pags_log_message(
-          PAGS_LOG_WARNING,
+      PAGS_WARN(
           "%s: extension record %08X is damaged: expected at most %zu bytes, found %u; it and what follows "
           "are left out",
           path, type, size - 8, length);
@@ -161,10 +160,8 @@ static void read_records(const char *path, const uint8_t *bytes, size_t size, sp
     if (type == PAGS_SPZ_AXES_RECORD && length == 4) {
       const uint32_t axes = pags_load_u32(bytes + 8);
       if (axes == 0 || axes >= PAGS_AXES_COUNT)
-        pags_log_message(
-            PAGS_LOG_WARNING,
-            "%s: the record of the coordinate system holds %u, expected 1 to 16: the axes are taken as RUB", path,
-            axes);
+        PAGS_WARN("%s: the record of the coordinate system holds %u, expected 1 to 16: the axes are taken as RUB", path,
+                  axes);
       else {
         h->facts.axes = (int)axes;
         h->facts.axes_from = "record";

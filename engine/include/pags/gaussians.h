@@ -64,6 +64,12 @@ static inline float *pags_plane(const pags_gaussians *g, int plane) {
   return g->data + (int64_t)plane * g->stride;
 }
 
+/* Reads the mean of row i. */
+static inline void pags_gaussian_mean(const pags_gaussians *g, int64_t i, double mean[3]) {
+  for (int k = 0; k < 3; k++)
+    mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
+}
+
 /* Computes the normal of a Gaussian: the unit vector along its shortest axis (the first of equal ones), as of the flat
  * Gaussians of surfaces (2DGS, Huang et al. 2024). Its sign is arbitrary. The parameter of plane p lies at planes[p *
  * stride + row]. */
