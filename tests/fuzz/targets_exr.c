@@ -8,9 +8,9 @@
 #include <string.h>
 
 #include "image/colour.h"
-#include "image/other.h"
 #include "image/formats.h"
 #include "image/layers.h"
+#include "image/other.h"
 
 /* ---- Windows ---- */
 

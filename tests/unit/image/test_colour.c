@@ -4,8 +4,8 @@
 #include "image/colour.h"
 
 #include "base/file.h"
-#include "image/other.h"
 #include "image/formats.h"
+#include "image/other.h"
 #include "unit/scratch.h"
 
 #include <math.h>
