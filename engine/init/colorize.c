@@ -9,11 +9,9 @@
 #include "init/colorize.h"
 
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 
 enum { BLOCK = 4096, LONGEST_SIDE = 1200 };
 
@@ -23,8 +21,8 @@ static const double near_plane = 0.1; /* metres */
 
 /* Pose of the background or of a moving object (the owner of points) for the current photograph. */
 typedef struct owner_pose {
-  int present; /* 0: the object is not there at this time */
-  float m[12]; /* camera from the owner's frame */
+  bool present; /* false: the object is not there at this time */
+  float m[12];  /* camera from the owner's frame */
 } owner_pose;
 
 typedef struct colorizer {
@@ -40,6 +38,12 @@ typedef struct colorizer {
   pags_camera camera;
 } colorizer;
 
+static void destroy(colorizer *p) {
+  pags_z_buffer_destroy(&p->z_buffer);
+  free(p->poses);
+  free(p->seen);
+}
+
 /* ---- Projection and weights ---- */
 
 static void set_motion(const colorizer *p, const double world_from_owner[12], owner_pose *out) {
@@ -48,16 +52,15 @@ static void set_motion(const colorizer *p, const double world_from_owner[12], ow
   pags_rigid_multiply(inverse, world_from_owner, m);
   for (int i = 0; i < 12; i++)
     out->m[i] = (float)m[i];
-  out->present = 1;
+  out->present = true;
 }
 
 /* Where a camera with a lens shows a point; its depth is the distance. */
 static pags_seen_point see_through(const pags_camera *c, const float m[12], const float q[3]) {
-  double own[3], at[2], square = 0;
-  for (int k = 0; k < 3; k++) {
+  double own[3], at[2];
+  for (int k = 0; k < 3; k++)
     own[k] = (double)(m[4 * k] * q[0] + m[4 * k + 1] * q[1] + m[4 * k + 2] * q[2] + m[4 * k + 3]);
-    square += own[k] * own[k];
-  }
+  const double square = pags_dot3(own, own);
   if (!(square > near_plane * near_plane) || !pags_camera_project(c, own, at, NULL))
     return (pags_seen_point){0};
   const float u = (float)at[0], v = (float)at[1];
@@ -106,49 +109,39 @@ static bool is_doubtful(const colorizer *p, const pags_lidar_point *row, int lab
   return (labels & (boxes | PAGS_LABEL_SKY)) != own && p->photo.labels;
 }
 
-/* Weight of a photograph's pixel in the colour of a point; 0 if the pixel is masked out or the point is hidden.
- * Points of a grid, which need not lie on a surface, are coloured even where hidden, with the factor `doubtful`. */
-static float weight_of(const colorizer *p, const pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
-  int visible = pags_z_buffer_visible(&p->z_buffer, at), labels = p->photo.labels ? p->photo.labels[pixel] : 0;
-  if (p->photo.mask && !p->photo.mask[pixel])
-    return 0;
-  if (!visible && row->kind != PAGS_CANDIDATE_GRID)
-    return 0;
-  float apart = (row->time - (float)(p->camera.time - p->time_begin)) / near_time;
-  float weight = 1 / (at->z * at->z);
-  if (isfinite(apart))
-    weight /= 1 + apart * apart;
-  if (!visible || is_doubtful(p, row, labels))
-    weight *= doubtful;
-  return weight;
-}
-
-/* Counts the labelled views that show a point, and those of them whose pixel is labelled critical. The ratio of the
- * two becomes the initial s_sem. */
-static void count_view(const colorizer *p, pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
-  if (!p->photo.labels || (p->photo.mask && !p->photo.mask[pixel]) || !pags_z_buffer_visible(&p->z_buffer, at))
-    return;
-  row->views[0] += 1;
-  row->views[1] += (p->photo.labels[pixel] & PAGS_LABEL_CRITICAL) != 0;
-}
-
 /* ---- One photograph ---- */
 
+/* Adds the colour of each point's pixel by a weight that is 0 where the pixel is masked out or the point is hidden.
+ * Points of a grid, which need not lie on a surface, are coloured even where hidden, with the factor `doubtful`. Counts
+ * the labelled views that show a point, and those of them whose pixel is labelled critical: the ratio of the two
+ * becomes the initial s_sem. */
 static void colorize_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   const colorizer *p = context;
-  int64_t plane = (int64_t)p->photo.height * p->photo.stride;
+  const int64_t plane = (int64_t)p->photo.height * p->photo.stride;
   for (int64_t i = begin; i < end; i++) {
     const pags_seen_point *at = &p->seen[i];
     pags_lidar_point *row = &p->points->rows[i];
     if (!(at->z > 0))
       continue;
-    int64_t pixel = (int64_t)at->v * p->photo.stride + (int64_t)at->u;
-    float weight = weight_of(p, row, at, pixel);
+    const int64_t pixel = (int64_t)at->v * p->photo.stride + (int64_t)at->u;
+    const int labels = p->photo.labels ? p->photo.labels[pixel] : 0;
+    const bool visible = pags_z_buffer_visible(&p->z_buffer, at), masked = p->photo.mask && !p->photo.mask[pixel];
+    if (masked || (!visible && row->kind != PAGS_CANDIDATE_GRID))
+      continue;
+    const float apart = (row->time - (float)(p->camera.time - p->time_begin)) / near_time;
+    float weight = 1 / (at->z * at->z);
+    if (isfinite(apart))
+      weight /= 1 + apart * apart;
+    if (!visible || is_doubtful(p, row, labels))
+      weight *= doubtful;
     for (int c = 0; c < 3; c++)
       row->sum[c] += weight * (float)p->photo.rgb[c * plane + pixel];
     row->sum[3] += weight;
-    count_view(p, row, at, pixel);
+    if (p->photo.labels && visible) {
+      row->views[0] += 1;
+      row->views[1] += (labels & PAGS_LABEL_CRITICAL) != 0;
+    }
   }
 }
 
@@ -164,7 +157,7 @@ static pags_result colorize_view(colorizer *p, pags_photo_cache *photos, int64_t
   for (int64_t i = 0; i < pags_dataset_object_count(p->dataset); i++) {
     const pags_object *object = pags_dataset_object(p->dataset, i);
     double pose[12];
-    p->poses[1 + i].present = 0;
+    p->poses[1 + i].present = false;
     if (object->moving && pags_object_pose(object, v->camera.time, pose))
       set_motion(p, pose, &p->poses[1 + i]);
   }
@@ -180,54 +173,35 @@ static pags_result colorize_view(colorizer *p, pags_photo_cache *photos, int64_t
 
 /* ---- All photographs ---- */
 
-static int shrink_of(const pags_camera *camera) {
-  int side = camera->width > camera->height ? camera->width : camera->height, shrink = 1;
-  while (side / shrink > LONGEST_SIDE)
-    shrink *= 2;
-  return shrink;
-}
-
-static pags_result colorize_all(colorizer *p, pags_photo_cache *photos, const int64_t *views, int64_t count,
-                                pags_far_points *far) {
-  int shrink = shrink_of(&pags_dataset_view(p->dataset, views[0])->camera);
-  pags_photo_cache_prefetch(photos, views, count, shrink);
-  for (int64_t i = 0; i < count; i++) {
-    PAGS_TRY(colorize_view(p, photos, views[i], shrink));
-    int64_t share = far->wanted * (i + 1) / count - far->wanted * i / count;
-    pags_far_draw(&p->photo, &p->camera, &p->z_buffer, pags_dataset_origin(p->dataset), (uint64_t)i, share, far);
-  }
-  return PAGS_OK;
-}
-
-static pags_result allocate(colorizer *p, int64_t **views, pags_far_points *far) {
-  size_t points = (size_t)(p->points->count > 0 ? p->points->count : 1);
-  size_t wanted = (size_t)(far->wanted > 0 ? far->wanted : 1);
-  p->poses = calloc((size_t)pags_dataset_object_count(p->dataset) + 1, sizeof *p->poses);
-  p->seen = malloc(points * sizeof *p->seen);
-  *views = malloc(((size_t)pags_dataset_view_count(p->dataset) + 1) * sizeof **views);
+pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_points *points,
+                                       int64_t measured, pags_photo_cache *photos, pags_far_points *far) {
+  PAGS_AUTO(destroy) colorizer p = {.dataset = dataset, .tasks = tasks, .points = points, .measured = measured};
+  const size_t wanted = (size_t)(far->wanted > 0 ? far->wanted : 1);
+  int64_t count = 0;
+  p.poses = calloc((size_t)pags_dataset_object_count(dataset) + 1, sizeof *p.poses);
+  p.seen = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *p.seen);
+  PAGS_AUTOFREE int64_t *views = malloc(((size_t)pags_dataset_view_count(dataset) + 1) * sizeof *views);
   far->count = 0;
   far->xyz = malloc(wanted * 3 * sizeof *far->xyz);
   far->rgb = malloc(wanted * 3);
-  return p->poses && p->seen && *views && far->xyz && far->rgb
-             ? PAGS_OK
-             : pags_out_of_memory("%lld points", (long long)p->points->count);
-}
-
-pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_points *points,
-                                       int64_t measured, pags_photo_cache *photos, pags_far_points *far) {
-  colorizer p = {.dataset = dataset, .tasks = tasks, .points = points, .measured = measured};
-  int64_t *views = NULL, count = 0;
+  PAGS_CHECK_MEMORY(p.poses && p.seen && views && far->xyz && far->rgb, "%lld points", (long long)points->count);
   if (pags_dataset_sweep_count(dataset) > 0)
     p.time_begin = pags_dataset_sweep(dataset, 0)->time;
-  pags_result result = allocate(&p, &views, far);
-  for (int64_t i = 0; result == PAGS_OK && i < pags_dataset_view_count(dataset); i++)
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++)
     if (!pags_dataset_view(dataset, i)->test)
       views[count++] = i;
-  if (result == PAGS_OK && count > 0)
-    result = colorize_all(&p, photos, views, count, far);
-  pags_z_buffer_destroy(&p.z_buffer);
-  free(p.poses);
-  free(p.seen);
-  free(views);
-  return result;
+  if (count == 0)
+    return PAGS_OK;
+  const pags_camera *first = &pags_dataset_view(dataset, views[0])->camera;
+  const int side = first->width > first->height ? first->width : first->height;
+  int shrink = 1;
+  while (side / shrink > LONGEST_SIDE)
+    shrink *= 2;
+  pags_photo_cache_prefetch(photos, views, count, shrink);
+  for (int64_t i = 0; i < count; i++) {
+    PAGS_TRY(colorize_view(&p, photos, views[i], shrink));
+    const int64_t share = far->wanted * (i + 1) / count - far->wanted * i / count;
+    pags_far_draw(&p.photo, &p.camera, &p.z_buffer, pags_dataset_origin(dataset), (uint64_t)i, share, far);
+  }
+  return PAGS_OK;
 }

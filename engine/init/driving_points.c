@@ -9,13 +9,11 @@
 #include "init/driving_points.h"
 
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "init/colorize.h"
 
 enum {
@@ -31,34 +29,34 @@ enum {
 static const double finest_voxel = 0.05, voxel_step = 1.25; /* smallest side, metres; factor of growth */
 static const double farthest_times = 4.0;                   /* depth of random points, in radii of the scene */
 
+static void free_set(pags_point_set *set) {
+  free(set->xyz);
+  free(set->rgb);
+  free(set->object);
+  free(set->s_sem);
+}
+
 void pags_driving_points_destroy(pags_driving_points *start) {
-  pags_point_set *all = start->objects;
-  for (int64_t i = 0; i < start->object_count; i++) {
-    free(all[i].xyz);
-    free(all[i].rgb);
-    free(all[i].object);
-  }
-  free(all);
-  free(start->background.xyz);
-  free(start->background.rgb);
-  free(start->background.object);
-  free(start->background.s_sem);
+  for (int64_t i = 0; i < start->object_count; i++)
+    free_set(&start->objects[i]);
+  free(start->objects);
+  free_set(&start->background);
   *start = (pags_driving_points){0};
 }
 
-static pags_result reserve(pags_point_set *points, int64_t count, int with_object) {
-  size_t room = (size_t)(count > 0 ? count : 1);
+static pags_result reserve(pags_point_set *points, int64_t count, bool background) {
+  const size_t room = (size_t)(count > 0 ? count : 1);
   points->xyz = malloc(room * 3 * sizeof *points->xyz);
   points->rgb = malloc(room * 3);
-  points->object = with_object ? malloc(room * sizeof *points->object) : NULL;
-  points->s_sem = with_object ? calloc(room, sizeof *points->s_sem) : NULL;
-  if (points->xyz && points->rgb && ((points->object && points->s_sem) || !with_object))
-    return PAGS_OK;
-  return pags_out_of_memory("%lld points", (long long)count);
+  points->object = background ? malloc(room * sizeof *points->object) : NULL;
+  points->s_sem = background ? calloc(room, sizeof *points->s_sem) : NULL;
+  PAGS_CHECK_MEMORY(points->xyz && points->rgb && ((points->object && points->s_sem) || !background), "%lld points",
+                    (long long)count);
+  return PAGS_OK;
 }
 
 static void put(pags_point_set *to, const float *xyz, const uint8_t *rgb, int32_t object) {
-  memcpy(to->xyz + 3 * to->count, xyz, 3 * sizeof *xyz);
+  pags_copy3f(xyz, to->xyz + 3 * to->count);
   memcpy(to->rgb + 3 * to->count, rgb, 3);
   if (to->object)
     to->object[to->count] = object;
@@ -72,23 +70,20 @@ static void colour_of(const pags_lidar_point *row, uint8_t rgb[3]) {
 
 /* ---- Points of objects ---- */
 
-/* Sets `rgb` to the colour of point i; returns 0 if no photograph gave it one. A mirrored point without a colour
- * takes that of the measured point it mirrors. */
-static bool seen_colour(const pags_lidar_points *points, int64_t i, uint8_t rgb[3]) {
-  const pags_lidar_point *row = &points->rows[i];
-  if (row->kind == PAGS_CANDIDATE_MIRRORED && !(row->sum[3] > 0))
-    row = &points->rows[row->source];
-  if (!(row->sum[3] > 0))
-    return false;
-  colour_of(row, rgb);
-  return true;
-}
-
+/* Takes the points of one owner and kind, from row `from` on, that a photograph gave a colour. A mirrored point without
+ * a colour takes that of the measured point it mirrors. */
 static int64_t take_kind(const pags_lidar_points *points, int32_t owner, int kind, int64_t from, pags_point_set *to) {
   for (int64_t i = from; i < points->count; i++) {
+    const pags_lidar_point *row = &points->rows[i], *coloured = row;
     uint8_t rgb[3];
-    if (points->rows[i].owner == owner && points->rows[i].kind == kind && seen_colour(points, i, rgb))
-      put(to, points->rows[i].p, rgb, 0);
+    if (row->owner != owner || row->kind != kind)
+      continue;
+    if (kind == PAGS_CANDIDATE_MIRRORED && !(row->sum[3] > 0))
+      coloured = &points->rows[row->source];
+    if (!(coloured->sum[3] > 0))
+      continue;
+    colour_of(coloured, rgb);
+    put(to, row->p, rgb, 0);
   }
   return to->count;
 }
@@ -99,7 +94,7 @@ static pags_result take_object(const pags_lidar_points *points, int32_t owner, i
     all += points->rows[i].owner == owner;
   if (all == 0)
     return PAGS_OK;
-  PAGS_TRY(reserve(to, all, 0));
+  PAGS_TRY(reserve(to, all, false));
   int64_t count = take_kind(points, owner, PAGS_CANDIDATE_MEASURED, 0, to);
   if (count < FEW_OBJECT)
     count = take_kind(points, owner, PAGS_CANDIDATE_MIRRORED, measured, to);
@@ -110,30 +105,24 @@ static pags_result take_object(const pags_lidar_points *points, int32_t owner, i
 
 /* ---- Points of the background ---- */
 
-static int64_t background_count(const pags_lidar_points *points) {
-  int64_t count = 0;
-  for (int64_t i = 0; i < points->count; i++)
-    count += points->rows[i].owner < 0;
-  return count;
-}
-
 /* Merges the background's points by voxels until at most `most` are left. The voxels' side starts at *side and grows
  * by the factor voxel_step; *side receives the final one. */
 static pags_result thin_background(pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
                                    int64_t most, double *side) {
-  PAGS_TRY(pags_lidar_points_merge(points, tasks, eyes, eye_count, *side));
-  while (background_count(points) > most) {
-    *side *= voxel_step;
+  for (;; *side *= voxel_step) {
     PAGS_TRY(pags_lidar_points_merge(points, tasks, eyes, eye_count, *side));
+    int64_t left = 0;
+    for (int64_t i = 0; i < points->count; i++)
+      left += points->rows[i].owner < 0;
+    if (left <= most)
+      return PAGS_OK;
   }
-  return PAGS_OK;
 }
 
 static double distance_from(const float *p, const double middle[3]) {
-  double sum = 0;
-  for (int k = 0; k < 3; k++)
-    sum += ((double)p[k] - middle[k]) * ((double)p[k] - middle[k]);
-  return sqrt(sum);
+  double wide[3];
+  pags_widen3(p, wide);
+  return pags_distance3(wide, middle);
 }
 
 /* Radius, metres, of the sphere about `middle`, the cameras' mean position, that holds 95 % of the background's
@@ -141,17 +130,15 @@ static double distance_from(const float *p, const double middle[3]) {
  * points. */
 static pags_result scene_radius(const pags_lidar_points *points, const double middle[3], double *radius,
                                 double *largest) {
-  double *all = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *all);
+  PAGS_AUTOFREE double *all = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *all);
+  PAGS_CHECK_MEMORY(all, "%lld points", (long long)points->count);
   int64_t count = 0;
-  if (!all)
-    return pags_out_of_memory("%lld points", (long long)points->count);
   for (int64_t i = 0; i < points->count; i++)
     if (points->rows[i].owner < 0)
       all[count++] = distance_from(points->rows[i].p, middle);
   pags_sort_doubles(all, count);
   *radius = count ? fmax(30.0, all[count * 95 / 100]) : 100.0;
   *largest = count ? all[count - 1] : INFINITY;
-  free(all);
   return PAGS_OK;
 }
 
@@ -159,19 +146,16 @@ static pags_result scene_radius(const pags_lidar_points *points, const double mi
  * those are kept out of the background. */
 static bool swept_by_object(const pags_dataset *dataset, const float *p) {
   const double *origin = pags_dataset_origin(dataset);
+  double world[3], inverse[12], local[3];
+  pags_widen3(p, world);
+  pags_add3(world, origin, world);
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
     for (int64_t n = 0; object->moving && n < object->keyframe_count; n++) {
-      double inverse[12], local = 0;
-      int inside = 1;
       pags_rigid_inverse(object->keyframes[n].world_from_object, inverse);
-      for (int k = 0; k < 3 && inside; k++) {
-        const double *m = inverse + 4 * k;
-        local = m[0] * ((double)p[0] + origin[0]) + m[1] * ((double)p[1] + origin[1]) +
-                m[2] * ((double)p[2] + origin[2]) + m[3];
-        inside = fabs(local) <= 0.5 * object->size[k];
-      }
-      if (inside)
+      pags_rigid_point(inverse, world, local);
+      if (fabs(local[0]) <= 0.5 * object->size[0] && fabs(local[1]) <= 0.5 * object->size[1] &&
+          fabs(local[2]) <= 0.5 * object->size[2])
         return true;
     }
   }
@@ -220,6 +204,15 @@ typedef struct work {
   int64_t eye_count;
 } work;
 
+static void free_work(work *w) {
+  pags_lidar_points_destroy(&w->points);
+  free(w->far.xyz);
+  free(w->far.rgb);
+  free(w->extra.matched_xyz);
+  free(w->extra.matched_rgb);
+  free(w->eyes);
+}
+
 /* Gathers, thins and colours the LiDAR points, of the background at most `most`. Leaves the background's points that a
  * photograph shows in w->points, and puts those of the objects into `out`. */
 static pags_result make_lidar(const pags_dataset *dataset, int lidar, int most, pags_photo_cache *photos,
@@ -256,71 +249,51 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, int most, 
   return PAGS_OK;
 }
 
-static pags_result make(const pags_dataset *dataset, const pags_train_config *config, int lidar,
-                        pags_photo_cache *photos, pags_tasks *tasks, work *w, pags_driving_points *out) {
-  double middle[3], largest = INFINITY;
-  out->object_count = pags_dataset_object_count(dataset);
-  out->objects = calloc((size_t)out->object_count + 1, sizeof *out->objects);
-  if (!out->objects)
-    return pags_out_of_memory("%lld objects", (long long)out->object_count);
+pags_result pags_driving_points_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
+                                       pags_photo_cache *photos, pags_tasks *tasks, pags_driving_points *out) {
+  PAGS_AUTO(free_work) work w = {.far = {.wanted = FAR_POINTS, .seed = config->schedule.seed}};
+  PAGS_AUTO(pags_driving_points_destroy)
+  pags_driving_points made = {.object_count = pags_dataset_object_count(dataset)};
+  double middle[3] = {0, 0, 0}, largest = INFINITY;
+  *out = (pags_driving_points){0};
+  made.objects = calloc((size_t)made.object_count + 1, sizeof *made.objects);
+  PAGS_CHECK_MEMORY(made.objects, "%lld objects", (long long)made.object_count);
 
-  /* The eyes: positions of the training cameras, relative to the data set's origin. */
-  float **eyes = &w->eyes;
-  int64_t *count = &w->eye_count;
-  *count = 0;
-  *eyes = malloc(((size_t)pags_dataset_view_count(dataset) + 1) * 3 * sizeof **eyes);
-  if (!*eyes)
-    return pags_out_of_memory("the cameras");
+  /* The eyes: positions of the training cameras, relative to the data set's origin; and their mean. */
+  w.eyes = malloc(((size_t)pags_dataset_view_count(dataset) + 1) * 3 * sizeof *w.eyes);
+  PAGS_CHECK_MEMORY(w.eyes, "the cameras");
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
-    if (view->test)
-      continue;
+    double eye[3];
+    pags_pose_position(view->camera.world_from_camera, eye);
+    pags_subtract3(eye, pags_dataset_origin(dataset), eye);
+    if (!view->test)
+      pags_narrow3(eye, w.eyes + 3 * w.eye_count++);
+  }
+  for (int64_t i = 0; i < w.eye_count; i++)
     for (int k = 0; k < 3; k++)
-      (*eyes)[3 * *count + k] = (float)(view->camera.world_from_camera[4 * k + 3] - pags_dataset_origin(dataset)[k]);
-    ++*count;
-  }
+      middle[k] += (double)w.eyes[3 * i + k] / (double)w.eye_count;
 
-  /* The mean position of the training cameras. */
-  for (int k = 0; k < 3; k++) {
-    middle[k] = 0;
-    for (int64_t i = 0; i < w->eye_count; i++)
-      middle[k] += (double)w->eyes[3 * i + k] / (double)w->eye_count;
-  }
-
-  PAGS_TRY(make_lidar(dataset, lidar, config->start.lidar_points, photos, tasks, w, middle, &largest, out));
-  PAGS_TRY(find_extra(dataset, config, w->points.count, tasks, &w->extra));
+  PAGS_TRY(make_lidar(dataset, lidar, config->start.lidar_points, photos, tasks, &w, middle, &largest, &made));
+  PAGS_TRY(find_extra(dataset, config, w.points.count, tasks, &w.extra));
 
   /* The background's points in order: LiDAR, other points, random far points. */
-  pags_point_set *to = &out->background;
-  PAGS_TRY(reserve(to, w->points.count + w->extra.count + w->far.count, 1));
-  for (int64_t i = 0; i < w->points.count; i++) {
+  pags_point_set *to = &made.background;
+  PAGS_TRY(reserve(to, w.points.count + w.extra.count + w.far.count, true));
+  for (int64_t i = 0; i < w.points.count; i++) {
     uint8_t rgb[3];
-    const pags_lidar_point *row = &w->points.rows[i];
+    const pags_lidar_point *row = &w.points.rows[i];
     colour_of(row, rgb);
     to->s_sem[to->count] = row->views[0] > 0 ? row->views[1] / row->views[0] : 0.0f;
     put(to, row->p, rgb, row->parked);
   }
-  out->lidar_points = to->count;
-  for (int64_t i = 0; i < w->extra.count; i++)
-    if (distance_from(w->extra.xyz + 3 * i, middle) <= 2 * largest && !swept_by_object(dataset, w->extra.xyz + 3 * i))
-      put(to, w->extra.xyz + 3 * i, w->extra.rgb + 3 * i, -1);
-  for (int64_t i = 0; i < w->far.count; i++)
-    put(to, w->far.xyz + 3 * i, w->far.rgb + 3 * i, -1);
+  made.lidar_points = to->count;
+  for (int64_t i = 0; i < w.extra.count; i++)
+    if (distance_from(w.extra.xyz + 3 * i, middle) <= 2 * largest && !swept_by_object(dataset, w.extra.xyz + 3 * i))
+      put(to, w.extra.xyz + 3 * i, w.extra.rgb + 3 * i, -1);
+  for (int64_t i = 0; i < w.far.count; i++)
+    put(to, w.far.xyz + 3 * i, w.far.rgb + 3 * i, -1);
+  *out = made;
+  made = (pags_driving_points){0};
   return PAGS_OK;
-}
-
-pags_result pags_driving_points_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
-                                       pags_photo_cache *photos, pags_tasks *tasks, pags_driving_points *out) {
-  work w = {.far = {.wanted = FAR_POINTS, .seed = config->schedule.seed}};
-  *out = (pags_driving_points){0};
-  pags_result result = make(dataset, config, lidar, photos, tasks, &w, out);
-  pags_lidar_points_destroy(&w.points);
-  free(w.far.xyz);
-  free(w.far.rgb);
-  free(w.extra.matched_xyz);
-  free(w.extra.matched_rgb);
-  free(w.eyes);
-  if (result != PAGS_OK)
-    pags_driving_points_destroy(out);
-  return result;
 }

@@ -8,8 +8,6 @@
  * On the synthetic street (24 frames at half size, 800 steps) these points raise PSNR by 0.9 dB in held-out views and
  * by 0.7 to 1.1 dB in shifted ones. */
 #include <math.h>
-#include <stdbool.h>
-#include <string.h>
 
 #include "base/rng.h"
 #include "init/colorize.h"
@@ -37,13 +35,6 @@ static double depth_below(const pags_z_buffer *o, int x, int y) {
   return 0;
 }
 
-static bool usable(const pags_photo *photo, int x, int y) {
-  const int never =
-      PAGS_LABEL_SKY | PAGS_LABEL_MOVING | PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST;
-  int64_t at = (int64_t)y * photo->stride + x;
-  return !(photo->mask && !photo->mask[at]) && !(photo->labels && photo->labels[at] & never);
-}
-
 /* Draws a depth up to `farthest`, metres; `below` is that of the LiDAR point below the pixel, 0: none. */
 static double draw_depth(uint64_t seed, uint64_t a, uint64_t b, double below, double farthest) {
   double draw[2];
@@ -54,34 +45,33 @@ static double draw_depth(uint64_t seed, uint64_t a, uint64_t b, double below, do
   return 1 / (1 / from + draw[1] * (1 / fmax(farthest, 1.01 * from) - 1 / from));
 }
 
-static void emit(const pags_photo *photo, const pags_camera *camera, const double *origin, double u, double v,
-                 double depth, pags_far_points *far) {
-  const double *m = camera->world_from_camera;
-  double p[3];
-  if (!pags_camera_point(camera, u, v, depth, p))
-    return;
-  for (int k = 0; k < 3; k++)
-    far->xyz[3 * far->count + k] =
-        (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3] - origin[k]);
-  int64_t plane = (int64_t)photo->height * photo->stride, at = (int64_t)v * photo->stride + (int64_t)u;
-  for (int c = 0; c < 3; c++)
-    far->rgb[3 * far->count + c] = photo->rgb[c * plane + at];
-  far->count++;
-}
-
 void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_z_buffer *z_buffer,
                    const double *origin, uint64_t from, int64_t count, pags_far_points *far) {
+  const int never =
+      PAGS_LABEL_SKY | PAGS_LABEL_MOVING | PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST;
+  const int64_t plane = (int64_t)photo->height * photo->stride;
+  const double *m = camera->world_from_camera;
   for (int64_t i = 0; i < count; i++) {
-    uint64_t b = from << 32 | (uint64_t)i;
+    const uint64_t b = from << 32 | (uint64_t)i;
     for (uint64_t t = 0; t < TRIES; t++) {
-      double pixel[2];
+      double pixel[2], p[3];
       pags_rng_uniform2(far->seed, STREAM + 2 * t, b, pixel);
-      double u = pixel[0] * photo->width, v = pixel[1] * photo->height;
-      int x = (int)u / PAGS_OCCLUSION_CELL, y = (int)v / PAGS_OCCLUSION_CELL;
-      if (!usable(photo, (int)u, (int)v) || !is_clear(z_buffer, x, y))
+      const double u = pixel[0] * photo->width, v = pixel[1] * photo->height;
+      const int x = (int)u / PAGS_OCCLUSION_CELL, y = (int)v / PAGS_OCCLUSION_CELL;
+      const int64_t at = (int64_t)v * photo->stride + (int64_t)u;
+      if ((photo->mask && !photo->mask[at]) || (photo->labels && photo->labels[at] & never) ||
+          !is_clear(z_buffer, x, y))
         continue;
-      double below = depth_below(z_buffer, x, y);
-      emit(photo, camera, origin, u, v, draw_depth(far->seed, STREAM + 2 * t + 1, b, below, far->farthest), far);
+      const double below = depth_below(z_buffer, x, y);
+      const double depth = draw_depth(far->seed, STREAM + 2 * t + 1, b, below, far->farthest);
+      if (!pags_camera_point(camera, u, v, depth, p))
+        break;
+      for (int k = 0; k < 3; k++) {
+        far->xyz[3 * far->count + k] =
+            (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3] - origin[k]);
+        far->rgb[3 * far->count + k] = photo->rgb[k * plane + at];
+      }
+      far->count++;
       break;
     }
   }

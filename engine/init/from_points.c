@@ -5,13 +5,11 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
 
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "dataset/internal.h"
-#include "init/knn.h"
 #include "maths/maths.h"
 #include "scene/morton.h"
 
@@ -29,40 +27,31 @@ static const double most_sigma = 0.1;
  * a black point cloud would stay black. */
 static const double least_level = 0.5;
 
-static int by_value(const void *a, const void *b) {
-  const double left = *(const double *)a, right = *(const double *)b;
-  return left < right ? -1 : left > right;
-}
-
 /* The median distance of the finite points from `centre`, of at most MOST of them; 0 without any. */
 static pags_result median_distance(int64_t points, const float *xyz, const double centre[3], double *median) {
   enum { MOST = 100000 };
   const int64_t step = points / MOST + 1;
   int64_t count = 0;
   *median = 0.0;
-  double *distances = malloc((size_t)(points / step + 1) * sizeof *distances);
-  if (!distances)
-    return pags_out_of_memory("%lld points", (long long)points);
+  PAGS_AUTOFREE double *distances = malloc((size_t)(points / step + 1) * sizeof *distances);
+  PAGS_CHECK_MEMORY(distances, "%lld points", (long long)points);
   for (int64_t i = 0; i < points; i += step) {
-    double square = 0.0;
-    for (int k = 0; k < 3; k++) {
-      const double d = (double)xyz[3 * i + k] - centre[k];
-      square += d * d;
-    }
+    double p[3];
+    pags_widen3(xyz + 3 * i, p);
+    const double square = pags_distance_squared3(p, centre);
     if (isfinite(square))
       distances[count++] = sqrt(square);
   }
   if (count > 0) {
-    pags_sort(distances, count, sizeof *distances, by_value);
+    pags_sort_doubles(distances, count);
     *median = distances[count / 2];
   }
-  free(distances);
   return PAGS_OK;
 }
 
 pags_result pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count, int64_t points,
                              const float *xyz, double *extent) {
-  double mean[3] = {0.0, 0.0, 0.0}, centre[3], largest = 0.0, median;
+  double mean[3] = {0.0, 0.0, 0.0}, centre[3], at[3], largest = 0.0, median;
   int64_t near = 0;
   for (int64_t i = 0; i < count; i++)
     near += !pags_dataset_is_far(dataset, views[i]);
@@ -70,15 +59,12 @@ pags_result pags_init_extent(const pags_dataset *dataset, const int64_t *views, 
     for (int k = 0; k < 3 && !pags_dataset_is_far(dataset, views[i]); k++)
       mean[k] += pags_dataset_view(dataset, views[i])->camera.world_from_camera[4 * k + 3] / (double)near;
   for (int64_t i = 0; i < count; i++) {
-    double square = 0.0;
-    for (int k = 0; k < 3 && !pags_dataset_is_far(dataset, views[i]); k++) {
-      double d = pags_dataset_view(dataset, views[i])->camera.world_from_camera[4 * k + 3] - mean[k];
-      square += d * d;
-    }
-    largest = fmax(largest, sqrt(square));
+    if (pags_dataset_is_far(dataset, views[i]))
+      continue;
+    pags_pose_position(pags_dataset_view(dataset, views[i])->camera.world_from_camera, at);
+    largest = fmax(largest, pags_distance3(at, mean));
   }
-  for (int k = 0; k < 3; k++)
-    centre[k] = mean[k] - pags_dataset_origin(dataset)[k];
+  pags_subtract3(mean, pags_dataset_origin(dataset), centre);
   PAGS_TRY(median_distance(points, xyz, centre, &median));
   *extent = fmax(1.1 * largest, least_share * median);
   if (*extent <= 1e-6)
@@ -103,48 +89,15 @@ static int64_t choose_points(int64_t points, const float *xyz, int64_t most, int
   return taken;
 }
 
-static void fill_row(const pags_train_config *config, const float *xyz, const uint8_t *rgb, float square, double extent,
-                     pags_gaussians *g, int64_t row) {
-  double sigma = sqrt((double)fmaxf(square, least_square));
-  float log_sigma = (float)pags_log(fmin(sigma, most_sigma * extent));
-  for (int k = 0; k < 3; k++) {
-    pags_plane(g, PAGS_MEAN + k)[row] = xyz[k];
-    pags_plane(g, PAGS_SCALE + k)[row] = log_sigma;
-    pags_plane(g, PAGS_SH + k)[row] = (float)((fmax((double)rgb[k], least_level) / 255.0 - 0.5) / PAGS_SH_C0);
-  }
-  pags_plane(g, PAGS_ROTATION)[row] = 1.0f;
-  pags_plane(g, PAGS_OPACITY)[row] = (float)pags_log(config->start.init_opacity / (1.0 - config->start.init_opacity));
-}
-
 /* Writes the order of the points along a Morton curve. */
 static pags_result order_points(int64_t count, const float *xyz, pags_tasks *tasks, int64_t *order) {
-  float *const planes = malloc(3 * (size_t)count * sizeof *planes);
-  if (!planes)
-    return pags_out_of_memory("%lld points", (long long)count);
+  PAGS_AUTOFREE float *planes = malloc(3 * (size_t)count * sizeof *planes);
+  PAGS_CHECK_MEMORY(planes, "%lld points", (long long)count);
   for (int64_t i = 0; i < count; i++)
     for (int k = 0; k < 3; k++)
       planes[k * count + i] = xyz[3 * i + k];
   static_assert(PAGS_MEAN == 0, "means are the first planes");
-  const pags_result result =
-      pags_morton_order(&(pags_gaussians){.count = count, .stride = count, .data = planes}, tasks, order);
-  free(planes);
-  return result;
-}
-
-/* Makes the Gaussians [begin, end) of those in Morton order. `xyz` and `square` (mean squared neighbour distances)
- * belong to the chosen points in their order, `rgb` to all points. */
-static pags_result sorted_rows(const pags_train_config *config, int64_t begin, int64_t end, const int64_t *order,
-                               const float *xyz, const uint8_t *rgb, const int64_t *chosen, const float *square,
-                               double extent, pags_gaussians *out) {
-  PAGS_TRY(pags_gaussians_create(out, end - begin, config->color.sh_degree));
-  if (end == begin)
-    PAGS_TRY(pags_gaussians_reserve(out, 1)); /* without room there would be no columns */
-  out->alpha_min = (float)config->picture.alpha_min;
-  for (int64_t row = begin; row < end; row++) {
-    const int64_t i = order[row];
-    fill_row(config, xyz + 3 * i, rgb + 3 * chosen[i], square[i], extent, out, row - begin);
-  }
-  return PAGS_OK;
+  return pags_morton_order(&(pags_gaussians){.count = count, .stride = count, .data = planes}, tasks, order);
 }
 
 int64_t pags_init_count(int64_t points, const float *xyz, int64_t most) {
@@ -158,31 +111,42 @@ pags_result pags_init_gaussians(const pags_train_config *config, int64_t points,
                                 int64_t most, double extent, const int64_t *rows, pags_tasks *tasks,
                                 pags_gaussians *out) {
   *out = (pags_gaussians){0};
-  int64_t *chosen = malloc((size_t)(points > 0 ? points : 1) * sizeof *chosen);
-  int64_t count = chosen ? choose_points(points, xyz, most, chosen) : 0;
-  const size_t room = (size_t)(count > 0 ? count : 1);
-  float *positions = malloc(room * 4 * sizeof *positions); /* then their mean squares */
-  int64_t *order = malloc(room * sizeof *order);
-  pags_result result = PAGS_OK;
-  if (!chosen || !positions || !order)
-    result = pags_out_of_memory("%lld points", (long long)points);
-  else if (count == 0)
-    result = pags_fail(PAGS_ERROR_FORMAT, "the data set has no point to start from: %lld points, none finite",
-                       (long long)points);
-  for (int64_t i = 0; result == PAGS_OK && i < count; i++)
-    for (int k = 0; k < 3; k++)
-      positions[3 * i + k] = xyz[3 * chosen[i] + k];
-  if (result == PAGS_OK)
-    result = pags_knn_mean_squared(positions, count, tasks, positions + 3 * count);
-  if (result == PAGS_OK)
-    result = order_points(count, positions, tasks, order);
-  if (result == PAGS_OK)
-    result = sorted_rows(config, rows ? rows[0] : 0, rows ? rows[1] : count, order, positions, rgb, chosen,
-                         positions + 3 * count, extent, out);
-  if (result != PAGS_OK)
-    pags_gaussians_destroy(out);
-  free(order);
-  free(positions);
-  free(chosen);
-  return result;
+  PAGS_AUTOFREE int64_t *chosen = malloc((size_t)(points > 0 ? points : 1) * sizeof *chosen);
+  PAGS_CHECK_MEMORY(chosen, "%lld points", (long long)points);
+  const int64_t count = choose_points(points, xyz, most, chosen);
+  if (count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "the data set has no point to start from: %lld points, none finite",
+                     (long long)points);
+  PAGS_AUTOFREE float *positions = malloc((size_t)count * 4 * sizeof *positions);
+  PAGS_AUTOFREE int64_t *order = malloc((size_t)count * sizeof *order);
+  PAGS_CHECK_MEMORY(positions && order, "%lld points", (long long)points);
+  float *const square = positions + 3 * count; /* mean squared neighbour distances */
+  for (int64_t i = 0; i < count; i++)
+    pags_copy3f(xyz + 3 * chosen[i], positions + 3 * i);
+  PAGS_TRY(pags_knn_mean_squared(positions, count, tasks, square));
+  PAGS_TRY(order_points(count, positions, tasks, order));
+
+  const int64_t begin = rows ? rows[0] : 0, end = rows ? rows[1] : count;
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
+  PAGS_TRY(pags_gaussians_create(&g, end - begin, config->color.sh_degree));
+  if (end == begin)
+    PAGS_TRY(pags_gaussians_reserve(&g, 1)); /* without room there would be no columns */
+  g.alpha_min = (float)config->picture.alpha_min;
+  const float opacity = (float)pags_log(config->start.init_opacity / (1.0 - config->start.init_opacity));
+  for (int64_t n = begin; n < end; n++) {
+    const int64_t i = order[n], row = n - begin;
+    const double sigma = sqrt((double)fmaxf(square[i], least_square));
+    const float log_sigma = (float)pags_log(fmin(sigma, most_sigma * extent));
+    for (int k = 0; k < 3; k++) {
+      const double level = fmax((double)rgb[3 * chosen[i] + k], least_level);
+      pags_plane(&g, PAGS_MEAN + k)[row] = positions[3 * i + k];
+      pags_plane(&g, PAGS_SCALE + k)[row] = log_sigma;
+      pags_plane(&g, PAGS_SH + k)[row] = (float)((level / 255.0 - 0.5) / PAGS_SH_C0);
+    }
+    pags_plane(&g, PAGS_ROTATION)[row] = 1.0f;
+    pags_plane(&g, PAGS_OPACITY)[row] = opacity;
+  }
+  *out = g;
+  g = (pags_gaussians){0};
+  return PAGS_OK;
 }

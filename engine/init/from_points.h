@@ -27,4 +27,11 @@ pags_result pags_init_gaussians(const pags_train_config *config, int64_t points,
 /* How many Gaussians that makes of the points. */
 int64_t pags_init_count(int64_t points, const float *xyz, int64_t most);
 
+/* Distances of points to their three nearest neighbours, from which initial Gaussians get their scales: out[i] = mean
+ * of the squared distances (metres^2) from point i to the 3 other points nearest to it; to all other points if there
+ * are fewer; 0 if there is no other. A duplicate of a point counts as a neighbour at distance 0; it is up to the caller
+ * to bound the result from below. `xyz` holds 3 finite floats a point. The result has the same bits for any number of
+ * threads. Errors: PAGS_ERROR_LIMIT beyond 2^31 - 1 points, PAGS_ERROR_MEMORY, PAGS_CANCELLED. */
+pags_result pags_knn_mean_squared(const float *xyz, int64_t count, pags_tasks *tasks, float *out);
+
 #endif

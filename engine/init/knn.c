@@ -6,10 +6,9 @@
  *
  * The result is exact in float, too: |p - plane| <= |p - q| holds for every q beyond the splitting plane, since
  * rounding is monotone, so that no nearer point is ever skipped. */
-#include "init/knn.h"
+#include "init/from_points.h"
 
 #include <float.h>
-#include <stdlib.h>
 
 #include "base/memory.h"
 
@@ -109,7 +108,7 @@ static void search(const tree *t, int64_t begin, int64_t end, int64_t self, near
     const int64_t middle = begin + (end - begin) / 2;
     const int axis = t->axis[middle];
     const float beyond = p[axis] - t->points[middle].p[axis];
-    const int left_first = beyond < 0.0f || (beyond == 0.0f && self < middle);
+    const bool left_first = beyond < 0.0f || (beyond == 0.0f && self < middle);
     if (middle != self)
       nearest_add(near, distance2(p, t->points[middle].p));
     search(t, left_first ? begin : middle + 1, left_first ? middle : end, self, near);
@@ -144,20 +143,12 @@ pags_result pags_knn_mean_squared(const float *xyz, int64_t count, pags_tasks *t
   if (count > INT32_MAX)
     return pags_fail(PAGS_ERROR_LIMIT, "nearest neighbours of %lld points, expected at most 2^31 - 1",
                      (long long)count);
-  tree t = {.count = count, .out = out};
-  t.points = malloc((size_t)(count ? count : 1) * sizeof *t.points);
-  t.axis = malloc((size_t)(count ? count : 1));
-  pags_result result = PAGS_OK;
-  if (!t.points || !t.axis) {
-    result = pags_out_of_memory("the nearest neighbours of %lld points", (long long)count);
-  } else {
-    for (int64_t i = 0; i < count; i++)
-      t.points[i] = (tree_point){.p = {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}, .row = (int32_t)i};
-    build(&t, 0, count);
-    if (!pags_parallel_for(tasks, count, GRAIN, search_block, &t))
-      result = pags_fail(PAGS_CANCELLED, "cancelled");
-  }
-  free(t.points);
-  free(t.axis);
-  return result;
+  PAGS_AUTOFREE tree_point *points = malloc((size_t)(count ? count : 1) * sizeof *points);
+  PAGS_AUTOFREE uint8_t *axis = malloc((size_t)(count ? count : 1));
+  PAGS_CHECK_MEMORY(points && axis, "the nearest neighbours of %lld points", (long long)count);
+  tree t = {.points = points, .axis = axis, .count = count, .out = out};
+  for (int64_t i = 0; i < count; i++)
+    points[i] = (tree_point){.p = {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}, .row = (int32_t)i};
+  build(&t, 0, count);
+  return pags_parallel_for(tasks, count, GRAIN, search_block, &t) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
 }

@@ -9,12 +9,10 @@
 #include "init/lidar_planes.h"
 
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 enum { LEVELS = 4, PULL_LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_BITS = 20 };
@@ -54,11 +52,12 @@ static uint64_t hash_of(uint64_t key) {
   return key ^ key >> 32;
 }
 
-static const pags_lidar_plane *find(const pags_lidar_planes *self, uint64_t key) {
-  for (uint64_t at = hash_of(key) & self->mask; self->table[at] >= 0; at = (at + 1) & self->mask)
-    if (self->list[self->table[at]].key == key)
-      return &self->list[self->table[at]];
-  return NULL;
+/* The slot of the table that holds the plane with this key, or the free one where it belongs. Keys are unique. */
+static int32_t *slot_of(const pags_lidar_planes *planes, uint64_t key) {
+  uint64_t at = hash_of(key) & planes->mask;
+  while (planes->table[at] >= 0 && planes->list[planes->table[at]].key != key)
+    at = (at + 1) & planes->mask;
+  return &planes->table[at];
 }
 
 /* ---- Fitting planes ---- */
@@ -80,7 +79,7 @@ static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, i
   pags_lidar_plane plane = {.key = run->key};
 
   /* Mean and covariance of the cell's points. */
-  memset(a, 0, 9 * sizeof(double));
+  memset(a, 0, sizeof a);
   for (int k = 0; k < 3; k++) {
     mean[k] = 0;
     for (int64_t i = 0; i < count; i++)
@@ -124,45 +123,23 @@ static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, i
     most = a[k][k] >= a[most][most] ? k : most;
   }
   double second = a[0][0] + a[1][1] + a[2][2] - a[least][least] - a[most][most];
-  int flat = a[least][least] <= thickest * thickest && second >= narrowest * narrowest * side * side;
-  for (int k = 0; k < 3; k++) {
-    plane.centre[k] = (float)mean[k];
+  const bool flat = a[least][least] <= thickest * thickest && second >= narrowest * narrowest * side * side;
+  pags_narrow3(mean, plane.centre);
+  for (int k = 0; k < 3; k++)
     plane.normal[k] = flat ? (float)v[k][least] : 0.0f;
-  }
   return plane;
 }
 
-static pags_result make_table(pags_lidar_planes *self) {
-  uint64_t size = 16;
-  while (size < 2 * (uint64_t)self->count)
-    size *= 2;
-  self->mask = size - 1;
-  self->table = malloc(size * sizeof *self->table);
-  if (!self->table)
-    return pags_out_of_memory("%lld LiDAR planes", (long long)self->count);
-  memset(self->table, 0xff, size * sizeof *self->table);
-  for (int64_t i = 0; i < self->count; i++) {
-    uint64_t at = hash_of(self->list[i].key) & self->mask;
-    while (self->table[at] >= 0)
-      at = (at + 1) & self->mask;
-    self->table[at] = (int32_t)i;
-  }
-  return PAGS_OK;
-}
-
 pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_planes *out) {
+  PAGS_AUTO(pags_lidar_planes_destroy) pags_lidar_planes planes = {0};
+  const size_t room = (size_t)(points->count > 0 ? points->count : 1);
   *out = (pags_lidar_planes){0};
-  size_t room = (size_t)(points->count > 0 ? points->count : 1);
-  keyed *keys = malloc(room * sizeof *keys);
-  out->list = malloc((room / LEAST_POINTS + 1) * LEVELS * sizeof *out->list);
-  if (!keys || !out->list) {
-    free(keys);
-    pags_lidar_planes_destroy(out);
-    return pags_out_of_memory("%lld points", (long long)points->count);
-  }
+  PAGS_AUTOFREE keyed *keys = malloc(room * sizeof *keys);
+  planes.list = malloc((room / LEAST_POINTS + 1) * LEVELS * sizeof *planes.list);
+  PAGS_CHECK_MEMORY(keys && planes.list, "%lld points", (long long)points->count);
   for (int level = 0; level < LEVELS; level++) {
     /* All cells of one size; `keys` has room for all points. */
-    double side = ldexp(finest, level);
+    const double side = ldexp(finest, level);
     int64_t n = 0;
     for (int64_t i = 0; i < points->count; i++) {
       int64_t cell[3];
@@ -176,30 +153,35 @@ pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_pl
       for (end = i + 1; end < n && keys[end].key == keys[i].key;)
         end++;
       if (end - i >= LEAST_POINTS)
-        out->list[out->count++] = fit(points, keys + i, end - i, side);
+        planes.list[planes.count++] = fit(points, keys + i, end - i, side);
     }
   }
-  free(keys);
-  pags_result result = make_table(out);
-  if (result != PAGS_OK)
-    pags_lidar_planes_destroy(out);
-  return result;
+
+  uint64_t size = 16;
+  while (size < 2 * (uint64_t)planes.count)
+    size *= 2;
+  planes.mask = size - 1;
+  planes.table = malloc(size * sizeof *planes.table);
+  PAGS_CHECK_MEMORY(planes.table, "%lld LiDAR planes", (long long)planes.count);
+  memset(planes.table, 0xff, size * sizeof *planes.table);
+  for (int64_t i = 0; i < planes.count; i++)
+    *slot_of(&planes, planes.list[i].key) = (int32_t)i;
+  *out = planes;
+  planes = (pags_lidar_planes){0};
+  return PAGS_OK;
 }
 
 pags_result pags_lidar_planes_create(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_planes *out) {
-  pags_lidar_points points = {0};
+  PAGS_AUTO(pags_lidar_points_destroy) pags_lidar_points points = {0};
   *out = (pags_lidar_planes){0};
-  pags_result result = pags_lidar_points_gather(dataset, tasks, MOST_POINTS, &points);
-  if (result == PAGS_OK && points.count > 0)
-    result = pags_lidar_planes_fit(&points, out);
-  pags_lidar_points_destroy(&points);
-  return result;
+  PAGS_TRY(pags_lidar_points_gather(dataset, tasks, MOST_POINTS, &points));
+  return points.count > 0 ? pags_lidar_planes_fit(&points, out) : PAGS_OK;
 }
 
-void pags_lidar_planes_destroy(pags_lidar_planes *self) {
-  free(self->list);
-  free(self->table);
-  *self = (pags_lidar_planes){0};
+void pags_lidar_planes_destroy(pags_lidar_planes *planes) {
+  free(planes->list);
+  free(planes->table);
+  *planes = (pags_lidar_planes){0};
 }
 
 /* ---- Pulling Gaussians onto planes ---- */
@@ -212,14 +194,10 @@ typedef struct drawing {
 
 /* Is p within reach of a plane of cells of side `side`? `across` receives its signed distance from the plane. */
 static bool reaches(const pags_lidar_plane *plane, const float p[3], float side, float *across) {
-  float d[3], along2 = 0;
-  *across = 0;
-  for (int k = 0; k < 3; k++) {
-    d[k] = p[k] - plane->centre[k];
-    *across += d[k] * plane->normal[k];
-    along2 += d[k] * d[k];
-  }
-  along2 -= *across * *across;
+  float d[3];
+  pags_subtract3f(p, plane->centre, d);
+  *across = pags_dot3f(d, plane->normal);
+  const float along2 = pags_dot3f(d, d) - *across * *across;
   return fabsf(*across) <= (float)farthest && along2 <= (float)(widest * widest) * side * side;
 }
 
@@ -231,8 +209,8 @@ typedef enum around {
 
 /* Finds the plane nearest to p among those that reach it in its own cell of one size and the six neighbours; `best`
  * receives it, or NULL, and `across` the signed distance. */
-static around plane_of_level(const pags_lidar_planes *self, const float p[3], int level, const pags_lidar_plane **best,
-                             float *across) {
+static around plane_of_level(const pags_lidar_planes *planes, const float p[3], int level,
+                             const pags_lidar_plane **best, float *across) {
   static const int8_t step[7][3] = {{0, 0, 0}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
   const double side = ldexp(finest, level);
   around found = UNKNOWN;
@@ -241,10 +219,11 @@ static around plane_of_level(const pags_lidar_planes *self, const float p[3], in
   *best = NULL;
   for (int i = 0; i < 7; i++) {
     const int64_t beside[3] = {cell[0] + step[i][0], cell[1] + step[i][1], cell[2] + step[i][2]};
-    const pags_lidar_plane *const plane = find(self, key_of(beside, level));
+    const int32_t index = *slot_of(planes, key_of(beside, level));
     float d;
-    if (!plane)
+    if (index < 0)
       continue;
+    const pags_lidar_plane *const plane = &planes->list[index];
     const bool rough = plane->normal[0] == 0.0f && plane->normal[1] == 0.0f && plane->normal[2] == 0.0f;
     if (rough && i == 0)
       return ROUGH;
@@ -259,20 +238,20 @@ static around plane_of_level(const pags_lidar_planes *self, const float p[3], in
 
 /* The plane to which p is pulled, of the smallest cells that have one; NULL if no cell has one or if p's own cell is
  * rough. */
-static const pags_lidar_plane *finest_plane(const pags_lidar_planes *self, const float p[3], float *across) {
+static const pags_lidar_plane *finest_plane(const pags_lidar_planes *planes, const float p[3], float *across) {
   const pags_lidar_plane *best = NULL;
   for (int level = 0; level < PULL_LEVELS && !best; level++)
-    if (plane_of_level(self, p, level, &best, across) == ROUGH)
+    if (plane_of_level(planes, p, level, &best, across) == ROUGH)
       return NULL;
   return best;
 }
 
 /* The plane into which p is laid: the nearest of the largest cells that have one, if it is near and level; else
  * NULL. */
-static const pags_lidar_plane *ground_plane(const pags_lidar_planes *self, const float p[3], float *across) {
+static const pags_lidar_plane *ground_plane(const pags_lidar_planes *planes, const float p[3], float *across) {
   const pags_lidar_plane *best = NULL;
   for (int level = LEVELS - 1; level >= 0 && !best; level--)
-    if (plane_of_level(self, p, level, &best, across) == UNKNOWN)
+    if (plane_of_level(planes, p, level, &best, across) == UNKNOWN)
       return NULL;
   const bool laid = best && fabsf(*across) <= (float)close && fabsf(best->normal[2]) >= (float)level_at;
   return laid ? best : NULL;
@@ -297,9 +276,9 @@ static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-bool pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks) {
-  drawing d = {self, g, (float)share};
-  return self->count == 0 || pags_parallel_for(tasks, g->count, GRAIN, draw_block, &d);
+bool pags_lidar_planes_pull(const pags_lidar_planes *planes, pags_gaussians *g, double share, pags_tasks *tasks) {
+  drawing d = {planes, g, (float)share};
+  return planes->count == 0 || pags_parallel_for(tasks, g->count, GRAIN, draw_block, &d);
 }
 
 /* ---- Laying Gaussians into planes ---- */
@@ -330,26 +309,19 @@ static int turn(pags_gaussians *g, int64_t row, const float normal[3], float sha
   for (int k = 0; k < 3; k++) {
     float a[3];
     axis_of(q, k, a);
-    const float dot = a[0] * normal[0] + a[1] * normal[1] + a[2] * normal[2];
+    const float dot = pags_dot3f(a, normal);
     if (fabsf(dot) <= fabsf(best))
       continue;
     best = dot;
     axis = k;
-    memcpy(along, a, sizeof along);
+    pags_copy3f(a, along);
   }
-  float goal[3], length = 0;
-  for (int k = 0; k < 3; k++) {
+  float goal[3], t[4];
+  for (int k = 0; k < 3; k++)
     goal[k] = (1 - share) * along[k] + copysignf(share, best) * normal[k];
-    length += goal[k] * goal[k];
-  }
-  length = sqrtf(length); /* at least 1/sqrt 2, since the angle between the two is less than 55 degrees */
-  float dot = 0;
-  for (int k = 0; k < 3; k++) {
-    goal[k] /= length;
-    dot += goal[k] * along[k];
-  }
-  const float t[4] = {1 + dot, along[1] * goal[2] - along[2] * goal[1], along[2] * goal[0] - along[0] * goal[2],
-                      along[0] * goal[1] - along[1] * goal[0]};
+  pags_divide3f(goal, pags_length3f(goal)); /* at least 1/sqrt 2: the angle between the two is less than 55 degrees */
+  t[0] = 1 + pags_dot3f(goal, along);
+  pags_cross3f(along, goal, t + 1);
   const float unit = sqrtf(t[0] * t[0] + t[1] * t[1] + t[2] * t[2] + t[3] * t[3]);
   const float turned[4] = {
       t[0] * q[0] - t[1] * q[1] - t[2] * q[2] - t[3] * q[3], t[0] * q[1] + t[1] * q[0] + t[2] * q[3] - t[3] * q[2],
@@ -376,7 +348,7 @@ static void lay_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-bool pags_lidar_planes_lay(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks) {
-  drawing d = {self, g, (float)share};
-  return self->count == 0 || pags_parallel_for(tasks, g->count, GRAIN, lay_block, &d);
+bool pags_lidar_planes_lay(const pags_lidar_planes *planes, pags_gaussians *g, double share, pags_tasks *tasks) {
+  drawing d = {planes, g, (float)share};
+  return planes->count == 0 || pags_parallel_for(tasks, g->count, GRAIN, lay_block, &d);
 }

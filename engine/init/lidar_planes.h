@@ -34,12 +34,12 @@ pags_result pags_lidar_planes_create(const pags_dataset *dataset, pags_tasks *ta
 /* Fits planes to the background's points in cells of 0.4, 0.8, 1.6 and 3.2 m. Points of parked objects are left out,
  * since bodywork and windows are no planes. */
 pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_planes *out);
-void pags_lidar_planes_destroy(pags_lidar_planes *self); /* a zeroed struct is allowed */
+void pags_lidar_planes_destroy(pags_lidar_planes *planes); /* a zeroed struct is allowed */
 
 /* Moves the means of Gaussians within 0.3 m of a plane of cells up to 1.6 m, on either side, towards it by `share`
  * (0..1) of the amount by which their distance exceeds 3 cm. Gaussians of parked objects (object_id >= 0) stay. The
  * caller must renew bounds of clusters, which no longer fit. Returns 0 when cancelled. */
-bool pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
+bool pags_lidar_planes_pull(const pags_lidar_planes *planes, pags_gaussians *g, double share, pags_tasks *tasks);
 
 /* Lays Gaussians within 0.1 m of the ground into it, by `share` (0..1) of the way: into the plane of the largest cell
  * that has one, where its slope is less than 26 degrees (z is up). The mean comes to the plane, the one of its axes
@@ -48,6 +48,6 @@ bool pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, do
  * that reaches out of it, blends to the right colours from where the photographs were taken, and to a stroke along
  * their line of sight from elsewhere. Gaussians of parked objects (object_id >= 0) stay. The caller must renew bounds
  * of clusters. The same bits for any number of threads. Returns false when cancelled. */
-bool pags_lidar_planes_lay(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
+bool pags_lidar_planes_lay(const pags_lidar_planes *planes, pags_gaussians *g, double share, pags_tasks *tasks);
 
 #endif

@@ -4,10 +4,9 @@
 #include "init/lidar_points.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 
 /* Margin, metres, by which labelled boxes are enlarged on every side: they are drawn too small as often as too large,
  * and mirrors stick out. */
@@ -15,27 +14,21 @@ static const double slack = 0.1;
 /* Points in the lowest layer of a box, of this height in metres, belong to the road. */
 static const double ground = 0.08;
 
-pags_result pags_lidar_points_reserve(pags_lidar_points *self, int64_t room) {
-  if (room <= self->room)
-    return PAGS_OK;
-  int64_t grown = self->room + self->room / 2 > room ? self->room + self->room / 2 : room;
-  pags_lidar_point *rows = realloc(self->rows, (size_t)grown * sizeof *rows);
-  if (!rows)
-    return pags_out_of_memory("%lld points", (long long)grown);
-  self->rows = rows;
-  self->room = grown;
+pags_result pags_lidar_points_reserve(pags_lidar_points *points, int64_t room) {
+  PAGS_CHECK_MEMORY(pags_grow(&points->rows, room, &points->room, sizeof *points->rows), "%lld points",
+                    (long long)room);
   return PAGS_OK;
 }
 
-void pags_lidar_points_destroy(pags_lidar_points *self) {
-  free(self->rows);
-  *self = (pags_lidar_points){0};
+void pags_lidar_points_destroy(pags_lidar_points *points) {
+  free(points->rows);
+  *points = (pags_lidar_points){0};
 }
 
 /* An object's box, posed at the time of a sweep. */
 typedef struct box {
   int32_t object;
-  int moving;
+  bool moving;
   double object_from_sweep[12];
   double half[3];   /* half of its enlarged sides, metres */
   double reach2;    /* squared radius of its bounding sphere */
@@ -55,15 +48,13 @@ static int list_boxes(const pags_dataset *dataset, const pags_sweep *sweep, box 
       box *b = &boxes[count++];
       b->object = (int32_t)i;
       b->moving = moving;
-      b->reach2 = 0;
       pags_rigid_inverse(pose, inverse);
       pags_rigid_multiply(inverse, sweep->world_from_sweep, b->object_from_sweep);
       pags_rigid_inverse(b->object_from_sweep, sweep_from_object);
-      for (int k = 0; k < 3; k++) {
+      for (int k = 0; k < 3; k++)
         b->half[k] = 0.5 * object->size[k] + slack;
-        b->reach2 += b->half[k] * b->half[k];
-        b->middle[k] = sweep_from_object[4 * k + 3];
-      }
+      b->reach2 = pags_dot3(b->half, b->half);
+      pags_pose_position(sweep_from_object, b->middle);
     }
   return count;
 }
@@ -73,8 +64,7 @@ static int list_boxes(const pags_dataset *dataset, const pags_sweep *sweep, box 
 static const box *find_box(const box *boxes, int count, const double p[3], double local[3]) {
   for (int i = 0; i < count; i++) {
     const box *b = &boxes[i];
-    double x = p[0] - b->middle[0], y = p[1] - b->middle[1], z = p[2] - b->middle[2];
-    if (x * x + y * y + z * z > b->reach2)
+    if (pags_distance_squared3(p, b->middle) > b->reach2)
       continue;
     pags_rigid_point(b->object_from_sweep, p, local);
     if (fabs(local[0]) <= b->half[0] && fabs(local[1]) <= b->half[1] && local[2] <= b->half[2] &&
@@ -100,48 +90,23 @@ static void classify_block(void *context, int64_t begin, int64_t end, int worker
   const gathering *g = context;
   const double *origin = pags_dataset_origin(g->dataset);
   for (int64_t i = begin; i < end; i++) {
-    double p[3] = {(double)g->xyz[3 * i], (double)g->xyz[3 * i + 1], (double)g->xyz[3 * i + 2]}, local[3];
+    double p[3], local[3];
+    pags_widen3(g->xyz + 3 * i, p);
     const box *b = find_box(g->boxes, g->box_count, p, local);
-    pags_lidar_point row = {.time = g->time, .owner = -1, .parked = -1, .source = -1, .merged = 1};
-    if (b && b->moving)
-      row.owner = b->object;
-    else if (b)
-      row.parked = b->object;
+    pags_lidar_point row = {.time = g->time,
+                            .owner = b && b->moving ? b->object : -1,
+                            .parked = b && !b->moving ? b->object : -1,
+                            .source = -1,
+                            .merged = 1};
     if (row.owner < 0) {
       pags_rigid_point(g->sweep->world_from_sweep, p, local);
-      if (!(i * g->keep / g->of != (i + 1) * g->keep / g->of))
+      pags_subtract3(local, origin, local);
+      if (i * g->keep / g->of == (i + 1) * g->keep / g->of)
         row.kind = -1;
     }
-    for (int k = 0; k < 3; k++)
-      row.p[k] = (float)(row.owner < 0 ? local[k] - origin[k] : local[k]);
+    pags_narrow3(local, row.p);
     g->rows[i] = row;
   }
-}
-
-static pags_result gather_sweep(gathering *g, pags_tasks *tasks, box *boxes, int64_t index, pags_lidar_points *out) {
-  int64_t count;
-  float *xyz;
-  g->sweep = pags_dataset_sweep(g->dataset, index);
-  PAGS_TRY(pags_dataset_sweep_load(g->dataset, index, &count, &xyz));
-  g->xyz = xyz;
-  g->boxes = boxes;
-  g->box_count = list_boxes(g->dataset, g->sweep, boxes);
-  g->time = (float)(g->sweep->time - pags_dataset_sweep(g->dataset, 0)->time);
-  g->of = count > 0 ? count : 1;
-  int64_t share = g->keep;
-  g->keep = share < g->of ? share : g->of;
-  pags_result result = pags_lidar_points_reserve(out, out->count + count);
-  if (result == PAGS_OK) {
-    g->rows = out->rows + out->count;
-    if (!pags_parallel_for(tasks, count, 4096, classify_block, g))
-      result = pags_fail(PAGS_CANCELLED, "cancelled while reading LiDAR");
-  }
-  g->keep = share;
-  free(xyz);
-  for (int64_t i = 0; result == PAGS_OK && i < count; i++)
-    if (g->rows[i].kind >= 0)
-      out->rows[out->count++] = g->rows[i];
-  return result;
 }
 
 pags_result pags_lidar_points_gather(const pags_dataset *dataset, pags_tasks *tasks, int64_t most,
@@ -151,14 +116,31 @@ pags_result pags_lidar_points_gather(const pags_dataset *dataset, pags_tasks *ta
     sweeps += !pags_dataset_sweep(dataset, i)->test;
   if (sweeps == 0)
     return PAGS_OK;
-  box *boxes = malloc((size_t)(objects > 0 ? objects : 1) * sizeof *boxes);
-  if (!boxes)
-    return pags_out_of_memory("%lld boxes", (long long)objects);
-  gathering g = {.dataset = dataset, .keep = most / sweeps > 0 ? most / sweeps : 1};
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; result == PAGS_OK && i < pags_dataset_sweep_count(dataset); i++)
-    if (!pags_dataset_sweep(dataset, i)->test)
-      result = gather_sweep(&g, tasks, boxes, i, out);
-  free(boxes);
-  return result;
+  const int64_t share = most / sweeps > 0 ? most / sweeps : 1;
+  PAGS_AUTOFREE box *boxes = malloc((size_t)(objects > 0 ? objects : 1) * sizeof *boxes);
+  PAGS_CHECK_MEMORY(boxes, "%lld boxes", (long long)objects);
+  for (int64_t n = 0; n < pags_dataset_sweep_count(dataset); n++) {
+    const pags_sweep *sweep = pags_dataset_sweep(dataset, n);
+    if (sweep->test)
+      continue;
+    int64_t count;
+    PAGS_AUTOFREE float *xyz = NULL;
+    PAGS_TRY(pags_dataset_sweep_load(dataset, n, &count, &xyz));
+    PAGS_TRY(pags_lidar_points_reserve(out, out->count + count));
+    gathering g = {.dataset = dataset,
+                   .sweep = sweep,
+                   .xyz = xyz,
+                   .boxes = boxes,
+                   .box_count = list_boxes(dataset, sweep, boxes),
+                   .of = count > 0 ? count : 1,
+                   .time = (float)(sweep->time - pags_dataset_sweep(dataset, 0)->time),
+                   .rows = out->rows + out->count};
+    g.keep = share < g.of ? share : g.of;
+    if (!pags_parallel_for(tasks, count, 4096, classify_block, &g))
+      return pags_fail(PAGS_CANCELLED, "cancelled while reading LiDAR");
+    for (int64_t i = 0; i < count; i++)
+      if (g.rows[i].kind >= 0)
+        out->rows[out->count++] = g.rows[i];
+  }
+  return PAGS_OK;
 }

@@ -30,8 +30,8 @@ typedef struct pags_lidar_points {
   pags_lidar_point *rows;
 } pags_lidar_points;
 
-pags_result pags_lidar_points_reserve(pags_lidar_points *self, int64_t room);
-void pags_lidar_points_destroy(pags_lidar_points *self); /* a zeroed struct is allowed */
+pags_result pags_lidar_points_reserve(pags_lidar_points *points, int64_t room);
+void pags_lidar_points_destroy(pags_lidar_points *points); /* a zeroed struct is allowed */
 
 /* Reads the sweeps of the training time steps and assigns their points to the objects' boxes, posed at that time.
  * Takes all points in boxes of moving objects (enlarged by 0.1 m, without the ground below), and of all others an

@@ -2,12 +2,11 @@
 /* Thins the background's LiDAR points: merges them by voxels that grow with the distance from the cameras, and
  * removes outliers and points of the ego vehicle. */
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
 #include "base/sort.h"
-#include "init/knn.h"
+#include "base/vec3.h"
+#include "init/from_points.h"
 #include "init/lidar_points.h"
 
 enum { LEVELS = 12, BLOCK = 2048 };
@@ -22,6 +21,17 @@ typedef struct levels {
   int64_t eye_count;
   uint8_t *level;
 } levels;
+
+/* Runs a pass with one byte of `level` per point. The caller frees it, also after a failure. */
+static pags_result find_levels(const pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
+                               pags_block_fn *pass, uint8_t **level) {
+  *level = malloc((size_t)(points->count > 0 ? points->count : 1));
+  PAGS_CHECK_MEMORY(*level, "%lld points", (long long)points->count);
+  levels l = {points->rows, eyes, eye_count, *level};
+  return pags_parallel_for(tasks, points->count, BLOCK, pass, &l)
+             ? PAGS_OK
+             : pags_fail(PAGS_CANCELLED, "cancelled while thinning points");
+}
 
 /* ---- Levels by distance ---- */
 
@@ -44,19 +54,6 @@ static void level_block(void *context, int64_t begin, int64_t end, int worker) {
     }
     l->level[i] = (uint8_t)level;
   }
-}
-
-static pags_result find_levels(const pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
-                               uint8_t **out) {
-  *out = malloc((size_t)(points->count > 0 ? points->count : 1));
-  if (!*out)
-    return pags_out_of_memory("%lld points", (long long)points->count);
-  levels l = {points->rows, eyes, eye_count, *out};
-  if (pags_parallel_for(tasks, points->count, BLOCK, level_block, &l))
-    return PAGS_OK;
-  free(*out);
-  *out = NULL;
-  return pags_fail(PAGS_CANCELLED, "cancelled while thinning points");
 }
 
 /* ---- Merging by voxels ---- */
@@ -101,50 +98,41 @@ static void merge_into(pags_lidar_point *to, const pags_lidar_point *from) {
 
 pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
                                     double side) {
-  uint8_t *level;
+  PAGS_AUTOFREE uint8_t *level = NULL;
   uint64_t size = 16;
   if (points->count > INT32_MAX / 4)
     return pags_fail(PAGS_ERROR_LIMIT, "%lld points are too many to thin", (long long)points->count);
   while (size < 2 * (uint64_t)points->count)
     size *= 2;
-  PAGS_TRY(find_levels(points, tasks, eyes, eye_count, &level));
-  int32_t *table = malloc(size * sizeof *table);
-  key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
-  pags_result result = PAGS_OK;
-  if (!table || !keys) {
-    result = pags_out_of_memory("%lld voxels", (long long)points->count);
-  } else {
-    memset(table, 0xff, size * sizeof *table);
+  PAGS_TRY(find_levels(points, tasks, eyes, eye_count, level_block, &level));
+  PAGS_AUTOFREE int32_t *table = malloc(size * sizeof *table);
+  PAGS_AUTOFREE key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
+  PAGS_CHECK_MEMORY(table && keys, "%lld voxels", (long long)points->count);
+  memset(table, 0xff, size * sizeof *table);
 
-    /* Each point of the background is merged into the first one of its voxel; all other rows are kept. */
-    uint64_t mask = size - 1;
-    int64_t kept = 0;
-    for (int64_t i = 0; i < points->count; i++) {
-      pags_lidar_point row = points->rows[i];
-      if (row.owner < 0) {
-        key k = key_of(&row, level[i], side);
+  /* Each point of the background is merged into the first one of its voxel; all other rows are kept. */
+  const uint64_t mask = size - 1;
+  int64_t kept = 0;
+  for (int64_t i = 0; i < points->count; i++) {
+    const pags_lidar_point row = points->rows[i];
+    if (row.owner < 0) {
+      const key k = key_of(&row, level[i], side);
 
-        /* Hash table with open addressing: indices of the kept rows; keys[i] is the voxel of kept row i. */
-        uint64_t at = hash_of(&k) & mask;
-        while (table[at] >= 0 && memcmp(&keys[table[at]], &k, sizeof k) != 0)
-          at = (at + 1) & mask;
-        int64_t slot = (int64_t)at;
-
-        if (table[slot] >= 0) {
-          merge_into(&points->rows[table[slot]], &row);
-          continue;
-        }
-        table[slot] = (int32_t)kept;
-        keys[kept] = k;
+      /* Hash table with open addressing: indices of the kept rows; keys[i] is the voxel of kept row i. */
+      uint64_t at = hash_of(&k) & mask;
+      while (table[at] >= 0 && memcmp(&keys[table[at]], &k, sizeof k) != 0)
+        at = (at + 1) & mask;
+      if (table[at] >= 0) {
+        merge_into(&points->rows[table[at]], &row);
+        continue;
       }
-      points->rows[kept++] = row;
+      table[at] = (int32_t)kept;
+      keys[kept] = k;
     }
-    points->count = kept;
+    points->rows[kept++] = row;
   }
-  free(keys);
-  free(table);
-  free(level);
-  return result;
+  points->count = kept;
+  return PAGS_OK;
 }
 
 /* ---- Points of the ego vehicle ---- */
@@ -169,76 +157,53 @@ static void rig_block(void *context, int64_t begin, int64_t end, int worker) {
 
 pags_result pags_lidar_points_remove_rig(pags_lidar_points *points, pags_tasks *tasks, const float *eyes,
                                          int64_t eye_count) {
+  PAGS_AUTOFREE uint8_t *inside = NULL;
   int64_t kept = 0;
-  uint8_t *inside = malloc((size_t)(points->count > 0 ? points->count : 1));
-  if (!inside)
-    return pags_out_of_memory("%lld points", (long long)points->count);
-  levels l = {points->rows, eyes, eye_count, inside};
-  pags_result result = pags_parallel_for(tasks, points->count, BLOCK, rig_block, &l)
-                           ? PAGS_OK
-                           : pags_fail(PAGS_CANCELLED, "cancelled while thinning points");
-  for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
+  PAGS_TRY(find_levels(points, tasks, eyes, eye_count, rig_block, &inside));
+  for (int64_t i = 0; i < points->count; i++)
     if (points->rows[i].owner >= 0 || !inside[i])
       points->rows[kept++] = points->rows[i];
-  if (result == PAGS_OK)
-    points->count = kept;
-  free(inside);
-  return result;
+  points->count = kept;
+  return PAGS_OK;
 }
 
 /* ---- Outliers ---- */
 
-/* Sets kind = -1 for the outliers among the background's points, whose rows `index` lists. `floats` has room for 5
- * floats a row (position, mean squared distance, scratch), `own` for a level a row. */
-static pags_result mark_outliers(pags_lidar_points *points, pags_tasks *tasks, const uint8_t *level,
-                                 const int64_t *index, int64_t count, float *floats, uint8_t *own) {
-  float *square = floats + 3 * count, limits[LEVELS];
-  for (int64_t i = 0; i < count; i++) {
-    memcpy(floats + 3 * i, points->rows[index[i]].p, 3 * sizeof *floats);
-    own[i] = level[index[i]];
-  }
-  PAGS_TRY(pags_knn_mean_squared(floats, count, tasks, square));
+pags_result pags_lidar_points_remove_outliers(pags_lidar_points *points, pags_tasks *tasks, const float *eyes,
+                                              int64_t eye_count) {
+  PAGS_AUTOFREE uint8_t *level = NULL;
+  int64_t count = 0, kept = 0;
+  PAGS_TRY(find_levels(points, tasks, eyes, eye_count, level_block, &level));
+  const size_t room = (size_t)(points->count > 0 ? points->count : 1);
+  PAGS_AUTOFREE int64_t *index = malloc(room * sizeof *index); /* rows of the background */
+  PAGS_AUTOFREE float *xyz = malloc(room * 3 * sizeof *xyz);
+  PAGS_AUTOFREE float *square = malloc(room * sizeof *square); /* mean squared distances */
+  PAGS_AUTOFREE float *scratch = malloc(room * sizeof *scratch);
+  PAGS_CHECK_MEMORY(index && xyz && square && scratch, "%lld points", (long long)points->count);
+  for (int64_t i = 0; i < points->count; i++)
+    if (points->rows[i].owner < 0) {
+      pags_copy3f(points->rows[i].p, xyz + 3 * count);
+      index[count++] = i;
+    }
+  PAGS_TRY(pags_knn_mean_squared(xyz, count, tasks, square));
 
   /* The limit of each level is sixteen times the median of its mean squared distances; infinity with fewer than 16
    * points. */
-  float *scratch = square + count;
+  float limits[LEVELS];
   for (int l = 0; l < LEVELS; l++) {
     int64_t n = 0;
     for (int64_t i = 0; i < count; i++)
-      if (own[i] == l)
+      if (level[index[i]] == l)
         scratch[n++] = square[i];
     pags_sort_floats(scratch, n);
     limits[l] = n >= 16 ? 16 * scratch[n / 2] : INFINITY;
   }
-
   for (int64_t i = 0; i < count; i++)
-    if (square[i] > limits[own[i]])
+    if (square[i] > limits[level[index[i]]])
       points->rows[index[i]].kind = -1;
-  return PAGS_OK;
-}
-
-pags_result pags_lidar_points_remove_outliers(pags_lidar_points *points, pags_tasks *tasks, const float *eyes,
-                                              int64_t eye_count) {
-  uint8_t *level;
-  int64_t count = 0, kept = 0;
-  PAGS_TRY(find_levels(points, tasks, eyes, eye_count, &level));
-  size_t room = (size_t)(points->count > 0 ? points->count : 1);
-  int64_t *index = malloc(room * sizeof *index);
-  float *floats = malloc(room * 5 * sizeof *floats);
-  uint8_t *own = malloc(room);
-  for (int64_t i = 0; index && i < points->count; i++)
-    if (points->rows[i].owner < 0)
-      index[count++] = i;
-  pags_result result = index && floats && own ? mark_outliers(points, tasks, level, index, count, floats, own)
-                                              : pags_out_of_memory("%lld points", (long long)points->count);
-  for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
+  for (int64_t i = 0; i < points->count; i++)
     if (points->rows[i].kind >= 0)
       points->rows[kept++] = points->rows[i];
-  if (result == PAGS_OK)
-    points->count = kept;
-  free(own);
-  free(floats);
-  free(index);
-  free(level);
-  return result;
+  points->count = kept;
+  return PAGS_OK;
 }

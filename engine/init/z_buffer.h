@@ -22,18 +22,18 @@ typedef struct pags_seen_point {
   float z;    /* camera z, metres, or the distance from a camera with a lens; 0: outside of the picture */
 } pags_seen_point;
 
-/* Sets the size and empties all cells. Memory is reused from call to call; `self` may be a zeroed struct. The focal
+/* Sets the size and empties all cells. Memory is reused from call to call; `buffer` may be a zeroed struct. The focal
  * length (px) converts metres at a depth to pixels. */
-pags_result pags_z_buffer_reset(pags_z_buffer *self, int width, int height, double focal);
-void pags_z_buffer_destroy(pags_z_buffer *self);
+pags_result pags_z_buffer_reset(pags_z_buffer *buffer, int width, int height, double focal);
+void pags_z_buffer_destroy(pags_z_buffer *buffer);
 
 /* Draws the points, so that they hide what lies behind them. Each covers a rectangle about its pixel: to either side
  * half the mean spacing of the points in the picture, but at least 0.08 m and at most 0.5 m or 16 px; twice as far
  * down, and a quarter as far up. The reason is that things stand on the ground: below a point there is more of the
  * same thing, while above a point of the road there is road further away. */
-void pags_z_buffer_add(pags_z_buffer *self, const pags_seen_point *points, int64_t count);
+void pags_z_buffer_add(pags_z_buffer *buffer, const pags_seen_point *points, int64_t count);
 
 /* Returns 1 if no drawn point is clearly nearer to the camera at this pixel, so that the point is visible. */
-bool pags_z_buffer_visible(const pags_z_buffer *self, const pags_seen_point *point);
+bool pags_z_buffer_visible(const pags_z_buffer *buffer, const pags_seen_point *point);
 
 #endif

@@ -10,7 +10,7 @@
 #include <cmocka.h>
 
 #include "base/rng.h"
-#include "init/knn.h"
+#include "init/from_points.h"
 
 static void all_pairs(const float *xyz, int64_t count, float *out) {
   for (int64_t i = 0; i < count; i++) {
