@@ -89,14 +89,6 @@ static const inside *find_inside(const pags_tasks *tasks) {
   return at;
 }
 
-static void relax(void) {
-#if defined(__x86_64__) || defined(__i386__)
-  __builtin_ia32_pause();
-#elif defined(__aarch64__)
-  __asm__ volatile("yield");
-#endif
-}
-
 /* Spins until `ready` returns true, for at most about SPIN_NANOSECONDS. Returns whether it did. */
 static bool spin_until(bool (*ready)(pags_tasks *), pags_tasks *tasks) {
   int64_t deadline = 0;
@@ -104,7 +96,11 @@ static bool spin_until(bool (*ready)(pags_tasks *), pags_tasks *tasks) {
     for (int i = 0; i < 32; ++i) {
       if (ready(tasks))
         return true;
-      relax();
+#if defined(__x86_64__) || defined(__i386__)
+      __builtin_ia32_pause();
+#elif defined(__aarch64__)
+      __asm__ volatile("yield");
+#endif
     }
     int64_t now = pags_port_clock_ns();
     if (deadline == 0)
@@ -135,10 +131,6 @@ static void run_shared_blocks(pags_tasks *tasks, int worker) {
 static void run_all_blocks(const pags_tasks *tasks, const loop *l, int worker) {
   for (uint64_t block = 0; block < l->blocks && !pags_tasks_cancelled(tasks); ++block)
     run_block(l, block, worker);
-}
-
-static bool gate_is_open(pags_tasks *tasks) {
-  return (atomic_load(&tasks->gate) & GATE_OPEN) != 0;
 }
 
 static bool nobody_inside(pags_tasks *tasks) {
@@ -207,13 +199,6 @@ static void wake_useful(pags_tasks *tasks, uint64_t wanted) {
     wake_sleepers(tasks, wanted < (uint64_t)room ? wanted : (uint64_t)room);
 }
 
-static void run_on_pool(pags_tasks *tasks) {
-  atomic_store(&tasks->gate, GATE_OPEN);
-  wake_useful(tasks, tasks->loop.blocks - 1);
-  run_shared_blocks(tasks, 0);
-  close_gate(tasks);
-}
-
 static void host_entry(void *argument, int worker) {
   pags_tasks *tasks = argument;
   assert(worker >= 0 && worker < tasks->workers);
@@ -226,14 +211,18 @@ static void host_entry(void *argument, int worker) {
 static void run_loop(pags_tasks *tasks, const loop *l) {
   if (tasks->workers == 1 || l->blocks == 1) {
     run_all_blocks(tasks, l, 0);
-  } else {
-    tasks->loop = *l;
-    atomic_store_explicit(&tasks->next_block, 0, memory_order_relaxed);
-    if (tasks->hosted)
-      tasks->runner.run(tasks->runner.user, host_entry, tasks);
-    else
-      run_on_pool(tasks);
+    return;
   }
+  tasks->loop = *l;
+  atomic_store_explicit(&tasks->next_block, 0, memory_order_relaxed);
+  if (tasks->hosted) {
+    tasks->runner.run(tasks->runner.user, host_entry, tasks);
+    return;
+  }
+  atomic_store(&tasks->gate, GATE_OPEN);
+  wake_useful(tasks, tasks->loop.blocks - 1);
+  run_shared_blocks(tasks, 0);
+  close_gate(tasks);
 }
 
 /* Runs a loop and records it, block by block if this thread runs all of them. */
@@ -305,35 +294,16 @@ bool pags_tasks_cancelled(const pags_tasks *tasks) {
 
 /* ---- Jobs ---- */
 
-static void append_job(pags_tasks *tasks, pags_job *job) {
-  job->next = NULL;
-  job->state = JOB_QUEUED;
-  if (tasks->last_job)
-    tasks->last_job->next = job;
-  else
-    tasks->first_job = job;
-  tasks->last_job = job;
-  atomic_fetch_add(&tasks->queued, 1);
-}
-
-/* Takes `job` out of the list. The lock is held and the job is in the list. */
-static void remove_job(pags_tasks *tasks, pags_job *job) {
-  pags_job *previous = NULL;
-  for (pags_job *at = tasks->first_job; at != job; at = at->next)
-    previous = at;
-  if (previous)
-    previous->next = job->next;
-  else
-    tasks->first_job = job->next;
-  if (tasks->last_job == job)
-    tasks->last_job = previous;
-  atomic_fetch_sub(&tasks->queued, 1);
-}
-
 /* Takes `job` out of the list and runs it. The lock is held at entry and at return, but not while the job runs. Once
  * its state is JOB_DONE the job belongs to the submitter again and must not be accessed here. */
 static void run_job_locked(pags_tasks *tasks, pags_job *job) {
-  remove_job(tasks, job);
+  pags_job *previous = NULL;
+  for (pags_job *at = tasks->first_job; at != job; at = at->next)
+    previous = at;
+  *(previous ? &previous->next : &tasks->first_job) = job->next;
+  if (tasks->last_job == job)
+    tasks->last_job = previous;
+  atomic_fetch_sub(&tasks->queued, 1);
   job->state = JOB_RUNNING;
   pthread_mutex_unlock(&tasks->lock);
   job->run(job->context);
@@ -357,7 +327,11 @@ void pags_job_submit(pags_tasks *tasks, pags_job *job) {
   assert(job->run);
   pthread_mutex_lock(&tasks->lock);
   assert(job->state == JOB_IDLE || job->state == JOB_DONE);
-  append_job(tasks, job);
+  job->next = NULL;
+  job->state = JOB_QUEUED;
+  *(tasks->last_job ? &tasks->last_job->next : &tasks->first_job) = job;
+  tasks->last_job = job;
+  atomic_fetch_add(&tasks->queued, 1);
   pthread_mutex_unlock(&tasks->lock);
   wake_useful(tasks, 1);
 }
@@ -386,16 +360,7 @@ void pags_job_wait(pags_tasks *tasks, pags_job *job) {
 /* ---- Threads ---- */
 
 static bool has_work(pags_tasks *tasks) {
-  return gate_is_open(tasks) || atomic_load(&tasks->queued) != 0 || atomic_load(&tasks->stopping);
-}
-
-static void sleep_until_work(pags_tasks *tasks) {
-  pthread_mutex_lock(&tasks->lock);
-  atomic_fetch_add(&tasks->sleepers, 1);
-  while (!has_work(tasks))
-    pthread_cond_wait(&tasks->wake, &tasks->lock);
-  atomic_fetch_sub(&tasks->sleepers, 1);
-  pthread_mutex_unlock(&tasks->lock);
+  return (atomic_load(&tasks->gate) & GATE_OPEN) || atomic_load(&tasks->queued) != 0 || atomic_load(&tasks->stopping);
 }
 
 static void *worker_main(void *argument) {
@@ -412,7 +377,12 @@ static void *worker_main(void *argument) {
     } else if (atomic_load(&tasks->stopping)) {
       break;
     } else if (awake(tasks) > tasks->useful || !spin_until(has_work, tasks)) {
-      sleep_until_work(tasks);
+      pthread_mutex_lock(&tasks->lock);
+      atomic_fetch_add(&tasks->sleepers, 1);
+      while (!has_work(tasks))
+        pthread_cond_wait(&tasks->wake, &tasks->lock);
+      atomic_fetch_sub(&tasks->sleepers, 1);
+      pthread_mutex_unlock(&tasks->lock);
     }
   }
   innermost = NULL;
@@ -433,18 +403,6 @@ static bool start_workers(pags_tasks *tasks) {
   return started;
 }
 
-static bool create_arenas(pags_tasks *tasks) {
-  tasks->arenas = calloc((size_t)tasks->workers, sizeof *tasks->arenas);
-  if (!tasks->arenas)
-    return false;
-  for (int i = 0; i < tasks->workers; ++i) {
-    tasks->arenas[i] = pags_arena_create();
-    if (!tasks->arenas[i])
-      return false;
-  }
-  return true;
-}
-
 static pags_tasks *create_without_threads(int workers) {
   pags_tasks *tasks = pags_port_aligned_alloc(_Alignof(pags_tasks), sizeof *tasks);
   if (!tasks)
@@ -454,11 +412,14 @@ static pags_tasks *create_without_threads(int workers) {
   pthread_cond_init(&tasks->wake, NULL);
   pthread_cond_init(&tasks->left, NULL);
   pthread_cond_init(&tasks->job_done, NULL);
-  if (!create_arenas(tasks)) {
-    pags_tasks_destroy(tasks);
-    return NULL;
-  }
-  return tasks;
+  tasks->arenas = calloc((size_t)workers, sizeof *tasks->arenas);
+  bool complete = tasks->arenas != NULL;
+  for (int i = 0; i < workers && complete; i++)
+    complete = (tasks->arenas[i] = pags_arena_create()) != NULL;
+  if (complete)
+    return tasks;
+  pags_tasks_destroy(tasks);
+  return NULL;
 }
 
 pags_tasks *pags_tasks_create(int threads) {
@@ -486,19 +447,15 @@ pags_tasks *pags_tasks_create_with_runner(const pags_runner *runner) {
   return tasks;
 }
 
-/* Runs jobs on the calling thread until none is queued; without threads of the pool, nobody else would run them. */
-static void finish_jobs(pags_tasks *tasks) {
+void pags_tasks_destroy(pags_tasks *tasks) {
+  if (!tasks)
+    return;
+  /* Jobs that are still queued run here; without threads of the pool, nobody else would run them. */
   const inside here = {tasks, 0, innermost};
   innermost = &here;
   while (run_next_job(tasks))
     continue;
   innermost = here.outer;
-}
-
-void pags_tasks_destroy(pags_tasks *tasks) {
-  if (!tasks)
-    return;
-  finish_jobs(tasks);
   atomic_store(&tasks->stopping, 1);
   wake_sleepers(tasks, UINT64_MAX);
   for (int i = 1; i <= tasks->started; ++i)

@@ -20,102 +20,57 @@ pags_result pags_fail_errno(const char *path, const char *what) {
 /* ---- Reading ---- */
 
 /* Opens a regular file for reading and returns its size in bytes; anything else is refused. */
-static pags_result open_regular(const char *path, FILE **stream, uint64_t *size) {
+static pags_result open_regular(const char *path, FILE **out, uint64_t *size) {
   pags_port_status status;
-  *stream = pags_port_open(path, "rb");
-  if (!*stream && errno == EISDIR)
+  PAGS_AUTO(pags_file_close) FILE *stream = pags_port_open(path, "rb");
+  if (!stream && errno == EISDIR)
     return pags_fail(PAGS_ERROR_IO, "%s: expected a file, found a folder", path);
-  if (!*stream)
+  if (!stream || !pags_port_stream_stat(stream, &status))
     return pags_fail_errno(path, "can't open");
-  pags_result result = PAGS_OK;
-  if (!pags_port_stream_stat(*stream, &status))
-    result = pags_fail_errno(path, "can't open");
-  else if (status.kind == PAGS_PORT_FOLDER)
-    result = pags_fail(PAGS_ERROR_IO, "%s: expected a file, found a folder", path);
-  else if (status.kind != PAGS_PORT_FILE)
-    result = pags_fail(PAGS_ERROR_IO, "%s: expected a regular file", path);
-  if (result != PAGS_OK) {
-    fclose(*stream);
-    *stream = NULL;
-    return result;
-  }
+  if (status.kind == PAGS_PORT_FOLDER)
+    return pags_fail(PAGS_ERROR_IO, "%s: expected a file, found a folder", path);
+  if (status.kind != PAGS_PORT_FILE)
+    return pags_fail(PAGS_ERROR_IO, "%s: expected a regular file", path);
+  *out = pags_take(&stream);
   *size = status.size;
   return PAGS_OK;
 }
 
 pags_result pags_file_size(const char *path, uint64_t *size) {
-  FILE *stream;
-  PAGS_TRY(open_regular(path, &stream, size));
-  fclose(stream);
-  return PAGS_OK;
+  PAGS_AUTO(pags_file_close) FILE *stream = NULL;
+  return open_regular(path, &stream, size);
 }
 
 size_t pags_file_head(const char *path, void *head, size_t size) {
   memset(head, 0, size);
-  FILE *stream = pags_port_open(path, "rb");
-  if (!stream)
-    return 0;
-  const size_t got = fread(head, 1, size, stream);
-  fclose(stream);
-  return got;
-}
-
-/* Fails if a file is a pointer of Git LFS ('git lfs pull' gets the content). */
-static pags_result refuse_pointer(const char *path, const uint8_t *bytes, size_t size) {
-  static const char begin[] = "version https://git-lfs";
-  if (size < sizeof begin - 1 || memcmp(bytes, begin, sizeof begin - 1) != 0)
-    return PAGS_OK;
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: a Git LFS pointer, not the file itself: 'git lfs pull' in its repository gets that", path);
+  PAGS_AUTO(pags_file_close) FILE *stream = pags_port_open(path, "rb");
+  return stream ? fread(head, 1, size, stream) : 0;
 }
 
 pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
-  FILE *stream;
+  static const char pointer[] = "version https://git-lfs";
+  PAGS_AUTO(pags_file_close) FILE *stream = NULL;
   uint64_t expected = 0;
   *bytes = NULL;
   *size = 0;
   PAGS_TRY(open_regular(path, &stream, &expected));
-  uint8_t *block = expected < SIZE_MAX ? malloc((size_t)expected + 1) : NULL;
-  if (!block) {
-    fclose(stream);
-    return pags_out_of_memory("%s: its %llu bytes", path, (unsigned long long)expected);
-  }
-  size_t got = fread(block, 1, (size_t)expected, stream);
-  bool failed = got != expected && ferror(stream);
-  int error = errno;
-  fclose(stream);
-  if (got != expected) {
-    free(block);
-    errno = error;
-    return failed
+  PAGS_AUTOFREE uint8_t *block = expected < SIZE_MAX ? malloc((size_t)expected + 1) : NULL;
+  PAGS_CHECK_MEMORY(block, "%s: its %llu bytes", path, (unsigned long long)expected);
+  const size_t got = fread(block, 1, (size_t)expected, stream);
+  if (got != expected)
+    return ferror(stream)
                ? pags_fail_errno(path, "can't read")
                : pags_fail(PAGS_ERROR_IO, "%s: shrank while it was read, at byte %llu", path, (unsigned long long)got);
-  }
   block[got] = 0;
-  const pags_result result = refuse_pointer(path, block, got);
-  if (result != PAGS_OK) {
-    free(block);
-    return result;
-  }
-  *bytes = block;
+  if (pags_text_starts((const char *)block, pointer))
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: a Git LFS pointer, not the file itself: 'git lfs pull' in its repository gets that", path);
+  *bytes = pags_take(&block);
   *size = got;
   return PAGS_OK;
 }
 
 /* ---- Finding the target of a write ---- */
-
-/* Returns the path that the symbolic link `path` points to, one step only, freed by the caller; NULL with errno. */
-static char *follow_link(const char *path) {
-  char *to = pags_port_read_link(path);
-  if (!to)
-    return NULL;
-  char *folder = pags_path_folder(path);
-  char *next = folder ? pags_path_join(folder, to) : NULL;
-  free(folder);
-  free(to);
-  errno = ENOMEM;
-  return next;
-}
 
 pags_result pags_file_find_target(const char *path, char **target, bool *straight) {
   enum { MOST_LINKS = 40 }; /* as many as Linux follows */
@@ -136,25 +91,27 @@ pags_result pags_file_find_target(const char *path, char **target, bool *straigh
   if (there && status.kind != PAGS_PORT_DEVICE && !pags_port_may_write(path))
     return pags_fail_errno(path, "can't write");
   *straight = there && status.kind != PAGS_PORT_FILE;
-  char *at = pags_text_copy(path);
+  PAGS_AUTOFREE char *at = pags_text_copy(path);
   for (int links = 0; at && !*straight && pags_port_stat(at, false, &status) && status.kind == PAGS_PORT_LINK;
        links++) {
     if (status.of_proc) {
       *straight = true;
       break;
     }
-    char *next = links < MOST_LINKS ? follow_link(at) : NULL;
-    if (!next) {
-      free(at);
-      return links < MOST_LINKS ? pags_fail_errno(path, "can't write, its link can't be read")
-                                : pags_fail(PAGS_ERROR_IO, "%s: can't write: its links lead in a loop", path);
-    }
+    if (links == MOST_LINKS)
+      return pags_fail(PAGS_ERROR_IO, "%s: can't write: its links lead in a loop", path);
+    PAGS_AUTOFREE char *to = pags_port_read_link(at); /* one step */
+    PAGS_AUTOFREE char *folder = to ? pags_path_folder(at) : NULL;
+    char *next = folder ? pags_path_join(folder, to) : NULL;
+    if (to && !next)
+      errno = ENOMEM;
+    if (!next)
+      return pags_fail_errno(path, "can't write, its link can't be read");
     free(at);
     at = next;
   }
-  if (!at)
-    return pags_out_of_memory("%s", path);
-  *target = at;
+  PAGS_CHECK_MEMORY(at, "%s", path);
+  *target = pags_take(&at);
   return PAGS_OK;
 }
 
@@ -180,43 +137,33 @@ static pags_result writer_fail(pags_file_writer *writer, const char *what) {
   return result;
 }
 
-/* Opens the part file TARGET.part. One that a killed process has left is overwritten; anything else than a regular
- * file of that name is an error. */
-static pags_result open_part(pags_file_writer *writer) {
-  pags_port_status status;
-  const size_t length = strlen(writer->target);
-  writer->part = malloc(length + sizeof ".part");
-  if (!writer->part)
-    return pags_out_of_memory("%s", writer->path);
-  memcpy(writer->part, writer->target, length);
-  memcpy(writer->part + length, ".part", sizeof ".part");
-  if (pags_port_stat(writer->part, false, &status) && status.kind != PAGS_PORT_FILE)
-    return pags_fail(PAGS_ERROR_IO, "%s: can't write: %s is in the way; expected a regular file there or nothing",
-                     writer->path, writer->part);
-  writer->stream = pags_port_open_part(writer->part);
-  if (!writer->stream && errno == EBUSY)
-    return pags_fail(PAGS_ERROR_IO, "%s: can't write: another process is writing it", writer->path);
-  if (!writer->stream && (errno == EACCES || errno == EROFS))
-    return pags_fail_errno(writer->path, "can't write into its folder");
-  return writer->stream ? PAGS_OK : pags_fail_errno(writer->path, "can't write");
-}
-
-/* Opens the writer on `path`: on a part file, or directly on a file that can't be replaced or is to be appended to. */
+/* Opens the writer on `path`: directly on a file that can't be replaced or is to be appended to, else on the part file
+ * TARGET.part. A part file that a killed process has left is overwritten; anything else than a regular file of that
+ * name is an error. */
 static pags_result writer_open(pags_file_writer *writer, const char *path, bool append) {
   bool straight = false;
+  pags_port_status status;
+  PAGS_AUTO(pags_file_writer_abort) pags_file_writer w = {0};
   *writer = (pags_file_writer){0};
-  PAGS_TRY(pags_file_find_target(path, &writer->target, &straight));
-  writer->path = pags_text_copy(path);
-  pags_result result = writer->path ? PAGS_OK : pags_out_of_memory("%s", path);
-  if (result == PAGS_OK && (straight || append)) {
-    writer->stream = pags_port_open_straight(writer->target);
-    result = writer->stream ? PAGS_OK : pags_fail_errno(path, "can't write");
-  } else if (result == PAGS_OK) {
-    result = open_part(writer);
+  PAGS_TRY(pags_file_find_target(path, &w.target, &straight));
+  w.path = pags_text_copy(path);
+  PAGS_CHECK_MEMORY(w.path, "%s", path);
+  if (!straight && !append) {
+    w.part = pags_text_format("%s.part", w.target);
+    PAGS_CHECK_MEMORY(w.part, "%s", path);
+    if (pags_port_stat(w.part, false, &status) && status.kind != PAGS_PORT_FILE)
+      return pags_fail(PAGS_ERROR_IO, "%s: can't write: %s is in the way; expected a regular file there or nothing",
+                       path, w.part);
   }
-  if (result != PAGS_OK)
-    pags_file_writer_abort(writer);
-  return result;
+  w.stream = w.part ? pags_port_open_part(w.part) : pags_port_open_straight(w.target);
+  if (!w.stream && w.part && errno == EBUSY)
+    return pags_fail(PAGS_ERROR_IO, "%s: can't write: another process is writing it", path);
+  if (!w.stream)
+    return pags_fail_errno(
+        path, w.part && (errno == EACCES || errno == EROFS) ? "can't write into its folder" : "can't write");
+  *writer = w;
+  w = (pags_file_writer){0};
+  return PAGS_OK;
 }
 
 pags_result pags_file_writer_begin(pags_file_writer *writer, const char *path) {

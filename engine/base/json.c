@@ -48,34 +48,27 @@ static pags_result syntax_error(const reader *r, const char *expected) {
   return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s, found byte 0x%02x", path, r->line, expected, c);
 }
 
-/* Writes where the value that is read is, like "4.frame_annotations.obj_to_world[2][0][3]"; long texts are cut off. */
-static void write_place(const reader *r, char *out, size_t size) {
-  size_t used = 0;
-  *out = 0;
-  for (int i = 1; i < r->depth && used + 1 < size; i++) {
-    const char *key = r->open[i]->key;
-    const int length = key ? snprintf(out + used, size - used, "%s%s", used ? "." : "", key)
-                           : snprintf(out + used, size - used, "[%lld]", (long long)r->open[i - 1]->count);
-    used += length > 0 ? (size_t)length : 0;
-  }
-}
-
-/* Fails if a number that JSON doesn't have is next, as Python's json.dump writes it. */
+/* Fails if a number that JSON doesn't have is next, as Python's json.dump writes it. The message has the place of the
+ * value, like "4.frame_annotations.obj_to_world[2][0][3]"; long ones are cut off. */
 static pags_result check_finite(const reader *r) {
   static const char *const words[] = {"NaN", "nan", "-nan", "-NaN", "Infinity", "-Infinity", "inf", "-inf"};
-  for (size_t i = 0; i < sizeof words / sizeof *words; i++) {
-    const size_t length = strlen(words[i]);
-    char place[200];
-    if ((size_t)(r->end - r->at) < length || memcmp(r->at, words[i], length) != 0)
-      continue;
-    write_place(r, place, sizeof place);
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s:%d: expected a number for %s, found %s, which JSON doesn't have (Python's json.dump writes it); "
-        "leave out what isn't known",
-        r->json->path, r->line, *place ? place : "the value", words[i]);
+  size_t w = 0;
+  while (w < sizeof words / sizeof *words && !pags_text_starts(r->at, words[w]))
+    w++;
+  if (w == sizeof words / sizeof *words)
+    return PAGS_OK;
+  char place[200] = "";
+  size_t used = 0;
+  for (int i = 1; i < r->depth && used + 1 < sizeof place; i++) {
+    const char *key = r->open[i]->key;
+    const int length = key ? snprintf(place + used, sizeof place - used, "%s%s", used ? "." : "", key)
+                           : snprintf(place + used, sizeof place - used, "[%lld]", (long long)r->open[i - 1]->count);
+    used += length > 0 ? (size_t)length : 0;
   }
-  return PAGS_OK;
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s:%d: expected a number for %s, found %s, which JSON doesn't have (Python's json.dump writes it); "
+                   "leave out what isn't known",
+                   r->json->path, r->line, *place ? place : "the value", words[w]);
 }
 
 static void skip_space(reader *r) {
@@ -87,16 +80,11 @@ static void skip_space(reader *r) {
   }
 }
 
-static pags_json_value *new_value(reader *r) {
-  pags_json *json = r->json;
-  if (!json->blocks || json->blocks->used == BLOCK_VALUES) {
-    block *fresh = calloc(1, sizeof *fresh);
-    if (!fresh)
-      return NULL;
-    fresh->next = json->blocks;
-    json->blocks = fresh;
-  }
-  return &json->blocks->values[json->blocks->used++];
+/* Skips the next character if it is `c`. */
+static bool skip(reader *r, char c) {
+  const bool found = r->at < r->end && *r->at == c;
+  r->at += found;
+  return found;
 }
 
 /* ---- Numbers ---- */
@@ -115,25 +103,18 @@ static bool skip_digits(reader *r) {
 
 static pags_result read_number(reader *r, pags_json_value *value) {
   const char *begin = r->at;
-  if (*r->at == '-')
-    r->at++;
-  if (r->at < r->end && *r->at == '0')
-    r->at++;
-  else if (!skip_digits(r))
+  skip(r, '-');
+  if (!skip(r, '0') && !skip_digits(r))
     return syntax_error(r, "a digit");
-  if (r->at < r->end && *r->at == '.') {
-    r->at++;
-    if (!skip_digits(r))
-      return syntax_error(r, "a digit after the point");
-  }
-  if (r->at < r->end && (*r->at == 'e' || *r->at == 'E')) {
-    r->at++;
-    if (r->at < r->end && (*r->at == '+' || *r->at == '-'))
-      r->at++;
+  if (skip(r, '.') && !skip_digits(r))
+    return syntax_error(r, "a digit after the point");
+  if (skip(r, 'e') || skip(r, 'E')) {
+    if (!skip(r, '+'))
+      skip(r, '-');
     if (!skip_digits(r))
       return syntax_error(r, "a digit of the exponent");
   }
-  size_t length = (size_t)(r->at - begin);
+  const size_t length = (size_t)(r->at - begin);
   memcpy(r->string_at, begin, length);
   r->string_at[length] = 0;
   value->type = PAGS_JSON_NUMBER;
@@ -147,24 +128,16 @@ static pags_result read_number(reader *r, pags_json_value *value) {
 
 /* ---- Strings ---- */
 
-static int hex_digit(char c) {
-  if (c >= '0' && c <= '9')
-    return c - '0';
-  if (c >= 'a' && c <= 'f')
-    return c - 'a' + 10;
-  if (c >= 'A' && c <= 'F')
-    return c - 'A' + 10;
-  return -1;
-}
-
 /* Reads the four hexadecimal digits after "\u". */
 static pags_result read_hex4(reader *r, unsigned *code) {
+  static const char digits[] = "0123456789abcdef";
   *code = 0;
-  for (int i = 0; i < 4; ++i, ++r->at) {
-    int digit = r->at < r->end ? hex_digit(*r->at) : -1;
-    if (digit < 0)
+  for (int i = 0; i < 4; i++, r->at++) {
+    const char c = r->at < r->end ? *r->at : 0;
+    const char *digit = c ? strchr(digits, c >= 'A' && c <= 'F' ? c - 'A' + 'a' : c) : NULL;
+    if (!digit)
       return syntax_error(r, "four hexadecimal digits after \\u");
-    *code = *code * 16 + (unsigned)digit;
+    *code = *code * 16 + (unsigned)(digit - digits);
   }
   return PAGS_OK;
 }
@@ -192,55 +165,37 @@ static pags_result read_unicode_escape(reader *r) {
     return syntax_error(r, "a string without \\u0000 before this");
 
   /* Encodes the code point in UTF-8, which takes at most as many bytes as the escape. */
-  char *out = r->string_at;
-  if (code < 0x80) {
-    *out++ = (char)code;
-  } else if (code < 0x800) {
-    *out++ = (char)(0xC0 | code >> 6);
-    *out++ = (char)(0x80 | (code & 63));
-  } else if (code < 0x10000) {
-    *out++ = (char)(0xE0 | code >> 12);
-    *out++ = (char)(0x80 | (code >> 6 & 63));
-    *out++ = (char)(0x80 | (code & 63));
-  } else {
-    *out++ = (char)(0xF0 | code >> 18);
-    *out++ = (char)(0x80 | (code >> 12 & 63));
-    *out++ = (char)(0x80 | (code >> 6 & 63));
-    *out++ = (char)(0x80 | (code & 63));
-  }
-  r->string_at = out;
-
+  static const unsigned lead[] = {0, 0xC0, 0xE0, 0xF0};
+  const int more = code < 0x80 ? 0 : code < 0x800 ? 1 : code < 0x10000 ? 2 : 3;
+  *r->string_at++ = (char)(lead[more] | code >> 6 * more);
+  for (int i = more - 1; i >= 0; i--)
+    *r->string_at++ = (char)(0x80 | (code >> 6 * i & 63));
   return PAGS_OK;
 }
 
-static pags_result read_escape(reader *r) {
-  static const char names[] = "\"\\/bfnrt", values[] = "\"\\/\b\f\n\r\t";
-  const char *found = r->at < r->end && *r->at ? strchr(names, *r->at) : NULL;
-  if (found) {
-    *r->string_at++ = values[found - names];
-    r->at++;
-    return PAGS_OK;
-  }
-  if (r->at < r->end && *r->at == 'u') {
-    r->at++;
-    return read_unicode_escape(r);
-  }
-  return syntax_error(r, "an escape sequence");
-}
-
 static pags_result read_string(reader *r, const char **out) {
+  static const char names[] = "\"\\/bfnrt", values[] = "\"\\/\b\f\n\r\t"; /* of escapes of one letter */
   *out = r->string_at;
   r->at++;
   for (;;) {
     if (r->at >= r->end || (unsigned char)*r->at < 0x20)
       return syntax_error(r, "the end of a string");
-    char c = *r->at++;
+    const char c = *r->at++;
     if (c == '"')
       break;
-    if (c == '\\')
-      PAGS_TRY(read_escape(r));
-    else
+    if (c != '\\') {
       *r->string_at++ = c;
+      continue;
+    }
+    const char *found = r->at < r->end && *r->at ? strchr(names, *r->at) : NULL;
+    if (found) {
+      *r->string_at++ = values[found - names];
+      r->at++;
+    } else if (skip(r, 'u')) {
+      PAGS_TRY(read_unicode_escape(r));
+    } else {
+      return syntax_error(r, "an escape sequence");
+    }
   }
   *r->string_at++ = 0;
   return PAGS_OK;
@@ -249,10 +204,9 @@ static pags_result read_string(reader *r, const char **out) {
 /* ---- Values ---- */
 
 static pags_result read_word(reader *r, const char *word) {
-  size_t length = strlen(word);
-  if ((size_t)(r->end - r->at) < length || memcmp(r->at, word, length) != 0)
+  if (!pags_text_starts(r->at, word))
     return syntax_error(r, "a value");
-  r->at += length;
+  r->at += strlen(word);
   return PAGS_OK;
 }
 
@@ -263,10 +217,8 @@ static pags_result read_children(reader *r, pags_json_value *parent, char close)
   const pags_json_value **link = &parent->first;
   r->at++;
   skip_space(r);
-  if (r->at < r->end && *r->at == close) {
-    r->at++;
+  if (skip(r, close))
     return PAGS_OK;
-  }
   for (;;) {
     const char *key = NULL;
     pags_json_value *child;
@@ -276,22 +228,18 @@ static pags_result read_children(reader *r, pags_json_value *parent, char close)
         return syntax_error(r, "a key in quotes");
       PAGS_TRY(read_string(r, &key));
       skip_space(r);
-      if (r->at >= r->end || *r->at != ':')
+      if (!skip(r, ':'))
         return syntax_error(r, "':'");
-      r->at++;
     }
     PAGS_TRY(read_value(r, key, &child));
     *link = child;
     link = &child->next;
     parent->count++;
     skip_space(r);
-    if (r->at < r->end && *r->at == close) {
-      r->at++;
+    if (skip(r, close))
       return PAGS_OK;
-    }
-    if (r->at >= r->end || *r->at != ',')
+    if (!skip(r, ','))
       return syntax_error(r, close == '}' ? "',' or '}'" : "',' or ']'");
-    r->at++;
   }
 }
 
@@ -317,11 +265,16 @@ static pags_result read_content(reader *r, pags_json_value *value) {
 
 static pags_result read_value(reader *r, const char *key, pags_json_value **out) {
   skip_space(r);
-  pags_json_value *value = new_value(r);
-  if (!value)
-    return pags_out_of_memory("%s:%d: the values of the file", r->json->path, r->line);
+  pags_json *json = r->json;
+  if (!json->blocks || json->blocks->used == BLOCK_VALUES) {
+    block *fresh = calloc(1, sizeof *fresh);
+    PAGS_CHECK_MEMORY(fresh, "%s:%d: the values of the file", json->path, r->line);
+    fresh->next = json->blocks;
+    json->blocks = fresh;
+  }
+  pags_json_value *value = &json->blocks->values[json->blocks->used++];
   if (++r->depth > DEPTH_LIMIT)
-    return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: nested deeper than %d levels", r->json->path, r->line, DEPTH_LIMIT);
+    return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: nested deeper than %d levels", json->path, r->line, DEPTH_LIMIT);
   r->open[r->depth - 1] = value;
   value->line = r->line;
   value->key = key;
@@ -333,25 +286,11 @@ static pags_result read_value(reader *r, const char *key, pags_json_value **out)
   return PAGS_OK;
 }
 
-static pags_result read_document(pags_json *json, size_t size) {
-  reader r = {.json = json, .at = json->source, .end = json->source + size, .string_at = json->strings, .line = 1};
-  if (size >= 3 && memcmp(r.at, "\xEF\xBB\xBF", 3) == 0)
-    r.at += 3; /* a byte order mark, as some Windows programs write it */
-  pags_json_value *root;
-  PAGS_TRY(read_value(&r, NULL, &root));
-  skip_space(&r);
-  if (r.at != r.end)
-    return syntax_error(&r, "the end of the file");
-  json->root = root;
-  return PAGS_OK;
-}
-
 /* ---- Documents ---- */
 
 /* Parses `source`, a block of size + 1 bytes with a final zero, and takes ownership of it, also on failure. */
 static pags_result parse_owned(const char *path, char *source, size_t size, pags_json **out) {
-  *out = NULL;
-  pags_json *json = calloc(1, sizeof *json);
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = calloc(1, sizeof *json);
   if (!json) {
     free(source);
     return pags_out_of_memory("%s", path);
@@ -359,12 +298,17 @@ static pags_result parse_owned(const char *path, char *source, size_t size, pags
   json->source = source;
   json->path = pags_text_copy(path);
   json->strings = size <= SIZE_MAX - 2 ? malloc(size + 2) : NULL;
-  pags_result result = json->path && json->strings ? read_document(json, size) : pags_out_of_memory("%s", path);
-  if (result != PAGS_OK) {
-    pags_json_destroy(json);
-    return result;
-  }
-  *out = json;
+  PAGS_CHECK_MEMORY(json->path && json->strings, "%s", path);
+  reader r = {.json = json, .at = source, .end = source + size, .string_at = json->strings, .line = 1};
+  if (pags_text_starts(source, "\xEF\xBB\xBF"))
+    r.at += 3; /* a byte order mark, as some Windows programs write it */
+  pags_json_value *root;
+  PAGS_TRY(read_value(&r, NULL, &root));
+  skip_space(&r);
+  if (r.at != r.end)
+    return syntax_error(&r, "the end of the file");
+  json->root = root;
+  *out = pags_take(&json);
   return PAGS_OK;
 }
 
@@ -386,8 +330,7 @@ pags_result pags_json_parse_in_folder(const char *folder, const char *name, pags
 pags_result pags_json_parse_text(const char *name, const char *text, size_t size, pags_json **out) {
   *out = NULL;
   char *copy = size < SIZE_MAX ? malloc(size + 1) : NULL;
-  if (!copy)
-    return pags_out_of_memory("%s", name);
+  PAGS_CHECK_MEMORY(copy, "%s", name);
   memcpy(copy, text, size);
   copy[size] = 0;
   return parse_owned(name, copy, size, out);

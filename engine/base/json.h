@@ -117,7 +117,8 @@ pags_result pags_json_as_object(const pags_json *json, const pags_json_value *va
  * express, are written as null. */
 typedef struct pags_json_writer {
   char *data; /* the text, with a final zero; NULL while it is empty */
-  size_t size, capacity;
+  size_t size;
+  int64_t capacity;
   int indent;       /* spaces per level; 0: everything on one line */
   int depth;        /* number of open objects and arrays */
   bool has_sibling; /* the innermost open object or array has a value already */

@@ -139,7 +139,8 @@ pags_result pags_json_string_copy(const pags_json *json, const pags_json_value *
   const char *text;
   PAGS_TRY(pags_json_string(json, object, key, &text));
   *out = pags_text_copy(text);
-  return *out ? PAGS_OK : pags_out_of_memory("%s: '%s'", pags_json_path(json), key);
+  PAGS_CHECK_MEMORY(*out, "%s: '%s'", pags_json_path(json), key);
+  return PAGS_OK;
 }
 
 pags_result pags_json_string_or(const pags_json *json, const pags_json_value *object, const char *key,

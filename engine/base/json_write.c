@@ -12,22 +12,13 @@
 #include "base/memory.h"
 #include "base/text.h"
 
-/* Appends `size` bytes and a final zero; the buffer doubles when it is full. */
+/* Appends `size` bytes and a final zero. */
 static void put(pags_json_writer *w, const char *text, size_t size) {
   if (w->failed)
     return;
-  if (size >= w->capacity - w->size) {
-    size_t grown = w->capacity < 1024 ? 1024 : w->capacity;
-    while (grown - w->size <= size && grown <= SIZE_MAX / 2)
-      grown *= 2;
-    char *data = grown - w->size > size ? realloc(w->data, grown) : NULL;
-    if (!data) {
-      w->failed = true;
-      return;
-    }
-    w->data = data;
-    w->capacity = grown;
-  }
+  w->failed = !pags_grow(&w->data, (int64_t)(w->size + size) + 1, &w->capacity, 1);
+  if (w->failed)
+    return;
   memcpy(w->data + w->size, text, size);
   w->size += size;
   w->data[w->size] = 0;

@@ -30,19 +30,6 @@ void pags_lock_set_holder(const char *program) {
   snprintf(holder_name, sizeof holder_name, "%s", program);
 }
 
-/* ---- The holder of a lock ---- */
-
-static void describe_self(char *text, size_t size) {
-  char host[128], since[40] = "";
-  const time_t now = time(NULL);
-  const struct tm *const utc = gmtime(&now);
-  pags_port_host_name(host, sizeof host);
-  if (utc)
-    strftime(since, sizeof since, ", since %Y-%m-%d %H:%M:%S UTC", utc);
-  snprintf(text, size, "%s, process %lld%s%s%s\n", holder_name, (long long)pags_port_process_id(),
-           host[0] ? " on " : "", host, since);
-}
-
 static pags_result fail_held(const char *path, const char *where, char *holder) {
   holder[strcspn(holder, "\r\n")] = '\0'; /* one printable line: anybody may have written the lock file */
   for (char *c = holder; *c; c++)
@@ -55,8 +42,12 @@ static pags_result fail_held(const char *path, const char *where, char *holder) 
 
 /* ---- Locking ---- */
 
-/* Removes the folders that the lock has created, from its own on upwards, as far as they are empty. */
-static void remove_made(const pags_lock *lock) {
+void pags_lock_release(pags_lock *lock) {
+  if (!lock)
+    return;
+  if (lock->held)
+    pags_port_unlock(lock->path, lock->handle);
+  /* Removes the folders that the lock has created, from its own on upwards, as far as they are empty. */
   char *folder = lock->path ? pags_path_folder(lock->path) : NULL;
   for (int i = 0; folder && i < lock->made && pags_port_remove_folder(folder); i++) {
     char *const above = pags_path_folder(folder);
@@ -64,29 +55,24 @@ static void remove_made(const pags_lock *lock) {
     folder = above;
   }
   free(folder);
-}
-
-void pags_lock_release(pags_lock *lock) {
-  if (!lock)
-    return;
-  if (lock->held)
-    pags_port_unlock(lock->path, lock->handle);
-  remove_made(lock);
   free(lock->path);
   free(lock);
 }
 
 /* Takes the lock, a file in `place`; `path` is its name in messages. */
 static pags_result take(pags_lock *lock, const char *path, const char *place, const char *name) {
-  char self[WHO], holder[WHO] = "";
-  char *const real = pags_port_real_path(place); /* the working directory may change meanwhile */
+  char self[WHO], holder[WHO] = "", host[128], since[40] = "";
+  PAGS_AUTOFREE char *real = pags_port_real_path(place); /* the working directory may change meanwhile */
   lock->path = real ? pags_path_join(real, name) : NULL;
-  const int error = errno;
-  free(real);
-  errno = error;
   if (!lock->path)
     return pags_fail_errno(path, "can't write there");
-  describe_self(self, sizeof self);
+  const time_t now = time(NULL);
+  const struct tm *const utc = gmtime(&now);
+  pags_port_host_name(host, sizeof host);
+  if (utc)
+    strftime(since, sizeof since, ", since %Y-%m-%d %H:%M:%S UTC", utc);
+  snprintf(self, sizeof self, "%s, process %lld%s%s%s\n", holder_name, (long long)pags_port_process_id(),
+           host[0] ? " on " : "", host, since);
   switch (pags_port_lock(lock->path, self, &lock->handle, holder, sizeof holder)) {
     case PAGS_PORT_LOCKED: lock->held = true; return PAGS_OK;
     case PAGS_PORT_HELD: return fail_held(path, strcmp(name, lock_name) == 0 ? "there" : "it", holder);
@@ -120,14 +106,12 @@ static int count_missing(const char *folder) {
 }
 
 pags_result pags_lock_folder(const char *folder, pags_lock **out) {
-  pags_lock *const lock = calloc(1, sizeof *lock);
-  *out = NULL;
-  if (!lock)
-    return pags_out_of_memory("a lock");
   enum { TRIES = 5 };
+  PAGS_AUTO(pags_lock_release_auto) pags_lock *lock = calloc(1, sizeof *lock);
+  *out = NULL;
+  PAGS_CHECK_MEMORY(lock, "a lock");
   pags_result result = PAGS_OK;
-  for (int i = 0; i < TRIES && !lock->path;
-       i++) { /* another process may just be removing the folder that it has made */
+  for (int i = 0; i < TRIES && !lock->path; i++) { /* another process may just be removing the folder it has made */
     lock->made = count_missing(folder);
     result = pags_make_dirs(folder);
     if (result == PAGS_OK)
@@ -137,48 +121,27 @@ pags_result pags_lock_folder(const char *folder, pags_lock **out) {
       lock->path = NULL;
     }
   }
-  if (result != PAGS_OK)
-    pags_lock_release(lock);
-  else
-    *out = lock;
-  return result;
-}
-
-/* Fails if somebody has locked the folder of `path`. */
-static pags_result refuse_locked_folder(const char *path, const char *folder) {
-  char holder[WHO] = "";
-  char *const there = pags_path_join(folder, lock_name);
-  if (!there)
-    return pags_out_of_memory("a path");
-  const bool locked = pags_port_is_locked(there, holder, sizeof holder);
-  free(there);
-  return locked ? fail_held(path, "to its folder", holder) : PAGS_OK;
+  PAGS_TRY(result);
+  *out = pags_take(&lock);
+  return PAGS_OK;
 }
 
 pags_result pags_lock_file(const char *path, pags_lock **out) {
-  char *target, *folder = NULL, *name = NULL;
+  PAGS_AUTOFREE char *target = NULL;
   bool straight;
-  pags_lock *lock = NULL;
   *out = NULL;
   PAGS_TRY(pags_file_find_target(path, &target, &straight));
-  if (straight) { /* a device or a FIFO */
-    free(target);
+  if (straight) /* a device or a FIFO */
     return PAGS_OK;
-  }
-  folder = pags_path_folder(target);
-  name = pags_text_format(".%s%s", pags_path_name(target), lock_name);
-  lock = calloc(1, sizeof *lock);
-  pags_result result = folder && name && lock ? PAGS_OK : pags_out_of_memory("a lock");
-  if (result == PAGS_OK)
-    result = refuse_locked_folder(path, folder);
-  if (result == PAGS_OK)
-    result = take(lock, path, folder, name);
-  if (result != PAGS_OK)
-    pags_lock_release(lock);
-  else
-    *out = lock;
-  free(target);
-  free(folder);
-  free(name);
-  return result;
+  PAGS_AUTOFREE char *folder = pags_path_folder(target);
+  PAGS_AUTOFREE char *name = pags_text_format(".%s%s", pags_path_name(target), lock_name);
+  PAGS_AUTOFREE char *above = folder ? pags_path_join(folder, lock_name) : NULL;
+  PAGS_AUTO(pags_lock_release_auto) pags_lock *lock = calloc(1, sizeof *lock);
+  PAGS_CHECK_MEMORY(above && name && lock, "a lock");
+  char holder[WHO] = "";
+  if (pags_port_is_locked(above, holder, sizeof holder))
+    return fail_held(path, "to its folder", holder);
+  PAGS_TRY(take(lock, path, folder, name));
+  *out = pags_take(&lock);
+  return PAGS_OK;
 }

@@ -10,6 +10,8 @@
 #include <pags/base.h>
 #include <stdbool.h>
 
+#include "base/memory.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -29,6 +31,7 @@ pags_result pags_lock_file(const char *path, pags_lock **out);
 /* Unlocks; removes the lock file and the empty folders that the lock has created. NULL is allowed.
  */
 void pags_lock_release(pags_lock *lock);
+PAGS_DEFINE_AUTO(pags_lock, pags_lock_release)
 
 #ifdef __cplusplus
 }

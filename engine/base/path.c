@@ -2,7 +2,6 @@
 /* Functions on paths as text (base/file.h), without access to the file system. '/' separates the parts of a path; on
  * Windows '\\' does, too, and a path may begin with a drive ("C:"). */
 #include <ctype.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "base/file.h"
@@ -41,19 +40,10 @@ static const char *last_separator(const char *path) {
 }
 
 char *pags_path_join(const char *folder, const char *name) {
-  size_t length = strlen(folder);
+  const size_t length = strlen(folder);
   if (is_absolute(name) || length == 0)
     return pags_text_copy(name);
-  int slash = !is_separator(folder[length - 1]);
-  size_t name_size = strlen(name) + 1;
-  char *joined = malloc(length + (size_t)slash + name_size);
-  if (!joined)
-    return NULL;
-  memcpy(joined, folder, length);
-  if (slash)
-    joined[length++] = '/';
-  memcpy(joined + length, name, name_size);
-  return joined;
+  return pags_text_format("%s%s%s", folder, is_separator(folder[length - 1]) ? "" : "/", name);
 }
 
 const char *pags_path_name(const char *path) {
@@ -70,12 +60,7 @@ char *pags_path_folder(const char *path) {
   if (length == 2 && drive_length(path)) /* "C:" alone is the drive's current folder, not its root */
     length = 3;
 #endif
-  char *folder = malloc(length + 1);
-  if (!folder)
-    return NULL;
-  memcpy(folder, path, length);
-  folder[length] = 0;
-  return folder;
+  return pags_text_format("%.*s", (int)length, path);
 }
 
 const char *pags_path_extension(const char *path) {
@@ -98,6 +83,5 @@ bool pags_path_is_inside(const char *path) {
 }
 
 bool pags_path_is_lock(const char *name) {
-  const size_t length = strlen(name), ending = sizeof PAGS_LOCK_NAME - 1;
-  return name[0] == '.' && length >= ending && strcmp(name + length - ending, PAGS_LOCK_NAME) == 0;
+  return name[0] == '.' && pags_text_ends(name, PAGS_LOCK_NAME);
 }

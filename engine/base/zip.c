@@ -22,21 +22,6 @@ bool pags_zip_is(const uint8_t *bytes, size_t size) {
   return size >= 4 && (memcmp(bytes, "PK\3\4", 4) == 0 || memcmp(bytes, "PK\5\6", 4) == 0);
 }
 
-/* Finds the end-of-central-directory record: the last one whose comment ends exactly at the end of the file. */
-static pags_result find_end(const pags_zip *zip, size_t *end) {
-  if (zip->size >= END_RECORD) {
-    size_t first = zip->size > END_RECORD + MAX_COMMENT ? zip->size - END_RECORD - MAX_COMMENT : 0;
-    for (size_t at = zip->size - END_RECORD + 1; at-- > first;) {
-      const uint8_t *p = zip->bytes + at;
-      if (pags_load_u32(p) == 0x06054b50 && pags_load_u16(p + 20) == zip->size - at - END_RECORD) {
-        *end = at;
-        return PAGS_OK;
-      }
-    }
-  }
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a zip archive, found no end record: is it cut off?", zip->path);
-}
-
 /* Reads the central directory's entry at byte *at, finds and checks the member's data, and moves *at behind the
  * entry. */
 static pags_result read_entry(const pags_zip *zip, size_t *at, pags_zip_member *m) {
@@ -79,35 +64,37 @@ static pags_result read_entry(const pags_zip *zip, size_t *at, pags_zip_member *
   return PAGS_OK;
 }
 
-static pags_result read_directory(pags_zip *zip) {
-  size_t end = 0;
-  PAGS_TRY(find_end(zip, &end));
-  size_t entries = pags_load_u16(zip->bytes + end + 10), at = pags_load_u32(zip->bytes + end + 16);
-  if (at > end)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the directory begins beyond the end of the file", zip->path);
-  if (entries > (end - at) / CENTRAL_RECORD)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: a directory of %zu bytes can't have %zu entries", zip->path, end - at,
-                     entries);
-  zip->members = calloc(entries + 1, sizeof *zip->members);
-  if (!zip->members)
-    return pags_out_of_memory("%s", zip->path);
-  for (size_t i = 0, total = 0; i < entries; i++) {
-    pags_zip_member *m = &zip->members[i];
-    PAGS_TRY(read_entry(zip, &at, m));
-    total += m->packed;
-    if (total > zip->size) /* a small file must not ask for more memory than it has bytes */
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s' overlaps other members", zip->path, (int)m->name_length, m->name);
-    zip->count++;
-  }
-  return PAGS_OK;
-}
-
 pags_result pags_zip_open(const uint8_t *bytes, size_t size, const char *path, pags_zip *out) {
-  *out = (pags_zip){.bytes = bytes, .size = size, .path = path};
-  pags_result result = read_directory(out);
-  if (result != PAGS_OK)
-    pags_zip_close(out);
-  return result;
+  PAGS_AUTO(pags_zip_close) pags_zip zip = {.bytes = bytes, .size = size, .path = path};
+  *out = (pags_zip){0};
+  /* The end record is the last one whose comment ends exactly at the end of the file. */
+  size_t end = size < END_RECORD ? 0 : size - END_RECORD + 1;
+  bool found = false;
+  while (!found && end > 0 && size - end < END_RECORD + MAX_COMMENT) {
+    end--;
+    found = pags_load_u32(bytes + end) == 0x06054b50 && pags_load_u16(bytes + end + 20) == size - end - END_RECORD;
+  }
+  if (!found)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a zip archive, found no end record: is it cut off?", path);
+  const size_t entries = pags_load_u16(bytes + end + 10);
+  size_t at = pags_load_u32(bytes + end + 16);
+  if (at > end)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the directory begins beyond the end of the file", path);
+  if (entries > (end - at) / CENTRAL_RECORD)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: a directory of %zu bytes can't have %zu entries", path, end - at, entries);
+  zip.members = calloc(entries + 1, sizeof *zip.members);
+  PAGS_CHECK_MEMORY(zip.members, "%s", path);
+  for (size_t i = 0, total = 0; i < entries; i++) {
+    pags_zip_member *m = &zip.members[i];
+    PAGS_TRY(read_entry(&zip, &at, m));
+    total += m->packed;
+    if (total > size) /* a small file must not ask for more memory than it has bytes */
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s' overlaps other members", path, (int)m->name_length, m->name);
+    zip.count++;
+  }
+  *out = zip;
+  zip = (pags_zip){0};
+  return PAGS_OK;
 }
 
 void pags_zip_close(pags_zip *zip) {
@@ -149,20 +136,15 @@ pags_result pags_zip_read(const pags_zip *zip, const pags_zip_member *m, uint8_t
   if (m->size / 1032 > m->packed)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': %zu bytes can't be packed in %zu", zip->path, name_length, m->name,
                      m->size, m->packed);
-  uint8_t *block = malloc(m->size + 1);
-  if (!block)
-    return pags_out_of_memory("%s: '%.*s', %zu bytes", zip->path, name_length, m->name, m->size);
+  PAGS_AUTOFREE uint8_t *block = malloc(m->size + 1);
+  PAGS_CHECK_MEMORY(block, "%s: '%.*s', %zu bytes", zip->path, name_length, m->name, m->size);
   block[m->size] = 0;
-  pags_result result = PAGS_OK;
   if (m->deflated)
-    result = inflate_member(zip, m, block);
+    PAGS_TRY(inflate_member(zip, m, block));
   else
     memcpy(block, zip->bytes + m->offset, m->size);
-  if (result == PAGS_OK && crc32(0, block, (uInt)m->size) != m->crc)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': wrong CRC", zip->path, name_length, m->name);
-  if (result == PAGS_OK)
-    *out = block;
-  else
-    free(block);
-  return result;
+  if (crc32(0, block, (uInt)m->size) != m->crc)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': wrong CRC", zip->path, name_length, m->name);
+  *out = pags_take(&block);
+  return PAGS_OK;
 }

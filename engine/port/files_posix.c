@@ -21,10 +21,11 @@
 
 /* ---- What lies at a path ---- */
 
-/* Whether a link lies in /proc. Such links, like the target of /dev/stdout, lead to open descriptors. */
-static bool is_of_proc(const struct stat *link) {
-  struct stat proc;
-  return stat("/proc", &proc) == 0 && link->st_dev == proc.st_dev;
+/* Closes a descriptor on a path that fails: errno stays. */
+static void drop(int descriptor) {
+  const int error = errno;
+  close(descriptor);
+  errno = error;
 }
 
 static void describe(const struct stat *from, pags_port_status *out) {
@@ -35,7 +36,8 @@ static void describe(const struct stat *from, pags_port_status *out) {
                                                               : PAGS_PORT_DEVICE,
                             .size = (uint64_t)from->st_size,
                             .mode = from->st_mode & 07777};
-  out->of_proc = out->kind == PAGS_PORT_LINK && is_of_proc(from);
+  struct stat proc; /* links in it, like the target of /dev/stdout, lead to open descriptors */
+  out->of_proc = out->kind == PAGS_PORT_LINK && stat("/proc", &proc) == 0 && from->st_dev == proc.st_dev;
 }
 
 bool pags_port_stat(const char *path, bool follow, pags_port_status *status) {
@@ -101,11 +103,8 @@ FILE *pags_port_open(const char *path, const char *mode) {
 /* A stream over a descriptor, which is closed if that fails. */
 static FILE *stream_of(int descriptor) {
   FILE *stream = descriptor < 0 ? NULL : fdopen(descriptor, "wb");
-  if (!stream && descriptor >= 0) {
-    const int error = errno;
-    close(descriptor);
-    errno = error;
-  }
+  if (!stream && descriptor >= 0)
+    drop(descriptor);
   return stream;
 }
 
@@ -138,9 +137,7 @@ FILE *pags_port_open_part(const char *path) {
     }
     if (ftruncate(file, 0) == 0)
       return stream_of(file);
-    const int error = errno;
-    close(file);
-    errno = error;
+    drop(file);
     return NULL;
   }
   errno = EBUSY;
@@ -150,10 +147,8 @@ FILE *pags_port_open_part(const char *path) {
 bool pags_port_rename_part(FILE *stream, const char *from, const char *to) {
   const int lock = fcntl(fileno(stream), F_DUPFD_CLOEXEC, 0); /* a lock lasts until its last descriptor is closed */
   const bool done = fclose(stream) == 0 && rename(from, to) == 0;
-  const int error = errno;
   if (lock >= 0)
-    close(lock);
-  errno = error;
+    drop(lock);
   return done;
 }
 
@@ -170,9 +165,7 @@ static int connect_to(const char *path) {
   fcntl(descriptor, F_SETFD, FD_CLOEXEC);
   if (connect(descriptor, (const struct sockaddr *)&address, sizeof address) == 0)
     return descriptor;
-  const int error = errno;
-  close(descriptor);
-  errno = error;
+  drop(descriptor);
   return -1;
 }
 
@@ -231,29 +224,15 @@ bool pags_port_try_file(char *pattern) {
   return true;
 }
 
-struct pags_port_folder {
-  DIR *dir;
-};
-
+/* A pags_port_folder is the system's own DIR. */
 pags_port_folder *pags_port_folder_open(const char *path) {
-  pags_port_folder *folder = malloc(sizeof *folder);
-  if (!folder) {
-    errno = ENOMEM;
-    return NULL;
-  }
-  folder->dir = opendir(path);
-  if (folder->dir)
-    return folder;
-  const int error = errno;
-  free(folder);
-  errno = error;
-  return NULL;
+  return (pags_port_folder *)opendir(path);
 }
 
 const char *pags_port_folder_next(pags_port_folder *folder) {
   for (;;) {
     errno = 0;
-    const struct dirent *entry = readdir(folder->dir);
+    const struct dirent *entry = readdir((DIR *)folder);
     if (!entry)
       return NULL;
     if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0)
@@ -262,26 +241,14 @@ const char *pags_port_folder_next(pags_port_folder *folder) {
 }
 
 void pags_port_folder_close(pags_port_folder *folder) {
-  closedir(folder->dir);
-  free(folder);
+  closedir((DIR *)folder);
 }
 
 /* ---- Locks ---- */
 
-/* Waits for 20 ms. */
-static void pause_briefly(void) {
-  nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
-}
-
 static void read_text(int file, char *text, size_t size) {
   const ssize_t got = pread(file, text, size - 1, 0);
   text[got > 0 ? got : 0] = '\0';
-}
-
-/* Writes the holder of a lock. On a full disk the lock holds without its text. */
-static void write_text(int file, const char *text) {
-  const bool written = ftruncate(file, 0) == 0 && pwrite(file, text, strlen(text), 0) > 0;
-  (void)written;
 }
 
 /* flock, not fcntl: it belongs to the open file, so that no other close of the file drops it; NFS keeps it as a lock of
@@ -299,13 +266,13 @@ pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t
     *lock = file;
     if (flock(file, LOCK_EX | LOCK_NB) == 0) {
       const bool ours = is_at(file, path);
-      if (ours && !foreign)
-        write_text(file, text);
+      const bool written = ours && !foreign && ftruncate(file, 0) == 0 && pwrite(file, text, strlen(text), 0) > 0;
+      (void)written; /* on a full disk the lock holds without its text */
       if (ours && (!foreign || unlink(path) != 0))
         return PAGS_PORT_LOCKED;
     } else if (is_held(errno)) {
       read_text(file, holder, size);
-      pause_briefly();
+      nanosleep(&(struct timespec){.tv_nsec = 20000000}, NULL);
     } else if (errno != ESTALE) {
       const int error = errno;
       if (!foreign)
@@ -343,9 +310,7 @@ bool pags_port_map(const char *path, uint64_t size, uint8_t **bytes) {
   if (file < 0)
     return false;
   void *const map = mmap(NULL, (size_t)size, PROT_READ | PROT_WRITE, MAP_PRIVATE, file, 0);
-  const int error = errno;
-  close(file);
-  errno = error;
+  drop(file);
   *bytes = map == MAP_FAILED ? NULL : map;
   return map != MAP_FAILED;
 }

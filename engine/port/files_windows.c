@@ -309,26 +309,22 @@ pags_port_folder *pags_port_folder_open(const char *path) {
   pags_port_folder *folder = calloc(1, sizeof *folder);
   const size_t length = strlen(path);
   char *pattern = folder ? malloc(length + 3) : NULL;
-  wchar_t *wide = NULL;
   if (pattern) {
     memcpy(pattern, path, length);
     memcpy(pattern + length, "/*", 3);
-    wide = path_of(pattern);
-  } else {
-    errno = ENOMEM;
   }
+  wchar_t *wide = pattern ? path_of(pattern) : NULL;
+  if (!pattern)
+    errno = ENOMEM;
+  free(pattern);
   if (wide) {
     folder->find = FindFirstFileW(wide, &folder->entry);
     folder->first = true;
-    if (folder->find == INVALID_HANDLE_VALUE)
-      set_errno();
-  }
-  free(pattern);
-  if (wide && folder->find != INVALID_HANDLE_VALUE) {
     free(wide);
-    return folder;
+    if (folder->find != INVALID_HANDLE_VALUE)
+      return folder;
+    set_errno();
   }
-  free(wide);
   free(folder);
   return NULL;
 }

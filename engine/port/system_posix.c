@@ -29,16 +29,18 @@
 
 /* ---- Clock and resources ---- */
 
-int64_t pags_port_clock_ns(void) {
+static int64_t read_clock(clockid_t clock) {
   struct timespec now;
-  clock_gettime(CLOCK_MONOTONIC, &now);
+  clock_gettime(clock, &now);
   return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
+int64_t pags_port_clock_ns(void) {
+  return read_clock(CLOCK_MONOTONIC);
+}
+
 int64_t pags_port_thread_clock_ns(void) {
-  struct timespec now;
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-  return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+  return read_clock(CLOCK_THREAD_CPUTIME_ID);
 }
 
 int pags_port_processors(void) {
@@ -219,12 +221,6 @@ void pags_port_let_writes_fail(void) {
   writes_may_fail = true;
 }
 
-/* Handlers are dropped when another program takes over; ignored signals stay ignored. */
-static void set_back_write_signals(void) {
-  for (int i = 0; writes_may_fail && i < WRITE_SIGNALS; i++)
-    sigaction(write_signals[i], &found[i], NULL);
-}
-
 static const char *lost_mapping;
 
 static void on_bus_error(int signal_number, siginfo_t *info, void *context) {
@@ -270,7 +266,9 @@ bool pags_port_program_folder(char *path, size_t size) {
 }
 
 void pags_port_become(const char *const *words) {
-  set_back_write_signals();
+  /* Handlers are dropped when another program takes over; ignored signals stay ignored. */
+  for (int i = 0; writes_may_fail && i < WRITE_SIGNALS; i++)
+    sigaction(write_signals[i], &found[i], NULL);
   execvp(words[0], (char *const *)(uintptr_t)words);
   if (writes_may_fail)
     pags_port_let_writes_fail();
