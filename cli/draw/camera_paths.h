@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Computes camera paths from a scene: an orbit, a smooth flight through the training views, and the recorded
- * drive. */
+/* Computes camera paths from a scene: an orbit, a smooth flight through the training views, and the recorded drive.
+ * Describes a scene for pages: scene.json of pags view, and the header of scene.html. */
 #ifndef PAGS_CLI_CAMERA_PATHS_H
 #define PAGS_CLI_CAMERA_PATHS_H
 
+#include <pags/compose.h>
 #include <pags/scene.h>
 #include <stdbool.h>
+#include "base/json.h"
 #include "scene/survey.h"
 
 /* Makes an orbit of `frames` upright cameras at 30 frames/s that look at a centre. The path closes, or returns along
@@ -34,7 +36,27 @@ pags_result pags_camera_path_drive(const pags_scene *scene, int64_t frames, doub
 /* Returns the number of the sensor that pags_camera_path_drive follows; -1 if the scene is no drive. */
 int pags_camera_path_drive_sensor(const pags_scene *scene);
 
+/* Makes a path of `frames` zeroed cameras. */
+pags_result pags_camera_path_create(int64_t frames, pags_camera_path *out);
+
 /* Moves every camera `metres` to its own right; negative moves to the left. */
 void pags_camera_path_shift(pags_camera_path *path, double metres);
+
+/* ---- Description for pages ---- */
+
+/* Start camera of a page; found while the scene still has its Gaussians. */
+typedef struct pags_view_start {
+  pags_camera camera;
+  double up[3];    /* unit, world */
+  double distance; /* metres from the camera to its subject */
+} pags_view_start;
+
+/* The first recorded camera of a drive, or the first of an orbit. Errors of pags_camera_path_orbit. */
+pags_result pags_view_start_find(const pags_scene *scene, pags_view_start *out);
+
+/* Writes the description; the text is out->data, and the caller destroys the writer. `name`: name of the scene; `live`:
+ * it belongs to a running training and changes. PAGS_ERROR_MEMORY. */
+pags_result pags_view_describe(const pags_composition *composition, const pags_view_start *start, const char *name,
+                               bool live, pags_json_writer *out);
 
 #endif

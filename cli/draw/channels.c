@@ -4,7 +4,7 @@
 #include "cli/draw/picture.h"
 
 #include <math.h>
-#include <stdbool.h>
+#include "base/vec3.h"
 
 /* Unprojects pixel (x, y) by its depth into camera coordinates; returns false if the pixel lies outside or has no
  * depth. */
@@ -22,26 +22,24 @@ static bool step_along(const pags_picture *picture, const pags_camera *camera, i
   double ahead[3], behind[3];
   bool has_ahead = point_at(picture, camera, x + dx, y + dy, ahead);
   const bool has_behind = point_at(picture, camera, x - dx, y - dy, behind);
-  if (has_ahead && has_behind) {
-    if (fabs(behind[2] - here[2]) < fabs(ahead[2] - here[2]))
-      has_ahead = false;
-  }
-  for (int k = 0; k < 3; k++)
-    step[k] = has_ahead ? ahead[k] - here[k] : here[k] - behind[k];
+  if (has_ahead && has_behind && fabs(behind[2] - here[2]) < fabs(ahead[2] - here[2]))
+    has_ahead = false;
+  if (has_ahead)
+    pags_subtract3(ahead, here, step);
+  else if (has_behind)
+    pags_subtract3(here, behind, step);
   return has_ahead || has_behind;
 }
 
 /* Computes the unit normal at a pixel in camera axes, facing the camera; zeros if it can't be determined. */
 static void normal_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double n[3]) {
-  double here[3], right[3], down[3];
+  double here[3], right[3], down[3], cross[3];
   n[0] = n[1] = n[2] = 0;
   if (!point_at(picture, camera, x, y, here) || !step_along(picture, camera, x, y, 1, 0, here, right) ||
       !step_along(picture, camera, x, y, 0, 1, here, down))
     return;
-  double cross[3] = {down[1] * right[2] - down[2] * right[1], down[2] * right[0] - down[0] * right[2],
-                     down[0] * right[1] - down[1] * right[0]};
-  double length = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]);
-  double towards = -(cross[0] * here[0] + cross[1] * here[1] + cross[2] * here[2]);
+  pags_cross3(down, right, cross);
+  const double length = pags_length3(cross), towards = -pags_dot3(cross, here);
   if (length > 0)
     for (int k = 0; k < 3; k++)
       n[k] = cross[k] / (towards < 0 ? -length : length);
@@ -55,6 +53,6 @@ void pags_normals_from_depth(const pags_picture *picture, const pags_camera *cam
       if (x < picture->width)
         normal_at(picture, camera, x, y, n);
       for (int k = 0; k < 3; k++)
-        out[k][(int64_t)y * picture->stride + x] = (float)(m[4 * k] * n[0] + m[4 * k + 1] * n[1] + m[4 * k + 2] * n[2]);
+        out[k][(int64_t)y * picture->stride + x] = (float)pags_dot3(m + 4 * k, n);
     }
 }

@@ -4,8 +4,6 @@
 #include "cli/draw/deadline_report.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
 #include "base/psnr.h"
@@ -15,8 +13,7 @@ pags_result pags_deadline_report_create(const pags_composition *composition, pag
   *out = (pags_deadline_report){.check_every = check_every, .ids = pags_composition_gaussian_count(composition)};
   out->controller = pags_deadline_controller_begin(ms);
   out->priority = calloc((size_t)out->ids + 1, sizeof *out->priority);
-  if (!out->priority)
-    return pags_out_of_memory("the priorities of %lld Gaussians", (long long)out->ids);
+  PAGS_CHECK_MEMORY(out->priority, "the priorities of %lld Gaussians", (long long)out->ids);
   pags_composition_priorities(composition, out->priority);
   PAGS_TRY(pags_deadline_create(tasks, out->priority, out->ids, &out->deadline));
   return pags_frame_create(tasks, &out->full_frame);
@@ -24,14 +21,18 @@ pags_result pags_deadline_report_create(const pags_composition *composition, pag
 
 void pags_deadline_report_destroy(pags_deadline_report *deadline) {
   pags_deadline_destroy(deadline->deadline);
-  if (deadline->full_frame)
-    pags_frame_destroy(deadline->full_frame);
+  pags_frame_destroy(deadline->full_frame);
   free(deadline->priority);
-  memset(deadline, 0, sizeof *deadline);
 }
 
 static double cut(float v) {
   return v <= 0.0f ? 0.0 : v >= 1.0f ? 1.0 : (double)v;
+}
+
+static void add_pixel(pags_deadline_error *error, double squared, double largest) {
+  error->squared += squared;
+  error->samples += 3;
+  error->largest = fmax(error->largest, largest);
 }
 
 pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *parts, int part_count,
@@ -62,27 +63,22 @@ pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *
         sum += error * error;
         largest = fmax(largest, error);
       }
-      d->squared += sum;
-      d->samples += 3;
-      d->largest = fmax(d->largest, largest);
-      if (critical) {
-        d->squared_critical += sum;
-        d->samples_critical += 3;
-        d->largest_critical = fmax(d->largest_critical, largest);
-      }
+      add_pixel(&d->all, sum, largest);
+      if (critical)
+        add_pixel(&d->critical, sum, largest);
     }
   d->checked++;
-
   return PAGS_OK;
 }
 
-static void say_error(const pags_session *session, const char *what, double squared, double samples, double largest) {
-  if (samples == 0)
+static void say_error(const pags_session *session, const char *what, const pags_deadline_error *error) {
+  if (error->samples == 0)
     pags_say(session, "; %s: none", what);
-  else if (squared == 0)
+  else if (error->squared == 0)
     pags_say(session, "; %s: no error", what);
   else
-    pags_say(session, "; %s: %.2f dB, largest error %.4f", what, pags_psnr(squared / samples), largest);
+    pags_say(session, "; %s: %.2f dB, largest error %.4f", what, pags_psnr(error->squared / error->samples),
+             error->largest);
 }
 
 void pags_deadline_report_print(const pags_deadline_report *d, const pags_session *session) {
@@ -91,32 +87,30 @@ void pags_deadline_report_print(const pags_deadline_report *d, const pags_sessio
            d->controller.target, (long long)d->met, (long long)d->frames, 100 * (double)d->met / n, d->sum_ms / n,
            d->worst_ms);
   for (int k = 0; k < PAGS_DEADLINE_WHOLE_STEPS; k++) {
+    /* Print what this step reduces, and in which share of the frames (in per cent) it was used. */
     const pags_deadline_step *step = &pags_deadline_steps()[k];
-    if (d->at_step[k]) {
-      /* Print what this step reduces, and in which share of the frames (in per cent) it was used. */
-      double share = 100 * (double)d->at_step[k] / n;
-      if (step->eps <= 0) /* only the first step has full quality */
-        pags_say(session, "  %5.1f %% of frames: full quality\n", share);
-      else
-        pags_say(session,
-                 "  %5.1f %% of frames: early stop at %.4f; non-critical areas %s, SH degree reduced by %d, without "
-                 "Gaussians below %g px\n",
-                 share, (double)step->eps, step->sampled ? "at a quarter of the resolution" : "at full resolution",
-                 step->sh_less, (double)step->cut);
-    }
+    const double share = 100 * (double)d->at_step[k] / n;
+    if (d->at_step[k] && step->eps <= 0) /* only the first step has full quality */
+      pags_say(session, "  %5.1f %% of frames: full quality\n", share);
+    else if (d->at_step[k])
+      pags_say(session,
+               "  %5.1f %% of frames: early stop at %.4f; non-critical areas %s, SH degree reduced by %d, without "
+               "Gaussians below %g px\n",
+               share, (double)step->eps, step->sampled ? "at a quarter of the resolution" : "at full resolution",
+               step->sh_less, (double)step->cut);
   }
   pags_say(session, "  %.0f %% of tiles at full resolution; against full quality (%lld frames)",
            100 * d->sum_full_tiles / n, (long long)d->checked);
-  say_error(session, "all", d->squared, d->samples, d->largest);
-  say_error(session, "critical", d->squared_critical, d->samples_critical, d->largest_critical);
+  say_error(session, "all", &d->all);
+  say_error(session, "critical", &d->critical);
   pags_say(session, "\n");
 }
 
-static void put_error(pags_json_writer *json, const char *name, double squared, double samples, double largest) {
+static void put_error(pags_json_writer *json, const char *name, const pags_deadline_error *error) {
   pags_json_begin_object(json, name);
-  pags_json_put_integer(json, "pixels", (int64_t)(samples / 3));
-  pags_json_put_number(json, "psnr", samples > 0 ? pags_psnr(squared / samples) : (double)NAN);
-  pags_json_put_number(json, "max_error", largest);
+  pags_json_put_integer(json, "pixels", (int64_t)(error->samples / 3));
+  pags_json_put_number(json, "psnr", error->samples > 0 ? pags_psnr(error->squared / error->samples) : (double)NAN);
+  pags_json_put_number(json, "max_error", error->largest);
   pags_json_end_object(json);
 }
 
@@ -142,8 +136,8 @@ void pags_deadline_report_put(const pags_deadline_report *d, pags_json_writer *j
   }
   pags_json_end_array(json);
   pags_json_put_integer(json, "checked", d->checked);
-  put_error(json, "error", d->squared, d->samples, d->largest);
-  put_error(json, "error_critical", d->squared_critical, d->samples_critical, d->largest_critical);
+  put_error(json, "error", &d->all);
+  put_error(json, "error_critical", &d->critical);
   pags_json_end_object(json);
 }
 

@@ -9,6 +9,10 @@
 #include <pags/compose.h>
 #include <pags/deadline.h>
 
+typedef struct pags_deadline_error {
+  double squared, samples, largest; /* of channels, clamped to 0..1 */
+} pags_deadline_error;
+
 typedef struct pags_deadline_report {
   pags_deadline *deadline;
   pags_deadline_controller controller;
@@ -19,7 +23,7 @@ typedef struct pags_deadline_report {
   int64_t frames, met, checked;
   int64_t at_step[PAGS_DEADLINE_WHOLE_STEPS];
   double sum_ms, worst_ms, sum_full_tiles;
-  double squared, samples, squared_critical, samples_critical, largest, largest_critical;
+  pags_deadline_error all, critical; /* of pixels */
 } pags_deadline_report;
 
 /* Every `check_every`th frame is also drawn at full quality, outside of the timed part, to measure the error. The

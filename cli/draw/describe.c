@@ -1,44 +1,30 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Describes a scene as JSON for pages: start camera, recorded cameras, objects with boxes and tracks. */
-#include "cli/draw/describe.h"
-
+/* Describes a scene as JSON: for pages (start camera, recorded cameras, objects with boxes and tracks), and
+ * objects.json beside pictures (docs/render.md). */
 #include "cli/draw/camera_paths.h"
+#include "cli/draw/picture.h"
 #include "cli/draw/vectors.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include "base/memory.h"
+#include "scene/object.h"
 #include "scene/scene_json.h"
 
 /* ---- Where to begin ---- */
 
-/* The mean of the cameras' up axes if they agree; else the up axis of the scene. */
-static pags_vec3 find_up(const pags_scene *scene) {
-  pags_vec3 sum = {0, 0, 0};
-  for (int64_t i = 0; i < scene->view_count; i++)
-    sum = pags_vec_sub(sum, pags_camera_column(&scene->views[i].camera, 1));
-  if (scene->up == PAGS_UP_Z)
-    return (pags_vec3){0, 0, 1};
-  if (scene->view_count && pags_vec_length(sum) > 0.3 * (double)scene->view_count)
-    return pags_vec_normalized(sum);
-  return (pags_vec3){0, scene->up == PAGS_UP_Y ? 1 : -1, 0};
-}
-
 pags_result pags_view_start_find(const pags_scene *scene, pags_view_start *out) {
   enum { FRAMES = 8, AHEAD = 10 };
-  pags_camera_path path = {0};
+  PAGS_AUTO(pags_camera_path_destroy) pags_camera_path path = {0};
   const bool drive = pags_scene_is_drive(scene) && pags_camera_path_drive(scene, 0, 0, &path) == PAGS_OK;
   if (!drive)
     PAGS_TRY(pags_camera_path_orbit(scene, FRAMES, PAGS_STAND_AUTO, &path));
-  const pags_vec3 up = find_up(scene);
+  const pags_vec3 up = scene->up == PAGS_UP_Z ? (pags_vec3){0, 0, 1} : pags_cameras_up(scene);
   *out = (pags_view_start){.camera = path.cameras[0], .up = {up.x, up.y, up.z}, .distance = AHEAD};
   if (!drive) {
     /* The distance between opposite cameras of an orbit is twice its radius. */
     const pags_vec3 a = pags_camera_column(&path.cameras[0], 3), b = pags_camera_column(&path.cameras[FRAMES / 2], 3);
     out->distance = fmax(0.5 * pags_vec_length(pags_vec_sub(a, b)), 1e-3);
   }
-  pags_camera_path_destroy(&path);
   return PAGS_OK;
 }
 
@@ -103,18 +89,13 @@ static void put_objects(pags_json_writer *json, const pags_composition *composit
 static pags_result count_gaussians(const pags_composition *composition, int64_t **out) {
   const int64_t count = pags_composition_gaussian_count(composition);
   const int64_t objects = pags_composition_scene(composition)->object_count;
-  int32_t *object_of = malloc(((size_t)count + 1) * sizeof *object_of);
+  PAGS_AUTOFREE int32_t *object_of = malloc(((size_t)count + 1) * sizeof *object_of);
   *out = calloc((size_t)objects + 1, sizeof **out);
-  if (!object_of || !*out) {
-    free(object_of);
-    free(*out);
-    return pags_out_of_memory("the objects of %lld Gaussians", (long long)count);
-  }
+  PAGS_CHECK_MEMORY(object_of && *out, "the objects of %lld Gaussians", (long long)count);
   pags_composition_objects(composition, object_of);
   for (int64_t i = 0; i < count; i++)
     if (object_of[i] >= 0 && object_of[i] < objects)
       (*out)[object_of[i]]++;
-  free(object_of);
   return PAGS_OK;
 }
 
@@ -122,7 +103,7 @@ pags_result pags_view_describe(const pags_composition *composition, const pags_v
                                bool live, pags_json_writer *out) {
   const pags_scene *scene = pags_composition_scene(composition);
   const double time[2] = {scene->time_begin, scene->time_end};
-  int64_t *gaussians;
+  PAGS_AUTOFREE int64_t *gaussians = NULL;
   pags_json_writer_init(out, 0);
   PAGS_TRY(count_gaussians(composition, &gaussians));
   pags_json_begin_object(out, NULL);
@@ -139,6 +120,35 @@ pags_result pags_view_describe(const pags_composition *composition, const pags_v
   put_views(out, scene);
   put_objects(out, composition, gaussians);
   pags_json_end_object(out);
-  free(gaussians);
   return pags_json_writer_finish(out);
+}
+
+/* ---- objects.json ---- */
+
+pags_result pags_object_table_write(const pags_scene *scene, const char *folder) {
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {0};
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_integer(&writer, "version", 1);
+  pags_json_put_string(&writer, "channel", "object");
+  pags_json_put_integer(&writer, "background", -1);
+  pags_json_begin_array(&writer, "objects");
+  for (int64_t i = 0; i < scene->object_count; i++) {
+    const pags_scene_object *const object = &scene->objects[i];
+    char name[PAGS_OBJECT_NAME];
+    pags_object_plain_name(object->record.class_name, i, name);
+    pags_json_begin_object(&writer, NULL);
+    pags_json_put_integer(&writer, "number", i);
+    pags_json_put_string(&writer, "name", name);
+    pags_json_put_string(&writer, "id", object->record.id);
+    pags_json_put_string(&writer, "class", object->record.class_name);
+    pags_json_put_string(&writer, "category", pags_category_name(object->record.category));
+    pags_json_put_bool(&writer, "critical", object->critical);
+    pags_json_put_bool(&writer, "moving", object->record.moving);
+    pags_json_put_numbers(&writer, "size", object->record.size, 3);
+    pags_json_end_object(&writer);
+  }
+  pags_json_end_array(&writer);
+  pags_json_end_object(&writer);
+  return pags_json_writer_save_in_folder(&writer, folder, "objects.json");
 }

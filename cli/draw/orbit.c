@@ -3,16 +3,15 @@
  * the training cameras; without photographs, at a distance that shows the whole object, or inside the room
  * (scene/survey.h); and outside of walls. World coordinates are absolute, in double. */
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/vectors.h"
 #include "maths/maths.h"
 #include "scene/survey.h"
 
-enum { PATH_FPS = 30, AZIMUTHS = 72, SPREAD = 4 }; /* SPREAD: azimuths on either side that are smoothed over */
+enum { AZIMUTHS = 72, SPREAD = 4 }; /* SPREAD: azimuths on either side that are smoothed over */
 enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, OBJECT_FOCAL = 1000, ROOM_FOCAL = 700 };
 
 static const double pi = 3.14159265358979323846;
@@ -29,6 +28,13 @@ typedef struct orbit {
 
 static pags_vec3 scene_up(const pags_scene *scene) {
   return scene->up == PAGS_UP_Z ? (pags_vec3){0, 0, 1} : (pags_vec3){0, scene->up == PAGS_UP_Y ? 1 : -1, 0};
+}
+
+pags_vec3 pags_cameras_up(const pags_scene *scene) {
+  pags_vec3 sum = {0, 0, 0};
+  for (int64_t i = 0; i < scene->view_count; i++)
+    sum = pags_vec_sub(sum, pags_camera_column(&scene->views[i].camera, 1));
+  return pags_vec_length(sum) > 0.3 * (double)scene->view_count ? pags_vec_normalized(sum) : scene_up(scene);
 }
 
 static pags_camera default_lens(double focal) {
@@ -91,6 +97,11 @@ static void smooth_down(double values[AZIMUTHS]) {
   }
 }
 
+/* A point of the survey, which is relative to the scene's origin, in absolute coordinates. */
+static pags_vec3 from_origin(const pags_scene *scene, double x, double y, double z) {
+  return (pags_vec3){x + scene->origin[0], y + scene->origin[1], z + scene->origin[2]};
+}
+
 static int cell_of(const pags_scene *scene, const pags_survey *survey, pags_vec3 p) {
   const double own[3] = {p.x - scene->origin[0], p.y - scene->origin[1], p.z - scene->origin[2]};
   return pags_survey_cell(survey, own);
@@ -118,11 +129,10 @@ static bool shows_box(const orbit *o, const pags_vec3 corners[8], double radius,
 /* Orbit around an object, as near as possible with the whole box in the picture. */
 static void orbit_of_box(const pags_scene *scene, const pags_survey *survey, orbit *o) {
   static const double slope = 0.25; /* looking a little down */
-  const double *lo = survey->lo, *hi = survey->hi, *origin = scene->origin;
+  const double *lo = survey->lo, *hi = survey->hi;
   pags_vec3 corners[8];
   for (int i = 0; i < 8; i++)
-    corners[i] = (pags_vec3){(i & 1 ? hi[0] : lo[0]) + origin[0], (i & 2 ? hi[1] : lo[1]) + origin[1],
-                             (i & 4 ? hi[2] : lo[2]) + origin[2]};
+    corners[i] = from_origin(scene, i & 1 ? hi[0] : lo[0], i & 2 ? hi[1] : lo[1], i & 4 ? hi[2] : lo[2]);
   const double diagonal = fmax(pags_vec_length(pags_vec_sub(corners[7], corners[0])), 1e-3);
   double near = 0.3 * diagonal, far = 8 * diagonal;
   o->centre = pags_vec_scale(pags_vec_add(corners[0], corners[7]), 0.5);
@@ -144,7 +154,7 @@ static void orbit_of_box(const pags_scene *scene, const pags_survey *survey, orb
 static void orbit_of_room(const pags_scene *scene, const pags_survey *survey, orbit *o) {
   double sorted[AZIMUTHS];
   const double *m = survey->middle, reach = survey->step * (survey->n[0] + survey->n[1] + survey->n[2]);
-  o->centre = (pags_vec3){m[0] + scene->origin[0], m[1] + scene->origin[1], m[2] + scene->origin[2]};
+  o->centre = from_origin(scene, m[0], m[1], m[2]);
   o->lens = default_lens(ROOM_FOCAL);
   for (int a = 0; a < AZIMUTHS; a++) {
     double begins = 0, ends = 0;
@@ -240,18 +250,12 @@ static void find_arc(double *angles, int64_t count, orbit *o) {
 
 static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *survey, orbit *o) {
   const size_t count = (size_t)scene->view_count;
-  double *radii = malloc(3 * count * sizeof *radii), *heights = radii + count, *angles = heights + count;
-  if (!radii)
-    return pags_out_of_memory(NULL);
+  PAGS_AUTOFREE double *radii = malloc(3 * count * sizeof *radii);
+  PAGS_CHECK_MEMORY(radii, NULL);
+  double *const heights = radii + count, *const angles = heights + count;
   if (!nearest_to_axes(scene, &o->centre))
-    o->centre = (pags_vec3){survey->middle[0] + scene->origin[0], survey->middle[1] + scene->origin[1],
-                            survey->middle[2] + scene->origin[2]};
-
-  /* Up is the mean of the cameras' up axes; the scene's up if these disagree. */
-  pags_vec3 sum = {0, 0, 0};
-  for (size_t i = 0; i < count; i++)
-    sum = pags_vec_sub(sum, pags_camera_column(&scene->views[i].camera, 1));
-  stand_up(o, pags_vec_length(sum) > 0.3 * (double)count ? pags_vec_normalized(sum) : scene_up(scene));
+    o->centre = from_origin(scene, survey->middle[0], survey->middle[1], survey->middle[2]);
+  stand_up(o, pags_cameras_up(scene));
   for (size_t i = 0; i < count; i++) {
     const pags_vec3 offset = pags_vec_sub(pags_camera_column(&scene->views[i].camera, 3), o->centre);
     heights[i] = pags_vec_dot(offset, o->up);
@@ -262,7 +266,6 @@ static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *su
   find_arc(angles, scene->view_count, o);
   o->lens = scene->views[0].camera;
   o->lens.lens = (pags_lens_model){0}; /* pictures of an orbit are pinholes' */
-  free(radii);
 
   /* Moves the camera towards the centre where it would be inside something solid. */
   for (int a = 0; a < AZIMUTHS; a++)
@@ -283,26 +286,20 @@ static pags_result orbit_of_near_views(const pags_scene *scene, const pags_surve
   const double *lo = survey->lo, *hi = survey->hi;
   pags_far_cameras found;
   pags_scene near = *scene;
-  double *positions = malloc(3 * count * sizeof *positions);
-  bool *far = malloc(count * sizeof *far);
-  near.views = malloc(count * sizeof *near.views);
-  pags_result result = positions && far && near.views ? PAGS_OK : pags_out_of_memory(NULL);
-  for (size_t i = 0; result == PAGS_OK && i < 3 * count; i++)
-    positions[i] = scene->views[i / 3].camera.world_from_camera[4 * (i % 3) + 3];
-  if (result == PAGS_OK)
-    result = pags_far_cameras_find(positions, scene->view_count,
-                                   fmax(fmax(hi[0] - lo[0], hi[1] - lo[1]), hi[2] - lo[2]) / 2, far, &found);
-  if (result == PAGS_OK) {
-    near.view_count = 0;
-    for (size_t i = 0; i < count; i++)
-      if (!far[i])
-        near.views[near.view_count++] = scene->views[i];
-    result = orbit_of_views(&near, survey, o);
-  }
-  free(positions);
-  free(far);
-  free(near.views);
-  return result;
+  PAGS_AUTOFREE double *positions = malloc(3 * count * sizeof *positions);
+  PAGS_AUTOFREE bool *far = malloc(count * sizeof *far);
+  PAGS_AUTOFREE pags_scene_view *views = malloc(count * sizeof *views);
+  PAGS_CHECK_MEMORY(positions && far && views, NULL);
+  for (size_t i = 0; i < count; i++)
+    pags_pose_position(scene->views[i].camera.world_from_camera, positions + 3 * i);
+  PAGS_TRY(pags_far_cameras_find(positions, scene->view_count,
+                                 fmax(fmax(hi[0] - lo[0], hi[1] - lo[1]), hi[2] - lo[2]) / 2, far, &found));
+  near.views = views;
+  near.view_count = 0;
+  for (size_t i = 0; i < count; i++)
+    if (!far[i])
+      views[near.view_count++] = scene->views[i];
+  return orbit_of_views(&near, survey, o);
 }
 
 /* Orbit for a drive, whose cameras look along a street and have no common centre: circles above a place ahead of the
@@ -335,25 +332,20 @@ static void orbit_of_drive(const pags_scene *scene, const pags_survey *survey, o
 
 pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags_stand stand, pags_camera_path *out) {
   orbit o = {.half_arc = pi};
-  pags_survey survey;
+  PAGS_AUTO(pags_survey_destroy) pags_survey survey = {0};
   if (!scene->view_count && !pags_scene_gaussian_count(scene))
     return pags_fail(PAGS_ERROR_ARGUMENT, "an orbit needs at least one Gaussian or camera; the scene has none");
   PAGS_TRY(pags_survey_make(scene, &survey));
   stand_up(&o, scene_up(scene));
-  pags_result result = PAGS_OK;
   if (stand == PAGS_STAND_AUTO && pags_scene_is_drive(scene))
     orbit_of_drive(scene, &survey, &o);
   else if (stand == PAGS_STAND_AUTO && scene->view_count > 1)
-    result = orbit_of_near_views(scene, &survey, &o);
+    PAGS_TRY(orbit_of_near_views(scene, &survey, &o));
   else if (stand == PAGS_STAND_INSIDE || (stand == PAGS_STAND_AUTO && survey.inside && survey.surrounded > closed))
     orbit_of_room(scene, &survey, &o);
   else
     orbit_of_box(scene, &survey, &o);
-  pags_survey_destroy(&survey);
-  PAGS_TRY(result);
-  *out = (pags_camera_path){.fps = PATH_FPS, .count = frames, .cameras = calloc((size_t)frames, sizeof *out->cameras)};
-  if (!out->cameras)
-    return pags_out_of_memory("a path of %lld frames", (long long)frames);
+  PAGS_TRY(pags_camera_path_create(frames, out));
   for (int64_t i = 0; i < frames; i++) {
     const double turn = 2 * pi * (double)i / (double)frames;
     const double angle = o.middle_angle + (o.half_arc >= pi ? turn : o.half_arc * pags_sin(turn));

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes the channels of a rendered picture (colour, alpha, depth, ids, priorities, normals) to PNG and EXR files. */
+/* Renders pictures and writes their channels (colour, alpha, depth, ids, priorities, normals, passes) to PNG and EXR
+ * files. */
 #ifndef PAGS_CLI_PICTURE_H
 #define PAGS_CLI_PICTURE_H
 
@@ -8,6 +9,7 @@
 #include <pags/image.h>
 #include <pags/passes.h>
 #include <pags/scene.h>
+#include <pags/tasks.h>
 #include <stdbool.h>
 
 enum { PAGS_STEM = 600 }; /* room for the name of a picture, with the folders in it, and its end */
@@ -55,7 +57,8 @@ typedef struct pags_picture_writer {
 } pags_picture_writer;
 
 /* Looks up the objects and priorities that the channels need. Returns PAGS_ERROR_LIMIT if float32 can't hold every id
- * exactly (--channel id), PAGS_ERROR_ARGUMENT if the scene has no priorities for the priority channels. */
+ * exactly (--channel id), PAGS_ERROR_ARGUMENT if the scene has no priorities for the priority channels. `out` must be
+ * destroyed on failure, too. */
 pags_result pags_picture_writer_create(const pags_composition *composition, unsigned channels,
                                        pags_picture_format format, int bits, pags_picture_writer *out);
 void pags_picture_writer_destroy(pags_picture_writer *writer);
@@ -63,7 +66,7 @@ void pags_picture_writer_destroy(pags_picture_writer *writer);
 /* Scratch memory for three planes of the largest picture. Starts zeroed. */
 typedef struct pags_plane_scratch {
   float *data; /* freed by the owner */
-  size_t capacity;
+  int64_t capacity;
 } pags_plane_scratch;
 
 /* Writes every channel of one picture into `folder`; `camera` is the one it was rendered with, `passes` are those that
@@ -103,7 +106,7 @@ typedef struct pags_picture_names {
 /* A view is named after its photograph without extension: "cam0/DSC_01.JPG" is "cam0/DSC_01"; a name that leaves the
  * folder, "../DSC_01.JPG", is reduced to the part after the last slash. If an earlier view has that name (a.jpg and
  * a.png, or A.jpg), the extension stays, "a.png"; if that is taken as well, the number of the view follows, "a.png-12".
- */
+ * `out` must be destroyed on failure, too. */
 pags_result pags_picture_names_of_scene(const pags_scene *scene, pags_picture_names *out);
 pags_result pags_picture_names_of_dataset(const pags_dataset *dataset, pags_picture_names *out);
 void pags_picture_names_destroy(pags_picture_names *names);
@@ -119,5 +122,53 @@ void pags_normals_from_depth(const pags_picture *picture, const pags_camera *cam
 
 /* Writes `folder`/objects.json. */
 pags_result pags_object_table_write(const pags_scene *scene, const char *folder);
+
+/* ---- Passes of a sequence of pictures (pags/passes.h) for the channels of a picture writer ---- */
+
+typedef struct pags_render_passes {
+  pags_composition *composition;
+  const pags_picture_writer *writer; /* its channels select the passes; both must outlive this */
+  pags_moment moments[2];            /* before, after; their parts are `copies` */
+  pags_part *copies[2];
+  bool known[2];
+  int32_t *names[2];   /* per part: its name in the mattes of objects and classes */
+  int64_t capacity[4]; /* parts that the copies and the names have room for */
+} pags_render_passes;
+
+/* Composes the scene at the time of the neighbouring camera (side 0: before, 1: after), for motion; NULL: no motion on
+ * that side. It uses the composition's parts, so compose the picture itself afterwards. */
+pags_result pags_render_passes_moment(pags_render_passes *passes, int side, const pags_camera *camera);
+/* Computes the passes of the picture that `frame` has drawn of these parts, as composed by pags_compose. */
+pags_result pags_render_passes_draw(pags_render_passes *passes, pags_frame *frame, const pags_part *parts,
+                                    int part_count, pags_passes *out);
+/* Frees the memory. A zeroed struct is allowed. */
+void pags_render_passes_destroy(pags_render_passes *passes);
+
+/* ---- Queue of rendered pictures to be written: gathers one picture per worker thread, then encodes and writes all in
+ * parallel. Writing doesn't overlap rendering, since it would distort the measured render times. ---- */
+
+typedef struct pags_picture_slot pags_picture_slot;
+
+typedef struct pags_picture_queue {
+  const pags_picture_writer *writer;
+  pags_tasks *tasks;
+  const char *folder;
+  int count, used; /* number of slots; slots that hold a picture */
+  pags_picture_slot *slots;
+} pags_picture_queue;
+
+/* `writer`, `tasks` and `folder` must outlive the queue. */
+pags_result pags_picture_queue_create(const pags_picture_writer *writer, pags_tasks *tasks, const char *folder,
+                                      pags_picture_queue *out);
+/* Frees the queue and drops pictures that aren't written yet. A zeroed struct is allowed. */
+void pags_picture_queue_destroy(pags_picture_queue *queue);
+
+/* Adds a copy of the picture and its passes. If the queue is full then, writes all its pictures and returns the first
+ * error. */
+pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_passes *passes,
+                                   const pags_camera *camera, const char *name);
+
+/* Writes the pictures in the queue, even if the tasks were cancelled. */
+pags_result pags_picture_queue_finish(pags_picture_queue *queue);
 
 #endif

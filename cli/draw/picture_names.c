@@ -2,10 +2,6 @@
 /* Makes the names of pictures differ; see picture.h. */
 #include "cli/draw/picture.h"
 
-#include <stdbool.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 #include <strings.h>
 
 #include "base/file.h"
@@ -33,16 +29,17 @@ static pags_result rename_entry(entry *e) {
   char *name = e->tries == 0   ? pags_text_format("%.*s", (int)(stem ? stem : length), whole)
                : e->tries == 1 ? pags_text_copy(whole)
                                : pags_text_format("%s-%lld", e->name, (long long)e->number);
-  if (!name)
-    return pags_out_of_memory("the name of a picture");
+  PAGS_CHECK_MEMORY(name, "the name of a picture");
   free(e->name);
   e->name = name;
   e->tries++;
   return PAGS_OK;
 }
 
-/* Renames entries until no two names are equal. */
+/* Names the views, and renames them until no two names are equal. */
 static pags_result make_differ(entry *entries, int64_t count) {
+  for (int64_t i = 0; i < count; i++)
+    PAGS_TRY(rename_entry(&entries[i]));
   for (bool same = true; same;) {
     same = false;
     pags_sort(entries, count, sizeof *entries, by_name);
@@ -58,43 +55,30 @@ static pags_result make_differ(entry *entries, int64_t count) {
   return PAGS_OK;
 }
 
-static pags_result make(entry *entries, int64_t count, pags_picture_names *out) {
+/* Of one of the two, the other being NULL. */
+static pags_result make(const pags_scene *scene, const pags_dataset *dataset, pags_picture_names *out) {
+  const int64_t count = scene ? scene->view_count : pags_dataset_view_count(dataset);
+  PAGS_AUTOFREE entry *entries = calloc((size_t)count + 1, sizeof *entries);
   *out = (pags_picture_names){.count = count, .items = calloc((size_t)count + 1, sizeof *out->items)};
-  pags_result result = entries && out->items ? PAGS_OK : pags_out_of_memory("%lld names", (long long)count);
-  for (int64_t i = 0; i < count && result == PAGS_OK; i++)
-    result = rename_entry(&entries[i]);
-  if (result == PAGS_OK)
-    result = make_differ(entries, count);
-  if (entries && out->items)
-    for (int64_t i = 0; i < count; i++)
-      out->items[entries[i].number] = entries[i].name;
-  free(entries);
-  if (result != PAGS_OK)
-    pags_picture_names_destroy(out);
+  PAGS_CHECK_MEMORY(entries && out->items, "%lld names", (long long)count);
+  for (int64_t i = 0; i < count; i++)
+    entries[i] = (entry){.view = scene ? scene->views[i].name : pags_dataset_view(dataset, i)->name, .number = i};
+  const pags_result result = make_differ(entries, count);
+  for (int64_t i = 0; i < count; i++)
+    out->items[entries[i].number] = entries[i].name;
   return result;
 }
 
 pags_result pags_picture_names_of_scene(const pags_scene *scene, pags_picture_names *out) {
-  entry *entries = calloc((size_t)scene->view_count + 1, sizeof *entries);
-  if (entries)
-    for (int64_t i = 0; i < scene->view_count; i++)
-      entries[i] = (entry){.view = scene->views[i].name, .number = i};
-  return make(entries, scene->view_count, out);
+  return make(scene, NULL, out);
 }
 
 pags_result pags_picture_names_of_dataset(const pags_dataset *dataset, pags_picture_names *out) {
-  const int64_t count = pags_dataset_view_count(dataset);
-  entry *entries = calloc((size_t)count + 1, sizeof *entries);
-  if (entries)
-    for (int64_t i = 0; i < count; i++)
-      entries[i] = (entry){.view = pags_dataset_view(dataset, i)->name, .number = i};
-  return make(entries, count, out);
+  return make(NULL, dataset, out);
 }
 
 void pags_picture_names_destroy(pags_picture_names *names) {
-  if (names->items)
-    for (int64_t i = 0; i < names->count; i++)
-      free(names->items[i]);
+  for (int64_t i = 0; names->items && i < names->count; i++)
+    free(names->items[i]);
   free(names->items);
-  *names = (pags_picture_names){0};
 }

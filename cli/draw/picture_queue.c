@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Implements picture_queue.h: copies pictures into slots and writes all slots in parallel when they are full. */
-#include "cli/draw/picture_queue.h"
+/* The queue of picture.h: copies pictures into slots and writes all slots in parallel when they are full. */
+#include "cli/draw/picture.h"
 
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
 
@@ -17,7 +15,7 @@ struct pags_picture_slot {
   pags_passes passes;
   pags_camera camera;
   float *memory;
-  size_t capacity; /* floats */
+  int64_t capacity; /* floats */
   pags_plane_scratch scratch;
   char name[PAGS_STEM];
   bool written;
@@ -43,19 +41,16 @@ pags_result pags_picture_queue_create(const pags_picture_writer *writer, pags_ta
   int workers = pags_tasks_workers(tasks), count = workers < MOST_SLOTS ? workers : MOST_SLOTS;
   *out = (pags_picture_queue){.writer = writer, .tasks = tasks, .folder = folder, .count = count};
   out->slots = calloc((size_t)count, sizeof *out->slots);
-  if (!out->slots)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(out->slots, NULL);
   return PAGS_OK;
 }
 
 void pags_picture_queue_destroy(pags_picture_queue *queue) {
-  if (queue->slots)
-    for (int i = 0; i < queue->count; i++) {
-      free(queue->slots[i].memory);
-      free(queue->slots[i].scratch.data);
-    }
+  for (int i = 0; queue->slots && i < queue->count; i++) {
+    free(queue->slots[i].memory);
+    free(queue->slots[i].scratch.data);
+  }
   free(queue->slots);
-  memset(queue, 0, sizeof *queue);
 }
 
 /* The pointers to planes in a slot; returns how many. */
@@ -79,19 +74,14 @@ pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture
   /* Copy the planes into the slot, growing its memory if they need more than any before. */
   const size_t count = (size_t)picture->stride * (size_t)picture->height;
   const float **list[PLANES];
-  size_t planes = 0;
+  int64_t planes = 0;
   slot->picture = *picture;
   slot->passes = *passes;
   const int listed = list_planes(slot, list);
   for (int k = 0; k < listed; k++)
     planes += *list[k] != NULL;
-  if (planes * count > slot->capacity) {
-    free(slot->memory);
-    slot->memory = malloc(planes * count * sizeof *slot->memory);
-    slot->capacity = slot->memory ? planes * count : 0;
-    if (!slot->memory)
-      return pags_out_of_memory("a picture of %dx%d", picture->width, picture->height);
-  }
+  PAGS_CHECK_MEMORY(pags_grow(&slot->memory, planes * (int64_t)count, &slot->capacity, sizeof *slot->memory),
+                    "a picture of %dx%d", picture->width, picture->height);
   float *to = slot->memory;
   for (int k = 0; k < listed; k++)
     if (*list[k]) {

@@ -1,9 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Implements render_passes.h: copies of the parts at other times, and the names of the parts. */
-#include "cli/draw/render_passes.h"
-
-#include <stdlib.h>
-#include <string.h>
+/* The passes of picture.h: copies of the parts at other times, and the names of the parts. */
+#include "cli/draw/picture.h"
 
 #include "base/memory.h"
 
@@ -19,13 +16,8 @@ pags_result pags_render_passes_moment(pags_render_passes *passes, int side, cons
     return PAGS_OK;
   moment->camera = *camera;
   pags_compose(passes->composition, camera->time, &parts, &moment->part_count);
-  if (moment->part_count > passes->capacity[side] || !passes->copies[side]) {
-    pags_part *const copies = realloc(passes->copies[side], ((size_t)moment->part_count + 1) * sizeof *copies);
-    if (!copies)
-      return pags_out_of_memory("%d parts", moment->part_count);
-    passes->copies[side] = copies;
-    passes->capacity[side] = moment->part_count;
-  }
+  PAGS_CHECK_MEMORY(pags_grow(&passes->copies[side], moment->part_count + 1, &passes->capacity[side], sizeof *parts),
+                    "%d parts", moment->part_count);
   memcpy(passes->copies[side], parts, (size_t)moment->part_count * sizeof *parts);
   moment->parts = passes->copies[side];
   return PAGS_OK;
@@ -36,19 +28,12 @@ pags_result pags_render_passes_draw(pags_render_passes *passes, pags_frame *fram
   pags_matte mattes[2];
   pags_pass_request request = {.normal = wants(passes, PAGS_CHANNEL_EXPECTED_NORMAL),
                                .pairs = wants(passes, PAGS_CHANNEL_BLENDED) || wants(passes, PAGS_CHANNEL_OVERDRAW)};
-  if (part_count > passes->capacity[2] || !passes->names[0]) {
-    for (int m = 0; m < 2; m++) {
-      int32_t *const names = realloc(passes->names[m], ((size_t)part_count + 1) * sizeof *names);
-      if (!names)
-        return pags_out_of_memory("%d parts", part_count);
-      passes->names[m] = names;
-    }
-    passes->capacity[2] = part_count;
-  }
   for (int m = 0; m < 2; m++) {
     const pags_matte_names *const names = &passes->writer->mattes[m];
     if (!wants(passes, m ? PAGS_CHANNEL_CRYPTO_CLASS : PAGS_CHANNEL_CRYPTO_OBJECT))
       continue;
+    PAGS_CHECK_MEMORY(pags_grow(&passes->names[m], part_count + 1, &passes->capacity[2 + m], sizeof *passes->names[m]),
+                      "%d parts", part_count);
     for (int p = 0; p < part_count; p++) /* the last label is the background's */
       passes->names[m][p] = names->name_of_label[parts[p].label < 0 ? names->label_count - 1 : parts[p].label];
     mattes[m] = (pags_matte){names->count, names->values, passes->names[m]};
@@ -68,5 +53,4 @@ void pags_render_passes_destroy(pags_render_passes *passes) {
     free(passes->copies[k]);
     free(passes->names[k]);
   }
-  *passes = (pags_render_passes){0};
 }

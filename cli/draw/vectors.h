@@ -4,7 +4,7 @@
 #define PAGS_CLI_VECTORS_H
 
 #include <math.h>
-#include <pags/camera.h>
+#include <pags/scene.h>
 #include "base/sort.h"
 
 typedef struct pags_vec3 {
@@ -46,6 +46,9 @@ static inline void pags_camera_set_column(pags_camera *camera, int c, pags_vec3 
   m[4 + c] = v.y;
   m[8 + c] = v.z;
 }
+
+/* The mean of the cameras' up axes if they agree; else the up axis of the scene. */
+pags_vec3 pags_cameras_up(const pags_scene *scene);
 
 /* Sorts `values` and returns their `share` quantile (share 0..1). */
 static inline double pags_percentile(double *values, int64_t count, double share) {

@@ -20,7 +20,8 @@ typedef struct pags_viewpoints {
 
 typedef enum pags_split { PAGS_SPLIT_TRAIN, PAGS_SPLIT_TEST, PAGS_SPLIT_ALL } pags_split;
 
-/* Lists the views of the scene at `path`, named as their photographs. Fails if the split is empty. */
+/* Lists the views of the scene at `path`, named as their photographs. Fails if the split is empty. These functions'
+ * `out` must be destroyed on failure, too. */
 pags_result pags_viewpoints_of_scene(const pags_scene *scene, const char *path, pags_split split, pags_viewpoints *out);
 /* Lists the views of a data set, named as their photographs. Fails if the split is empty. */
 pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split split, pags_viewpoints *out);

@@ -4,7 +4,6 @@
 #include "cli/scene_html/write.h"
 
 #include "cli/draw/camera_paths.h"
-#include "cli/draw/describe.h"
 #include "cli/scene_html/pack.h"
 
 #include <math.h>

@@ -6,8 +6,6 @@
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/deadline_report.h"
 #include "cli/draw/picture.h"
-#include "cli/draw/picture_queue.h"
-#include "cli/draw/render_passes.h"
 #include "cli/draw/viewpoints.h"
 #include "cli/verbs/verbs.h"
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags view: shows a scene in a browser. */
 #include "cli/common/scene_options.h"
-#include "cli/draw/describe.h"
+#include "cli/draw/camera_paths.h"
 #include "cli/verbs/verbs.h"
 #include "cli/view/server.h"
 

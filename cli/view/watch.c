@@ -4,7 +4,7 @@
  * subtracted; a negative credit is repaid by the next steps. */
 #include "cli/view/watch.h"
 
-#include "cli/draw/describe.h"
+#include "cli/draw/camera_paths.h"
 #include "cli/view/server.h"
 
 #include <math.h>
