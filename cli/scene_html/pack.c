@@ -4,13 +4,12 @@
 #include "cli/scene_html/pack.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 #include <zlib.h>
 #include "base/bytes.h"
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "exporters/format/bake.h"
 #include "exporters/format/palette.h"
 #include "maths/maths.h"
@@ -38,9 +37,16 @@ typedef struct packer {
   int64_t *cell_rows;           /* rows of each cell */
   int64_t cell_count;
   uint8_t *bytes;
-  size_t size, capacity;
+  int64_t size, capacity;
   pags_json_writer header;
 } packer;
+
+static void destroy_packer(packer *p) {
+  void *const owned[] = {p->models, p->row, p->model_of, p->cells, p->cell_rows, p->bytes};
+  for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
+    free(owned[i]);
+  pags_json_writer_destroy(&p->header);
+}
 
 static double value_of(const packer *p, int plane, int64_t i) {
   return (double)pags_plane(p->models[p->model_of[i]].part->gaussians, plane)[p->row[i]];
@@ -48,40 +54,17 @@ static double value_of(const packer *p, int plane, int64_t i) {
 
 /* ---- Planes ---- */
 
-/* Returns room for `size` more bytes, which are zero; NULL if out of memory. */
-static uint8_t *add_bytes(packer *p, size_t size) {
-  if (p->size + size >= p->capacity) {
-    const size_t wanted = p->size + size + p->capacity / 2 + 1;
-    uint8_t *grown = realloc(p->bytes, wanted);
-    if (!grown)
-      return NULL;
-    p->bytes = grown;
-    p->capacity = wanted;
-  }
-  uint8_t *room = p->bytes + p->size;
-  memset(room, 0, size);
-  p->size += size;
-  return room;
-}
-
-/* Adds planes named `name`; the header lists name and size. */
+/* Adds planes named `name`, which are zero; the header lists name and size. */
 static pags_result add_planes(packer *p, const char *name, int64_t planes, int64_t rows, uint8_t **out) {
-  *out = add_bytes(p, (size_t)planes * (size_t)rows);
-  if (!*out)
-    return pags_out_of_memory("%lld Gaussians", (long long)p->count);
+  const int64_t size = planes * rows;
+  PAGS_CHECK_MEMORY(pags_grow(&p->bytes, p->size + size + 1, &p->capacity, 1), "%lld Gaussians", (long long)p->count);
+  *out = memset(p->bytes + p->size, 0, (size_t)size);
+  p->size += size;
   pags_json_begin_object(&p->header, NULL);
   pags_json_put_string(&p->header, "name", name);
   pags_json_put_integer(&p->header, "planes", planes);
   pags_json_put_integer(&p->header, "rows", rows);
   pags_json_end_object(&p->header);
-  return PAGS_OK;
-}
-
-static pags_result put_book(packer *p, const char *name, const pags_codebook *book) {
-  uint8_t *out;
-  PAGS_TRY(add_planes(p, name, PAGS_CODEBOOK, 4, &out));
-  for (int i = 0; i < PAGS_CODEBOOK; i++)
-    pags_store_f32(out + 4 * i, book->values[i]);
   return PAGS_OK;
 }
 
@@ -91,7 +74,7 @@ static pags_result put_book(packer *p, const char *name, const pags_codebook *bo
 static pags_result put_values(packer *p, const char *name, const char *book_name, const float *values, int64_t planes,
                               int64_t rows) {
   double lo = HUGE_VAL, hi = -HUGE_VAL;
-  pags_codebook book;
+  PAGS_AUTO(pags_codebook_destroy) pags_codebook book = {0};
   uint8_t *out;
   const int64_t count = planes * rows;
   for (int64_t i = 0; i < count; i++) {
@@ -104,15 +87,14 @@ static pags_result put_values(packer *p, const char *name, const char *book_name
   if (count)
     for (int i = 0; i < EVEN; i++)
       pags_codebook_add(&book, lo + (hi - lo) * (i + 0.5) / EVEN, 0.1 * (double)count / EVEN);
-  pags_result result = pags_codebook_choose(&book);
-  if (result == PAGS_OK)
-    result = put_book(p, book_name, &book);
-  if (result == PAGS_OK)
-    result = add_planes(p, name, planes, rows, &out);
-  for (int64_t i = 0; i < count && result == PAGS_OK; i++)
+  PAGS_TRY(pags_codebook_choose(&book));
+  PAGS_TRY(add_planes(p, book_name, PAGS_CODEBOOK, 4, &out));
+  for (int i = 0; i < PAGS_CODEBOOK; i++)
+    pags_store_f32(out + 4 * i, book.values[i]);
+  PAGS_TRY(add_planes(p, name, planes, rows, &out));
+  for (int64_t i = 0; i < count; i++)
     out[i] = pags_codebook_index(&book, (double)values[i]);
-  pags_codebook_destroy(&book);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Rows: which, and in which order ---- */
@@ -160,7 +142,7 @@ static void add_cell(packer *p, int64_t first) {
   p->cell_rows[p->cell_count++] = p->count - first;
 }
 
-static pags_result add_model(packer *p, const pags_part *part, int64_t object, placed_row *rows) {
+static void add_model(packer *p, const pags_part *part, int64_t object, placed_row *rows) {
   web_model *model = &p->models[p->model_count];
   int64_t count = 0;
   for (int64_t i = 0; i < part->gaussians->count; i++)
@@ -168,7 +150,7 @@ static pags_result add_model(packer *p, const pags_part *part, int64_t object, p
       rows[count++] = (placed_row){cell_of(part->gaussians, i), (int32_t)i};
   pags_sort(rows, count, sizeof *rows, compare_rows);
   if (!count)
-    return PAGS_OK;
+    return;
   *model = (web_model){.part = part, .object = object, .first = p->count, .count = count};
   for (int64_t i = 0, first = p->count; i < count; i++) {
     p->row[p->count] = rows[i].row;
@@ -180,7 +162,6 @@ static pags_result add_model(packer *p, const pags_part *part, int64_t object, p
     }
   }
   p->model_count++;
-  return PAGS_OK;
 }
 
 /* Lists all models and their rows. Each part of the composition becomes a model. Its pose is irrelevant, since rows are
@@ -189,38 +170,33 @@ static pags_result list_models(packer *p) {
   const pags_scene *scene = pags_composition_scene(p->composition);
   const size_t objects = (size_t)scene->object_count + 1;
   const size_t all = (size_t)pags_composition_gaussian_count(p->composition) + 1;
-  pags_placement *places = calloc(objects, sizeof *places);
-  placed_row *rows = malloc(all * sizeof *rows);
+  PAGS_AUTOFREE pags_placement *places = calloc(objects, sizeof *places);
+  PAGS_AUTOFREE placed_row *rows = malloc(all * sizeof *rows);
   p->row = malloc(all * sizeof *p->row);
   p->model_of = malloc(all * sizeof *p->model_of);
   p->cells = malloc(all * CELL_FLOATS * sizeof *p->cells);
   p->cell_rows = malloc(all * sizeof *p->cell_rows);
   const pags_part *parts = NULL;
   int count = 0;
-  pags_result result = places && rows && p->row && p->model_of && p->cells && p->cell_rows
-                           ? PAGS_OK
-                           : pags_out_of_memory("%lld Gaussians", (long long)all - 1);
-  for (size_t i = 0; i < objects && result == PAGS_OK; i++) {
+  PAGS_CHECK_MEMORY(places && rows && p->row && p->model_of && p->cells && p->cell_rows, "%lld Gaussians",
+                    (long long)all - 1);
+  for (size_t i = 0; i < objects; i++) {
     places[i] = (pags_placement){.object = (int64_t)i - 1, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
     if (i > 0)
-      for (int k = 0; k < 3; k++)
-        places[i].world_from_object[4 * k + 3] = scene->origin[k];
+      pags_pose_place(places[i].world_from_object, scene->origin);
   }
-  if (result == PAGS_OK)
-    result = pags_compose_placed(p->composition, (double)NAN, places, (int64_t)objects, &parts, &count);
-  if (result == PAGS_OK && count > MOST_MODELS)
-    result = pags_fail(PAGS_ERROR_LIMIT, "%d models: scene.html holds at most %d", count, MOST_MODELS);
-  if (result == PAGS_OK && !(p->models = calloc((size_t)count + 1, sizeof *p->models)))
-    result = pags_out_of_memory("%d models", count);
+  PAGS_TRY(pags_compose_placed(p->composition, (double)NAN, places, (int64_t)objects, &parts, &count));
+  if (count > MOST_MODELS)
+    return pags_fail(PAGS_ERROR_LIMIT, "%d models: scene.html holds at most %d", count, MOST_MODELS);
+  p->models = calloc((size_t)count + 1, sizeof *p->models);
+  PAGS_CHECK_MEMORY(p->models, "%d models", count);
   for (int changes = 1; changes >= 0; changes--) {
-    for (int i = 0; i < count && result == PAGS_OK; i++)
+    for (int i = 0; i < count; i++)
       if ((parts[i].gaussians->fourier != NULL) == (changes != 0))
-        result = add_model(p, &parts[i], pags_composition_part_object(p->composition, &parts[i]), rows);
+        add_model(p, &parts[i], pags_composition_part_object(p->composition, &parts[i]), rows);
     p->fourier_count = changes ? p->count : p->fourier_count;
   }
-  free(places);
-  free(rows);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- What the planes hold ---- */
@@ -303,10 +279,17 @@ static pags_result put_shapes(packer *p, float *values) {
 }
 
 /* A palette of harmonics, 1,024 to 65,536 entries by the number of rows, in planes by coefficient; two bytes a row. */
-static pags_result put_palette(packer *p, float *rows, float *entries, int32_t *labels, int64_t most) {
+static pags_result put_harmonics(packer *p) {
   const int width = 3 * (pags_sh_coefficients(p->degree) - 1);
-  int64_t found = 0;
+  int64_t most = 1024, found = 0;
   uint8_t *out;
+  while (most < 65536 && 2 * most <= p->count)
+    most *= 2;
+  most = p->count < most ? p->count : most;
+  PAGS_AUTOFREE float *rows = malloc((size_t)(p->count * width + 1) * sizeof *rows);
+  PAGS_AUTOFREE float *entries = malloc((size_t)(most * width + 1) * sizeof *entries);
+  PAGS_AUTOFREE int32_t *labels = malloc((size_t)(p->count + 1) * sizeof *labels);
+  PAGS_CHECK_MEMORY(rows && entries && labels, "harmonics of %lld Gaussians", (long long)p->count);
   for (int64_t i = 0; i < p->count; i++) {
     const int own = 3 * (pags_sh_coefficients(p->models[p->model_of[i]].part->gaussians->sh_degree) - 1);
     for (int k = 0; k < width; k++)
@@ -325,37 +308,17 @@ static pags_result put_palette(packer *p, float *rows, float *entries, int32_t *
   return PAGS_OK;
 }
 
-static pags_result put_harmonics(packer *p) {
-  const size_t width = 3 * ((size_t)pags_sh_coefficients(p->degree) - 1), count = (size_t)p->count;
-  int64_t most = 1024;
-  while (most < 65536 && 2 * most <= p->count)
-    most *= 2;
-  most = p->count < most ? p->count : most;
-  float *rows = malloc((count * width + 1) * sizeof *rows);
-  float *entries = malloc(((size_t)most * width + 1) * sizeof *entries);
-  int32_t *labels = malloc((count + 1) * sizeof *labels);
-  const pags_result result = rows && entries && labels ? put_palette(p, rows, entries, labels, most)
-                                                       : pags_out_of_memory("harmonics of %zu Gaussians", count);
-  free(rows);
-  free(entries);
-  free(labels);
-  return result;
-}
-
 /* The sky, by face, channel, row, through a codebook of its own: each index less what its neighbours to the left and
  * above predict, left + above - above left, where there are any. */
 static pags_result put_sky(packer *p, const pags_sky *sky) {
   const int64_t size = sky ? sky->size : 0, area = size * size;
-  float *values = malloc((size_t)(18 * area + 1) * sizeof *values);
-  if (!values)
-    return pags_out_of_memory("a sky");
+  PAGS_AUTOFREE float *values = malloc((size_t)(18 * area + 1) * sizeof *values);
+  PAGS_CHECK_MEMORY(values, "a sky");
   for (int64_t i = 0; i < 18 * area; i++) {
     const int64_t plane = i / area;
     values[i] = sky->texels[3 * (plane / 3 * area + i % area) + plane % 3];
   }
-  const pags_result result = put_values(p, "sky", "skyBook", values, 18, area);
-  free(values);
-  PAGS_TRY(result);
+  PAGS_TRY(put_values(p, "sky", "skyBook", values, 18, area));
   uint8_t *const indices = p->bytes + p->size - 18 * area;
   for (int64_t i = 18 * area - 1; i >= 0; i--) { /* from the end, so that neighbours are still themselves */
     const bool left = i % size > 0, above = i % area >= size;
@@ -394,11 +357,10 @@ static pags_result tell(const packer *p, double share) {
 
 static pags_result put_all(packer *p) {
   const pags_frame_options options = pags_composition_options(p->composition);
-  const double background[3] = {(double)options.background[0], (double)options.background[1],
-                                (double)options.background[2]};
-  float *values = malloc(((size_t)p->count * PAGS_FOURIER_PLANES + 1) * sizeof *values);
-  if (!values)
-    return pags_out_of_memory("%lld Gaussians", (long long)p->count);
+  double background[3];
+  PAGS_AUTOFREE float *values = malloc(((size_t)p->count * PAGS_FOURIER_PLANES + 1) * sizeof *values);
+  PAGS_CHECK_MEMORY(values, "%lld Gaussians", (long long)p->count);
+  pags_widen3(options.background, background);
   pags_json_begin_object(&p->header, NULL);
   pags_json_put_integer(&p->header, "format", 1);
   pags_json_put_integer(&p->header, "gaussians", p->count);
@@ -410,80 +372,60 @@ static pags_result put_all(packer *p) {
   pags_json_put_number(&p->header, "near", (double)options.near_plane);
   pags_json_put_number(&p->header, "lowPass", (double)options.low_pass);
   pags_json_put_bool(&p->header, "antialiased", options.antialiased != 0);
-  pags_result result = put_models(p);
+  PAGS_TRY(put_models(p));
   pags_json_put_raw(&p->header, "scene", p->settings->description);
   pags_json_begin_array(&p->header, "planes");
-  if (result == PAGS_OK)
-    result = put_means(p);
-  if (result == PAGS_OK)
-    result = put_rotations(p);
-  if (result == PAGS_OK)
-    result = put_shapes(p, values);
-  if (result == PAGS_OK)
-    result = tell(p, 0.2);
-  if (result == PAGS_OK && p->degree)
-    result = put_harmonics(p);
-  if (result == PAGS_OK)
-    result = tell(p, 0.6);
-  if (result == PAGS_OK)
-    result = put_sky(p, options.sky);
+  PAGS_TRY(put_means(p));
+  PAGS_TRY(put_rotations(p));
+  PAGS_TRY(put_shapes(p, values));
+  PAGS_TRY(tell(p, 0.2));
+  if (p->degree)
+    PAGS_TRY(put_harmonics(p));
+  PAGS_TRY(tell(p, 0.6));
+  PAGS_TRY(put_sky(p, options.sky));
   pags_json_end_array(&p->header);
   pags_json_end_object(&p->header);
-  free(values);
-  return result == PAGS_OK ? pags_json_writer_finish(&p->header) : result;
+  return pags_json_writer_finish(&p->header);
 }
 
 /* Compresses header and planes. */
 static pags_result compress_all(const packer *p, pags_web_pack *out) {
-  const size_t size = 4 + p->header.size + p->size;
+  const size_t size = 4 + p->header.size + (size_t)p->size;
   if (size > INT32_MAX)
     return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians are too many for a browser", (long long)p->count);
-  uint8_t *plain = malloc(size);
+  PAGS_AUTOFREE uint8_t *plain = malloc(size);
+  PAGS_CHECK_MEMORY(plain, "%zu bytes", size);
+  pags_store_u32(plain, (uint32_t)p->header.size);
+  memcpy(plain + 4, p->header.data, p->header.size);
+  if (p->size)
+    memcpy(plain + 4 + p->header.size, p->bytes, (size_t)p->size);
   z_stream z = {.next_in = plain, .avail_in = (uInt)size};
-  pags_result result = plain ? PAGS_OK : pags_out_of_memory("%zu bytes", size);
-  if (result == PAGS_OK && deflateInit2(&z, Z_BEST_COMPRESSION, Z_DEFLATED, 15 + 16, 9, Z_DEFAULT_STRATEGY) != Z_OK)
-    result = pags_out_of_memory("compression");
-  if (result == PAGS_OK) {
-    const size_t most = deflateBound(&z, (uLong)size);
-    pags_store_u32(plain, (uint32_t)p->header.size);
-    memcpy(plain + 4, p->header.data, p->header.size);
-    if (p->size)
-      memcpy(plain + 4 + p->header.size, p->bytes, p->size);
-    z.next_out = out->bytes = malloc(most);
-    z.avail_out = (uInt)most;
-    if (!out->bytes || deflate(&z, Z_FINISH) != Z_STREAM_END)
-      result = pags_out_of_memory("%zu bytes", most);
-    out->size = z.total_out;
-    deflateEnd(&z);
-  }
-  free(plain);
-  return result;
+  if (deflateInit2(&z, Z_BEST_COMPRESSION, Z_DEFLATED, 15 + 16, 9, Z_DEFAULT_STRATEGY) != Z_OK)
+    return pags_out_of_memory("compression");
+  const size_t most = deflateBound(&z, (uLong)size);
+  z.next_out = out->bytes = malloc(most);
+  z.avail_out = (uInt)most;
+  const bool done = out->bytes && deflate(&z, Z_FINISH) == Z_STREAM_END;
+  out->size = z.total_out;
+  deflateEnd(&z);
+  PAGS_CHECK_MEMORY(done, "%zu bytes", most);
+  return PAGS_OK;
 }
 
 pags_result pags_web_pack_make(pags_composition *composition, const pags_web_settings *settings, pags_web_pack *out) {
-  packer p = {.composition = composition, .settings = settings};
+  PAGS_AUTO(destroy_packer) packer p = {.composition = composition, .settings = settings};
   *out = (pags_web_pack){0};
   pags_json_writer_init(&p.header, 0);
-  pags_result result = list_models(&p);
+  PAGS_TRY(list_models(&p));
   for (int64_t m = 0; m < p.model_count; m++) {
     const int degree = p.models[m].part->gaussians->sh_degree;
     p.degree = degree > p.degree ? degree : p.degree;
   }
   p.degree = p.degree < settings->sh_degree ? p.degree : settings->sh_degree;
-  if (result == PAGS_OK)
-    result = put_all(&p);
-  if (result == PAGS_OK)
-    result = compress_all(&p, out);
   out->gaussians = p.count;
   out->sh_degree = p.degree;
-  free(p.models);
-  free(p.row);
-  free(p.model_of);
-  free(p.cells);
-  free(p.cell_rows);
-  free(p.bytes);
-  pags_json_writer_destroy(&p.header);
-  return result;
+  PAGS_TRY(put_all(&p));
+  return compress_all(&p, out);
 }
 
 void pags_web_pack_destroy(pags_web_pack *pack) {

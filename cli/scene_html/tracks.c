@@ -2,7 +2,6 @@
 #include "cli/scene_html/pack.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include "base/memory.h"
 #include "exporters/format/presence.h"
 
@@ -41,13 +40,10 @@ pags_result pags_web_track_put(pags_json_writer *json, const pags_scene *scene, 
   const pags_object *o = &scene->objects[object].record;
   const double ends[2] = {o->keyframes[0].time - scene->time_begin,
                           o->keyframes[o->keyframe_count - 1].time - scene->time_begin};
-  pags_presence presence;
+  PAGS_AUTO(pags_presence_destroy) pags_presence presence = {0};
   PAGS_TRY(pags_presence_find(scene, object, &presence));
-  double *times = malloc(((size_t)o->keyframe_count * PARTS + 4) * sizeof *times);
-  if (!times) {
-    pags_presence_destroy(&presence);
-    return pags_out_of_memory("a track");
-  }
+  PAGS_AUTOFREE double *times = malloc(((size_t)o->keyframe_count * PARTS + 4) * sizeof *times);
+  PAGS_CHECK_MEMORY(times, "a track");
   pags_json_put_numbers(json, "span", ends, 2);
   for (int poses = 0; poses < 2; poses++) {
     pags_json_begin_array(json, poses ? "poses" : "times");
@@ -68,7 +64,5 @@ pags_result pags_web_track_put(pags_json_writer *json, const pags_scene *scene, 
     }
     pags_json_end_array(json);
   }
-  free(times);
-  pags_presence_destroy(&presence);
   return PAGS_OK;
 }
