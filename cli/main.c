@@ -1,9 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The program pags: prints the general help, or finds the verb and runs it. */
 #include "base/lock.h"
-#include "cli/common/options.h"
 #include "cli/common/ranks.h"
-#include "cli/common/session.h"
 #include "cli/verbs/verbs.h"
 #include "port/port.h"
 #include "simd/kernels.h"
@@ -20,6 +18,7 @@ typedef struct verb_entry {
   const char *name, *summary;
   int (*run)(int argc, char **argv); /* NULL: the verb is not in this build */
   const char *lacking;               /* what this build lacks: of the verb, or if run is NULL the library; or NULL */
+  bool shares;                       /* it runs on several ranks, which share its work out */
 } verb_entry;
 
 /* CMake defines PAGS_WITH_* for the optional parts that are built. */
@@ -47,10 +46,6 @@ typedef struct verb_entry {
 
 /* Runs a verb on one process or, if it shares its work out, on all ranks of a job. */
 static int run_verb(const verb_entry *verb, int argc, char **argv) {
-  static const char *const sharing[] = {"train", "render", "eval"};
-  bool shares = false;
-  for (size_t i = 0; i < sizeof sharing / sizeof *sharing; i++)
-    shares |= !strcmp(verb->name, sharing[i]);
   if (pags_ranks_join() != PAGS_OK) {
     fprintf(stderr, "pags: %s\n", pags_error_message());
     return PAGS_EXIT_FAILED;
@@ -61,7 +56,7 @@ static int run_verb(const verb_entry *verb, int argc, char **argv) {
   pags_lock_set_holder(name);
   if (!pags_ranks_lead())
     pags_options_silence();
-  if (shares || !pags_ranks())
+  if (verb->shares || !pags_ranks())
     code = verb->run(argc, argv);
   else if (pags_ranks_lead())
     fprintf(stderr,
@@ -72,18 +67,18 @@ static int run_verb(const verb_entry *verb, int argc, char **argv) {
 }
 
 static const verb_entry verbs[] = {
-    {"train", "Reconstruct a scene from posed photographs", pags_verb_train, NULL},
-    {"render", "Render pictures of a scene or a splat file", pags_verb_render, NULL},
-    {"eval", "Compare a scene with its photographs: PSNR, SSIM, LPIPS", pags_verb_eval, NULL},
-    {"view", "Show a scene in a browser", IF_VIEW(pags_verb_view)},
-    {"report", "Write an HTML report of a scene, or of two scenes side by side", pags_verb_report, NULL},
-    {"info", "Describe a data set, scene, splat file, camera path, image or checkpoint", pags_verb_info, NULL},
-    {"export", "Export proxy meshes, splat files or a web page of a scene", pags_verb_export, EXPORT_LACKS},
+    {"train", "Reconstruct a scene from posed photographs", pags_verb_train, NULL, true},
+    {"render", "Render pictures of a scene or a splat file", pags_verb_render, NULL, true},
+    {"eval", "Compare a scene with its photographs: PSNR, SSIM, LPIPS", pags_verb_eval, NULL, true},
+    {"view", "Show a scene in a browser", IF_VIEW(pags_verb_view), false},
+    {"report", "Write an HTML report of a scene, or of two scenes side by side", pags_verb_report, NULL, false},
+    {"info", "Describe a data set, scene, splat file, camera path, image or checkpoint", pags_verb_info, NULL, false},
+    {"export", "Export proxy meshes, splat files or a web page of a scene", pags_verb_export, EXPORT_LACKS, false},
     {"import", "Import kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore, or photos",
-     IF_IMPORT(pags_verb_import)},
-    {"split", "Split a long drive into blocks that are trained separately", pags_verb_split, NULL},
-    {"merge", "Merge the scenes of a split drive's blocks", pags_verb_merge, NULL},
-    {"synth", "Generate a synthetic data set with ground truth", IF_SYNTH(pags_verb_synth)},
+     IF_IMPORT(pags_verb_import), false},
+    {"split", "Split a long drive into blocks that are trained separately", pags_verb_split, NULL, false},
+    {"merge", "Merge the scenes of a split drive's blocks", pags_verb_merge, NULL, false},
+    {"synth", "Generate a synthetic data set with ground truth", IF_SYNTH(pags_verb_synth), false},
 };
 enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
 
@@ -118,7 +113,6 @@ static int run(int argc, char **argv) {
         "\n'pags VERB --help' lists a verb's options with units and defaults. 'pags --version' prints version and "
         "build.\n");
     printf("Exit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
-
     return PAGS_EXIT_OK;
   }
   if (!strcmp(argv[1], "--version")) {

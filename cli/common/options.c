@@ -240,11 +240,8 @@ static bool store(const pags_option *option, const char *text, void *slot, char 
     case PAGS_OPTION_STRING: *(const char **)slot = text; return *text != '\0';
     case PAGS_OPTION_WORDS: return store_word(slot, text, strlen(text), NULL);
     case PAGS_OPTION_PAIRS: return store_pair(slot, text, next);
-    case PAGS_OPTION_FLAG:
-    case PAGS_OPTION_GROUP:
-    case PAGS_OPTION_END: break;
+    default: return false; /* flags have no value */
   }
-  return false;
 }
 
 /* ---- Parsing the command line ---- */
@@ -427,11 +424,7 @@ static void print_default(const pags_option *option, const void *defaults, char 
       string = *(const char *const *)slot;
       snprintf(text, size, "%s", string ? string : "");
       break;
-    case PAGS_OPTION_WORDS:
-    case PAGS_OPTION_PAIRS:
-    case PAGS_OPTION_FLAG:
-    case PAGS_OPTION_GROUP:
-    case PAGS_OPTION_END: break;
+    default: break; /* flags and repeatable options have none */
   }
 }
 

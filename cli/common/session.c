@@ -45,7 +45,7 @@ static void receive_log(void *user, pags_log_level level, const char *line) {
   const bool warning = level == PAGS_LOG_WARNING;
   if (level == PAGS_LOG_DEBUG)
     return;
-  pthread_mutex_lock(&warnings_lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&warnings_lock);
   const bool fresh = keep_line(warning ? &session->warnings : &session->notes, line);
   if (fresh && session->people && !warning)
     fprintf(session->people, "%s\n", line);
@@ -53,7 +53,6 @@ static void receive_log(void *user, pags_log_level level, const char *line) {
     pags_output_flush(session->people); /* so that the warning comes after what was printed before it */
   if (fresh && warning && pags_ranks_lead())
     fprintf(stderr, "warning: %s\n", line);
-  pthread_mutex_unlock(&warnings_lock);
 }
 
 pags_result pags_session_check(const pags_session *session) {

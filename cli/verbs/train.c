@@ -226,7 +226,6 @@ static void list_fields(void) {
 
 /* ---- Watching in a browser ---- */
 
-#ifdef PAGS_WITH_VIEW
 static pags_result watch_begin(const train_arguments *arguments, pags_dataset *dataset, pags_watch **watch) {
   PAGS_AUTOFREE char *log = arguments->options.resume ? pags_path_join(arguments->output, "log.jsonl") : NULL;
   PAGS_TRY(pags_watch_create(&(pags_watch_settings){.dataset = dataset,
@@ -240,40 +239,14 @@ static pags_result watch_begin(const train_arguments *arguments, pags_dataset *d
   return PAGS_OK;
 }
 
-/* A page's stop request has the effect of Ctrl-C. */
-static bool watch_step(pags_watch *watch, const pags_train_progress *now) {
-  if (watch && !pags_watch_step(watch, now))
-    pags_interrupt_ask();
-  return !pags_interrupted();
-}
-
-static void watch_end(pags_watch *watch, pags_result result, bool finished) {
-  pags_watch_end(watch, result, finished);
-}
-#else
-static pags_result watch_begin(const train_arguments *arguments, pags_dataset *dataset, pags_watch **watch) {
-  (void)arguments, (void)dataset, (void)watch;
-  return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                   "--view is not in this build, which lacks libwebsockets (Debian: "
-                   "libwebsockets-dev; CMake option PAGS_VIEW)");
-}
-
-static bool watch_step(pags_watch *watch, const pags_train_progress *now) {
-  (void)watch, (void)now;
-  return true;
-}
-
-static void watch_end(pags_watch *watch, pags_result result, bool finished) {
-  (void)watch, (void)result, (void)finished;
-}
-#endif
-
 /* ---- Progress and results ---- */
 
 static int show_progress(void *user, const pags_train_progress *now) {
   const viewers *both = user;
   pags_progress *progress = both->progress;
-  const int go_on = watch_step(both->watch, now);
+  if (both->watch && !pags_watch_step(both->watch, now))
+    pags_interrupt_ask(); /* a page's stop request has the effect of Ctrl-C */
+  const int go_on = !pags_interrupted();
   char eta[32], size[24] = "", bad[48] = "";
   if (!pags_progress_due(progress))
     return go_on;
@@ -452,7 +425,7 @@ static pags_result train(train_arguments *arguments, pags_dataset *dataset, pags
   if (status == PAGS_OK)
     status = pags_train(&arguments->config, chosen, result);
   pags_progress_end(&progress);
-  watch_end(both.watch, status, result->finished);
+  pags_watch_end(both.watch, status, result->finished);
   return status;
 }
 

@@ -3,9 +3,6 @@
 #include "cli/view/render_server.h"
 
 #include <math.h>
-#include <pthread.h>
-#include <stdlib.h>
-#include <string.h>
 #include "base/clock.h"
 #include "base/memory.h"
 #include "port/port.h"
@@ -35,8 +32,7 @@ typedef struct session {
   int percent;
   pags_deadline_controller controller;
   bool picks;
-  double pick_x, pick_y;
-  int64_t pick_serial;
+  pags_view_request pick;
   pags_view_message picture; /* bytes NULL: none */
   pags_view_message replies[REPLIES];
   int reply_count;
@@ -53,7 +49,7 @@ struct pags_render_server {
   session sessions[];
 };
 
-/* ---- Seats ---- */
+/* ---- Sessions ---- */
 
 static void clear_session(session *s) {
   const uint64_t id = s->id;
@@ -65,28 +61,26 @@ static void clear_session(session *s) {
 }
 
 int pags_render_server_open_session(pags_render_server *server) {
-  int found = -1;
-  pthread_mutex_lock(&server->lock);
-  for (int i = 0; i < server->count && found < 0; i++)
-    if (!server->sessions[i].taken)
-      found = i;
-  if (found >= 0) {
-    clear_session(&server->sessions[found]);
-    server->sessions[found].taken = true;
-    server->sessions[found].controller = pags_renderer_controller(server->settings.renderer);
-    server->sessions[found].percent = MOST_PERCENT;
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
+  for (int i = 0; i < server->count; i++) {
+    session *s = &server->sessions[i];
+    if (s->taken)
+      continue;
+    clear_session(s);
+    s->taken = true;
+    s->controller = pags_renderer_controller(server->settings.renderer);
+    s->percent = MOST_PERCENT;
+    return i;
   }
-  pthread_mutex_unlock(&server->lock);
-  return found;
+  return -1;
 }
 
 void pags_render_server_close_session(pags_render_server *server, int number) {
-  pthread_mutex_lock(&server->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
   if (server->drawing == number)
     pags_tasks_cancel(server->settings.tasks);
   clear_session(&server->sessions[number]);
   pthread_cond_signal(&server->changed);
-  pthread_mutex_unlock(&server->lock);
 }
 
 /* Queues a reply and takes it over; drops it if the page doesn't read. */
@@ -96,16 +90,6 @@ static void reply(session *s, pags_view_message *message) {
   else
     free(message->bytes);
   *message = (pags_view_message){0};
-}
-
-static void take_look(pags_render_server *server, int number, const pags_view_look *look) {
-  session *s = &server->sessions[number];
-  s->look = *look;
-  s->has_look = s->fresh = true;
-  s->sharp = false;
-  s->looked_ms = pags_clock_ms();
-  if (server->drawing == number)
-    pags_tasks_cancel(server->settings.tasks);
 }
 
 /* Handles GOT: allows the next picture and adapts the JPEG quality to the connection. */
@@ -121,26 +105,27 @@ static void acknowledge(session *s, int64_t serial) {
 }
 
 void pags_render_server_request(pags_render_server *server, int number, const pags_view_request *request) {
-  pthread_mutex_lock(&server->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
   session *s = &server->sessions[number];
   if (request->kind == PAGS_VIEW_LOOK) {
-    take_look(server, number, &request->look);
+    s->look = request->look;
+    s->has_look = s->fresh = true;
+    s->sharp = false;
+    s->looked_ms = pags_clock_ms();
+    if (server->drawing == number)
+      pags_tasks_cancel(server->settings.tasks);
   } else if (request->kind == PAGS_VIEW_GOT) {
     acknowledge(s, request->serial);
   } else {
     s->picks = true;
-    s->pick_x = request->x;
-    s->pick_y = request->y;
-    s->pick_serial = request->serial;
+    s->pick = *request;
   }
   pthread_cond_signal(&server->changed);
-  pthread_mutex_unlock(&server->lock);
 }
 
 void pags_render_server_reply(pags_render_server *server, int number, pags_view_message *message) {
-  pthread_mutex_lock(&server->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
   reply(&server->sessions[number], message);
-  pthread_mutex_unlock(&server->lock);
 }
 
 void pags_render_server_refuse(pags_render_server *server, int number, const char *text) {
@@ -150,29 +135,22 @@ void pags_render_server_refuse(pags_render_server *server, int number, const cha
 }
 
 bool pags_render_server_next_message(pags_render_server *server, int number, pags_view_message *out) {
-  pthread_mutex_lock(&server->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
   session *s = &server->sessions[number];
-  bool found = true;
   if (s->reply_count) {
     *out = s->replies[0];
     memmove(s->replies, s->replies + 1, (size_t)--s->reply_count * sizeof *s->replies);
-  } else if (s->picture.bytes) {
-    *out = s->picture;
-    s->picture = (pags_view_message){0};
-    s->sent_ms = pags_clock_ms();
-  } else {
-    found = false;
+    return true;
   }
-  pthread_mutex_unlock(&server->lock);
-  return found;
+  if (!s->picture.bytes)
+    return false;
+  *out = s->picture;
+  s->picture = (pags_view_message){0};
+  s->sent_ms = pags_clock_ms();
+  return true;
 }
 
 /* ---- The thread ---- */
-
-/* Photographs are always sharp. */
-static bool is_photograph(const session *s) {
-  return s->look.channel == PAGS_VIEW_PHOTOGRAPH || s->look.channel == PAGS_VIEW_DIFFERENCE;
-}
 
 /* Milliseconds until the session is due; 0: now; negative: waits for its page. */
 static double due_in(const pags_render_server *server, const session *s, double now) {
@@ -207,14 +185,13 @@ static void serve_pick(pags_render_server *server, int number) {
   session *s = &server->sessions[number];
   const pags_view_look look = s->look;
   const uint64_t id = s->id;
-  const double x = s->pick_x, y = s->pick_y;
-  const int64_t serial = s->pick_serial;
+  const pags_view_request pick = s->pick;
   pags_view_message message;
   s->picks = false;
   pthread_mutex_unlock(&server->lock);
-  pags_result result = pags_renderer_pick(server->settings.renderer, &look, x, y, serial, &message);
+  pags_result result = pags_renderer_pick(server->settings.renderer, &look, pick.x, pick.y, pick.serial, &message);
   if (result != PAGS_OK)
-    result = pags_renderer_error_message(pags_error_message(), serial, &message);
+    result = pags_renderer_error_message(pags_error_message(), pick.serial, &message);
   pthread_mutex_lock(&server->lock);
   if (result == PAGS_OK && s->id == id)
     reply(s, &message);
@@ -226,7 +203,8 @@ static void serve_picture(pags_render_server *server, int number) {
   session *s = &server->sessions[number];
   const pags_view_look look = s->look;
   const uint64_t id = s->id;
-  const bool sharp = !s->fresh || is_photograph(s);
+  const bool photograph = look.channel == PAGS_VIEW_PHOTOGRAPH || look.channel == PAGS_VIEW_DIFFERENCE;
+  const bool sharp = !s->fresh || photograph; /* photographs always are */
   const pags_renderer_quality quality = {
       .step = sharp ? 0 : s->controller.step, .sharp = sharp, .percent = sharp ? SHARP_PERCENT : s->percent};
   pags_view_message message = {0};
@@ -236,27 +214,23 @@ static void serve_picture(pags_render_server *server, int number) {
   pags_tasks_reset(server->settings.tasks);
   pthread_mutex_unlock(&server->lock);
   pags_result result = pags_renderer_draw(server->settings.renderer, &look, &quality, &message, &facts);
-  bool refused = false;
-  if (result != PAGS_OK && result != PAGS_CANCELLED) {
-    refused = true;
+  const bool refused = result != PAGS_OK && result != PAGS_CANCELLED;
+  if (refused)
     result = pags_renderer_error_message(pags_error_message(), look.serial, &message);
-  }
   pthread_mutex_lock(&server->lock);
   server->drawing = -1;
   if (s->id != id || result != PAGS_OK) {
     free(message.bytes);
     return;
   }
+  s->sharp = (sharp || refused) && !s->fresh;
+  s->drawn_ms = pags_clock_ms();
   if (refused) {
     reply(s, &message);
-    s->sharp = !s->fresh;
-    s->drawn_ms = pags_clock_ms();
     return;
   }
   if (!sharp && facts.step == quality.step) /* a look that requires full quality says nothing about the step */
     pags_deadline_controller_tell(&s->controller, facts.ms);
-  s->sharp = sharp && !s->fresh;
-  s->drawn_ms = pags_clock_ms();
   s->picture = message;
   s->sent_serial = look.serial;
   s->in_flight = true;
@@ -268,9 +242,9 @@ static bool serve_next(pags_render_server *server, double *wait) {
   const int number = next_session(server, wait);
   if (number < 0)
     return false;
-  if (server->sessions[number].picks)
+  if (server->sessions[number].picks) {
     serve_pick(server, number);
-  else {
+  } else {
     server->last = number;
     serve_picture(server, number);
   }
@@ -283,27 +257,23 @@ static bool serve_next(pags_render_server *server, double *wait) {
 static void *draw_loop(void *user) {
   pags_render_server *server = user;
   double wait;
-  pthread_mutex_lock(&server->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
   while (!server->quit)
     if (!serve_next(server, &wait))
       pags_port_condition_wait(&server->changed, &server->lock, wait);
-  pthread_mutex_unlock(&server->lock);
   return NULL;
 }
 
 bool pags_render_server_is_due(pags_render_server *server) {
   double wait;
-  pthread_mutex_lock(&server->lock);
-  const bool due = next_session(server, &wait) >= 0;
-  pthread_mutex_unlock(&server->lock);
-  return due;
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
+  return next_session(server, &wait) >= 0;
 }
 
 void pags_render_server_draw_next(pags_render_server *server) {
   double wait;
-  pthread_mutex_lock(&server->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
   serve_next(server, &wait);
-  pthread_mutex_unlock(&server->lock);
 }
 
 static bool is_empty(const pags_render_server *server) {
@@ -315,10 +285,9 @@ static bool is_empty(const pags_render_server *server) {
 
 void pags_render_server_wait_empty(pags_render_server *server, double seconds) {
   const double until = pags_clock_ms() + 1e3 * seconds;
-  pthread_mutex_lock(&server->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
   for (double left = seconds; left > 0 && !is_empty(server); left = 1e-3 * (until - pags_clock_ms()))
     pags_port_condition_wait(&server->changed, &server->lock, left);
-  pthread_mutex_unlock(&server->lock);
 }
 
 /* ---- Start and end ---- */
@@ -326,8 +295,7 @@ void pags_render_server_wait_empty(pags_render_server *server, double seconds) {
 pags_result pags_render_server_create(const pags_render_server_settings *settings, pags_render_server **out) {
   pags_render_server *server = calloc(1, sizeof *server + (size_t)settings->sessions * sizeof *server->sessions);
   *out = NULL;
-  if (!server)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(server, NULL);
   server->settings = *settings;
   server->count = settings->sessions;
   server->drawing = -1;

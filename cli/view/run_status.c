@@ -4,7 +4,6 @@
 #include "cli/view/run_status.h"
 
 #include <math.h>
-#include <pthread.h>
 #include "base/file.h"
 #include "base/memory.h"
 #include "port/port.h"
@@ -104,7 +103,7 @@ static void begin(pags_run_status *status, const pags_train_progress *progress) 
 }
 
 void pags_run_status_update(pags_run_status *status, const pags_train_progress *progress, pags_run_status_share share) {
-  pthread_mutex_lock(&status->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&status->lock);
   if (status->every == 0)
     begin(status, progress);
   const bool measured = progress->held_out_count > 0 && progress->held_out_step == progress->step;
@@ -124,28 +123,23 @@ void pags_run_status_update(pags_run_status *status, const pags_train_progress *
     add_point(status, (double[COLUMNS]){(double)progress->step, progress->loss, progress->psnr,
                                         (double)progress->gaussians, progress->it_per_second, (double)status->memory});
   }
-  pthread_mutex_unlock(&status->lock);
 }
 
 void pags_run_status_notify(pags_run_status *status, const char *text) {
-  pthread_mutex_lock(&status->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&status->lock);
   snprintf(status->said, sizeof status->said, "%s", text);
-  pthread_mutex_unlock(&status->lock);
 }
 
 bool pags_run_status_wants_checkpoint(pags_run_status *status) {
-  pthread_mutex_lock(&status->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&status->lock);
   const bool wanted = status->checkpoint;
   status->checkpoint = false;
-  pthread_mutex_unlock(&status->lock);
   return wanted;
 }
 
 bool pags_run_status_wants_stop(pags_run_status *status) {
-  pthread_mutex_lock(&status->lock);
-  const bool wanted = status->stop;
-  pthread_mutex_unlock(&status->lock);
-  return wanted;
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&status->lock);
+  return status->stop;
 }
 
 /* ---- Answers to pages ---- */
@@ -195,7 +189,7 @@ static void put_curves(const pags_run_status *status, pags_json_writer *json, co
 pags_result pags_run_status_answer(pags_run_status *status, const pags_view_request *request, pags_view_message *out) {
   pags_json_writer json;
   pags_json_writer_init(&json, 0);
-  pthread_mutex_lock(&status->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&status->lock);
   status->checkpoint = status->checkpoint || request->kind == PAGS_VIEW_CHECKPOINT;
   status->stop = status->stop || request->kind == PAGS_VIEW_STOP;
   const pags_train_progress *now = &status->now;
@@ -222,7 +216,6 @@ pags_result pags_run_status_answer(pags_run_status *status, const pags_view_requ
   put_worst(status, &json);
   if (request->kind == PAGS_VIEW_RUN)
     put_curves(status, &json, request);
-  pthread_mutex_unlock(&status->lock);
   return pags_view_message_of(&json, out);
 }
 

@@ -30,7 +30,6 @@ struct pags_server {
   struct lws_context *context;
   struct lws_vhost *host;
   lws_sorted_usec_list_t tick;
-  const volatile int *stop;
   _Atomic(const char *) description; /* NULL: not yet */
   _Atomic(const char *) goodbye;     /* NULL: not yet */
   char url[256];
@@ -49,10 +48,6 @@ typedef struct connection {
 
 /* ---- HTTP ---- */
 
-static const char *const policy =
-    "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'";
-
 /* Copies a header; false if it is missing, too long or given more than once in parts. */
 static bool header(struct lws *wsi, enum lws_token_indexes which, char *out, int size) {
   const int length = lws_hdr_total_length(wsi, which);
@@ -70,38 +65,35 @@ static bool has_cookie(const pags_server *server, struct lws *wsi) {
          pags_access_allows_cookie(&server->access, cookie);
 }
 
-static bool has_token_in_address(const pags_server *server, struct lws *wsi) {
-  char value[PAGS_ACCESS_TOKEN + 8];
-  const char *at = lws_get_urlarg_by_name(wsi, "token=", value, sizeof value);
-  return at && pags_access_is_token(&server->access, at, strlen(at));
+/* Adds a header to an answer; false if it doesn't fit. */
+static bool add_header(struct lws *wsi, const char *name, const char *value, unsigned char **at, unsigned char *end) {
+  return !lws_add_http_header_by_name(wsi, (const unsigned char *)name, (const unsigned char *)value,
+                                      (int)strlen(value), at, end);
 }
 
 /* Sends the headers and starts sending the body. Returns 0, or 1 to close the connection. */
 static int answer(const pags_server *server, struct lws *wsi, connection *c, unsigned status, const char *type,
                   const void *body, size_t size, bool set_cookie) {
+  static const char *const extra[][2] = {
+      {"content-security-policy:",
+       "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; form-action 'none'; "
+       "frame-ancestors 'none'"},
+      {"x-content-type-options:", "nosniff"},
+      {"referrer-policy:", "no-referrer"},
+      {"cross-origin-resource-policy:", "same-origin"},
+      {"cache-control:", "no-store"}};
   unsigned char buffer[LWS_PRE + 2048], *const start = buffer + LWS_PRE,
                                                *at = start, *const end = buffer + sizeof buffer;
-  static const char *const extra[][2] = {{"content-security-policy:", NULL},
-                                         {"x-content-type-options:", "nosniff"},
-                                         {"referrer-policy:", "no-referrer"},
-                                         {"cross-origin-resource-policy:", "same-origin"},
-                                         {"cache-control:", "no-store"}};
+  char cookie[PAGS_ACCESS_TOKEN + 96];
   if (lws_add_http_common_headers(wsi, status, type, size, &at, end))
     return 1;
-  for (size_t i = 0; i < sizeof extra / sizeof extra[0]; i++) {
-    const char *value = extra[i][1] ? extra[i][1] : policy;
-    if (lws_add_http_header_by_name(wsi, (const unsigned char *)extra[i][0], (const unsigned char *)value,
-                                    (int)strlen(value), &at, end))
+  for (size_t i = 0; i < sizeof extra / sizeof extra[0]; i++)
+    if (!add_header(wsi, extra[i][0], extra[i][1], &at, end))
       return 1;
-  }
-  if (set_cookie) {
-    char cookie[PAGS_ACCESS_TOKEN + 96];
-    snprintf(cookie, sizeof cookie, "%s=%s; HttpOnly; SameSite=Strict; Path=/", server->access.cookie,
-             server->access.token);
-    if (lws_add_http_header_by_name(wsi, (const unsigned char *)"set-cookie:", (const unsigned char *)cookie,
-                                    (int)strlen(cookie), &at, end))
-      return 1;
-  }
+  snprintf(cookie, sizeof cookie, "%s=%s; HttpOnly; SameSite=Strict; Path=/", server->access.cookie,
+           server->access.token);
+  if (set_cookie && !add_header(wsi, "set-cookie:", cookie, &at, end))
+    return 1;
   if (lws_finalize_write_http_header(wsi, start, &at, end))
     return 1;
   c->body = body;
@@ -115,7 +107,7 @@ static int refuse(const pags_server *server, struct lws *wsi, connection *c, uns
 }
 
 static int serve(const pags_server *server, struct lws *wsi, connection *c) {
-  char path[64];
+  char path[64], token[PAGS_ACCESS_TOKEN + 8];
   if (!has_accepted_host(server, wsi))
     return refuse(server, wsi, c, HTTP_STATUS_FORBIDDEN,
                   "This host name isn't accepted. Open the address that pags printed, or start it with "
@@ -124,7 +116,8 @@ static int serve(const pags_server *server, struct lws *wsi, connection *c) {
     return refuse(server, wsi, c, HTTP_STATUS_METHOD_NOT_ALLOWED, "Only GET is served.\n");
   if (!header(wsi, WSI_TOKEN_GET_URI, path, sizeof path))
     return refuse(server, wsi, c, HTTP_STATUS_NOT_FOUND, "There is no such page.\n");
-  const bool by_token = has_token_in_address(server, wsi);
+  const char *given = lws_get_urlarg_by_name(wsi, "token=", token, sizeof token);
+  const bool by_token = given && pags_access_is_token(&server->access, given, strlen(given));
   if (!by_token && !has_cookie(server, wsi))
     return refuse(server, wsi, c, HTTP_STATUS_FORBIDDEN,
                   "The token is missing or wrong. Open the whole address that pags printed, with its ?token=.\n");
@@ -173,31 +166,21 @@ static bool may_connect(const pags_server *server, struct lws *wsi) {
 static int open_session(const pags_server *server, struct lws *wsi, connection *c) {
   const char *full = server->settings.run_status ? "a run allows at most 8 open pages"
                                                  : "the maximum number of open pages is reached (pags view --clients)";
-  c->session = 1 + pags_render_server_open_session(server->render_server);
+  *c = (connection){.session = 1 + pags_render_server_open_session(server->render_server)};
   if (c->session)
     return 0;
   lws_close_reason(wsi, LWS_CLOSE_STATUS_PROTOCOL_ERR, (unsigned char *)(uintptr_t)full, strlen(full));
   return -1;
 }
 
-/* Handles a request: answers those about a run immediately, passes the others to the render server. */
-static void handle_request(const pags_server *server, struct lws *wsi, const connection *c,
-                           const pags_view_request *request) {
-  static const char alone[] = "this is a finished scene, not a run";
-  pags_view_message reply = {0};
-  const int session = c->session - 1;
-  if (request->kind < PAGS_VIEW_RUN) {
-    pags_render_server_request(server->render_server, session, request);
-    return;
-  }
-  const pags_result result = server->settings.run_status
-                                 ? pags_run_status_answer(server->settings.run_status, request, &reply)
-                                 : pags_fail(PAGS_ERROR_ARGUMENT, "%s", alone);
-  if (result == PAGS_OK)
-    pags_render_server_reply(server->render_server, session, &reply);
-  else
-    pags_render_server_refuse(server->render_server, session, pags_error_message());
-  lws_callback_on_writable(wsi);
+/* Answers a request about a run. */
+static pags_result answer_run(const pags_server *server, int session, const pags_view_request *request) {
+  pags_view_message reply;
+  if (!server->settings.run_status)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "this is a finished scene, not a run");
+  PAGS_TRY(pags_run_status_answer(server->settings.run_status, request, &reply));
+  pags_render_server_reply(server->render_server, session, &reply);
+  return PAGS_OK;
 }
 
 /* Receives a fragment of a message and handles the message when it is complete. Returns -1 to close the connection. */
@@ -211,15 +194,21 @@ static int receive(const pags_server *server, struct lws *wsi, connection *c, co
   if (lws_remaining_packet_payload(wsi) || !lws_is_final_fragment(wsi))
     return 0;
   pags_view_request request;
-  const pags_result result = pags_view_request_parse(c->message, c->size, &request);
+  const int session = c->session - 1;
+  pags_result result = pags_view_request_parse(c->message, c->size, &request);
+  const bool bad = result != PAGS_OK;
   c->size = 0;
-  if (result == PAGS_OK) {
-    handle_request(server, wsi, c, &request);
+  if (!bad && request.kind < PAGS_VIEW_RUN) {
+    pags_render_server_request(server->render_server, session, &request);
     return 0;
   }
-  pags_render_server_refuse(server->render_server, c->session - 1, pags_error_message());
+  if (!bad)
+    result = answer_run(server, session, &request);
+  if (result != PAGS_OK)
+    pags_render_server_refuse(server->render_server, session, pags_error_message());
   lws_callback_on_writable(wsi);
-  if (++c->bad < BAD_MESSAGES)
+  c->bad += bad;
+  if (!bad || c->bad < BAD_MESSAGES)
     return 0;
   lws_close_reason(wsi, LWS_CLOSE_STATUS_POLICY_VIOLATION, NULL, 0);
   return -1;
@@ -235,15 +224,11 @@ static int send_next(const pags_server *server, struct lws *wsi, connection *c) 
   if (!c->session || lws_partial_buffered(wsi) ||
       !pags_render_server_next_message(server->render_server, c->session - 1, &message))
     return 0;
-  unsigned char *padded = malloc(LWS_PRE + message.size);
-  int written = -1;
-  if (padded) {
-    memcpy(padded + LWS_PRE, message.bytes, message.size);
-    written = lws_write(wsi, padded + LWS_PRE, message.size, message.binary ? LWS_WRITE_BINARY : LWS_WRITE_TEXT);
-  }
-  free(padded);
-  free(message.bytes);
-  if (written < 0)
+  PAGS_AUTOFREE unsigned char *bytes = message.bytes, *padded = malloc(LWS_PRE + message.size);
+  if (!padded)
+    return -1;
+  memcpy(padded + LWS_PRE, bytes, message.size);
+  if (lws_write(wsi, padded + LWS_PRE, message.size, message.binary ? LWS_WRITE_BINARY : LWS_WRITE_TEXT) < 0)
     return -1;
   lws_callback_on_writable(wsi); /* for further messages */
   return 0;
@@ -260,7 +245,7 @@ static int on_event(struct lws *wsi, enum lws_callback_reasons reason, void *use
     case LWS_CALLBACK_HTTP_BODY: /* of a method that was refused */ return -1;
     case LWS_CALLBACK_HTTP_WRITEABLE: return send_body(wsi, c);
     case LWS_CALLBACK_FILTER_PROTOCOL_CONNECTION: return may_connect(server, wsi) ? 0 : -1;
-    case LWS_CALLBACK_ESTABLISHED: memset(c, 0, sizeof *c); return open_session(server, wsi, c);
+    case LWS_CALLBACK_ESTABLISHED: return open_session(server, wsi, c);
     case LWS_CALLBACK_RECEIVE: return receive(server, wsi, c, data, size);
     case LWS_CALLBACK_SERVER_WRITEABLE: return send_next(server, wsi, c);
     case LWS_CALLBACK_CLOSED:
@@ -332,8 +317,7 @@ pags_result pags_server_create(const pags_server_settings *settings, pags_server
   unsigned char random[PAGS_ACCESS_TOKEN_BYTES];
   pags_server *server = calloc(1, sizeof *server);
   *out = server;
-  if (!server)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(server, NULL);
   server->settings = *settings;
   atomic_init(&server->description, settings->description);
   atomic_init(&server->goodbye, NULL);

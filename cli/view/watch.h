@@ -19,6 +19,8 @@ typedef struct pags_watch_settings {
   double share; /* maximum share of the run time for pictures, 0..1 */
 } pags_watch_settings;
 
+#ifdef PAGS_WITH_VIEW
+
 /* Opens the port and starts to serve. PAGS_ERROR_IO if the port isn't available. */
 pags_result pags_watch_create(const pags_watch_settings *settings, pags_watch **out);
 
@@ -32,4 +34,25 @@ bool pags_watch_step(pags_watch *watch, const pags_train_progress *progress);
 /* Tells the pages how the run ended, waits at most three seconds for them, and frees everything. NULL is allowed. */
 void pags_watch_end(pags_watch *watch, pags_result result, bool finished);
 
+#else
+
+static inline pags_result pags_watch_create(const pags_watch_settings *settings, pags_watch **out) {
+  (void)settings, (void)out;
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "--view is not in this build, which lacks libwebsockets (Debian: "
+                   "libwebsockets-dev; CMake option PAGS_VIEW)");
+}
+static inline const char *pags_watch_url(const pags_watch *watch) {
+  (void)watch;
+  return "";
+}
+static inline bool pags_watch_step(pags_watch *watch, const pags_train_progress *progress) {
+  (void)watch, (void)progress;
+  return true;
+}
+static inline void pags_watch_end(pags_watch *watch, pags_result result, bool finished) {
+  (void)watch, (void)result, (void)finished;
+}
+
+#endif
 #endif

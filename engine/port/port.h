@@ -174,6 +174,16 @@ void pags_port_become(const char *const *words);
 
 /* ---- Waiting ---- */
 
+/* Locks until the end of the scope:
+ *   PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock); */
+static inline pthread_mutex_t *pags_mutex_lock(pthread_mutex_t *lock) {
+  pthread_mutex_lock(lock);
+  return lock;
+}
+static inline void pags_mutex_unlock(pthread_mutex_t **lock) {
+  pthread_mutex_unlock(*lock);
+}
+
 /* A condition whose timed wait counts in the monotonic clock. */
 bool pags_port_condition_create(pthread_cond_t *condition);
 /* Waits at most `seconds`; false on a timeout. */
