@@ -16,8 +16,7 @@ static pags_result set_priorities(const native_contents *contents, pags_deadline
   const native_shown *const last = &contents->shown[contents->shown_count - 1];
   const int64_t count = last->id_base + pags_composition_gaussian_count(((native_scene *)last->scene)->composition);
   float *const all = malloc((size_t)(count + 1) * sizeof *all);
-  if (!all)
-    return pags_out_of_memory("the priorities of %lld Gaussians", (long long)count);
+  PAGS_CHECK_MEMORY(all, "the priorities of %lld Gaussians", (long long)count);
   for (int i = 0; i < contents->shown_count; i++) {
     const native_scene *const scene = (native_scene *)contents->shown[i].scene;
     memcpy(all + contents->shown[i].id_base, scene->priority_of,

@@ -45,8 +45,7 @@ static void fill_planes(const backward *b, const pags_picture *picture, float *c
 static pags_result create_planes(const pags_picture *picture, float *plane[PLANES]) {
   const size_t floats = (size_t)picture->stride * (size_t)((picture->height + 15) / 16 * 16);
   plane[0] = pags_port_aligned_alloc(64, PLANES * floats * sizeof(float));
-  if (!plane[0])
-    return pags_out_of_memory("gradients of a picture of %d x %d", picture->width, picture->height);
+  PAGS_CHECK_MEMORY(plane[0], "gradients of a picture of %d x %d", picture->width, picture->height);
   memset(plane[0], 0, PLANES * floats * sizeof(float));
   for (int k = 1; k < PLANES; k++)
     plane[k] = plane[0] + (size_t)k * floats;

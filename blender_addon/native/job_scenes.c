@@ -234,8 +234,7 @@ static pags_result keep_colours(native_contents *contents, pags_part *part) {
   float **grown = realloc(contents->colours, (size_t)(contents->colour_count + 1) * sizeof *grown);
   float *copy = grown ? pags_port_aligned_alloc(64, bytes) : NULL;
   contents->colours = grown ? grown : contents->colours;
-  if (!copy)
-    return pags_out_of_memory("the colours of a scene that is shown at two times");
+  PAGS_CHECK_MEMORY(copy, "the colours of a scene that is shown at two times");
   memcpy(copy, part->dc, bytes);
   part->dc = contents->colours[contents->colour_count++] = copy;
   return PAGS_OK;
@@ -272,8 +271,7 @@ pags_result native_contents_compose(const native_job *job, native_contents *cont
     if (count > INT32_MAX - 1 - contents->part_count)
       return pags_fail(PAGS_ERROR_LIMIT, "the scenes have more parts than can be drawn at once");
     pags_part *parts = realloc(contents->parts, (size_t)(contents->part_count + count + 1) * sizeof *parts);
-    if (!parts)
-      return pags_out_of_memory("the parts of a scene");
+    PAGS_CHECK_MEMORY(parts, "the parts of a scene");
     contents->parts = parts;
     parts += contents->part_count;
     if (count > 0)

@@ -130,8 +130,7 @@ pags_result native_passes_draw(const native_job *job, const pags_moment moments[
                                .pairs = native_layout_needs_pairs(&job->layout),
                                .before = job->moments[0].known ? &moments[0] : NULL,
                                .after = job->moments[1].known ? &moments[1] : NULL};
-  if (!names)
-    return pags_out_of_memory("%d parts", count);
+  PAGS_CHECK_MEMORY(names, "%d parts", count);
   for (int m = 0; m < 2; m++) {
     int32_t *const of_part = names + m * (count + 1);
     const pags_matte_names *const from = &job->mattes[m];

@@ -133,8 +133,7 @@ void pags_splat_rotation(const pags_gaussians *g, int64_t i, double q[4]) {
  * and rotation as bytes. The Gaussians keep their order. */
 pags_result pags_splat_save(const char *path, const pags_gaussians *g) {
   uint8_t *bytes = calloc((size_t)g->count + 1, 32);
-  if (!bytes)
-    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  PAGS_CHECK_MEMORY(bytes, "%lld Gaussians", (long long)g->count);
   for (int64_t i = 0; i < g->count; i++) {
     uint8_t *row = bytes + 32 * i;
     double q[4];

@@ -141,8 +141,7 @@ pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *s
         "is in the extras",
         (long long)bent, (long long)scene->view_count);
   kind *kinds = malloc((size_t)scene->view_count * sizeof *kinds);
-  if (!kinds)
-    return pags_out_of_memory("%lld views", (long long)scene->view_count);
+  PAGS_CHECK_MEMORY(kinds, "%lld views", (long long)scene->view_count);
   int group = pags_gltf_node(gltf, parent, "cameras");
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; i++)

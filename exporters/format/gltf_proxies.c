@@ -305,8 +305,7 @@ static pags_result join_chunks(const pags_background *b, pags_proxy_mesh *all, i
   for (int64_t i = 0; i < b->chunk_count; i++)
     triangles += b->chunks[i].mesh.triangle_count;
   *group_of = malloc(((size_t)triangles + 1) * sizeof **group_of);
-  if (!*group_of)
-    return pags_out_of_memory("%lld triangles", (long long)triangles);
+  PAGS_CHECK_MEMORY(*group_of, "%lld triangles", (long long)triangles);
   for (int64_t i = 0; i < b->chunk_count; i++) {
     const pags_proxy_mesh *s = &b->chunks[i].mesh;
     uint32_t first = (uint32_t)all->vertex_count;

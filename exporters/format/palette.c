@@ -18,8 +18,7 @@ enum { BINS = 8192 };
 pags_result pags_codebook_create(pags_codebook *book, double lo, double hi) {
   *book = (pags_codebook){.lo = lo, .hi = hi};
   book->weight = calloc(2 * BINS, sizeof *book->weight);
-  if (!book->weight)
-    return pags_out_of_memory("a codebook");
+  PAGS_CHECK_MEMORY(book->weight, "a codebook");
   book->sum = book->weight + BINS;
   return PAGS_OK;
 }
@@ -72,8 +71,7 @@ static void search_ends(search *s, int level, int lo, int hi, int first, int las
 
 pags_result pags_codebook_choose(pags_codebook *book) {
   search *s = calloc(1, sizeof *s);
-  if (!s)
-    return pags_out_of_memory("a codebook");
+  PAGS_CHECK_MEMORY(s, "a codebook");
   for (int i = 0; i < BINS; i++) {
     s->weight[i + 1] = s->weight[i] + book->weight[i];
     s->sum[i + 1] = s->sum[i] + book->sum[i];

@@ -186,8 +186,7 @@ static pags_result put_entries(sog_writer *w, const float *entries, const int32_
     hi = fmax(hi, (double)entries[i]);
   }
   uint8_t *pixels = calloc((size_t)width * (size_t)height, 4);
-  if (!pixels)
-    return pags_out_of_memory("a palette");
+  PAGS_CHECK_MEMORY(pixels, "a palette");
   pags_result result = pags_codebook_create(&book, lo, hi);
   for (int64_t i = 0; i < count * 3 * terms && result == PAGS_OK; i++)
     pags_codebook_add(&book, (double)entries[i], members[i / (3 * terms)]);

@@ -174,8 +174,7 @@ static pags_result pack_streams(const pags_gaussians *g, const spz_packing *p, s
     s->bytes[k] = malloc(s->sizes[k] + 1);
     complete = complete && s->bytes[k];
   }
-  if (!complete)
-    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  PAGS_CHECK_MEMORY(complete, "%lld Gaussians", (long long)g->count);
   for (int64_t i = 0; i < g->count; i++)
     pack_row(g, p, i, s);
   return PAGS_OK;
@@ -193,8 +192,7 @@ typedef struct spz_head {
 static pags_result deflate_pieces(z_stream *z, const spz_streams *s, const spz_head *head, pags_file_writer *file) {
   enum { BLOCK = 1 << 16 };
   uint8_t *out = malloc(BLOCK);
-  if (!out)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(out, NULL);
   pags_result result = PAGS_OK;
   for (int k = -1; k <= SPZ_STREAMS && result == PAGS_OK; k++) {
     int last = k == SPZ_STREAMS;
@@ -336,8 +334,7 @@ pags_result pags_spz_save(const char *path, const pags_gaussians *g, const pags_
   if (range.positions) {
     int64_t *const index = malloc((size_t)g->count * sizeof *index);
     int64_t count = 0;
-    if (!index)
-      return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+    PAGS_CHECK_MEMORY(index, "%lld Gaussians", (long long)g->count);
     for (int64_t i = 0; i < g->count; i++)
       if (is_near(g, i, range.fraction))
         index[count++] = i;

@@ -140,8 +140,7 @@ typedef struct columns {
 static pags_result fill_columns(const pags_gaussians *g, int degree, columns *c) {
   size_t count = (size_t)g->count, coefficients = (size_t)pags_sh_coefficients(degree);
   c->block = malloc((count * (12 + 3 * coefficients) + 1) * sizeof *c->block);
-  if (!c->block)
-    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  PAGS_CHECK_MEMORY(c->block, "%lld Gaussians", (long long)g->count);
   c->positions = c->block;
   c->orientations = c->positions + 3 * count;
   c->scales = c->orientations + 4 * count;

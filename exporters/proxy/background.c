@@ -166,8 +166,7 @@ static pags_result take_class(const pags_proxy_maker *w, const pags_proxy_mesh *
   pags_proxy_mesh view = *mesh; /* shares the vertices */
   *part = (pags_proxy_mesh){0};
   view.triangles = malloc(((size_t)mesh->triangle_count + 1) * 3 * sizeof *view.triangles);
-  if (!view.triangles)
-    return pags_out_of_memory("%lld triangles", (long long)mesh->triangle_count);
+  PAGS_CHECK_MEMORY(view.triangles, "%lld triangles", (long long)mesh->triangle_count);
   view.triangle_count = 0;
   for (int64_t i = 0; i < mesh->triangle_count; i++) {
     const uint32_t *t = mesh->triangles + 3 * i;
@@ -205,8 +204,7 @@ static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background
     return PAGS_OK;
   PAGS_TRY(pags_proxy_mesh_paint(mesh, &b->depth_views, 3 * w->options->voxel, w->tasks));
   uint8_t *class_of = calloc((size_t)mesh->vertex_count, 1);
-  if (!class_of)
-    return pags_out_of_memory("%lld vertices", (long long)mesh->vertex_count);
+  PAGS_CHECK_MEMORY(class_of, "%lld vertices", (long long)mesh->vertex_count);
   pags_result result = PAGS_OK;
   if (w->bare)
     memset(class_of, PAGS_CLASS_SURFACE, (size_t)mesh->vertex_count);
@@ -273,8 +271,7 @@ static pags_result sort_depths(tiling *t) {
     total += own;
   }
   t->points = malloc(((size_t)total + 1) * 3 * sizeof *t->points);
-  if (!t->points)
-    return pags_out_of_memory("%lld points", (long long)total);
+  PAGS_CHECK_MEMORY(t->points, "%lld points", (long long)total);
   visit_depths(t);
   return PAGS_OK;
 }
@@ -325,8 +322,7 @@ static pags_result find_extent(const pags_proxy_maker *w, const pags_depth_views
   enum { BINS = 4096 };
   int64_t *bins = calloc(3 * BINS, sizeof *bins), count = 0;
   double from[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, to[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
-  if (!bins)
-    return pags_out_of_memory(NULL);
+  PAGS_CHECK_MEMORY(bins, NULL);
   for (int64_t i = 0; i < depth_views->count; i++)
     for (int k = 0; k < 3; k++) {
       double c = depth_views->list[i].camera.world_from_camera[4 * k + 3];
@@ -389,8 +385,7 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
   }
   int64_t count = t.count[0] * t.count[1];
   t.tiles = calloc((size_t)count, sizeof *t.tiles);
-  if (!t.tiles)
-    return pags_out_of_memory("%lld tiles", (long long)count);
+  PAGS_CHECK_MEMORY(t.tiles, "%lld tiles", (long long)count);
   for (int64_t i = 0; i < count; i++) {
     const int64_t at[2] = {t.origin[0] + i % t.count[0], t.origin[1] + i / t.count[0]};
     for (int k = 0; k < 2; k++) {
@@ -447,8 +442,7 @@ static pags_result decimate(const pags_proxy_maker *w, pags_background *b) {
   if (d.total <= w->options->chunk_triangles)
     return PAGS_OK;
   d.results = calloc((size_t)b->chunk_count, sizeof *d.results);
-  if (!d.results)
-    return pags_out_of_memory("%lld chunks", (long long)b->chunk_count);
+  PAGS_CHECK_MEMORY(d.results, "%lld chunks", (long long)b->chunk_count);
   pags_result result = pags_parallel_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d)
                            ? PAGS_OK
                            : pags_fail(PAGS_CANCELLED, "interrupted");

@@ -100,8 +100,7 @@ static pags_result open(const pags_scene *scene, pags_proxy_options *options, pa
   bare->scene = *scene;
   bare->scene.view_count = 0;
   bare->scene.views = calloc(AROUND + 6 * PLACES, sizeof *bare->scene.views);
-  if (!bare->scene.views)
-    return pags_out_of_memory("made-up views");
+  PAGS_CHECK_MEMORY(bare->scene.views, "made-up views");
   PAGS_TRY(pags_survey_make(scene, &bare->survey));
   const pags_survey *s = &bare->survey;
   bare->inside = options->stand == PAGS_STAND_AUTO ? s->inside : options->stand == PAGS_STAND_INSIDE;
@@ -130,8 +129,7 @@ pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options,
   if (!pags_scene_gaussian_count(scene))
     return PAGS_OK;
   pags_bare *bare = calloc(1, sizeof *bare);
-  if (!bare)
-    return pags_out_of_memory("made-up views");
+  PAGS_CHECK_MEMORY(bare, "made-up views");
   const pags_result result = open(scene, options, bare);
   if (result == PAGS_OK)
     *out = bare;
@@ -163,8 +161,7 @@ pags_result pags_bare_mark_haze(const pags_bare *bare, const pags_gaussians *g, 
   static const double flat = -1.6;         /* ln 0.2: the smallest sigma relative to the next */
   double s[3], *sizes = malloc(((size_t)g->count + 1) * sizeof *sizes);
   int64_t count = 0;
-  if (!sizes)
-    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  PAGS_CHECK_MEMORY(sizes, "%lld Gaussians", (long long)g->count);
   for (int64_t i = 0; i < g->count; i++)
     if ((double)pags_plane(g, PAGS_OPACITY)[i] > least_logit) {
       sort_scales(g, i, s);

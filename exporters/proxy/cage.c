@@ -82,8 +82,7 @@ static pags_result build_box(cage *c, const double lo[3], const double hi[3], in
   c->lattice = malloc(points * sizeof *c->lattice);
   c->positions = malloc(points * 3 * sizeof *c->positions);
   c->quads = malloc(quads * 4 * sizeof *c->quads);
-  if (!c->lattice || !c->positions || !c->quads)
-    return pags_out_of_memory("a cage");
+  PAGS_CHECK_MEMORY(c->lattice && c->positions && c->quads, "a cage");
   for (int z = 0; z <= c->n[2]; z++)
     for (int y = 0; y <= c->n[1]; y++)
       for (int x = 0; x <= c->n[0]; x++) {

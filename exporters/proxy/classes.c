@@ -111,8 +111,7 @@ pags_result pags_classes_find(const pags_proxy_maker *w, const pags_depth_views 
     return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "interrupted");
   }
   float *normals = malloc(((size_t)mesh->vertex_count + 1) * 3 * sizeof *normals);
-  if (!normals)
-    return pags_out_of_memory("%lld vertices", (long long)mesh->vertex_count);
+  PAGS_CHECK_MEMORY(normals, "%lld vertices", (long long)mesh->vertex_count);
   pags_proxy_mesh_normals(mesh, normals);
   for (int64_t i = 0; i < mesh->vertex_count; i++)
     class_of[i] = guess(normals + 3 * i, mesh->colors + 3 * i);

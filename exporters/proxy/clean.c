@@ -135,8 +135,7 @@ static pags_result mend_all(pags_proxy_mesh *s, double limit, int64_t *found) {
   double p[3][3], u[3], v[3], n[3];
   *found = 0;
   uint8_t *busy = calloc((size_t)s->triangle_count + 1, 1);
-  if (!busy)
-    return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
+  PAGS_CHECK_MEMORY(busy, "%lld triangles", (long long)s->triangle_count);
   for (int64_t i = 0; i < s->triangle_count; i++) {
     corners_of(s, i, p);
     for (int k = 0; k < 3; k++) {
@@ -181,8 +180,7 @@ static int compare_faces(const void *left, const void *right) {
 /* Keeps one of the faces that have the same three vertices. */
 static pags_result drop_doubles(pags_proxy_mesh *s) {
   face *faces = malloc(((size_t)s->triangle_count + 1) * sizeof *faces);
-  if (!faces)
-    return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
+  PAGS_CHECK_MEMORY(faces, "%lld triangles", (long long)s->triangle_count);
   for (int64_t i = 0; i < s->triangle_count; i++) {
     const uint32_t *t = s->triangles + 3 * i;
     const uint32_t low = t[0] < t[1] ? (t[0] < t[2] ? t[0] : t[2]) : (t[1] < t[2] ? t[1] : t[2]);

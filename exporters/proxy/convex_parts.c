@@ -314,8 +314,7 @@ static pags_result append(const pags_proxy_mesh *hull, pags_proxy_mesh *out) {
 static pags_result begin_body(const pags_proxy_mesh *from, body *b) {
   PAGS_TRY(pags_proxy_mesh_simplify(from, ROUGH_TRIANGLES, &b->mesh));
   b->columns = calloc(COLUMNS * COLUMNS, sizeof *b->columns);
-  if (!b->columns)
-    return pags_out_of_memory("convex parts");
+  PAGS_CHECK_MEMORY(b->columns, "convex parts");
   bounds_of(&b->mesh, b->box);
   for (int64_t t = 0; t < b->mesh.triangle_count; t++) {
     double v[3][3];

@@ -124,8 +124,7 @@ static pags_result reserve(pags_depth_views *depth_views) {
     return PAGS_OK;
   int64_t capacity = 2 * depth_views->capacity + 16;
   pags_depth_view *grown = realloc(depth_views->list, (size_t)capacity * sizeof *grown);
-  if (!grown)
-    return pags_out_of_memory("%lld views", (long long)capacity);
+  PAGS_CHECK_MEMORY(grown, "%lld views", (long long)capacity);
   depth_views->list = grown;
   depth_views->capacity = capacity;
   return PAGS_OK;
@@ -200,8 +199,7 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
   depth_view->cells_y = (h + PAGS_DEPTH_VIEW_CELL - 1) / PAGS_DEPTH_VIEW_CELL;
   int64_t count = (int64_t)depth_view->cells_x * depth_view->cells_y;
   depth_view->lo = malloc(2 * (size_t)count * sizeof *depth_view->lo);
-  if (!depth_view->lo)
-    return pags_out_of_memory("a view of %dx%d", w, h);
+  PAGS_CHECK_MEMORY(depth_view->lo, "a view of %dx%d", w, h);
   depth_view->hi = depth_view->lo + count;
   pags_depth_view_bound(depth_view);
   return PAGS_OK;

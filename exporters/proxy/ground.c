@@ -279,8 +279,7 @@ static pags_result weigh(const pags_ground *g, const heights *lidar, const heigh
   int64_t cells = (int64_t)g->nx * g->ny;
   double of_pixel = lidar->first[cells] ? 0.004 : 0.5;
   float *weights = *out = malloc(((size_t)cells + 1) * sizeof *weights);
-  if (!weights)
-    return pags_out_of_memory("the ground's %lld cells", (long long)cells);
+  PAGS_CHECK_MEMORY(weights, "the ground's %lld cells", (long long)cells);
   for (int64_t i = 0; i < cells; i++) {
     double by_lidar = (double)(lidar->first[i + 1] - lidar->first[i]),
            count = (double)(all->first[i + 1] - all->first[i]);
@@ -303,8 +302,7 @@ static pags_result find(const pags_depth_views *depth_views, const pags_lidar *l
   }
   double height = camera_height(g, &sources[2], path, path_count);
   int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
-  if (!queue)
-    return pags_out_of_memory("the ground's %lld cells", (long long)cells);
+  PAGS_CHECK_MEMORY(queue, "the ground's %lld cells", (long long)cells);
   int64_t planted = isnan(height) ? 0 : plant(g, sources, path, path_count, height, queue);
   grow(g, sources, queue, planted);
   leap(g, sources, queue);
@@ -376,8 +374,7 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mes
   int nx = (g->nx - 1) / stride + 1, ny = (g->ny - 1) / stride + 1;
   uint32_t *place = malloc((size_t)nx * (size_t)ny * sizeof *place);
   *out = (pags_proxy_mesh){0};
-  if (!place)
-    return pags_out_of_memory("the ground");
+  PAGS_CHECK_MEMORY(place, "the ground");
   for (int j = 0; j < ny; j++)
     for (int i = 0; i < nx; i++) {
       int64_t at = (int64_t)j * stride * g->nx + (int64_t)i * stride;

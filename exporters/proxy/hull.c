@@ -73,8 +73,7 @@ static pags_result run_qhull(const pags_proxy_mesh *from, const int64_t *chosen,
                              uint32_t *place, pags_proxy_mesh *out) {
   char options[] = "qhull Qt", said[256] = "";
   FILE *errors = tmpfile();
-  if (!errors)
-    return pags_out_of_memory("a convex hull");
+  PAGS_CHECK_MEMORY(errors, "a convex hull");
   qhT qh;
   int left, total;
   qh_zero(&qh, errors);

@@ -120,8 +120,7 @@ pags_result pags_tsdf_surface(const pags_tsdf *grid, int known_only, pags_proxy_
   *out = (pags_proxy_mesh){0};
   size_t layer_bytes = (size_t)self.layer * 7 * sizeof *self.edges;
   self.edges = calloc(2, layer_bytes);
-  if (!self.edges)
-    return pags_out_of_memory("a surface");
+  PAGS_CHECK_MEMORY(self.edges, "a surface");
   int cell[3];
   for (cell[2] = 0; cell[2] + 1 < grid->n[2] && !out->failed; ++cell[2]) {
     for (cell[1] = 0; cell[1] + 1 < grid->n[1]; ++cell[1])

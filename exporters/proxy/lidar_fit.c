@@ -25,8 +25,7 @@ pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]) {
   if (cloud->count == cloud->capacity) {
     int64_t capacity = 2 * cloud->capacity + 256;
     float *grown = realloc(cloud->points, (size_t)capacity * 3 * sizeof *grown);
-    if (!grown)
-      return pags_out_of_memory("%lld points", (long long)capacity);
+    PAGS_CHECK_MEMORY(grown, "%lld points", (long long)capacity);
     cloud->points = grown;
     cloud->capacity = capacity;
   }
@@ -85,8 +84,7 @@ pags_result pags_lidar_fit_pull(const pags_lidar_fit *cloud, pags_tsdf *grid, do
   if (!cloud->count)
     return PAGS_OK;
   float *sum = malloc(2 * count * sizeof *sum);
-  if (!sum)
-    return pags_out_of_memory("a grid");
+  PAGS_CHECK_MEMORY(sum, "a grid");
   float *weight = sum + count;
   for (size_t level = 0; level < sizeof radii / sizeof *radii; level++) {
     double residual, r = radii[level];

@@ -88,8 +88,7 @@ pags_result pags_proxy_mesh_copy(const pags_proxy_mesh *from, pags_proxy_mesh *t
 pags_result pags_proxy_mesh_compact(pags_proxy_mesh *surface) {
   pags_proxy_mesh out = {0};
   uint32_t *place = malloc(((size_t)surface->vertex_count + 1) * sizeof *place);
-  if (!place)
-    return pags_out_of_memory("%lld vertices", (long long)surface->vertex_count);
+  PAGS_CHECK_MEMORY(place, "%lld vertices", (long long)surface->vertex_count);
   memset(place, 0xff, ((size_t)surface->vertex_count + 1) * sizeof *place);
   for (int64_t i = 0; i < 3 * surface->triangle_count; i++) {
     uint32_t v = surface->triangles[i];
@@ -237,8 +236,7 @@ static pags_result annex_parts(const pags_proxy_mesh *s, parts *p, double large,
   pags_mesh_query *query = NULL;
   main.triangle_count = 0;
   main.triangles = malloc((3 * (size_t)s->triangle_count + 1) * sizeof *main.triangles);
-  if (!main.triangles)
-    return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
+  PAGS_CHECK_MEMORY(main.triangles, "%lld triangles", (long long)s->triangle_count);
   for (int64_t i = 0; i < s->triangle_count; i++)
     if (p->area[root_of(p->parent, s->triangles[3 * i])] >= large)
       memcpy(main.triangles + 3 * main.triangle_count++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
@@ -309,8 +307,7 @@ pags_result pags_proxy_mesh_inspect(const pags_proxy_mesh *surface, pags_proxy_m
   int64_t count = 3 * surface->triangle_count;
   uint64_t *edges = surface->vertex_count < INT32_MAX ? sorted_edges(surface) : NULL;
   *out = (pags_proxy_mesh_topology){0};
-  if (!edges)
-    return pags_out_of_memory("%lld edges", (long long)count);
+  PAGS_CHECK_MEMORY(edges, "%lld edges", (long long)count);
   for (int64_t i = 0, end; i < count; i = end) {
     int64_t backward = 0;
     for (end = i; end < count && edges[end] >> 1 == edges[i] >> 1; end++)

@@ -143,8 +143,7 @@ static pags_result add_triangles(pags_mesh_query *query, const pags_proxy_mesh *
 pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *surface, pags_mesh_query **out) {
   *out = NULL;
   pags_mesh_query *query = calloc(1, sizeof *query);
-  if (!query)
-    return pags_out_of_memory("a mesh");
+  PAGS_CHECK_MEMORY(query, "a mesh");
   query->points = surface->positions;
   query->triangles = surface->triangles;
   pags_result result = add_triangles(query, surface);
@@ -158,8 +157,7 @@ pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *surface, pags_mesh_qu
 pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_mesh_query **out) {
   *out = NULL;
   pags_mesh_query *query = calloc(1, sizeof *query);
-  if (!query)
-    return pags_out_of_memory("points");
+  PAGS_CHECK_MEMORY(query, "points");
   query->points = points;
 
   /* Embree has no geometry of bare points: they are user primitives with boxes of zero size as bounds. */

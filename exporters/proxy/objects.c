@@ -122,8 +122,7 @@ static pags_result find_priors(forming *self) {
   /* Choose the vehicles that may fill most pixels of the training views; of equals the first. */
   const pags_scene *scene = self->maker->scene;
   double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
-  if (!pixels)
-    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
+  PAGS_CHECK_MEMORY(pixels, "%lld objects", (long long)scene->object_count);
   for (int64_t i = 0; i < scene->object_count; i++)
     if (scene->objects[i].record.category == PAGS_CATEGORY_VEHICLE)
       pixels[i] = pags_object_pixels(self->maker, i);

@@ -130,8 +130,7 @@ static pags_result renumber(pags_proxy_mesh *s, int64_t *parent) {
   pags_proxy_mesh out = {0};
   int64_t corners = 3 * s->triangle_count;
   uint32_t *place = malloc(((size_t)corners + 1) * sizeof *place);
-  if (!place)
-    return pags_out_of_memory("%lld corners", (long long)corners);
+  PAGS_CHECK_MEMORY(place, "%lld corners", (long long)corners);
   for (int64_t i = 0; i < corners; i++) { /* the root of a set of corners is its smallest
                                                number, so the loop meets it first */
     int64_t root = root_of(parent, i), v = s->triangles[i];
@@ -221,8 +220,7 @@ pags_result pags_proxy_mesh_repair(pags_proxy_mesh *surface) {
 
   /* Remove pairs of faces of the same three vertices and opposite orientation. */
   face_key *keys = malloc(((size_t)surface->triangle_count + 1) * sizeof *keys);
-  if (!keys)
-    return pags_out_of_memory("%lld triangles", (long long)surface->triangle_count);
+  PAGS_CHECK_MEMORY(keys, "%lld triangles", (long long)surface->triangle_count);
   for (int64_t i = 0; i < surface->triangle_count; i++) {
     keys[i] = (face_key){.triangle = i};
     memcpy(keys[i].v, surface->triangles + 3 * i, sizeof keys[i].v);

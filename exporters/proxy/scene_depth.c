@@ -45,8 +45,7 @@ static pags_result lay_out(const pags_scene *scene, layout *out) {
   out->models = calloc(count + 1, sizeof *out->models);
   out->clusters = calloc(count + 1, sizeof *out->clusters);
   out->parts = calloc(count + 1, sizeof *out->parts);
-  if (!out->models || !out->clusters || !out->parts)
-    return pags_out_of_memory("%lld models", (long long)scene->model_count);
+  PAGS_CHECK_MEMORY(out->models && out->clusters && out->parts, "%lld models", (long long)scene->model_count);
   for (; out->count < scene->model_count; out->count++) {
     int64_t i = out->count;
     PAGS_TRY(pags_gaussians_sorted_copy(&out->models[i], &scene->models[i].gaussians));
@@ -85,8 +84,7 @@ static pags_result draw_view(const pags_scene *scene, const layout *l, pags_fram
   options.sh_degree = 0;
   PAGS_TRY(pags_frame_render(frame, l->parts, place(scene, l, camera->time), camera, &options, NULL, NULL, &picture));
   view->depth = malloc((size_t)camera->width * (size_t)camera->height * sizeof *view->depth);
-  if (!view->depth)
-    return pags_out_of_memory("a view of %dx%d", camera->width, camera->height);
+  PAGS_CHECK_MEMORY(view->depth, "a view of %dx%d", camera->width, camera->height);
   for (int y = 0; y < camera->height; y++)
     for (int x = 0; x < camera->width; x++) {
       int64_t from = (int64_t)y * picture.stride + x, to = (int64_t)y * camera->width + x;
@@ -100,8 +98,7 @@ pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, co
                                   int widest, bool draw, pags_scene_depth *out) {
   layout l = {0};
   *out = (pags_scene_depth){.views = calloc((size_t)scene->view_count + 1, sizeof *out->views)};
-  if (!out->views)
-    return pags_out_of_memory("%lld views", (long long)scene->view_count);
+  PAGS_CHECK_MEMORY(out->views, "%lld views", (long long)scene->view_count);
   out->count = scene->view_count;
   pags_result result = scene->model_count ? lay_out(scene, &l) : PAGS_OK;
   for (int64_t v = 0; v < scene->view_count && scene->model_count && result == PAGS_OK; v++) {

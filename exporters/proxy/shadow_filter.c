@@ -68,8 +68,7 @@ static bool is_shadow(const pags_depth_view *s, int x, int y, const double size[
 pags_result pags_depth_view_filter_shadow(pags_depth_view *s, const double size[3]) {
   int64_t count = (int64_t)s->camera.width * s->camera.height;
   uint8_t *marked = calloc((size_t)count, 1);
-  if (!marked)
-    return pags_out_of_memory("a view of %dx%d", s->camera.width, s->camera.height);
+  PAGS_CHECK_MEMORY(marked, "a view of %dx%d", s->camera.width, s->camera.height);
   for (int64_t i = 0; i < count; i++)
     marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), size);
   for (int64_t i = 0; i < count; i++)

@@ -213,8 +213,7 @@ static pags_result weigh_by_cloud(const pags_shape_prior *priors, int64_t count,
   double points = fmin((double)cloud->count, most_points);
   float *misfits = weights + count;
   fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
-  if (!fits)
-    return pags_out_of_memory("%lld points of LiDAR", (long long)cloud->count);
+  PAGS_CHECK_MEMORY(fits, "%lld points of LiDAR", (long long)cloud->count);
   for (int64_t i = 0; i < cloud->count * count; i++)
     if (like[i % count] > 0)
       fits[i] = fit_point(&priors[i % count], size, cloud->points + 3 * (i / count));
@@ -258,8 +257,7 @@ pags_result pags_shape_prior_blend(const pags_shape_prior *priors, int64_t count
                                    const pags_lidar_fit *cloud, pags_shape_prior *out) {
   float total = 0, *like = calloc(3 * (size_t)count + 1, sizeof *like);
   *out = (pags_shape_prior){0};
-  if (!like)
-    return pags_out_of_memory("%lld forms", (long long)count);
+  PAGS_CHECK_MEMORY(like, "%lld forms", (long long)count);
   for (int64_t f = 0; f < count; f++) {
     like[f] = priors[f].distance && priors[f].object != object ? (float)likeness(priors[f].size, size) : 0;
     total += like[f];
@@ -296,8 +294,7 @@ static double box_distance(const double size[3], int vehicle, const double p[3])
 static pags_result smooth(pags_tsdf *grid) {
   int64_t strides[3] = {1, grid->n[0], (int64_t)grid->n[0] * grid->n[1]}, count = strides[2] * grid->n[2];
   float *from = malloc((size_t)count * sizeof *from);
-  if (!from)
-    return pags_out_of_memory("a grid");
+  PAGS_CHECK_MEMORY(from, "a grid");
   for (int axis = 0; axis < 3; axis++) {
     memcpy(from, grid->distance, (size_t)count * sizeof *from);
     for (int64_t i = 0; i < count; i++) {
@@ -402,8 +399,7 @@ pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
   float *own = malloc(count * sizeof *own);
   int at[3];
-  if (!own)
-    return pags_out_of_memory("a grid");
+  PAGS_CHECK_MEMORY(own, "a grid");
   memcpy(own, grid->distance, count * sizeof *own);
   for (at[2] = 0; at[2] < grid->n[2]; ++at[2])
     for (at[1] = 0; at[1] < grid->n[1]; ++at[1])

@@ -15,8 +15,7 @@ static pags_result collapse(const pags_proxy_mesh *from, int64_t target, pags_pr
   size_t index_count = 3 * (size_t)from->triangle_count;
   *out = (pags_proxy_mesh){0};
   uint32_t *triangles = malloc((index_count + 3) * sizeof *triangles);
-  if (!triangles)
-    return pags_out_of_memory("%lld triangles", (long long)from->triangle_count);
+  PAGS_CHECK_MEMORY(triangles, "%lld triangles", (long long)from->triangle_count);
   size_t count = meshopt_simplify(triangles, from->triangles, index_count, from->positions, (size_t)from->vertex_count,
                                   3 * sizeof(float), 3 * (size_t)target, FLT_MAX, 0, NULL);
   pags_proxy_mesh view = *from; /* shares the vertices of `from` */
