@@ -38,15 +38,14 @@ static void write_shape(char *text, size_t room, int dimensions, const Py_ssize_
   }
 }
 
-/* Raises that an array of `wanted` (-1: any) was expected. */
-static bool refuse(const char *what, int dimensions, const Py_ssize_t *wanted, int found_dimensions,
-                   const Py_ssize_t *found) {
+/* Raises that an array of `wanted` (-1: any) was expected; returns NULL. */
+static void *refuse(const char *what, int dimensions, const Py_ssize_t *wanted, int found_dimensions,
+                    const Py_ssize_t *found) {
   char expected[128], got[128];
   write_shape(expected, sizeof expected, dimensions, wanted);
   write_shape(got, sizeof got, found_dimensions, found);
-  PyErr_Format(PyExc_ValueError, "%s: expected numbers of shape %s, found %s", what, expected,
-               found_dimensions ? got : "no array");
-  return false;
+  return PyErr_Format(PyExc_ValueError, "%s: expected numbers of shape %s, found %s", what, expected,
+                      found_dimensions ? got : "no array");
 }
 
 static bool fits(int dimensions, const Py_ssize_t *wanted, int found_dimensions, const Py_ssize_t *found) {
@@ -82,15 +81,15 @@ static bool open_buffer(PyObject *value, Py_buffer *view) {
   return open(value, view, PyBUF_STRIDES | PyBUF_FORMAT) == 0;
 }
 
+/* Closes an open buffer; a zeroed one is allowed. */
 static void close_buffer(Py_buffer *view) {
-  PyObject *const object = view->obj; /* NULL: the type requires no release */
+  NATIVE_OWNED PyObject *object = view->obj; /* NULL: the type requires no release */
   if (!object)
     return;
   const closer close = (closer)(size_t)PyType_GetSlot(Py_TYPE(object), Py_bf_releasebuffer);
   if (close)
     close(object, view);
   view->obj = NULL;
-  Py_DECREF(object);
 }
 
 /* 'f' or 'd' if the buffer has floats or doubles in native byte order, else 0. */
@@ -154,75 +153,64 @@ static bool walk(PyObject *value, const char *what, int dimensions, const Py_ssi
     return false;
   }
   const Py_ssize_t length = PySequence_Check(value) && !PyUnicode_Check(value) ? PySequence_Size(value) : -1;
-  if (length != shape[0]) {
-    PyErr_Format(PyExc_ValueError, "%s: expected sequences of the same length, %zd", what, shape[0]);
-    return false;
+  if (length != shape[0])
+    return PyErr_Format(PyExc_ValueError, "%s: expected sequences of the same length, %zd", what, shape[0]);
+  for (Py_ssize_t i = 0; i < length; i++) {
+    NATIVE_OWNED PyObject *item = PySequence_GetItem(value, i);
+    if (!item || !walk(item, what, dimensions - 1, shape + 1, s))
+      return false;
   }
-  bool good = true;
-  for (Py_ssize_t i = 0; good && i < length; i++) {
-    PyObject *item = PySequence_GetItem(value, i);
-    good = item && walk(item, what, dimensions - 1, shape + 1, s);
-    Py_XDECREF(item);
-  }
-  return good;
+  return true;
 }
 
 /* ---- Either ---- */
 
-/* The rest of a shape whose leading dimension is 0, such as [] for [n][3]. */
-static int complete(int dimensions, const Py_ssize_t *wanted, int found_dimensions, Py_ssize_t *found) {
-  if (found_dimensions == 0 || found_dimensions >= dimensions || found[found_dimensions - 1] != 0)
-    return found_dimensions;
-  for (int d = found_dimensions; d < dimensions; d++)
-    found[d] = wanted[d] < 0 ? 1 : wanted[d];
-  return dimensions;
+/* Reads from the buffer of a value if it has one of floats or doubles; *read: it has. */
+static void *read_buffer(PyObject *value, const char *what, bool wide, int dimensions, Py_ssize_t *shape, bool *read) {
+  PAGS_AUTO(close_buffer) Py_buffer view = {0};
+  sink s = {.wide = wide};
+  *read = true;
+  if (!open_buffer(value, &view))
+    return NULL;
+  *read = float_kind(&view) != 0; /* integers and others: item by item */
+  if (!*read)
+    return NULL;
+  if (!fits(dimensions, shape, view.ndim, view.shape))
+    return refuse(what, dimensions, shape, view.ndim, view.shape);
+  s.data = allocate(view.ndim, view.shape, wide);
+  if (!s.data)
+    return NULL;
+  memcpy(shape, view.shape, (size_t)dimensions * sizeof *shape);
+  if (view.len > 0)
+    copy(&view, 0, view.buf, &s);
+  return s.data;
 }
 
 void *native_read_array(PyObject *value, const char *what, bool wide, int dimensions, Py_ssize_t *shape) {
   Py_ssize_t found[NATIVE_DIMENSIONS + 1];
-  Py_buffer view;
-  sink s = {.wide = wide};
-  if (has_buffer(value)) {
-    if (!open_buffer(value, &view))
-      return NULL;
-    if (float_kind(&view)) {
-      if (!fits(dimensions, shape, view.ndim, view.shape))
-        refuse(what, dimensions, shape, view.ndim, view.shape);
-      else if ((s.data = allocate(view.ndim, view.shape, wide)) != NULL) {
-        memcpy(shape, view.shape, (size_t)dimensions * sizeof *shape);
-        if (view.len > 0)
-          copy(&view, 0, view.buf, &s);
-      }
-      close_buffer(&view);
-      return s.data;
-    }
-    close_buffer(&view); /* integers and others: item by item */
-  }
+  bool read = false;
+  void *const data = has_buffer(value) ? read_buffer(value, what, wide, dimensions, shape, &read) : NULL;
+  if (read)
+    return data;
   int found_dimensions = measure(value, NATIVE_DIMENSIONS + 1, found);
   if (found_dimensions < 0)
     return NULL;
-  found_dimensions = complete(dimensions, shape, found_dimensions, found);
-  if (!fits(dimensions, shape, found_dimensions, found)) {
-    refuse(what, dimensions, shape, found_dimensions, found);
+  if (found_dimensions > 0 && found[found_dimensions - 1] == 0) /* the rest of a shape such as [] for [n][3] */
+    for (; found_dimensions < dimensions; found_dimensions++)
+      found[found_dimensions] = shape[found_dimensions] < 0 ? 1 : shape[found_dimensions];
+  if (!fits(dimensions, shape, found_dimensions, found))
+    return refuse(what, dimensions, shape, found_dimensions, found);
+  PAGS_AUTOFREE void *values = allocate(dimensions, found, wide);
+  if (!values || !walk(value, what, dimensions, found, &(sink){.data = values, .wide = wide}))
     return NULL;
-  }
-  s.data = allocate(dimensions, found, wide);
-  if (!s.data || walk(value, what, dimensions, found, &s)) {
-    memcpy(shape, found, (size_t)dimensions * sizeof *shape);
-    return s.data;
-  }
-  free(s.data);
-  return NULL;
+  memcpy(shape, found, (size_t)dimensions * sizeof *shape);
+  return pags_take(&values);
 }
 
 int native_array_dimensions(PyObject *value) {
   Py_ssize_t found[NATIVE_DIMENSIONS + 1];
-  Py_buffer view;
+  PAGS_AUTO(close_buffer) Py_buffer view = {0};
   if (!has_buffer(value))
     return measure(value, NATIVE_DIMENSIONS + 1, found);
-  if (!open_buffer(value, &view))
-    return -1;
-  const int dimensions = view.ndim;
-  close_buffer(&view);
-  return dimensions;
+  return open_buffer(value, &view) ? view.ndim : -1;
 }

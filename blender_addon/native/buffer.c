@@ -15,14 +15,9 @@ typedef struct native_buffer {
   Py_ssize_t item, shape[MAX_DIMENSIONS], strides[MAX_DIMENSIONS];
 } native_buffer;
 
-static Py_ssize_t item_size(char format) {
-  return format == 'd' || format == 'q' ? 8 : format == 'B' ? 1 : 4;
-}
-
 static PyObject *create(const native_state *state, PyObject *owner, void *data, char format, int dimensions,
                         const Py_ssize_t *shape) {
-  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(state->buffer, Py_tp_alloc);
-  native_buffer *self = (native_buffer *)alloc(state->buffer, 0);
+  native_buffer *self = native_allocate(state->types[BUFFER_TYPE]);
   if (!self)
     return NULL;
   Py_XINCREF(owner);
@@ -30,7 +25,7 @@ static PyObject *create(const native_state *state, PyObject *owner, void *data, 
   self->data = data;
   self->format[0] = format;
   self->dimensions = dimensions;
-  self->item = item_size(format);
+  self->item = format == 'd' || format == 'q' ? 8 : format == 'B' ? 1 : 4;
   Py_ssize_t stride = self->item;
   for (int d = dimensions - 1; d >= 0; d--) {
     self->shape[d] = shape[d];
@@ -55,13 +50,11 @@ PyObject *native_buffer_own(const native_state *state, void *data, char format, 
 
 static void buffer_dealloc(PyObject *object) {
   native_buffer *self = (native_buffer *)object;
-  PyTypeObject *type = Py_TYPE(object);
   if (self->owner)
     Py_DECREF(self->owner);
   else
     free(self->data);
-  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
-  Py_DECREF(type);
+  native_deallocate(object);
 }
 
 static int buffer_get(PyObject *object, Py_buffer *view, int flags) {
@@ -77,8 +70,7 @@ static int buffer_get(PyObject *object, Py_buffer *view, int flags) {
   view->format = flags & PyBUF_FORMAT ? self->format : NULL;
   view->shape = flags & PyBUF_ND ? self->shape : NULL;
   view->strides = (flags & PyBUF_STRIDES) == PyBUF_STRIDES ? self->strides : NULL;
-  Py_INCREF(object);
-  view->obj = object;
+  view->obj = Py_NewRef(object);
   return 0;
 }
 

@@ -7,24 +7,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/memory.h"
-
 /* ---- For jobs ---- */
 
 /* Writes the priorities by id of all scenes of a job, one scene after another. */
 static pags_result set_priorities(const native_contents *contents, pags_deadline *renderer) {
   const native_shown *const last = &contents->shown[contents->shown_count - 1];
   const int64_t count = last->id_base + pags_composition_gaussian_count(((native_scene *)last->scene)->composition);
-  float *const all = malloc((size_t)(count + 1) * sizeof *all);
+  PAGS_AUTOFREE float *all = malloc((size_t)(count + 1) * sizeof *all);
   PAGS_CHECK_MEMORY(all, "the priorities of %lld Gaussians", (long long)count);
   for (int i = 0; i < contents->shown_count; i++) {
     const native_scene *const scene = (native_scene *)contents->shown[i].scene;
     memcpy(all + contents->shown[i].id_base, scene->priority_of,
            (size_t)pags_composition_gaussian_count(scene->composition) * sizeof *all);
   }
-  const pags_result result = pags_deadline_set_priorities(renderer, all, count);
-  free(all);
-  return result;
+  return pags_deadline_set_priorities(renderer, all, count);
 }
 
 /* The window of a reduced picture: its whole pixels around the requested window. `place` receives the pixels of the
@@ -73,10 +69,7 @@ void native_deadline_tell(PyObject *object, int step, double ms) {
 static bool read_ms(PyObject *value, double *out) {
   if (!native_read_finite(value, "ms", out))
     return false;
-  if (*out > 0)
-    return true;
-  PyErr_Format(PyExc_ValueError, "ms: expected milliseconds over 0, found %.80R", value);
-  return false;
+  return *out > 0 || PyErr_Format(PyExc_ValueError, "ms: expected milliseconds over 0, found %.80R", value);
 }
 
 static PyObject *deadline_new(PyTypeObject *type, PyObject *arguments, PyObject *keywords) {
@@ -85,23 +78,17 @@ static PyObject *deadline_new(PyTypeObject *type, PyObject *arguments, PyObject 
   double ms;
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "O:Deadline", names, &value) || !read_ms(value, &ms))
     return NULL;
-  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(type, Py_tp_alloc);
-  native_deadline *self = (native_deadline *)alloc(type, 0);
-  if (!self)
+  NATIVE_OWNED PyObject *object = native_allocate(type);
+  native_deadline *self = (native_deadline *)object;
+  if (!self || !native_lock_create(&self->lock))
     return NULL;
   self->controller = pags_deadline_controller_begin_live(ms);
-  if (native_lock_create(&self->lock))
-    return (PyObject *)self;
-  Py_DECREF(self);
-  return NULL;
+  return pags_take(&object);
 }
 
 static void deadline_dealloc(PyObject *object) {
-  native_deadline *self = (native_deadline *)object;
-  PyTypeObject *type = Py_TYPE(object);
-  native_lock_destroy(&self->lock);
-  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
-  Py_DECREF(type);
+  native_lock_destroy(&((native_deadline *)object)->lock);
+  native_deallocate(object);
 }
 
 static bool is_alive(PyObject *object) {

@@ -43,6 +43,5 @@ bool native_lock_check(native_lock *lock, const native_state *state, const char 
                 "%s: was in use by a thread of the parent process when this process was forked; make another one here, "
                 "or fork while nothing is drawn",
                 what);
-  native_raise_text(state, PAGS_ERROR_UNSUPPORTED, text);
-  return false;
+  return native_raise_text(state, PAGS_ERROR_UNSUPPORTED, text);
 }

@@ -11,8 +11,8 @@
 #include <pags/packed.h>
 
 #include "base/file.h"
-#include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "scene/axes.h"
 #include "scene/splat_formats.h"
 
@@ -38,10 +38,9 @@ static bool fill_planes(const char *name, const float *from, int planes, pags_ga
   for (int64_t i = 0; i < g->count; i++)
     for (int p = 0; p < planes; p++) {
       const float value = from[i * planes + p];
-      if (!isfinite(value)) {
-        PyErr_Format(PyExc_ValueError, "%s: row %lld: expected finite numbers of float32's range", name, (long long)i);
-        return false;
-      }
+      if (!isfinite(value))
+        return PyErr_Format(PyExc_ValueError, "%s: row %lld: expected finite numbers of float32's range", name,
+                            (long long)i);
       pags_plane(g, plane + p)[i] = value;
     }
   return true;
@@ -52,31 +51,26 @@ static bool check_quats(const pags_gaussians *g) {
     bool any = false;
     for (int k = 0; k < 4; k++)
       any = any || pags_plane(g, PAGS_ROTATION + k)[i] != 0;
-    if (!any) {
-      PyErr_Format(PyExc_ValueError, "quats: row %lld: expected a quaternion (w, x, y, z), found zeros", (long long)i);
-      return false;
-    }
+    if (!any)
+      return PyErr_Format(PyExc_ValueError, "quats: row %lld: expected a quaternion (w, x, y, z), found zeros",
+                          (long long)i);
   }
   return true;
 }
 
 static bool fill_priorities(PyObject *value, pags_gaussians *g) {
   Py_ssize_t shape[1] = {(Py_ssize_t)g->count};
-  float *from = native_read_array(value, "priorities", false, 1, shape);
+  PAGS_AUTOFREE float *from = native_read_array(value, "priorities", false, 1, shape);
   if (!from)
     return false;
-  bool good = pags_gaussians_add_s_sem(g) == PAGS_OK;
-  if (!good)
-    PyErr_NoMemory();
-  for (int64_t i = 0; good && i < g->count; i++) {
-    good = from[i] >= 0 && from[i] <= 1;
-    if (good)
-      g->s_sem[i] = from[i];
-    else
-      PyErr_Format(PyExc_ValueError, "priorities: row %lld: expected a number from 0 to 1", (long long)i);
+  if (pags_gaussians_add_s_sem(g) != PAGS_OK)
+    return PyErr_NoMemory();
+  for (int64_t i = 0; i < g->count; i++) {
+    if (!(from[i] >= 0 && from[i] <= 1))
+      return PyErr_Format(PyExc_ValueError, "priorities: row %lld: expected a number from 0 to 1", (long long)i);
+    g->s_sem[i] = from[i];
   }
-  free(from);
-  return good;
+  return true;
 }
 
 /* Creates `g` with the SH degree of an array [n][k][3], whose numbers `first` receives. */
@@ -88,14 +82,10 @@ static bool create_gaussians(const scene_arguments *w, Py_ssize_t rows, float **
     return false;
   while (degree < 3 && pags_sh_coefficients(degree) < shape[1])
     degree++;
-  if (pags_sh_coefficients(degree) != shape[1]) {
-    PyErr_Format(PyExc_ValueError, "sh: expected [n][k][3] with k of 1, 4, 9 or 16 harmonics, found k = %zd", shape[1]);
-    return false;
-  }
-  if (pags_gaussians_create(g, rows, degree) == PAGS_OK)
-    return true;
-  native_raise_value(PyExc_MemoryError);
-  return false;
+  if (pags_sh_coefficients(degree) != shape[1])
+    return PyErr_Format(PyExc_ValueError, "sh: expected [n][k][3] with k of 1, 4, 9 or 16 harmonics, found k = %zd",
+                        shape[1]);
+  return pags_gaussians_create(g, rows, degree) == PAGS_OK || native_raise_value(PyExc_MemoryError);
 }
 
 /* Finds the origin (scene/splat_formats.h) of an axis of the means, by up to 1,024 of their rows; 0 if floats lose no
@@ -114,75 +104,62 @@ static double origin_of(const double *means, Py_ssize_t rows, int axis) {
 
 /* Reads the means as floats, which the caller frees. Large means may get an origin if the caller gives none. */
 static float *read_means(const scene_arguments *w, Py_ssize_t shape[2], double origin[3]) {
-  double *const means = native_read_array(w->array[MEANS], arrays[MEANS].name, true, 2, shape);
-  const Py_ssize_t numbers = means ? 3 * shape[0] : 0;
-  float *const floats = means ? malloc((size_t)numbers * sizeof *floats + 1) : NULL;
-  if (means && !floats)
-    PyErr_NoMemory();
-  for (int k = 0; k < 3 && floats && w->origin == Py_None; k++)
+  PAGS_AUTOFREE double *means = native_read_array(w->array[MEANS], arrays[MEANS].name, true, 2, shape);
+  if (!means)
+    return NULL;
+  float *const floats = malloc((size_t)(3 * shape[0]) * sizeof *floats + 1);
+  if (!floats)
+    return (float *)PyErr_NoMemory();
+  for (int k = 0; k < 3 && w->origin == Py_None; k++)
     origin[k] = origin_of(means, shape[0], k);
-  for (Py_ssize_t i = 0; i < numbers && floats; i++)
+  for (Py_ssize_t i = 0; i < 3 * shape[0]; i++)
     floats[i] = (float)(means[i] - (w->origin == Py_None ? origin[i % 3] : 0));
-  free(means);
   return floats;
 }
 
 static bool fill_gaussians(const scene_arguments *w, pags_gaussians *g, double origin[3]) {
   Py_ssize_t rows = -1;
-  float *from = NULL, *sh = NULL;
-  bool good = true;
-  for (int a = 0; good && a < SH; a++) {
+  PAGS_AUTOFREE float *sh = NULL;
+  for (int a = 0; a < SH; a++) {
     Py_ssize_t shape[2] = {rows, arrays[a].planes};
-    from = a == MEANS ? read_means(w, shape, origin)
-                      : native_read_array(w->array[a], arrays[a].name, false, a == OPACITIES ? 1 : 2, shape);
-    good = from != NULL;
-    if (good && a == MEANS) {
-      rows = shape[0];
-      good = create_gaussians(w, rows, &sh, g);
-    }
-    good = good && fill_planes(arrays[a].name, from, arrays[a].planes, g, arrays[a].plane);
-    free(from);
+    PAGS_AUTOFREE float *from =
+        a == MEANS ? read_means(w, shape, origin)
+                   : native_read_array(w->array[a], arrays[a].name, false, a == OPACITIES ? 1 : 2, shape);
+    rows = shape[0];
+    if (!from || (a == MEANS && !create_gaussians(w, rows, &sh, g)) ||
+        !fill_planes(arrays[a].name, from, arrays[a].planes, g, arrays[a].plane))
+      return false;
   }
-  good = good && check_quats(g) && fill_planes(arrays[SH].name, sh, 3 * pags_sh_coefficients(g->sh_degree), g, PAGS_SH);
-  free(sh);
-  return good && (w->priorities == Py_None || fill_priorities(w->priorities, g));
+  return check_quats(g) && fill_planes(arrays[SH].name, sh, 3 * pags_sh_coefficients(g->sh_degree), g, PAGS_SH) &&
+         (w->priorities == Py_None || fill_priorities(w->priorities, g));
 }
 
 static bool fill_scene(const scene_arguments *w, pags_scene *scene) {
   double background[3] = {0, 0, 0}, alpha_min = 0;
   const char *up = "-y";
-  int antialiased = 0;
-  if ((w->up && !native_read_word(w->up, "up", &up)) ||
-      (w->alpha_min && !native_read_finite(w->alpha_min, "alpha_min", &alpha_min)) ||
-      (w->antialiased && !native_read_flag(w->antialiased, "antialiased", &antialiased)))
+  bool antialiased = false;
+  if (!native_read_word(w->up, "up", &up) || !native_read_finite(w->alpha_min, "alpha_min", &alpha_min) ||
+      !native_read_flag(w->antialiased, "antialiased", &antialiased))
     return false;
-  if (!pags_up_from_code(up, &scene->up)) {
-    PyErr_Format(PyExc_ValueError, "up: expected z, -y, y or unknown, found %s", up);
-    return false;
-  }
-  if (alpha_min != 0 && !(alpha_min >= (double)PAGS_LEAST_ALPHA_MIN && alpha_min < 1)) {
-    PyErr_Format(PyExc_ValueError, "alpha_min: expected 0, or a number from 1/255 to 1, found %.80R", w->alpha_min);
-    return false;
-  }
+  if (!pags_up_from_code(up, &scene->up))
+    return PyErr_Format(PyExc_ValueError, "up: expected z, -y, y or unknown, found %s", up);
+  if (alpha_min != 0 && !(alpha_min >= (double)PAGS_LEAST_ALPHA_MIN && alpha_min < 1))
+    return PyErr_Format(PyExc_ValueError, "alpha_min: expected 0, or a number from 1/255 to 1, found %.80R",
+                        w->alpha_min);
   if ((w->background && !native_read_numbers(w->background, "background", 3, background)) ||
       (w->origin != Py_None && !native_read_numbers(w->origin, "origin", 3, scene->origin)))
     return false;
-  for (int k = 0; k < 3; k++)
-    scene->background[k] = (float)background[k];
+  pags_narrow3(background, scene->background);
   scene->antialiased = antialiased;
   scene->models = calloc(1, sizeof *scene->models);
-  if (!scene->models) {
-    PyErr_NoMemory();
-    return false;
-  }
+  if (!scene->models)
+    return PyErr_NoMemory();
   scene->model_count = 1;
   pags_model *model = scene->models;
   model->name = pags_text_copy("background");
   model->file = pags_text_copy("background.ply");
-  if (!model->name || !model->file) {
-    PyErr_NoMemory();
-    return false;
-  }
+  if (!model->name || !model->file)
+    return PyErr_NoMemory();
   if (!fill_gaussians(w, &model->gaussians, scene->origin))
     return false;
   model->gaussians.alpha_min = (float)alpha_min;
@@ -193,24 +170,19 @@ PyObject *native_scene_new(PyTypeObject *type, PyObject *arguments, PyObject *ke
   static char *names[] = {"means",       "quats",     "scales",     "opacities", "sh", "priorities",
                           "antialiased", "alpha_min", "background", "origin",    "up", NULL};
   scene_arguments w = {.priorities = Py_None, .origin = Py_None};
-  pags_scene scene = {0};
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOOO|$OOOOOO:Scene", names, &w.array[MEANS], &w.array[QUATS],
                                    &w.array[SCALES], &w.array[OPACITIES], &w.array[SH], &w.priorities, &w.antialiased,
                                    &w.alpha_min, &w.background, &w.origin, &w.up))
     return NULL;
-  native_scene *self = native_scene_create(type);
-  pags_result result = PAGS_OK;
-  if (self && fill_scene(&w, &scene)) {
-    const float alpha_min = scene.models->gaussians.alpha_min;
-    Py_BEGIN_ALLOW_THREADS result = pags_composition_create(&scene, &self->composition);
-    Py_END_ALLOW_THREADS self->alpha_min = alpha_min;
-    if (result == PAGS_OK)
-      return (PyObject *)self;
-    native_raise(native_state_of((PyObject *)self), result);
-  }
-  pags_scene_destroy(&scene);
-  Py_XDECREF((PyObject *)self);
-  return NULL;
+  NATIVE_OWNED PyObject *object = (PyObject *)native_scene_create(type);
+  if (!object || !fill_scene(&w, &scene))
+    return NULL;
+  native_scene *self = (native_scene *)object;
+  self->alpha_min = scene.models->gaussians.alpha_min;
+  pags_result result;
+  Py_BEGIN_ALLOW_THREADS result = pags_composition_create(&scene, &self->composition);
+  Py_END_ALLOW_THREADS return result == PAGS_OK ? pags_take(&object) : native_raise(native_state_of(object), result);
 }
 
 /* ---- To arrays ---- */
@@ -239,16 +211,13 @@ static PyObject *priorities_of(const native_state *state, const pags_gaussians *
 }
 
 PyObject *native_arrays_dict(const native_state *state, const pags_gaussians *gaussians) {
-  PyObject *dict = PyDict_New();
+  NATIVE_OWNED PyObject *dict = PyDict_New();
   bool good = dict != NULL;
   for (int a = 0; good && a < ARRAYS; a++)
     good = native_put(dict, arrays[a].name, rows_of(state, gaussians, a));
   if (good && gaussians->s_sem)
     good = native_put(dict, "priorities", priorities_of(state, gaussians));
-  if (good)
-    return dict;
-  Py_XDECREF(dict);
-  return NULL;
+  return good ? pags_take(&dict) : NULL;
 }
 
 /* All Gaussians by id; raises and returns false if memory is out. */
@@ -265,17 +234,13 @@ static bool gather(PyObject *object, pags_gaussians *out) {
 }
 
 PyObject *native_scene_arrays(PyObject *self, PyObject *unused) {
-  pags_gaussians g;
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
   (void)unused;
-  if (!gather(self, &g))
-    return NULL;
-  PyObject *dict = native_arrays_dict(native_state_of(self), &g);
-  pags_gaussians_destroy(&g);
-  return dict;
+  return gather(self, &g) ? native_arrays_dict(native_state_of(self), &g) : NULL;
 }
 
 PyObject *native_scene_normals(PyObject *self, PyObject *unused) {
-  pags_gaussians g;
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
   (void)unused;
   if (!gather(self, &g))
     return NULL;
@@ -283,11 +248,9 @@ PyObject *native_scene_normals(PyObject *self, PyObject *unused) {
   for (int64_t i = 0; normals && i < g.count; i++) {
     double normal[3];
     pags_gaussian_normal(g.data, g.stride, i, normal);
-    for (int k = 0; k < 3; k++)
-      normals[3 * i + k] = (float)normal[k];
+    pags_narrow3(normal, normals + 3 * i);
   }
   const Py_ssize_t shape[2] = {(Py_ssize_t)g.count, 3};
-  pags_gaussians_destroy(&g);
   return normals ? native_buffer_own(native_state_of(self), normals, 'f', 2, shape) : PyErr_NoMemory();
 }
 
@@ -310,13 +273,11 @@ PyObject *native_scene_object_of(PyObject *object, void *closure) {
 /* Objects with their own models would first require their poses, and rotated harmonics: exporters do that. */
 static bool check_savable(const pags_scene *scene) {
   for (int64_t i = 0; i < scene->object_count; i++)
-    if (scene->objects[i].model >= 0) {
-      PyErr_Format(PyExc_ValueError,
-                   "save: object %lld follows a track, which no splat file holds: 'pags export SCENE FILE' writes all "
-                   "objects as they are at a time",
-                   (long long)i);
-      return false;
-    }
+    if (scene->objects[i].model >= 0)
+      return PyErr_Format(PyExc_ValueError,
+                          "save: object %lld follows a track, which no splat file holds: 'pags export SCENE FILE' "
+                          "writes all objects as they are at a time",
+                          (long long)i);
   return true;
 }
 
@@ -324,19 +285,20 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_ga
   PAGS_TRY(pags_ply_check_name(path));
   if (packed) {
     pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
-    memcpy(head.origin, scene->origin, sizeof head.origin);
-    memcpy(head.background, scene->background, sizeof head.background);
+    pags_copy3(scene->origin, head.origin);
+    pags_copy3f(scene->background, head.background);
     return pags_packed_export(path, g, &head);
   }
   pags_splat_facts facts = {.antialiased = scene->antialiased, .up = scene->up};
-  memcpy(facts.origin, scene->origin, sizeof facts.origin);
+  pags_copy3(scene->origin, facts.origin);
   return pags_ply_save_facts(path, g, &facts);
 }
 
 PyObject *native_scene_save(PyObject *self, PyObject *arguments) {
   const pags_scene *scene = pags_composition_scene(((native_scene *)self)->composition);
-  PyObject *file, *bytes;
-  pags_gaussians g;
+  PyObject *file;
+  NATIVE_OWNED PyObject *bytes = NULL;
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
   pags_result result;
   if (!check_savable(scene) || !PyArg_ParseTuple(arguments, "O:save", &file) || !native_read_path(file, "path", &bytes))
     return NULL;
@@ -344,16 +306,12 @@ PyObject *native_scene_save(PyObject *self, PyObject *arguments) {
   const char *extension = pags_path_extension(path);
   const bool ply = strcasecmp(extension, ".ply") == 0, packed = strcasecmp(extension, ".pagsz") == 0;
   if (!ply && !packed)
-    PyErr_Format(PyExc_ValueError,
-                 "%s: expected a name that ends in .ply or .pagsz; 'pags export' makes other files of these", path);
-  if ((!ply && !packed) || !gather(self, &g)) {
-    Py_DECREF(bytes);
+    return PyErr_Format(PyExc_ValueError,
+                        "%s: expected a name that ends in .ply or .pagsz; 'pags export' makes other files of these",
+                        path);
+  if (!gather(self, &g))
     return NULL;
-  }
   Py_BEGIN_ALLOW_THREADS result = save(path, scene, &g, packed);
-  Py_END_ALLOW_THREADS pags_gaussians_destroy(&g);
-  Py_DECREF(bytes);
-  if (result != PAGS_OK)
-    return native_raise(native_state_of(self), result);
+  Py_END_ALLOW_THREADS if (result != PAGS_OK) return native_raise(native_state_of(self), result);
   Py_RETURN_NONE;
 }

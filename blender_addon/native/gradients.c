@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/memory.h"
+#include "frame/owners.h"
 #include "port/port.h"
 
 typedef struct backward {
@@ -19,13 +19,20 @@ typedef struct backward {
   int64_t bad_rows;
 } backward;
 
-enum { BY_T = 3, BY_DEPTH_SUM, PLANES };
+static void forget_backward(backward *b) {
+  Py_XDECREF((PyObject *)b->job);
+  free(b->rgb);
+  free(b->depth);
+  pags_gaussians_destroy(&b->out);
+}
+
+enum { BY_T = 3, BY_DEPTH_SUM, GRADIENTS };
 
 /* ---- Without the interpreter's lock ---- */
 
 /* Splits the gradients into the engine's planes. alpha is 1 - T. Depth is S / W, with S = sum(w z) and W = sum(w)
  * = 1 - T: dL/dS = g / W, dL/dT = g S / W^2. */
-static void fill_planes(const backward *b, const pags_picture *picture, float *const plane[PLANES]) {
+static void fill_planes(const backward *b, const pags_picture *picture, float *const plane[GRADIENTS]) {
   for (int y = 0; y < picture->height; y++)
     for (int x = 0; x < picture->width; x++) {
       const int64_t to = (int64_t)y * picture->stride + x, from = (int64_t)y * picture->width + x;
@@ -42,12 +49,12 @@ static void fill_planes(const backward *b, const pags_picture *picture, float *c
 }
 
 /* Allocates the planes in one block, zeros beyond the picture. Freed by pags_port_aligned_free(plane[0]). */
-static pags_result create_planes(const pags_picture *picture, float *plane[PLANES]) {
+static pags_result create_planes(const pags_picture *picture, float *plane[GRADIENTS]) {
   const size_t floats = (size_t)picture->stride * (size_t)((picture->height + 15) / 16 * 16);
-  plane[0] = pags_port_aligned_alloc(64, PLANES * floats * sizeof(float));
+  plane[0] = pags_port_aligned_alloc(64, GRADIENTS * floats * sizeof(float));
   PAGS_CHECK_MEMORY(plane[0], "gradients of a picture of %d x %d", picture->width, picture->height);
-  memset(plane[0], 0, PLANES * floats * sizeof(float));
-  for (int k = 1; k < PLANES; k++)
+  memset(plane[0], 0, GRADIENTS * floats * sizeof(float));
+  for (int k = 1; k < GRADIENTS; k++)
     plane[k] = plane[0] + (size_t)k * floats;
   return PAGS_OK;
 }
@@ -55,7 +62,7 @@ static pags_result create_planes(const pags_picture *picture, float *plane[PLANE
 static pags_result differentiate(backward *b, pags_frame *frame) {
   const native_contents *const c = &b->job->contents;
   pags_picture picture;
-  float *plane[PLANES];
+  float *plane[GRADIENTS];
   PAGS_TRY(native_contents_compose(b->job, &b->job->contents));
   for (int p = 0; p < c->part_count; p++)
     if (c->parts[p].packed)
@@ -75,54 +82,32 @@ static pags_result differentiate(backward *b, pags_frame *frame) {
 }
 
 static pags_result run(backward *b) {
-  pags_tasks *tasks = pags_tasks_create(b->threads);
-  pags_frame *frame = NULL;
-  pags_result result = tasks ? pags_frame_create(tasks, &frame) : pags_out_of_memory("threads");
-  if (result == PAGS_OK) {
-    native_job_lock(b->job, true);
-    result = differentiate(b, frame);
-    native_job_lock(b->job, false);
-  }
-  pags_frame_destroy(frame);
-  pags_tasks_destroy(tasks);
+  PAGS_AUTO(pags_tasks_destroy_auto) pags_tasks *tasks = pags_tasks_create(b->threads);
+  PAGS_AUTO(pags_frame_destroy_auto) pags_frame *frame = NULL;
+  PAGS_CHECK_MEMORY(tasks, "threads");
+  PAGS_TRY(pags_frame_create(tasks, &frame));
+  native_job_lock(b->job, true);
+  const pags_result result = differentiate(b, frame);
+  native_job_lock(b->job, false);
   return result;
 }
 
 /* ---- With it ---- */
 
 static float *read_plane(PyObject *value, const char *what, const native_job *job, int dimensions, int *channels) {
-  Py_ssize_t shape[3] = {job->camera.height, job->camera.width, -1};
-  float *plane = native_read_array(value, what, false, dimensions, shape);
+  const int width = job->camera.width, height = job->camera.height;
+  Py_ssize_t shape[3] = {height, width, -1};
+  PAGS_AUTOFREE float *plane = native_read_array(value, what, false, dimensions, shape);
   if (!plane)
     return NULL;
   *channels = dimensions == 3 ? (int)shape[2] : 1;
-  if (dimensions == 3 && *channels != 3 && *channels != 4) {
-    PyErr_Format(PyExc_ValueError, "%s: expected 3 or 4 channels, found %d", what, *channels);
-    free(plane);
-    return NULL;
-  }
-  const int64_t values = (int64_t)job->camera.height * job->camera.width * *channels;
-  for (int64_t i = 0; i < values; i++)
-    if (!isfinite(plane[i])) {
-      const int64_t pixel = i / *channels;
-      PyErr_Format(PyExc_ValueError, "%s: pixel (%d, %d): expected a finite number", what,
-                   (int)(pixel % job->camera.width), (int)(pixel / job->camera.width));
-      free(plane);
-      return NULL;
-    }
-  return plane;
-}
-
-static PyObject *result_of(const native_state *state, backward *b, pags_result result) {
-  PyObject *dict = NULL;
-  if (result != PAGS_OK)
-    native_raise(state, result);
-  else if (b->bad_rows == 0 ||
-           PyErr_WarnFormat(PyExc_RuntimeWarning, 1, "the gradients of %lld Gaussians aren't finite and were set to 0",
-                            (long long)b->bad_rows) == 0)
-    dict = native_arrays_dict(state, &b->out);
-  pags_gaussians_destroy(&b->out);
-  return dict;
+  if (dimensions == 3 && *channels != 3 && *channels != 4)
+    return (float *)PyErr_Format(PyExc_ValueError, "%s: expected 3 or 4 channels, found %d", what, *channels);
+  for (int64_t i = 0; i < (int64_t)height * width * *channels; i++)
+    if (!isfinite(plane[i]))
+      return (float *)PyErr_Format(PyExc_ValueError, "%s: pixel (%d, %d): expected a finite number", what,
+                                   (int)(i / *channels % width), (int)(i / *channels / width));
+  return pags_take(&plane);
 }
 
 PyObject *native_gradients(PyObject *module, PyObject *arguments, PyObject *keywords) {
@@ -131,33 +116,31 @@ PyObject *native_gradients(PyObject *module, PyObject *arguments, PyObject *keyw
   const native_state *state = PyModule_GetState(module);
   native_job_arguments w = native_default_job_arguments();
   PyObject *scene, *camera, *rgb, *depth = Py_None, *threads = NULL;
-  backward b = {0};
+  PAGS_AUTO(forget_backward) backward b = {0};
+  pags_result result;
   int one;
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOO|$OOOOOOOO:gradients", names, &scene, &camera, &rgb, &depth,
                                    &threads, &w.placements, &w.background, &w.transparent, &w.antialiased, &w.sh_degree,
-                                   &w.near_plane))
+                                   &w.near_plane) ||
+      !native_read_threads(threads, &b.threads))
     return NULL;
-  if (!native_read_threads(threads, &b.threads))
-    return NULL;
-  PyObject *job = native_job_new(state, scene, camera, &w);
-  if (!job)
+  b.job = (native_job *)native_job_new(state, scene, camera, &w);
+  if (!b.job)
     return NULL;
   b.scene = (native_scene *)scene;
-  b.job = (native_job *)job;
   b.job->options.keep_for_backward = 1;
   b.rgb = read_plane(rgb, "rgb", b.job, 3, &b.channels);
   if (b.rgb && depth != Py_None) {
     b.depth = read_plane(depth, "depth", b.job, 2, &one);
     b.job->options.extra_channels = 1;
   }
-  PyObject *dict = NULL;
-  if (!PyErr_Occurred()) {
-    pags_result result;
-    Py_BEGIN_ALLOW_THREADS result = run(&b);
-    Py_END_ALLOW_THREADS dict = result_of(state, &b, result);
-  }
-  free(b.rgb);
-  free(b.depth);
-  Py_DECREF(job);
-  return dict;
+  if (PyErr_Occurred())
+    return NULL;
+  Py_BEGIN_ALLOW_THREADS result = run(&b);
+  Py_END_ALLOW_THREADS if (result != PAGS_OK) return native_raise(state, result);
+  if (b.bad_rows != 0 &&
+      PyErr_WarnFormat(PyExc_RuntimeWarning, 1, "the gradients of %lld Gaussians aren't finite and were set to 0",
+                       (long long)b.bad_rows) != 0)
+    return NULL;
+  return native_arrays_dict(state, &b.out);
 }

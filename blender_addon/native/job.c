@@ -14,13 +14,10 @@ static bool is_lost(const native_job *job) {
 }
 
 static bool check_alive(PyObject *object) {
-  if (!is_lost((native_job *)object))
-    return true;
-  native_raise_text(
-      native_state_of(object), PAGS_ERROR_UNSUPPORTED,
-      "Job: wasn't done when this process was forked, and is drawn in the parent alone; submit it here to a "
-      "Renderer made here");
-  return false;
+  return !is_lost((native_job *)object) ||
+         native_raise_text(native_state_of(object), PAGS_ERROR_UNSUPPORTED,
+                           "Job: wasn't done when this process was forked, and is drawn in the parent alone; submit it "
+                           "here to a Renderer made here");
 }
 
 /* Call with the renderer's lock held. */
@@ -75,7 +72,6 @@ static bool wait_for(native_job *job, double seconds) {
 
 static void job_dealloc(PyObject *object) {
   native_job *job = (native_job *)object;
-  PyTypeObject *type = Py_TYPE(object);
   const bool lost = job->renderer && is_lost(job); /* partly drawn: keep the old content */
   Py_BEGIN_ALLOW_THREADS cancel(job);
   wait_for(job, -1);
@@ -88,8 +84,7 @@ static void job_dealloc(PyObject *object) {
   }
   Py_XDECREF(job->renderer);
   Py_XDECREF(job->deadline);
-  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
-  Py_DECREF(type);
+  native_deallocate(object);
 }
 
 static PyObject *job_done(PyObject *object, PyObject *unused) {
@@ -119,19 +114,15 @@ static PyObject *job_cancel(PyObject *object, PyObject *unused) {
 PyObject *native_job_take(const native_state *state, native_job *job) {
   Py_BEGIN_ALLOW_THREADS wait_for(job, -1);
   Py_END_ALLOW_THREADS if (job->result != PAGS_OK) return native_raise_text(state, job->result, job->message);
-  if (job->taken) {
-    PyErr_SetString(PyExc_ValueError, "the picture of this job was taken already");
-    return NULL;
-  }
+  if (job->taken)
+    return PyErr_Format(PyExc_ValueError, "the picture of this job was taken already");
   job->taken = true;
   return native_picture_new(state, &job->planes);
 }
 
 static PyObject *job_take(PyObject *object, PyObject *unused) {
   (void)unused;
-  if (!check_alive(object))
-    return NULL;
-  return native_job_take(native_state_of(object), (native_job *)object);
+  return check_alive(object) ? native_job_take(native_state_of(object), (native_job *)object) : NULL;
 }
 
 static PyObject *job_repr(PyObject *object) {

@@ -11,8 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "port/port.h"
 
 static native_scene *scene_of(const native_shown *shown) {
@@ -23,25 +23,22 @@ static native_scene *scene_of(const native_shown *shown) {
 
 static bool read_object_values(PyObject *value, native_shown *shown) {
   Py_ssize_t count = (Py_ssize_t)pags_composition_scene(scene_of(shown)->composition)->object_count;
-  double *numbers = malloc(((size_t)count + 1) * sizeof *numbers);
+  PAGS_AUTOFREE double *numbers = malloc(((size_t)count + 1) * sizeof *numbers);
   shown->object_values = malloc(((size_t)count + 1) * sizeof *shown->object_values);
-  bool good = numbers && shown->object_values;
-  if (!good)
-    PyErr_NoMemory();
-  good = good && native_read_numbers(value, "object_values: one for each object", count, numbers);
-  for (Py_ssize_t i = 0; good && i < count; i++)
+  if (!numbers || !shown->object_values)
+    return PyErr_NoMemory();
+  if (!native_read_numbers(value, "object_values: one for each object", count, numbers))
+    return false;
+  for (Py_ssize_t i = 0; i < count; i++)
     shown->object_values[i] = (float)numbers[i];
-  free(numbers);
-  return good;
+  return true;
 }
 
 /* Reads a name for each placement. */
 static bool read_names(PyObject *value, native_shown *shown) {
   const int64_t count = shown->placement_count;
-  if (!shown->placements) {
-    PyErr_SetString(PyExc_ValueError, "names: are those of placements, which must be given, too");
-    return false;
-  }
+  if (!shown->placements)
+    return PyErr_Format(PyExc_ValueError, "names: are those of placements, which must be given, too");
   if (PyUnicode_Check(value) || !PySequence_Check(value) || PySequence_Size(value) != count) {
     if (!PyErr_Occurred())
       PyErr_Format(PyExc_ValueError, "names: expected a list of %lld, one for each placement", (long long)count);
@@ -49,18 +46,17 @@ static bool read_names(PyObject *value, native_shown *shown) {
   }
   shown->names = calloc((size_t)count + 1, sizeof *shown->names);
   if (!shown->names)
-    PyErr_NoMemory();
-  for (int64_t i = 0; shown->names && i < count; i++) {
-    const char *name = NULL;
-    PyObject *item = PySequence_GetItem(value, (Py_ssize_t)i);
-    shown->names[i] = item && native_read_word(item, "names", &name) ? pags_text_copy(name) : NULL;
-    if (name && !shown->names[i])
-      PyErr_NoMemory();
-    Py_XDECREF(item);
-    if (!shown->names[i])
+    return PyErr_NoMemory();
+  for (int64_t i = 0; i < count; i++) {
+    const char *name;
+    NATIVE_OWNED PyObject *item = PySequence_GetItem(value, (Py_ssize_t)i);
+    if (!item || !native_read_word(item, "names", &name))
       return false;
+    shown->names[i] = pags_text_copy(name);
+    if (!shown->names[i])
+      return PyErr_NoMemory();
   }
-  return shown->names != NULL;
+  return true;
 }
 
 /* Reads the parts of a scene to draw; each value may be None. */
@@ -72,50 +68,44 @@ static bool read_drawn(PyObject *placements, PyObject *object_values, PyObject *
 
 /* A new reference to dict[key], or to None if missing; counts existing keys. */
 static PyObject *item_or_none(PyObject *dict, const char *key, Py_ssize_t *found) {
-  if (PyMapping_HasKeyString(dict, key)) {
-    ++*found;
-    return PyMapping_GetItemString(dict, key);
-  }
-  Py_INCREF(Py_None);
-  return Py_None;
+  if (!PyMapping_HasKeyString(dict, key))
+    return Py_NewRef(Py_None);
+  ++*found;
+  return PyMapping_GetItemString(dict, key);
 }
 
 enum { SCENE, WORLD_FROM_SCENE, TIME, PLACEMENTS, OBJECT_VALUES, NAMES, KEYS };
 
-static bool read_other(const native_state *state, PyObject *dict, double time, native_shown *shown) {
-  if (!dict || !PyMapping_Check(dict)) {
-    PyErr_SetString(PyExc_TypeError, "others: expected dictionaries");
-    return false;
-  }
+/* Reads another scene; `value` receives the values of its keys, which the caller drops. */
+static bool read_values(const native_state *state, PyObject *dict, double time, PyObject *value[KEYS],
+                        native_shown *shown) {
   static const char *const keys[KEYS] = {"scene", "world_from_scene", "time", "placements", "object_values", "names"};
-  PyObject *value[KEYS];
   Py_ssize_t found = 0;
+  if (!dict || !PyMapping_Check(dict))
+    return PyErr_Format(PyExc_TypeError, "others: expected dictionaries");
   for (int i = 0; i < KEYS; i++)
-    value[i] = item_or_none(dict, keys[i], &found);
-  bool good = value[SCENE] && PyObject_TypeCheck(value[SCENE], state->scene);
-  if (!good)
-    PyErr_SetString(PyExc_TypeError, "others: expected what pags.load returned as \"scene\"");
-  if (good && PyMapping_Size(dict) != found) {
-    PyErr_SetString(PyExc_ValueError,
-                    "others: expected scene, world_from_scene, time, placements, object_values and "
-                    "names, and nothing else");
-    good = false;
-  }
-  if (good) {
-    Py_INCREF(value[SCENE]);
-    shown->scene = value[SCENE];
-    good = value[WORLD_FROM_SCENE] == Py_None ||
-           native_read_pose(value[WORLD_FROM_SCENE], "others: world_from_scene", shown->world_from_scene);
-  }
-  if (good) {
-    const pags_result result = pags_affine_check(shown->world_from_scene, "others: world_from_scene");
-    shown->time = time;
-    if (result != PAGS_OK)
-      native_raise_value(PyExc_ValueError);
-    good =
-        result == PAGS_OK && (value[TIME] == Py_None || native_read_finite(value[TIME], "others: time", &shown->time));
-  }
-  good = good && read_drawn(value[PLACEMENTS], value[OBJECT_VALUES], value[NAMES], shown);
+    if (!(value[i] = item_or_none(dict, keys[i], &found)))
+      return false;
+  if (!PyObject_TypeCheck(value[SCENE], state->types[SCENE_TYPE]))
+    return PyErr_Format(PyExc_TypeError, "others: expected what pags.load returned as \"scene\"");
+  if (PyMapping_Size(dict) != found)
+    return PyErr_Format(PyExc_ValueError,
+                        "others: expected scene, world_from_scene, time, placements, object_values and names, and "
+                        "nothing else");
+  shown->scene = Py_NewRef(value[SCENE]);
+  shown->time = time;
+  if (value[WORLD_FROM_SCENE] != Py_None &&
+      !native_read_pose(value[WORLD_FROM_SCENE], "others: world_from_scene", shown->world_from_scene))
+    return false;
+  if (pags_affine_check(shown->world_from_scene, "others: world_from_scene") != PAGS_OK)
+    return native_raise_value(PyExc_ValueError);
+  return (value[TIME] == Py_None || native_read_finite(value[TIME], "others: time", &shown->time)) &&
+         read_drawn(value[PLACEMENTS], value[OBJECT_VALUES], value[NAMES], shown);
+}
+
+static bool read_other(const native_state *state, PyObject *dict, double time, native_shown *shown) {
+  PyObject *value[KEYS] = {NULL};
+  const bool good = read_values(state, dict, time, value, shown);
   for (int i = 0; i < KEYS; i++)
     Py_XDECREF(value[i]);
   return good;
@@ -134,12 +124,10 @@ static bool number(const native_state *state, native_contents *contents) {
     shown->label_base = labels;
     gaussians += pags_composition_gaussian_count(c);
     labels += shown->placements ? shown->placement_count : pags_composition_scene(c)->object_count + 1;
-    if (gaussians > INT32_MAX - 63) {
-      native_raise(state, pags_fail(PAGS_ERROR_LIMIT,
-                                    "the scenes have more than the 2^31 - 64 Gaussians that can be "
-                                    "rendered at once"));
-      return false;
-    }
+    if (gaussians > INT32_MAX - 63)
+      return native_raise(state, pags_fail(PAGS_ERROR_LIMIT,
+                                           "the scenes have more than the 2^31 - 64 Gaussians that can be rendered at "
+                                           "once"));
   }
   return true;
 }
@@ -154,24 +142,20 @@ bool native_contents_read(const native_state *state, PyObject *scene, const nati
     return false;
   }
   out->shown = others < 65536 ? calloc((size_t)others + 1, sizeof *out->shown) : NULL;
-  if (!out->shown) {
-    PyErr_NoMemory();
-    return false;
-  }
+  if (!out->shown)
+    return PyErr_NoMemory();
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   for (Py_ssize_t i = 0; i <= others; i++)
     memcpy(out->shown[i].world_from_scene, identity, sizeof identity);
-  Py_INCREF(scene);
   out->shown_count = 1;
-  out->shown[0].scene = scene;
+  out->shown[0].scene = Py_NewRef(scene);
   out->shown[0].time = time;
   if (!read_drawn(w->placements, w->object_values, w->names, &out->shown[0]))
     return false;
   for (Py_ssize_t i = 0; i < others; i++) {
-    PyObject *dict = PySequence_GetItem(w->others, i);
+    NATIVE_OWNED PyObject *dict = PySequence_GetItem(w->others, i);
     const bool good = read_other(state, dict, time, &out->shown[out->shown_count]);
     out->shown_count += out->shown[out->shown_count].scene != NULL;
-    Py_XDECREF(dict);
     if (!good)
       return false;
   }
@@ -247,7 +231,7 @@ static void bring_in(const native_job *job, const native_shown *shown, pags_part
   memcpy(frame_from_scene, shown->world_from_scene, sizeof frame_from_scene);
   for (int k = 0; k < 3; k++) {
     double *row = frame_from_scene + 4 * k;
-    row[3] += row[0] * own.origin[0] + row[1] * own.origin[1] + row[2] * own.origin[2] - job->options.origin[k];
+    row[3] += pags_dot3(row, own.origin) - job->options.origin[k];
   }
   for (int p = 0; p < count; p++) {
     pags_rigid_multiply(frame_from_scene, parts[p].world_from_model, parts[p].world_from_model);

@@ -2,25 +2,35 @@
 /* The Python module `pags`: its functions, types and exceptions, for the add-on and for plain Python. */
 #include "blender_addon/native/job.h"
 
+#include "base/vec3.h"
+
 static struct PyModuleDef module_definition;
 
 native_state *native_state_of(PyObject *self) {
   return PyType_GetModuleState(Py_TYPE(self));
 }
 
+void *native_allocate(PyTypeObject *type) {
+  return ((allocfunc)(size_t)PyType_GetSlot(type, Py_tp_alloc))(type, 0);
+}
+
+void native_deallocate(PyObject *object) {
+  PyTypeObject *type = Py_TYPE(object);
+  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
+  Py_DECREF(type);
+}
+
 PyObject *native_raise_text(const native_state *state, pags_result code, const char *text) {
-  PyObject *type = code == PAGS_CANCELLED ? state->cancelled : state->error, *words = native_text(text);
-  PyObject *error = words && code != PAGS_ERROR_MEMORY ? PyObject_CallFunctionObjArgs(type, words, NULL) : NULL;
+  PyObject *type = code == PAGS_CANCELLED ? state->cancelled : state->error;
+  NATIVE_OWNED PyObject *words = native_text(text);
   if (words && code == PAGS_ERROR_MEMORY)
     PyErr_SetObject(PyExc_MemoryError, words);
-  Py_XDECREF(words);
-  if (!error)
+  if (!words || code == PAGS_ERROR_MEMORY)
     return NULL;
-  PyObject *name = PyUnicode_FromString(pags_result_name(code));
+  NATIVE_OWNED PyObject *error = PyObject_CallFunctionObjArgs(type, words, NULL);
+  NATIVE_OWNED PyObject *name = error ? PyUnicode_FromString(pags_result_name(code)) : NULL;
   if (name && PyObject_SetAttrString(error, "code", name) == 0)
     PyErr_SetObject(type, error);
-  Py_XDECREF(name);
-  Py_DECREF(error);
   return NULL;
 }
 
@@ -29,42 +39,31 @@ PyObject *native_raise(const native_state *state, pags_result code) {
 }
 
 PyObject *native_raise_value(PyObject *kind) {
-  PyObject *words = native_text(pags_error_message());
+  NATIVE_OWNED PyObject *words = native_text(pags_error_message());
   if (words)
     PyErr_SetObject(kind, words);
-  Py_XDECREF(words);
   return NULL;
 }
 
 static PyObject *available_threads(PyObject *module, PyObject *unused) {
-  (void)module;
-  (void)unused;
+  (void)module, (void)unused;
   return PyLong_FromLong(pags_available_threads());
 }
 
 static PyObject *heat(PyObject *module, PyObject *arguments) {
   PyObject *number;
-  double value;
+  double value, color[3];
   float rgb[3];
   (void)module;
   if (!PyArg_ParseTuple(arguments, "O:heat", &number) || !native_read_finite(number, "value", &value))
     return NULL;
   pags_colormap_heat((float)value, rgb);
-  const double color[3] = {(double)rgb[0], (double)rgb[1], (double)rgb[2]};
+  pags_widen3(rgb, color);
   return native_numbers(color, 3);
 }
 
-static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec, const char *name) {
-  PyObject *type = PyType_FromModuleAndSpec(module, spec, NULL);
-  if (type && PyModule_AddObjectRef(module, name, type) == 0)
-    return (PyTypeObject *)type;
-  Py_XDECREF(type);
-  return NULL;
-}
-
-static PyObject *add_exception(PyObject *module, const char *full, const char *name, const char *about,
-                               PyObject *base) {
-  PyObject *type = PyErr_NewExceptionWithDoc(full, about, base, NULL);
+/* Adds a new reference to the module, and returns it; NULL after a failure. */
+static PyObject *add(PyObject *module, const char *name, PyObject *type) {
   if (type && PyModule_AddObjectRef(module, name, type) == 0)
     return type;
   Py_XDECREF(type);
@@ -72,21 +71,31 @@ static PyObject *add_exception(PyObject *module, const char *full, const char *n
 }
 
 static int module_exec(PyObject *module) {
+  static const struct {
+    const char *name;
+    PyType_Spec *spec;
+  } types[NATIVE_TYPES] = {[BUFFER_TYPE] = {"Buffer", &native_buffer_spec},
+                           [SCENE_TYPE] = {"Scene", &native_scene_spec},
+                           [RENDERER_TYPE] = {"Renderer", &native_renderer_spec},
+                           [DEADLINE_TYPE] = {"Deadline", &native_deadline_spec},
+                           [JOB_TYPE] = {"Job", &native_job_spec},
+                           [PICTURE_TYPE] = {"Picture", &native_picture_spec}};
   native_state *state = PyModule_GetState(module);
-  state->error = add_exception(module, "pags.Error", "Error",
-                               "An error of the engine with its message; `code` is the kind.", PyExc_RuntimeError);
+  state->error =
+      add(module, "Error",
+          PyErr_NewExceptionWithDoc("pags.Error", "An error of the engine with its message; `code` is the kind.",
+                                    PyExc_RuntimeError, NULL));
   if (!state->error)
     return -1;
-  state->cancelled = add_exception(module, "pags.Cancelled", "Cancelled", "The work was cancelled.", state->error);
-  state->buffer = add_type(module, &native_buffer_spec, "Buffer");
-  state->scene = add_type(module, &native_scene_spec, "Scene");
-  state->renderer = add_type(module, &native_renderer_spec, "Renderer");
-  state->deadline = add_type(module, &native_deadline_spec, "Deadline");
-  state->job = add_type(module, &native_job_spec, "Job");
-  state->picture = add_type(module, &native_picture_spec, "Picture");
-  if (!state->cancelled || !state->buffer || !state->scene || !state->renderer || !state->deadline || !state->job ||
-      !state->picture)
+  state->cancelled = add(module, "Cancelled",
+                         PyErr_NewExceptionWithDoc("pags.Cancelled", "The work was cancelled.", state->error, NULL));
+  if (!state->cancelled)
     return -1;
+  for (int i = 0; i < NATIVE_TYPES; i++) {
+    state->types[i] = (PyTypeObject *)add(module, types[i].name, PyType_FromModuleAndSpec(module, types[i].spec, NULL));
+    if (!state->types[i])
+      return -1;
+  }
   return PyModule_AddStringConstant(module, "__version__", PAGS_VERSION_STRING);
 }
 
@@ -94,12 +103,8 @@ static int module_traverse(PyObject *module, visitproc visit, void *arg) {
   native_state *state = PyModule_GetState(module);
   Py_VISIT(state->error);
   Py_VISIT(state->cancelled);
-  Py_VISIT(state->buffer);
-  Py_VISIT(state->scene);
-  Py_VISIT(state->renderer);
-  Py_VISIT(state->deadline);
-  Py_VISIT(state->job);
-  Py_VISIT(state->picture);
+  for (int i = 0; i < NATIVE_TYPES; i++)
+    Py_VISIT(state->types[i]);
   return 0;
 }
 
@@ -107,12 +112,8 @@ static int module_clear(PyObject *module) {
   native_state *state = PyModule_GetState(module);
   Py_CLEAR(state->error);
   Py_CLEAR(state->cancelled);
-  Py_CLEAR(state->buffer);
-  Py_CLEAR(state->scene);
-  Py_CLEAR(state->renderer);
-  Py_CLEAR(state->deadline);
-  Py_CLEAR(state->job);
-  Py_CLEAR(state->picture);
+  for (int i = 0; i < NATIVE_TYPES; i++)
+    Py_CLEAR(state->types[i]);
   return 0;
 }
 

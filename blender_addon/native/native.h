@@ -17,10 +17,24 @@
 #include <pthread.h>
 #include <stdbool.h>
 
+#include "base/memory.h"
+
+enum { BUFFER_TYPE, SCENE_TYPE, RENDERER_TYPE, DEADLINE_TYPE, JOB_TYPE, PICTURE_TYPE, NATIVE_TYPES };
+
 typedef struct native_state {
   PyObject *error, *cancelled; /* exceptions */
-  PyTypeObject *buffer, *scene, *renderer, *deadline, *job, *picture;
+  PyTypeObject *types[NATIVE_TYPES];
 } native_state;
+
+/* Before the declaration of a reference: it is dropped where its scope ends. NULL is allowed. */
+#define NATIVE_OWNED PAGS_AUTO(native_drop)
+static inline void native_drop(PyObject **reference) {
+  Py_XDECREF(*reference);
+}
+
+/* A new, zeroed object of a type of this module, and the end of such an object's destructor. */
+void *native_allocate(PyTypeObject *type);
+void native_deallocate(PyObject *object);
 
 /* The state of the module that defined the object's type. */
 native_state *native_state_of(PyObject *self);
@@ -109,11 +123,12 @@ const native_shown *native_shown_of(const native_shown *shown, int count, int32_
 
 #define NATIVE_LARGEST ((double)FLT_MAX) /* of a number that counts as finite */
 
-/* `what` names the value in messages. Numbers must be within [least, most], which implies finite. */
+/* `what` names the value in messages. Numbers must be within [least, most], which implies finite. Of a value that is
+ * NULL, an argument that isn't given, the first five leave `out` as it is. */
 bool native_read_number(PyObject *value, const char *what, double least, double most, double *out);
 bool native_read_finite(PyObject *value, const char *what, double *out);
 bool native_read_integer(PyObject *value, const char *what, long long least, long long most, long long *out);
-bool native_read_flag(PyObject *value, const char *what, int *out);                         /* True or False, 1 or 0 */
+bool native_read_flag(PyObject *value, const char *what, bool *out);                        /* True or False, 1 or 0 */
 bool native_read_word(PyObject *value, const char *what, const char **out);                 /* valid while `value` is */
 bool native_read_path(PyObject *value, const char *what, PyObject **bytes);                 /* a new reference */
 bool native_read_camera(PyObject *value, const char *what, pags_camera *out);               /* and checks it */
@@ -130,6 +145,8 @@ bool native_read_placements(PyObject *value, pags_placement **out, int64_t *coun
 PyObject *native_camera_dict(const pags_camera *camera);
 /* Puts a new reference into a dictionary and drops it; false when `value` is NULL or memory is out. */
 bool native_put(PyObject *dict, const char *key, PyObject *value);
+/* A list of `count` new references that `item` makes; NULL, after it has raised. */
+PyObject *native_list(int64_t count, PyObject *(*item)(const void *context, int64_t index), const void *context);
 PyObject *native_numbers(const double *values, Py_ssize_t count);
 
 /* ---- Pictures ---- */
@@ -144,24 +161,45 @@ typedef enum native_mode {
   MODE_OVERDRAW,
   MODE_COUNT
 } native_mode;
+/* The outputs of a picture, each a plane; their bits are in layouts. */
 enum {
-  OUTPUT_RGBA = 1,
-  OUTPUT_DEPTH = 2,
-  OUTPUT_OBJECT = 4,
-  OUTPUT_ID = 8,
-  OUTPUT_PRIORITY = 16,
-  OUTPUT_HEAT = 32,
-  OUTPUT_RGB8 = 64,
-  OUTPUT_CRYPTO_OBJECT = 128, /* these six are passes (pags/passes.h) */
-  OUTPUT_CRYPTO_CLASS = 256,
-  OUTPUT_NORMAL = 512,
-  OUTPUT_MOTION = 1024,
-  OUTPUT_BLENDED = 2048,
-  OUTPUT_OVERDRAW = 4096,
-  OUTPUT_KINDS = 13,
-  OUTPUTS_PASSES =
-      OUTPUT_CRYPTO_OBJECT | OUTPUT_CRYPTO_CLASS | OUTPUT_NORMAL | OUTPUT_MOTION | OUTPUT_BLENDED | OUTPUT_OVERDRAW
+  PLANE_RGBA, /* premultiplied */
+  PLANE_RGB8,
+  PLANE_DEPTH,
+  PLANE_OBJECT,
+  PLANE_PRIORITY,
+  PLANE_HEAT,
+  PLANE_ID,
+  PLANE_CRYPTO_OBJECT, /* these six are passes (pags/passes.h) */
+  PLANE_CRYPTO_CLASS,
+  PLANE_NORMAL,
+  PLANE_MOTION,
+  PLANE_BLENDED, /* Gaussians blended, and computed */
+  PLANE_OVERDRAW,
+  PLANES
 };
+enum {
+  OUTPUT_RGBA = 1 << PLANE_RGBA,
+  OUTPUT_RGB8 = 1 << PLANE_RGB8,
+  OUTPUT_DEPTH = 1 << PLANE_DEPTH,
+  OUTPUT_OBJECT = 1 << PLANE_OBJECT,
+  OUTPUT_PRIORITY = 1 << PLANE_PRIORITY,
+  OUTPUT_HEAT = 1 << PLANE_HEAT,
+  OUTPUT_CRYPTO_OBJECT = 1 << PLANE_CRYPTO_OBJECT,
+  OUTPUT_CRYPTO_CLASS = 1 << PLANE_CRYPTO_CLASS,
+  OUTPUT_NORMAL = 1 << PLANE_NORMAL,
+  OUTPUT_MOTION = 1 << PLANE_MOTION,
+  OUTPUTS_PAIRS = 1 << PLANE_BLENDED | 1 << PLANE_OVERDRAW,
+  OUTPUTS_PASSES = OUTPUT_CRYPTO_OBJECT | OUTPUT_CRYPTO_CLASS | OUTPUT_NORMAL | OUTPUT_MOTION | OUTPUTS_PAIRS
+};
+
+/* An output's name in Python, and its plane. */
+typedef struct native_output {
+  const char *name;
+  char format; /* of native_buffer_new */
+  int channels;
+} native_output;
+extern const native_output native_outputs[PLANES];
 
 /* The layout of the planes that a job returns. */
 typedef struct native_layout {
@@ -183,11 +221,7 @@ typedef struct native_drawn {
 
 typedef struct native_planes {
   int width, height;
-  float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats per pixel; NULL if not requested */
-  int32_t *id;
-  uint8_t *rgb8;                      /* 3 bytes a pixel */
-  float *crypto[2], *normal, *motion; /* objects and classes: 12 floats a pixel; 3; 4 */
-  float *pairs[2];                    /* Gaussians blended, computed */
+  void *plane[PLANES]; /* NULL if not requested */
   pags_frame_stats stats;
   native_drawn drawn;
   double ms;      /* of the whole job */
@@ -200,8 +234,8 @@ bool native_layout_needs_passes(const native_layout *layout);
 bool native_layout_needs_pairs(const native_layout *layout);
 /* Whether the layout's outputs need the frame's depth and id planes. */
 bool native_layout_needs_extras(const native_layout *layout);
-/* Fills `out` on the renderer's threads; the scenes' tables must have been filled. PAGS_ERROR_MEMORY or PAGS_CANCELLED.
- */
+/* Fills `out`, which the caller frees, on the renderer's threads; the scenes' tables must have been filled.
+ * PAGS_ERROR_MEMORY or PAGS_CANCELLED. */
 pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const pags_passes *passes,
                                const native_shown *shown, int shown_count, const native_layout *layout,
                                native_planes *out);

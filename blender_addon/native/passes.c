@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/memory.h"
-
 /* ---- Arguments ---- */
 
 /* Reads a moment: a camera, (camera, placements) or (camera, placements, others). */
@@ -15,16 +13,12 @@ static bool read_moment(const native_state *state, const native_job *job, PyObje
   if (value == Py_None)
     return true;
   const Py_ssize_t size = PyTuple_Check(value) ? PyTuple_Size(value) : 0;
-  if (size != 0 && size != 2 && size != 3) {
-    PyErr_Format(PyExc_ValueError, "%s: expected a camera, or a tuple of a camera, placements and others", what);
-    return false;
-  }
+  if (size != 0 && size != 2 && size != 3)
+    return PyErr_Format(PyExc_ValueError, "%s: expected a camera, or a tuple of a camera, placements and others", what);
   if (!native_read_camera(size ? PyTuple_GetItem(value, 0) : value, what, &out->camera))
     return false;
-  if (pags_camera_bends(&out->camera)) {
-    PyErr_Format(PyExc_ValueError, "%s: has a lens, and motion is that of a pinhole", what);
-    return false;
-  }
+  if (pags_camera_bends(&out->camera))
+    return PyErr_Format(PyExc_ValueError, "%s: has a lens, and motion is that of a pinhole", what);
   out->known = true;
   const native_contents_arguments w = {.placements = size ? PyTuple_GetItem(value, 1) : Py_None,
                                        .object_values = Py_None,
@@ -36,10 +30,8 @@ static bool read_moment(const native_state *state, const native_job *job, PyObje
     bool known = false;
     for (int k = 0; k < job->contents.shown_count; k++)
       known |= job->contents.shown[k].scene == out->contents.shown[i].scene;
-    if (!known) {
-      PyErr_Format(PyExc_ValueError, "%s: others has a scene that isn't in the picture", what);
-      return false;
-    }
+    if (!known)
+      return PyErr_Format(PyExc_ValueError, "%s: others has a scene that isn't in the picture", what);
   }
   return true;
 }
@@ -70,16 +62,13 @@ static bool make_mattes(native_job *job) {
   for (int m = 0; m < 2; m++) {
     if (!(job->layout.outputs & (m ? OUTPUT_CRYPTO_CLASS : OUTPUT_CRYPTO_OBJECT)))
       continue;
-    const char **const labels = calloc((size_t)count + 1, sizeof *labels);
+    PAGS_AUTOFREE const char **labels = calloc((size_t)count + 1, sizeof *labels);
     for (int i = 0; labels && i < c->shown_count; i++)
       name_labels(&c->shown[i], m == 1, labels + c->shown[i].label_base);
     const pags_result result = labels ? pags_matte_names_create(labels, count, &job->mattes[m])
                                       : pags_out_of_memory("%lld names", (long long)count);
-    free(labels);
-    if (result != PAGS_OK) {
-      native_raise_value(PyExc_MemoryError);
-      return false;
-    }
+    if (result != PAGS_OK)
+      return native_raise_value(PyExc_MemoryError);
   }
   return true;
 }
@@ -88,12 +77,10 @@ bool native_passes_read(const native_state *state, const native_job_arguments *w
   if (!read_moment(state, job, w->before, "before", &job->moments[0]) ||
       !read_moment(state, job, w->after, "after", &job->moments[1]))
     return false;
-  if ((job->layout.outputs & OUTPUT_MOTION) && !job->moments[0].known && !job->moments[1].known) {
-    PyErr_SetString(PyExc_ValueError,
-                    "outputs: motion needs before or after: a camera, or a tuple of a camera and "
-                    "placements, at another time");
-    return false;
-  }
+  if ((job->layout.outputs & OUTPUT_MOTION) && !job->moments[0].known && !job->moments[1].known)
+    return PyErr_Format(PyExc_ValueError,
+                        "outputs: motion needs before or after: a camera, or a tuple of a camera and placements, at "
+                        "another time");
   return make_mattes(job);
 }
 
@@ -123,7 +110,7 @@ pags_result native_passes_moments(native_job *job, pags_moment out[2]) {
 pags_result native_passes_draw(const native_job *job, const pags_moment moments[2], pags_frame *frame,
                                pags_passes *out) {
   const int count = job->contents.part_count;
-  int32_t *const names = malloc(2 * ((size_t)count + 1) * sizeof *names);
+  PAGS_AUTOFREE int32_t *names = malloc(2 * ((size_t)count + 1) * sizeof *names);
   pags_matte mattes[2];
   pags_pass_request request = {.normal = (job->layout.outputs & OUTPUT_NORMAL) != 0,
                                .motion = (job->layout.outputs & OUTPUT_MOTION) != 0,
@@ -141,7 +128,5 @@ pags_result native_passes_draw(const native_job *job, const pags_moment moments[
     mattes[m] = (pags_matte){from->count, from->values, of_part};
     request.matte[m] = &mattes[m];
   }
-  const pags_result result = pags_frame_passes(frame, &request, out);
-  free(names);
-  return result;
+  return pags_frame_passes(frame, &request, out);
 }

@@ -5,7 +5,8 @@
 #include <pags/pick.h>
 
 #include <math.h>
-#include <string.h>
+
+#include "base/vec3.h"
 
 typedef struct found {
   pags_picked picked;
@@ -18,8 +19,7 @@ static void clip_ray(const pags_frame_options *frame, const double origin[3], co
                      pags_pick_options *options) {
   for (int i = 0; i < frame->clip_count; i++) {
     const double *const p = frame->clips[i];
-    const double at = p[0] * origin[0] + p[1] * origin[1] + p[2] * origin[2] + p[3];
-    const double along = p[0] * direction[0] + p[1] * direction[1] + p[2] * direction[2];
+    const double at = pags_dot3(p, origin) + p[3], along = pags_dot3(p, direction);
     if (along > 0)
       options->nearest = fmax(options->nearest, -at / along);
     else if (along < 0)
@@ -35,7 +35,7 @@ static pags_result pick_locked(native_job *job, int x, int y, found *out) {
   pags_picked *picked = &out->picked;
   double origin[3], direction[3];
   options.nearest = (double)job->options.near_plane;
-  memcpy(options.origin, job->options.origin, sizeof options.origin);
+  pags_copy3(job->options.origin, options.origin);
 
   /* The ray through the pixel, in world coordinates: a distance along this vector is a depth. */
   const pags_camera *const camera = &job->camera;
@@ -44,11 +44,8 @@ static pags_result pick_locked(native_job *job, int x, int y, found *out) {
     return PAGS_OK; /* outside of the lens's image circle */
   pags_rigid_move(camera->world_from_camera, camera->shutter.velocity, pags_camera_read_at(camera, x + 0.5, y + 0.5),
                   m);
-  for (int k = 0; k < 3; k++) {
-    origin[k] = m[4 * k + 3];
-    direction[k] = m[4 * k] * look[0] + m[4 * k + 1] * look[1] + m[4 * k + 2] * look[2];
-  }
-
+  pags_pose_position(m, origin);
+  pags_rotate3(m, look, direction);
   clip_ray(&job->options, origin, direction, &options);
   if (options.farthest < options.nearest)
     return PAGS_OK;
@@ -69,17 +66,9 @@ static PyObject *describe(const found *f) {
   const pags_picked *p = &f->picked;
   if (p->part < 0)
     Py_RETURN_NONE;
-  PyObject *dict = PyDict_New();
-  bool good = dict && native_put(dict, "id", PyLong_FromLong(p->id)) &&
-              native_put(dict, "depth", PyFloat_FromDouble(p->depth)) &&
-              native_put(dict, "priority", PyFloat_FromDouble((double)f->priority)) &&
-              native_put(dict, "point", native_numbers(p->point, 3)) &&
-              native_put(dict, "object", p->object < 0 ? Py_BuildValue("") : PyLong_FromLongLong(p->object)) &&
-              native_put(dict, "scene", PyLong_FromLong(f->scene));
-  if (good)
-    return dict;
-  Py_XDECREF(dict);
-  return NULL;
+  return Py_BuildValue("{s:i,s:d,s:d,s:N,s:N,s:i}", "id", (int)p->id, "depth", p->depth, "priority",
+                       (double)f->priority, "point", native_numbers(p->point, 3), "object",
+                       p->object < 0 ? Py_NewRef(Py_None) : PyLong_FromLongLong(p->object), "scene", f->scene);
 }
 
 PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords) {
@@ -93,17 +82,13 @@ PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords)
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOOO|$OOO:pick", names, &scene, &camera, &column, &row,
                                    &w.placements, &w.others, &w.clips))
     return NULL;
-  native_job *job = (native_job *)native_job_new(state, scene, camera, &w);
-  if (!job)
+  NATIVE_OWNED PyObject *object = native_job_new(state, scene, camera, &w);
+  native_job *job = (native_job *)object;
+  if (!job || !native_read_integer(column, "x", 0, job->camera.width - 1, &x) ||
+      !native_read_integer(row, "y", 0, job->camera.height - 1, &y))
     return NULL;
-  if (!native_read_integer(column, "x", 0, job->camera.width - 1, &x) ||
-      !native_read_integer(row, "y", 0, job->camera.height - 1, &y)) {
-    Py_DECREF((PyObject *)job);
-    return NULL;
-  }
   Py_BEGIN_ALLOW_THREADS native_job_lock(job, true);
   result = pick_locked(job, (int)x, (int)y, &f);
   native_job_lock(job, false);
-  Py_END_ALLOW_THREADS Py_DECREF((PyObject *)job);
-  return result == PAGS_OK ? describe(&f) : native_raise(state, result);
+  Py_END_ALLOW_THREADS return result == PAGS_OK ? describe(&f) : native_raise(state, result);
 }

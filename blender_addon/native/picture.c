@@ -11,7 +11,7 @@
 #include <pags/deadline.h>
 #include <pags/tasks.h>
 
-#include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 /* sRGB to linear light for [0, 1] by linear interpolation in a table of spacing h: the error is under h^2 / 8 times the
@@ -47,13 +47,27 @@ typedef struct fill {
   decoder decoder;
 } fill;
 
+const native_output native_outputs[PLANES] = {[PLANE_RGBA] = {"rgba", 'f', 4},
+                                              [PLANE_RGB8] = {"rgb8", 'B', 3},
+                                              [PLANE_DEPTH] = {"depth", 'f', 1},
+                                              [PLANE_OBJECT] = {"object", 'f', 1},
+                                              [PLANE_PRIORITY] = {"priority", 'f', 1},
+                                              [PLANE_HEAT] = {"heat", 'f', 4},
+                                              [PLANE_ID] = {"id", 'i', 1},
+                                              [PLANE_CRYPTO_OBJECT] = {"crypto_object", 'f', PAGS_MATTE_PLANES},
+                                              [PLANE_CRYPTO_CLASS] = {"crypto_class", 'f', PAGS_MATTE_PLANES},
+                                              [PLANE_NORMAL] = {"normal", 'f', 3},
+                                              [PLANE_MOTION] = {"motion", 'f', 4},
+                                              [PLANE_BLENDED] = {"count", 'f', 1},
+                                              [PLANE_OVERDRAW] = {"overdraw", 'f', 1}};
+
 static bool shows_pairs(const native_layout *layout) {
   return (layout->outputs & (OUTPUT_RGBA | OUTPUT_RGB8)) &&
          (layout->mode == MODE_BLENDED || layout->mode == MODE_OVERDRAW);
 }
 
 bool native_layout_needs_pairs(const native_layout *layout) {
-  return shows_pairs(layout) || (layout->outputs & (OUTPUT_BLENDED | OUTPUT_OVERDRAW)) != 0;
+  return shows_pairs(layout) || (layout->outputs & OUTPUTS_PAIRS) != 0;
 }
 
 bool native_layout_needs_passes(const native_layout *layout) {
@@ -83,11 +97,6 @@ const native_shown *native_shown_of(const native_shown *shown, int count, int32_
   return &shown[low];
 }
 
-static bool is_critical(const native_scene *scene, int32_t id) {
-  int32_t object = scene->object_of[id];
-  return object >= 0 && pags_composition_scene(scene->composition)->objects[object].critical;
-}
-
 /* The scale of a scene's lengths in the picture: the cube root of its scale of volumes. */
 static float size_factor(const native_shown *shown) {
   const double *m = shown->world_from_scene;
@@ -111,13 +120,14 @@ static void mode_color(const fill *f, int64_t at, int32_t id, float rgb[3]) {
       return;
     default: break;
   }
-  bool critical = is_critical(scene, id);
+  const int32_t object = scene->object_of[id];
+  const bool critical = object >= 0 && pags_composition_scene(scene->composition)->objects[object].critical;
   rgb[0] = critical ? 0.5f + 0.5f * grey : 0.35f * grey;
   rgb[1] = critical ? 0.45f * grey : 0.35f * grey;
   rgb[2] = critical ? 0.1f * grey : 0.4f * grey;
 }
 
-static void put_rgba(const fill *f, int64_t at, float alpha, const float rgb[3], float *out) {
+static void put_rgba(const fill *f, float alpha, const float rgb[3], float *out) {
   float cover = f->layout->transparent ? alpha : 1;
   for (int c = 0; c < 3; c++) {
     /* Colours are premultiplied by alpha: divide by alpha before sRGB is decoded, multiply again after. */
@@ -126,7 +136,6 @@ static void put_rgba(const fill *f, int64_t at, float alpha, const float rgb[3],
     out[c] = f->layout->transparent ? light * cover : light;
   }
   out[3] = cover;
-  (void)at;
 }
 
 /* Display-referred whatever `linear` says, rounded as the program's PNG files are. */
@@ -156,82 +165,78 @@ static void put_heat(const fill *f, int64_t at, float *out) {
   float rgb[3] = {0, 0, 0}, alpha = 1 - f->picture->transmittance[at];
   if (id >= 0)
     pags_colormap_heat(priority_of(f, id), rgb);
-  for (int c = 0; c < 3; c++)
-    rgb[c] *= alpha;
-  put_rgba(f, at, alpha, rgb, out);
+  pags_scale3f(alpha, rgb, rgb);
+  put_rgba(f, alpha, rgb, out);
 }
 
-/* Interleaves `count` planes of a row. */
-static void put_planes(const float *const *planes, int count, int64_t from, int width, float *out) {
-  for (int x = 0; out && x < width; x++)
+/* Interleaves the planes of a row of a pass. */
+static void put_pass(const fill *f, int which, const float *const *planes, int64_t from, int64_t to) {
+  const int count = native_outputs[which].channels;
+  float *out = f->out->plane[which];
+  if (!out)
+    return;
+  out += count * to;
+  for (int x = 0; x < f->layout->width; x++)
     for (int c = 0; c < count; c++)
       *out++ = planes[c][from + x];
 }
 
-static float *row_of(float *block, int64_t pixel, int floats) {
-  return block ? block + floats * pixel : NULL;
-}
-
 static void fill_row(const fill *f, int y) {
   const native_layout *l = f->layout;
-  const native_planes *o = f->out;
-  int64_t from = (int64_t)(l->y + y) * f->picture->stride + l->x;
+  const pags_picture *p = f->picture;
+  void *const *plane = f->out->plane;
+  int64_t from = (int64_t)(l->y + y) * p->stride + l->x;
   int64_t to = (int64_t)(l->flip ? l->height - 1 - y : y) * l->width;
+  float *rgba = plane[PLANE_RGBA], *depth = plane[PLANE_DEPTH], *objects = plane[PLANE_OBJECT],
+        *priorities = plane[PLANE_PRIORITY], *heat = plane[PLANE_HEAT];
+  int32_t *ids = plane[PLANE_ID];
+  uint8_t *rgb8 = plane[PLANE_RGB8];
   /* Fast path of the Rendered viewport: only opaque colours, no other output, no mode. */
   if (l->outputs == OUTPUT_RGBA && l->mode == MODE_RGB && !l->transparent && l->linear) {
-    /* Colours of the row, alpha 1. */
-    float *out = o->rgba + 4 * to;
-    const decoder *d = &f->decoder;
-    const float *const r = f->picture->rgb[0] + from, *const g = f->picture->rgb[1] + from,
-                       *const b = f->picture->rgb[2] + from;
-    for (int x = 0; x < f->layout->width; ++x, out += 4) {
-      out[0] = decode(d, r[x]);
-      out[1] = decode(d, g[x]);
-      out[2] = decode(d, b[x]);
+    float *out = rgba + 4 * to;
+    for (int64_t at = from; at < from + l->width; ++at, out += 4) {
+      for (int c = 0; c < 3; c++)
+        out[c] = decode(&f->decoder, p->rgb[c][at]);
       out[3] = 1;
     }
-
     return;
   }
   for (int m = 0; m < 2; m++)
-    put_planes(f->passes->matte[m], PAGS_MATTE_PLANES, from, l->width, row_of(o->crypto[m], to, PAGS_MATTE_PLANES));
-  put_planes(f->passes->normal, 3, from, l->width, row_of(o->normal, to, 3));
-  put_planes(f->passes->motion, 4, from, l->width, row_of(o->motion, to, 4));
+    put_pass(f, PLANE_CRYPTO_OBJECT + m, f->passes->matte[m], from, to);
+  put_pass(f, PLANE_NORMAL, f->passes->normal, from, to);
+  put_pass(f, PLANE_MOTION, f->passes->motion, from, to);
   for (int k = 0; k < 2; k++)
-    put_planes(f->passes->pairs + k, 1, from, l->width, row_of(o->pairs[k], to, 1));
+    put_pass(f, PLANE_BLENDED + k, f->passes->pairs + k, from, to);
   for (int x = 0; x < l->width; ++x, ++from, ++to) {
-    int32_t id = f->picture->id ? f->picture->id[from] : -1;
-    if (o->rgba || o->rgb8) {
+    int32_t id = p->id ? p->id[from] : -1;
+    if (rgba || rgb8) {
       /* The pixel's colour and alpha. */
-      const pags_picture *p = f->picture;
       float alpha = 1 - p->transmittance[from], rgb[3] = {p->rgb[0][from], p->rgb[1][from], p->rgb[2][from]};
       if (shows_pairs(l)) {
         const float pairs = f->passes->pairs[l->mode - MODE_BLENDED][from], cover = l->transparent ? alpha : 1;
         pags_colormap_heat(on_scale(pairs, 1, MOST_PAIRS), rgb);
-        for (int c = 0; c < 3; c++)
-          rgb[c] *= cover;
+        pags_scale3f(cover, rgb, rgb);
       } else if (l->mode != MODE_RGB) {
         float shown[3] = {0, 0, 0};
         if (p->id[from] >= 0)
           mode_color(f, from, p->id[from], shown);
-        for (int c = 0; c < 3; c++)
-          rgb[c] = alpha * shown[c];
+        pags_scale3f(alpha, shown, rgb);
       }
-      if (o->rgba)
-        put_rgba(f, from, alpha, rgb, o->rgba + 4 * to);
-      if (o->rgb8)
-        put_rgb8(rgb, o->rgb8 + 3 * to);
+      if (rgba)
+        put_rgba(f, alpha, rgb, rgba + 4 * to);
+      if (rgb8)
+        put_rgb8(rgb, rgb8 + 3 * to);
     }
-    if (o->depth)
-      o->depth[to] = f->picture->depth[from] > 0 ? f->picture->depth[from] * l->depth_scale : l->depth_empty;
-    if (o->object)
-      o->object[to] = id < 0 ? 0 : object_value(f, id);
-    if (o->priority)
-      o->priority[to] = id < 0 ? 0 : priority_of(f, id);
-    if (o->heat)
-      put_heat(f, from, o->heat + 4 * to);
-    if (o->id)
-      o->id[to] = id;
+    if (depth)
+      depth[to] = p->depth[from] > 0 ? p->depth[from] * l->depth_scale : l->depth_empty;
+    if (objects)
+      objects[to] = id < 0 ? 0 : object_value(f, id);
+    if (priorities)
+      priorities[to] = id < 0 ? 0 : priority_of(f, id);
+    if (heat)
+      put_heat(f, from, heat + 4 * to);
+    if (ids)
+      ids[to] = id;
   }
 }
 
@@ -241,78 +246,28 @@ static void fill_rows(void *context, int64_t begin, int64_t end, int worker) {
     fill_row(context, (int)y);
 }
 
-static bool allocate(const native_layout *layout, native_planes *out) {
-  struct {
-    unsigned output;
-    size_t bytes;
-    void *block;
-  } wanted[] = {{OUTPUT_RGBA, 16, NULL},
-                {OUTPUT_HEAT, 16, NULL},
-                {OUTPUT_DEPTH, 4, NULL},
-                {OUTPUT_OBJECT, 4, NULL},
-                {OUTPUT_PRIORITY, 4, NULL},
-                {OUTPUT_ID, 4, NULL},
-                {OUTPUT_RGB8, 3, NULL},
-                {OUTPUT_CRYPTO_OBJECT, 4 * PAGS_MATTE_PLANES, NULL},
-                {OUTPUT_CRYPTO_CLASS, 4 * PAGS_MATTE_PLANES, NULL},
-                {OUTPUT_NORMAL, 12, NULL},
-                {OUTPUT_MOTION, 16, NULL},
-                {OUTPUT_BLENDED, 4, NULL},
-                {OUTPUT_OVERDRAW, 4, NULL}};
-  bool good = true;
-  for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++)
-    if (layout->outputs & wanted[i].output) {
-      wanted[i].block = malloc((size_t)layout->width * (size_t)layout->height * wanted[i].bytes);
-      good = good && wanted[i].block;
-    }
-  *out = (native_planes){.width = layout->width, .height = layout->height};
-  out->rgba = wanted[0].block;
-  out->heat = wanted[1].block;
-  out->depth = wanted[2].block;
-  out->object = wanted[3].block;
-  out->priority = wanted[4].block;
-  out->id = wanted[5].block;
-  out->rgb8 = wanted[6].block;
-  out->crypto[0] = wanted[7].block;
-  out->crypto[1] = wanted[8].block;
-  out->normal = wanted[9].block;
-  out->motion = wanted[10].block;
-  out->pairs[0] = wanted[11].block;
-  out->pairs[1] = wanted[12].block;
-  return good;
-}
-
 pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const pags_passes *passes,
                                const native_shown *shown, int shown_count, const native_layout *layout,
                                native_planes *out) {
   fill f = {
       .picture = picture, .passes = passes, .shown = shown, .shown_count = shown_count, .layout = layout, .out = out};
-  if (!allocate(layout, out)) {
-    native_planes_free(out);
-    return pags_out_of_memory("a picture of %dx%d", layout->width, layout->height);
+  *out = (native_planes){.width = layout->width, .height = layout->height};
+  for (int k = 0; k < PLANES; k++) {
+    const size_t bytes = (size_t)native_outputs[k].channels * (native_outputs[k].format == 'B' ? 1 : 4);
+    if (!(layout->outputs >> k & 1))
+      continue;
+    out->plane[k] = malloc((size_t)layout->width * (size_t)layout->height * bytes);
+    PAGS_CHECK_MEMORY(out->plane[k], "a picture of %dx%d", layout->width, layout->height);
   }
   for (int i = 0; i < TABLE + 2; i++)
     f.decoder.table[i] = decode_exactly((float)i / TABLE);
-  if (pags_parallel_for(tasks, layout->height, ROWS, fill_rows, &f))
-    return PAGS_OK;
-  native_planes_free(out);
-  return pags_fail(PAGS_CANCELLED, "cancelled");
+  return pags_parallel_for(tasks, layout->height, ROWS, fill_rows, &f) ? PAGS_OK
+                                                                       : pags_fail(PAGS_CANCELLED, "cancelled");
 }
 
 void native_planes_free(native_planes *planes) {
-  free(planes->rgba);
-  free(planes->depth);
-  free(planes->object);
-  free(planes->priority);
-  free(planes->heat);
-  free(planes->id);
-  free(planes->rgb8);
-  free(planes->crypto[0]);
-  free(planes->crypto[1]);
-  free(planes->normal);
-  free(planes->motion);
-  free(planes->pairs[0]);
-  free(planes->pairs[1]);
+  for (int k = 0; k < PLANES; k++)
+    free(planes->plane[k]);
   *planes = (native_planes){0};
 }
 
@@ -323,8 +278,7 @@ typedef struct native_picture {
 } native_picture;
 
 PyObject *native_picture_new(const native_state *state, native_planes *planes) {
-  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(state->picture, Py_tp_alloc);
-  native_picture *self = (native_picture *)alloc(state->picture, 0);
+  native_picture *self = native_allocate(state->types[PICTURE_TYPE]);
   if (self)
     self->planes = *planes;
   else
@@ -334,42 +288,20 @@ PyObject *native_picture_new(const native_state *state, native_planes *planes) {
 }
 
 static void picture_dealloc(PyObject *object) {
-  PyTypeObject *type = Py_TYPE(object);
   native_planes_free(&((native_picture *)object)->planes);
-  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
-  Py_DECREF(type);
+  native_deallocate(object);
 }
 
-enum {
-  PLANE_RGBA,
-  PLANE_DEPTH,
-  PLANE_OBJECT,
-  PLANE_PRIORITY,
-  PLANE_HEAT,
-  PLANE_ID,
-  PLANE_RGB8,
-  PLANE_CRYPTO_OBJECT,
-  PLANE_CRYPTO_CLASS,
-  PLANE_NORMAL,
-  PLANE_MOTION,
-  PLANE_COUNT,
-  PLANE_OVERDRAW,
-  PLANES
-};
+/* `closure` is a row of native_outputs. */
 
 static PyObject *picture_plane(PyObject *object, void *closure) {
-  native_planes *p = &((native_picture *)object)->planes;
-  const void *const blocks[PLANES] = {p->rgba,   p->depth,    p->object,    p->priority,  p->heat,
-                                      p->id,     p->rgb8,     p->crypto[0], p->crypto[1], p->normal,
-                                      p->motion, p->pairs[0], p->pairs[1]};
-  static const int numbers[PLANES] = {4, 1, 1, 1, 4, 1, 3, PAGS_MATTE_PLANES, PAGS_MATTE_PLANES, 3, 4, 1, 1};
-  int which = *(const int *)closure;
-  int channels = numbers[which];
-  const Py_ssize_t shape[3] = {p->height, p->width, channels};
-  if (!blocks[which])
+  const native_planes *p = &((native_picture *)object)->planes;
+  const native_output *const output = closure;
+  const void *const block = p->plane[output - native_outputs];
+  const Py_ssize_t shape[3] = {p->height, p->width, output->channels};
+  if (!block)
     Py_RETURN_NONE;
-  const char format = which == PLANE_ID ? 'i' : which == PLANE_RGB8 ? 'B' : 'f';
-  return native_buffer_new(native_state_of(object), object, blocks[which], format, channels > 1 ? 3 : 2, shape);
+  return native_buffer_new(native_state_of(object), object, block, output->format, output->channels > 1 ? 3 : 2, shape);
 }
 
 static PyObject *picture_size(PyObject *object, void *closure) {
@@ -382,26 +314,13 @@ static PyObject *picture_stats(PyObject *object, void *closure) {
   const pags_frame_stats *s = &p->stats;
   double frame = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster + s->ms_occlude;
   const pags_deadline_step *const step = pags_deadline_steps() + p->drawn.step;
-  PyObject *dict = PyDict_New();
   (void)closure;
-  bool good = dict && native_put(dict, "ms", PyFloat_FromDouble(frame)) &&
-              native_put(dict, "ms_job", PyFloat_FromDouble(p->ms)) &&
-              native_put(dict, "ms_fill", PyFloat_FromDouble(p->ms_fill)) &&
-              native_put(dict, "ms_raster", PyFloat_FromDouble(s->ms_raster)) &&
-              native_put(dict, "step", PyLong_FromLong(p->drawn.step)) &&
-              native_put(dict, "divisor", PyFloat_FromDouble(step->divisor)) &&
-              native_put(dict, "sampled", PyLong_FromLong(step->sampled)) &&
-              native_put(dict, "gaussians", PyLong_FromLongLong(s->gaussians)) &&
-              native_put(dict, "hidden", PyLong_FromLongLong(s->hidden)) &&
-              native_put(dict, "in_view", PyLong_FromLongLong(s->in_view)) &&
-              native_put(dict, "loaded", PyLong_FromLongLong(s->loaded)) &&
-              native_put(dict, "shaded", PyLong_FromLongLong(s->shaded)) &&
-              native_put(dict, "binned", PyLong_FromLongLong(s->binned)) &&
-              native_put(dict, "pairs_binned", PyLong_FromLongLong(s->pairs_binned));
-  if (good)
-    return dict;
-  Py_XDECREF(dict);
-  return NULL;
+  return Py_BuildValue("{s:d,s:d,s:d,s:d,s:i,s:d,s:i,s:L,s:L,s:L,s:L,s:L,s:L,s:L}", "ms", frame, "ms_job", p->ms,
+                       "ms_fill", p->ms_fill, "ms_raster", s->ms_raster, "step", p->drawn.step, "divisor",
+                       (double)step->divisor, "sampled", (int)step->sampled, "gaussians", (long long)s->gaussians,
+                       "hidden", (long long)s->hidden, "in_view", (long long)s->in_view, "loaded", (long long)s->loaded,
+                       "shaded", (long long)s->shaded, "binned", (long long)s->binned, "pairs_binned",
+                       (long long)s->pairs_binned);
 }
 
 static PyObject *picture_place(PyObject *object, void *closure) {
@@ -410,10 +329,7 @@ static PyObject *picture_place(PyObject *object, void *closure) {
   return Py_BuildValue("(iiii)", place[0], place[1], place[2], place[3]);
 }
 
-static const int plane_numbers[PLANES] = {
-    PLANE_RGBA,          PLANE_DEPTH,        PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT,  PLANE_ID,      PLANE_RGB8,
-    PLANE_CRYPTO_OBJECT, PLANE_CRYPTO_CLASS, PLANE_NORMAL, PLANE_MOTION,   PLANE_COUNT, PLANE_OVERDRAW};
-#define PLANE(which) ((void *)(size_t)&plane_numbers[which])
+#define PLANE(which) ((void *)(size_t)&native_outputs[which])
 
 static PyGetSetDef picture_getset[] = {
     {"width", picture_size, NULL, "pixels", NULL},
@@ -447,33 +363,17 @@ static PyGetSetDef picture_getset[] = {
      "Buffer [height][width][4] float32, pixels, x right, y up: position before less now, now less after",
      PLANE(PLANE_MOTION)},
     {"count", picture_plane, NULL, "Buffer [height][width] float32: Gaussians blended into the pixel",
-     PLANE(PLANE_COUNT)},
+     PLANE(PLANE_BLENDED)},
     {"overdraw", picture_plane, NULL, "Buffer [height][width] float32: Gaussians computed for the pixel",
      PLANE(PLANE_OVERDRAW)},
     {0}};
 static PyObject *picture_repr(PyObject *object) {
   const native_planes *p = &((native_picture *)object)->planes;
-  const struct {
-    const char *name;
-    const void *block;
-  } planes[PLANES] = {{"rgba", p->rgba},
-                      {"rgb8", p->rgb8},
-                      {"depth", p->depth},
-                      {"object", p->object},
-                      {"priority", p->priority},
-                      {"heat", p->heat},
-                      {"id", p->id},
-                      {"crypto_object", p->crypto[0]},
-                      {"crypto_class", p->crypto[1]},
-                      {"normal", p->normal},
-                      {"motion", p->motion},
-                      {"count", p->pairs[0]},
-                      {"overdraw", p->pairs[1]}};
   char text[160] = "";
   for (int k = 0; k < PLANES; k++)
-    if (planes[k].block) {
+    if (p->plane[k]) {
       strcat(text, text[0] ? ", " : " of ");
-      strcat(text, planes[k].name);
+      strcat(text, native_outputs[k].name);
     }
   return PyUnicode_FromFormat("<pags.Picture %d x %d%s>", p->width, p->height, text);
 }

@@ -122,7 +122,7 @@ static bool start(native_renderer *self, int threads) {
 
 bool native_read_threads(PyObject *value, int *threads) {
   long long number = 0;
-  const bool good = !value || native_read_integer(value, "threads", 0, 256, &number);
+  const bool good = native_read_integer(value, "threads", 0, 256, &number);
   *threads = (int)number;
   return good;
 }
@@ -131,15 +131,10 @@ static PyObject *create_renderer(PyTypeObject *type, PyObject *wanted) {
   int threads;
   if (!native_read_threads(wanted, &threads))
     return NULL;
-  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(type, Py_tp_alloc);
-  native_renderer *self = (native_renderer *)alloc(type, 0);
-  if (!self)
-    return NULL;
-  if (start(self, threads))
-    return (PyObject *)self;
-  PyErr_SetString(PyExc_MemoryError, "threads or memory for them can't be had");
-  Py_DECREF(self);
-  return NULL;
+  NATIVE_OWNED PyObject *renderer = native_allocate(type);
+  if (renderer && !start((native_renderer *)renderer, threads))
+    return PyErr_Format(PyExc_MemoryError, "threads or memory for them can't be had");
+  return pags_take(&renderer);
 }
 
 static PyObject *renderer_new(PyTypeObject *type, PyObject *arguments, PyObject *keywords) {
@@ -160,7 +155,6 @@ static void stop(native_renderer *self) {
 
 static void renderer_dealloc(PyObject *object) {
   native_renderer *self = (native_renderer *)object;
-  PyTypeObject *type = Py_TYPE(object);
   const bool mine = !native_forked_since(self->process); /* else nothing can be ended */
   Py_BEGIN_ALLOW_THREADS if (mine && self->has_thread) stop(self);
   if (mine)
@@ -170,8 +164,7 @@ static void renderer_dealloc(PyObject *object) {
     pthread_cond_destroy(&self->finished);
     pthread_mutex_destroy(&self->lock);
   }
-  Py_END_ALLOW_THREADS((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
-  Py_DECREF(type);
+  Py_END_ALLOW_THREADS native_deallocate(object);
 }
 
 void native_job_enqueue(native_renderer *self, native_job *job) {
@@ -236,26 +229,23 @@ static void note_camera(Py_ssize_t number) {
   PyOS_snprintf(text, sizeof text, "camera %lld of the list, counted from 0", (long long)number);
   PyErr_Fetch(&type, &error, &traceback);
   PyErr_NormalizeException(&type, &error, &traceback);
-  PyObject *done = error ? PyObject_CallMethod(error, "add_note", "s", text) : NULL;
-  Py_XDECREF(done);
+  NATIVE_OWNED PyObject *done = error ? PyObject_CallMethod(error, "add_note", "s", text) : NULL;
   PyErr_Restore(type, error, traceback);
 }
 
 /* A job for each camera of a list or tuple; all are checked before any is drawn. */
 static PyObject *jobs_of(const native_state *state, PyObject *scene, PyObject *cameras, const native_job_arguments *w) {
   const Py_ssize_t count = PySequence_Size(cameras);
-  PyObject *jobs = PyList_New(0);
+  NATIVE_OWNED PyObject *jobs = PyList_New(0);
   for (Py_ssize_t i = 0; jobs && i < count; i++) {
-    PyObject *camera = PySequence_GetItem(cameras, i);
-    PyObject *job = camera ? native_job_new(state, scene, camera, w) : NULL;
+    NATIVE_OWNED PyObject *camera = PySequence_GetItem(cameras, i);
+    NATIVE_OWNED PyObject *job = camera ? native_job_new(state, scene, camera, w) : NULL;
     if (!job)
       note_camera(i);
     if (!job || PyList_Append(jobs, job) < 0)
-      Py_CLEAR(jobs);
-    Py_XDECREF(job);
-    Py_XDECREF(camera);
+      return NULL;
   }
-  return jobs;
+  return pags_take(&jobs);
 }
 
 PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords) {
@@ -269,18 +259,12 @@ PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keyword
   /* A renderer for this call alone draws the jobs. */
   const native_state *state = PyModule_GetState(module);
   const bool several = PyList_Check(camera) || PyTuple_Check(camera);
-  PyObject *cameras = several ? Py_NewRef(camera) : PyTuple_Pack(1, camera);
-  PyObject *renderer = cameras ? create_renderer(state->renderer, threads) : NULL;
-  PyObject *list = renderer ? jobs_of(state, scene, cameras, &w) : NULL;
-  if (list && !draw_all(state, renderer, list))
-    Py_CLEAR(list);
-  Py_XDECREF(renderer);
-  Py_XDECREF(cameras);
-  if (!list || several)
-    return list;
-  PyObject *picture = Py_NewRef(PyList_GetItem(list, 0));
-  Py_DECREF(list);
-  return picture;
+  NATIVE_OWNED PyObject *cameras = several ? Py_NewRef(camera) : PyTuple_Pack(1, camera);
+  NATIVE_OWNED PyObject *renderer = cameras ? create_renderer(state->types[RENDERER_TYPE], threads) : NULL;
+  NATIVE_OWNED PyObject *list = renderer ? jobs_of(state, scene, cameras, &w) : NULL;
+  if (!list || !draw_all(state, renderer, list))
+    return NULL;
+  return several ? pags_take(&list) : Py_NewRef(PyList_GetItem(list, 0));
 }
 
 static PyMethodDef renderer_methods[] = {

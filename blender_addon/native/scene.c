@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
 #include "scene/filter.h"
@@ -18,26 +18,22 @@ enum { ROWS = PAGS_PACKED_ROWS }; /* rows read at a time: the size of a packed c
 static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
 
 native_scene *native_scene_create(PyTypeObject *type) {
-  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(type, Py_tp_alloc);
-  native_scene *self = (native_scene *)alloc(type, 0);
+  native_scene *self = native_allocate(type);
   if (!self || native_lock_create(&self->lock))
     return self;
   Py_DECREF(self);
   return NULL;
 }
 
-/* Reads a scene and applies rules of clean-up and look. */
+/* Reads a scene and applies rules of clean-up and look; the caller destroys the scene, also after a failure. */
 static pags_result load_edited(const char *path, const char *edits, pags_scene *scene) {
   PAGS_TRY(pags_scene_load(path, scene));
-  const pags_result result = pags_scene_cleanup(scene, "edits", edits);
-  if (result != PAGS_OK)
-    pags_scene_destroy(scene);
-  return result;
+  return pags_scene_cleanup(scene, "edits", edits);
 }
 
 static pags_result load(const char *path, const char *edits, native_scene *self) {
   const pags_part *parts;
-  pags_scene scene;
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
   int count;
   if (edits) {
     PAGS_TRY(load_edited(path, edits, &scene));
@@ -52,91 +48,76 @@ static pags_result load(const char *path, const char *edits, native_scene *self)
 
 PyObject *native_scene_load(PyObject *module, PyObject *arguments) {
   native_state *state = PyModule_GetState(module);
-  PyObject *file, *rules = Py_None, *bytes;
+  PyObject *file, *rules = Py_None;
+  NATIVE_OWNED PyObject *bytes = NULL;
   const char *edits = NULL;
   if (!PyArg_ParseTuple(arguments, "O|O:load", &file, &rules) ||
       (rules != Py_None && !native_read_word(rules, "edits", &edits)) || !native_read_path(file, "path", &bytes))
     return NULL;
-  native_scene *self = native_scene_create(state->scene);
-  pags_result result = PAGS_OK;
+  NATIVE_OWNED PyObject *scene = (PyObject *)native_scene_create(state->types[SCENE_TYPE]);
+  pags_result result;
+  if (!scene)
+    return NULL;
   const char *path = PyBytes_AsString(bytes);
-  if (self) {
-    Py_BEGIN_ALLOW_THREADS result = load(path, edits, self);
-    Py_END_ALLOW_THREADS
-  }
-  Py_DECREF(bytes);
-  if (!self || result == PAGS_OK)
-    return (PyObject *)self;
-  native_raise(state, result);
-  Py_DECREF(self);
-  return NULL;
+  Py_BEGIN_ALLOW_THREADS result = load(path, edits, (native_scene *)scene);
+  Py_END_ALLOW_THREADS return result == PAGS_OK ? pags_take(&scene) : native_raise(state, result);
 }
 
 static pags_result write_edited(const char *path, const char *edits, const char *folder) {
-  pags_scene scene;
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
   PAGS_TRY(load_edited(path, edits, &scene));
-  const pags_result result = pags_scene_save(folder, &scene);
-  pags_scene_destroy(&scene);
-  return result;
+  return pags_scene_save(folder, &scene);
 }
 
 PyObject *native_write_edited(PyObject *module, PyObject *arguments) {
-  PyObject *file, *rules, *out, *from, *to;
+  PyObject *file, *rules, *out;
+  NATIVE_OWNED PyObject *from = NULL, *to = NULL;
   const char *edits;
   pags_result result;
   if (!PyArg_ParseTuple(arguments, "OOO:write_edited", &file, &rules, &out) ||
-      !native_read_word(rules, "edits", &edits) || !native_read_path(file, "path", &from))
+      !native_read_word(rules, "edits", &edits) || !native_read_path(file, "path", &from) ||
+      !native_read_path(out, "folder", &to))
     return NULL;
-  if (!native_read_path(out, "folder", &to)) {
-    Py_DECREF(from);
-    return NULL;
-  }
   const char *path = PyBytes_AsString(from), *folder = PyBytes_AsString(to);
   Py_BEGIN_ALLOW_THREADS result = write_edited(path, edits, folder);
-  Py_END_ALLOW_THREADS Py_DECREF(from);
-  Py_DECREF(to);
-  if (result != PAGS_OK)
-    return native_raise(PyModule_GetState(module), result);
+  Py_END_ALLOW_THREADS if (result != PAGS_OK) return native_raise(PyModule_GetState(module), result);
   Py_RETURN_NONE;
 }
 
 static void scene_dealloc(PyObject *object) {
   native_scene *self = (native_scene *)object;
-  PyTypeObject *type = Py_TYPE(object);
   if (native_lock_is_alive(&self->lock)) /* else a thread of another process was modifying it */
     pags_composition_destroy(self->composition);
   native_lock_destroy(&self->lock);
   free(self->object_of);
   free(self->priority_of);
   free(self->size_of);
-  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
-  Py_DECREF(type);
+  native_deallocate(object);
 }
 
 /* ---- Tables by id ---- */
 
-static pags_result allocate(const native_scene *scene, void **table) {
-  *table = malloc(4 * ((size_t)pags_composition_gaussian_count(scene->composition) + 1));
-  return *table ? PAGS_OK : pags_out_of_memory("a table of the scene's Gaussians");
+static void *allocate(const native_scene *scene) {
+  return malloc(4 * ((size_t)pags_composition_gaussian_count(scene->composition) + 1));
 }
 
+static const char tables[] = "a table of the scene's Gaussians";
+
 pags_result native_scene_need_objects(native_scene *scene) {
-  void *table = scene->object_of;
-  if (table)
+  if (scene->object_of)
     return PAGS_OK;
-  PAGS_TRY(allocate(scene, &table));
-  pags_composition_objects(scene->composition, table);
-  scene->object_of = table;
+  scene->object_of = allocate(scene);
+  PAGS_CHECK_MEMORY(scene->object_of, tables);
+  pags_composition_objects(scene->composition, scene->object_of);
   return PAGS_OK;
 }
 
 pags_result native_scene_need_priorities(native_scene *scene) {
-  void *table = scene->priority_of;
-  if (table)
+  if (scene->priority_of)
     return PAGS_OK;
-  PAGS_TRY(allocate(scene, &table));
-  pags_composition_priorities(scene->composition, table); /* zeros for models without priorities */
-  scene->priority_of = table;
+  scene->priority_of = allocate(scene);
+  PAGS_CHECK_MEMORY(scene->priority_of, tables);
+  pags_composition_priorities(scene->composition, scene->priority_of); /* zeros for models without priorities */
   return PAGS_OK;
 }
 
@@ -170,29 +151,25 @@ static pags_result parts_of(native_scene *scene, int64_t object, const pags_part
   pags_placement placement = {.object = object};
   const double *origin = pags_composition_scene(scene->composition)->origin;
   memcpy(placement.world_from_object, identity, sizeof identity);
-  for (int k = 0; k < 3 && object >= 0; k++)
-    placement.world_from_object[4 * k + 3] = origin[k]; /* cancels the composition's shift to the origin */
+  if (object >= 0)
+    pags_pose_place(placement.world_from_object, origin); /* cancels the composition's shift to the origin */
   return pags_compose_placed(scene->composition, (double)NAN, &placement, 1, parts, count);
 }
 
 pags_result native_scene_need_sizes(native_scene *scene) {
-  const pags_part *parts;
-  int count;
-  void *table = scene->size_of;
-  if (table)
+  if (scene->size_of)
     return PAGS_OK;
-  PAGS_TRY(allocate(scene, &table));
-  pags_result result = PAGS_OK;
-  for (int64_t o = -1; o < pags_composition_scene(scene->composition)->object_count && result == PAGS_OK; o++) {
-    result = parts_of(scene, o, &parts, &count);
-    for (int p = 0; p < count && result == PAGS_OK; p++)
-      fill_sizes(&parts[p], table);
+  PAGS_AUTOFREE float *sizes = allocate(scene);
+  PAGS_CHECK_MEMORY(sizes, tables);
+  for (int64_t o = -1; o < pags_composition_scene(scene->composition)->object_count; o++) {
+    const pags_part *parts;
+    int count;
+    PAGS_TRY(parts_of(scene, o, &parts, &count));
+    for (int p = 0; p < count; p++)
+      fill_sizes(&parts[p], sizes);
   }
-  if (result == PAGS_OK)
-    scene->size_of = table;
-  else
-    free(table);
-  return result;
+  scene->size_of = pags_take(&sizes);
+  return PAGS_OK;
 }
 
 /* ---- What the scene holds ---- */
@@ -202,120 +179,70 @@ static const pags_scene *scene_of(PyObject *self) {
 }
 
 static PyObject *text_or_none(const char *text) {
-  if (text)
-    return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace");
-  Py_INCREF(Py_None);
-  return Py_None;
+  return text ? PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace") : Py_NewRef(Py_None);
 }
 
 /* The same for a file name, as os.fsencode decodes it back. */
 static PyObject *name_or_none(const char *text) {
-  return text ? native_text(text) : text_or_none(NULL);
+  return text ? native_text(text) : Py_NewRef(Py_None);
 }
 
 static PyObject *scene_info(PyObject *self, void *closure) {
   const pags_scene *s = scene_of(self);
   const pags_composition *c = ((native_scene *)self)->composition;
-  PyObject *dict = PyDict_New();
   (void)closure;
-  bool good = dict && native_put(dict, "gaussians", PyLong_FromLongLong(pags_composition_gaussian_count(c))) &&
-              native_put(dict, "bytes", PyLong_FromSize_t(pags_composition_bytes(c))) &&
-              native_put(dict, "origin", native_numbers(s->origin, 3)) &&
-              native_put(dict, "up", PyUnicode_FromString(pags_up_code(s->up))) &&
-              native_put(dict, "time_begin", PyFloat_FromDouble(s->time_begin)) &&
-              native_put(dict, "time_end", PyFloat_FromDouble(s->time_end)) &&
-              native_put(dict, "fps", PyFloat_FromDouble(s->fps)) &&
-              native_put(dict, "alpha_min", PyFloat_FromDouble((double)((native_scene *)self)->alpha_min)) &&
-              native_put(dict, "antialiased", PyBool_FromLong(s->antialiased)) &&
-              native_put(dict, "sky", PyBool_FromLong(s->sky.size > 0)) &&
-              native_put(dict, "models", PyLong_FromLongLong(s->model_count)) &&
-              native_put(dict, "iterations", PyLong_FromLongLong(s->iterations)) &&
-              native_put(dict, "dataset", name_or_none(s->dataset)) &&
-              native_put(dict, "config", text_or_none(s->config));
-  if (good)
-    return dict;
-  Py_XDECREF(dict);
-  return NULL;
+  return Py_BuildValue("{s:L,s:n,s:N,s:s,s:d,s:d,s:d,s:d,s:N,s:N,s:L,s:L,s:N,s:N}", "gaussians",
+                       (long long)pags_composition_gaussian_count(c), "bytes", (Py_ssize_t)pags_composition_bytes(c),
+                       "origin", native_numbers(s->origin, 3), "up", pags_up_code(s->up), "time_begin", s->time_begin,
+                       "time_end", s->time_end, "fps", s->fps, "alpha_min", (double)((native_scene *)self)->alpha_min,
+                       "antialiased", PyBool_FromLong(s->antialiased), "sky", PyBool_FromLong(s->sky.size > 0),
+                       "models", (long long)s->model_count, "iterations", (long long)s->iterations, "dataset",
+                       name_or_none(s->dataset), "config", text_or_none(s->config));
 }
 
-static PyObject *object_dict(native_scene *self, int64_t index) {
-  const pags_scene *s = pags_composition_scene(self->composition);
-  const pags_scene_object *o = &s->objects[index];
-  PyObject *dict = PyDict_New();
-  int64_t gaussians;
+static PyObject *object_dict(const void *context, int64_t index) {
+  native_scene *self = (native_scene *)(uintptr_t)context;
+  const pags_scene_object *o = &pags_composition_scene(self->composition)->objects[index];
 
   /* The number of Gaussians that one placement of the object draws. */
   const pags_part *parts;
   int count;
-  int64_t sum = 0;
-  if (!native_lock_check(&self->lock, native_state_of((PyObject *)self), "Scene")) {
-    Py_XDECREF(dict);
+  long long gaussians = 0;
+  if (!native_lock_check(&self->lock, native_state_of((PyObject *)self), "Scene"))
     return NULL;
-  }
   pthread_mutex_lock(&self->lock.mutex);
   if (parts_of(self, index, &parts, &count) != PAGS_OK)
     count = 0;
   for (int p = 0; p < count; p++)
-    sum += parts[p].gaussians->count;
+    gaussians += parts[p].gaussians->count;
   pthread_mutex_unlock(&self->lock.mutex);
-  Py_BEGIN_ALLOW_THREADS gaussians = sum;
-
-  Py_END_ALLOW_THREADS bool good =
-      dict && native_put(dict, "id", text_or_none(o->record.id)) &&
-      native_put(dict, "class", text_or_none(o->record.class_name)) &&
-      native_put(dict, "category", PyUnicode_FromString(pags_category_name(o->record.category))) &&
-      native_put(dict, "critical", PyBool_FromLong(o->critical)) &&
-      native_put(dict, "moving", PyBool_FromLong(o->record.moving)) &&
-      native_put(dict, "rigid", PyBool_FromLong(o->rigid)) &&
-      native_put(dict, "size", native_numbers(o->record.size, 3)) &&
-      native_put(dict, "tracked", PyBool_FromLong(o->model >= 0)) &&
-      native_put(dict, "gaussians", PyLong_FromLongLong(gaussians));
-  if (good)
-    return dict;
-  Py_XDECREF(dict);
-  return NULL;
+  return Py_BuildValue("{s:N,s:N,s:s,s:N,s:N,s:N,s:N,s:N,s:L}", "id", text_or_none(o->record.id), "class",
+                       text_or_none(o->record.class_name), "category", pags_category_name(o->record.category),
+                       "critical", PyBool_FromLong(o->critical), "moving", PyBool_FromLong(o->record.moving), "rigid",
+                       PyBool_FromLong(o->rigid), "size", native_numbers(o->record.size, 3), "tracked",
+                       PyBool_FromLong(o->model >= 0), "gaussians", gaussians);
 }
 
 static PyObject *scene_objects(PyObject *self, void *closure) {
-  int64_t count = scene_of(self)->object_count;
-  PyObject *list = PyList_New((Py_ssize_t)count);
   (void)closure;
-  for (int64_t i = 0; list && i < count; i++) {
-    PyObject *dict = object_dict((native_scene *)self, i);
-    if (!dict)
-      Py_CLEAR(list);
-    else
-      PyList_SetItem(list, (Py_ssize_t)i, dict);
-  }
-  return list;
+  return native_list(scene_of(self)->object_count, object_dict, self);
 }
 
-static PyObject *view_dict(const pags_scene_view *view) {
-  PyObject *dict = native_camera_dict(&view->camera);
-  bool good = dict && native_put(dict, "name", name_or_none(view->name)) &&
-              native_put(dict, "test", PyBool_FromLong(view->test)) &&
-              native_put(dict, "sensor", PyLong_FromLong(view->sensor)) &&
-              native_put(dict, "frame", PyLong_FromLong(view->frame)) &&
-              native_put(dict, "gain", native_numbers(view->gain, 3)) &&
-              native_put(dict, "offset", native_numbers(view->offset, 3));
-  if (good)
-    return dict;
-  Py_XDECREF(dict);
-  return NULL;
+static PyObject *view_dict(const void *context, int64_t index) {
+  const pags_scene_view *view = &((const pags_scene *)context)->views[index];
+  NATIVE_OWNED PyObject *dict = native_camera_dict(&view->camera);
+  const bool good = dict && native_put(dict, "name", name_or_none(view->name)) &&
+                    native_put(dict, "test", PyBool_FromLong(view->test)) &&
+                    native_put(dict, "sensor", PyLong_FromLong(view->sensor)) &&
+                    native_put(dict, "frame", PyLong_FromLong(view->frame)) &&
+                    native_put(dict, "gain", native_numbers(view->gain, 3)) &&
+                    native_put(dict, "offset", native_numbers(view->offset, 3));
+  return good ? pags_take(&dict) : NULL;
 }
 
 static PyObject *scene_views(PyObject *self, void *closure) {
-  const pags_scene *s = scene_of(self);
-  PyObject *list = PyList_New((Py_ssize_t)s->view_count);
   (void)closure;
-  for (int64_t i = 0; list && i < s->view_count; i++) {
-    PyObject *dict = view_dict(&s->views[i]);
-    if (!dict)
-      Py_CLEAR(list);
-    else
-      PyList_SetItem(list, (Py_ssize_t)i, dict);
-  }
-  return list;
+  return native_list(scene_of(self)->view_count, view_dict, scene_of(self));
 }
 
 /* Reads an object index (-1: background). Raises and returns -2 where it is not valid. */
@@ -380,10 +307,6 @@ static PyObject *scene_track(PyObject *self, PyObject *arguments) {
 
 /* ---- A sample as points ---- */
 
-static float logistic(float x) {
-  return 1 / (1 + pags_expf(-x));
-}
-
 /* SH coefficients of degree 0 of the rows that read_geometry gave, as planes of distance `*stride` floats; where colour
  * changes over time, those of the scene's begin. `unpacked` has room for 3 planes of ROWS floats. */
 static const float *read_colours(const pags_part *part, int64_t block, float *unpacked, int64_t *stride) {
@@ -408,7 +331,8 @@ typedef struct sampling {
   int64_t visible, seen, taken, most;
 } sampling;
 
-/* One pass over a part: counts its visible Gaussians or, with `points`, takes every n-th of them. */
+/* One pass over a part: counts its visible Gaussians or, with `points`, takes every n-th of them. Gaussians are in
+ * Morton order, so that the sample covers the surface evenly. */
 static void sample_part(const pags_part *part, sampling *s, float *points, float *colors) {
   float geometry[PAGS_SH * ROWS], colour[3 * ROWS];
   const int64_t count = part->gaussians->count;
@@ -416,7 +340,7 @@ static void sample_part(const pags_part *part, sampling *s, float *points, float
     int64_t stride, colour_stride = 0;
     const float *const planes = read_geometry(part, first / ROWS, geometry, &stride), *dc = NULL;
     for (int64_t i = 0; i < ROWS && first + i < count; i++) {
-      if (logistic(planes[PAGS_OPACITY * stride + i]) < 0.2f)
+      if (1 / (1 + pags_expf(-planes[PAGS_OPACITY * stride + i])) < 0.2f)
         continue;
       if (!points) {
         s->visible++;
@@ -427,11 +351,9 @@ static void sample_part(const pags_part *part, sampling *s, float *points, float
 
         /* Its mean and colour. */
         const float *mean = planes + PAGS_MEAN * stride + i;
-        float *point = points + 3 * s->taken;
-        const double *m = part->world_from_model;
-        const double p[3] = {(double)mean[0], (double)mean[stride], (double)mean[2 * stride]};
-        for (int k = 0; k < 3; k++)
-          point[k] = (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3]);
+        double p[3] = {(double)mean[0], (double)mean[stride], (double)mean[2 * stride]}, moved[3];
+        pags_rigid_point(part->world_from_model, p, moved);
+        pags_narrow3(moved, points + 3 * s->taken);
 
         put_color(dc + i, colour_stride, colors + 4 * s->taken);
         s->taken++;
@@ -439,17 +361,6 @@ static void sample_part(const pags_part *part, sampling *s, float *points, float
       s->seen++;
     }
   }
-}
-
-/* Samples every n-th visible Gaussian (opacity of 0.2 or more) of each part. Gaussians are in Morton order, so that the
- * sample covers the surface evenly. */
-static Py_ssize_t sample(const pags_part *parts, int part_count, int64_t most, float *points, float *colors) {
-  sampling s = {.most = most};
-  for (int p = 0; p < part_count; p++)
-    sample_part(&parts[p], &s, NULL, NULL);
-  for (int p = 0; p < part_count; p++)
-    sample_part(&parts[p], &s, points, colors);
-  return (Py_ssize_t)s.taken;
 }
 
 static PyObject *scene_points(PyObject *object, PyObject *arguments) {
@@ -465,30 +376,24 @@ static PyObject *scene_points(PyObject *object, PyObject *arguments) {
     return NULL;
   int64_t most = pags_composition_gaussian_count(self->composition);
   budget = budget < 1 ? 1 : budget < most ? budget : most;
-  float *points = malloc((size_t)(budget + 1) * 3 * sizeof *points);
-  float *colors = malloc((size_t)(budget + 1) * 4 * sizeof *colors);
-  Py_ssize_t taken = 0;
+  PAGS_AUTOFREE float *points = malloc((size_t)(budget + 1) * 3 * sizeof *points);
+  PAGS_AUTOFREE float *colors = malloc((size_t)(budget + 1) * 4 * sizeof *colors);
+  sampling s = {.most = budget};
   pags_result result = points && colors ? PAGS_OK : pags_out_of_memory("a sample");
   Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock.mutex);
   const pags_part *parts;
-  int count;
+  int count = 0;
   if (result == PAGS_OK)
     result = parts_of(self, which, &parts, &count);
-  if (result == PAGS_OK)
-    taken = sample(parts, count, budget, points, colors);
+  for (int p = 0; p < count && result == PAGS_OK; p++)
+    sample_part(&parts[p], &s, NULL, NULL);
+  for (int p = 0; p < count && result == PAGS_OK; p++)
+    sample_part(&parts[p], &s, points, colors);
   pthread_mutex_unlock(&self->lock.mutex);
-  Py_END_ALLOW_THREADS if (result != PAGS_OK) {
-    free(points);
-    free(colors);
-    return native_raise(state, result);
-  }
-  const Py_ssize_t point_shape[2] = {taken, 3}, color_shape[2] = {taken, 4};
-  PyObject *first = native_buffer_own(state, points, 'f', 2, point_shape);
-  PyObject *second = native_buffer_own(state, colors, 'f', 2, color_shape);
-  PyObject *pair = first && second ? PyTuple_Pack(2, first, second) : NULL;
-  Py_XDECREF(first);
-  Py_XDECREF(second);
-  return pair;
+  Py_END_ALLOW_THREADS if (result != PAGS_OK) return native_raise(state, result);
+  const Py_ssize_t point_shape[2] = {(Py_ssize_t)s.taken, 3}, color_shape[2] = {(Py_ssize_t)s.taken, 4};
+  return Py_BuildValue("(NN)", native_buffer_own(state, pags_take(&points), 'f', 2, point_shape),
+                       native_buffer_own(state, pags_take(&colors), 'f', 2, color_shape));
 }
 
 static PyObject *scene_repr(PyObject *object) {

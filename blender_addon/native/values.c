@@ -24,12 +24,13 @@ static bool expected(PyObject *value, const char *what, const char *wanted) {
       return false;
     PyErr_Clear();
   }
-  PyErr_Format(kind, "%s: expected %s, found %.80R", what, wanted, value);
-  return false;
+  return PyErr_Format(kind, "%s: expected %s, found %.80R", what, wanted, value);
 }
 
 bool native_read_number(PyObject *value, const char *what, double least, double most, double *out) {
   char wanted[96];
+  if (!value)
+    return true;
   *out = PyFloat_AsDouble(value);
   if (!PyErr_Occurred() && *out >= least && *out <= most)
     return true;
@@ -49,10 +50,11 @@ bool native_read_finite(PyObject *value, const char *what, double *out) {
 bool native_read_integer(PyObject *value, const char *what, long long least, long long most, long long *out) {
   char wanted[96];
   int overflow = 1;
-  PyObject *const index = PyNumber_Index(value);
+  if (!value)
+    return true;
+  NATIVE_OWNED PyObject *index = PyNumber_Index(value);
   if (index) {
     *out = PyLong_AsLongLongAndOverflow(index, &overflow);
-    Py_DECREF(index);
   } else if (PyErr_ExceptionMatches(PyExc_TypeError)) { /* accepts a float such as 640.0 */
     PyErr_Clear();
     const double number = PyFloat_AsDouble(value);
@@ -68,7 +70,9 @@ bool native_read_integer(PyObject *value, const char *what, long long least, lon
   return expected(value, what, wanted);
 }
 
-bool native_read_flag(PyObject *value, const char *what, int *out) {
+bool native_read_flag(PyObject *value, const char *what, bool *out) {
+  if (!value)
+    return true;
   const int yes = PyObject_RichCompareBool(value, Py_True, Py_EQ);
   const int no = yes == 0 ? PyObject_RichCompareBool(value, Py_False, Py_EQ) : 0;
   *out = yes > 0;
@@ -76,6 +80,8 @@ bool native_read_flag(PyObject *value, const char *what, int *out) {
 }
 
 bool native_read_word(PyObject *value, const char *what, const char **out) {
+  if (!value)
+    return true;
   *out = PyUnicode_Check(value) ? PyUnicode_AsUTF8AndSize(value, NULL) : NULL;
   return *out || expected(value, what, "a string");
 }
@@ -98,10 +104,8 @@ bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, do
     return expected(value, what, wanted);
   }
   for (Py_ssize_t i = 0; i < count; i++) {
-    PyObject *item = PySequence_GetItem(value, i);
-    const bool good = item && native_read_finite(item, what, &out[i]);
-    Py_XDECREF(item);
-    if (!good)
+    NATIVE_OWNED PyObject *item = PySequence_GetItem(value, i);
+    if (!item || !native_read_finite(item, what, &out[i]))
       return false;
   }
   return true;
@@ -114,24 +118,20 @@ bool native_read_pose(PyObject *value, const char *what, double out[12]) {
     return false;
   if (dimensions != 2)
     return native_read_numbers(value, what, 12, out);
-  double *rows = native_read_array(value, what, true, 2, shape);
+  PAGS_AUTOFREE double *rows = native_read_array(value, what, true, 2, shape);
   if (!rows)
     return false;
   bool good = shape[0] == 3 || shape[0] == 4;
   for (int k = 0; good && shape[0] == 4 && k < 4; k++)
     good = fabs(rows[12 + k] - (k == 3)) < 1e-6;
-  for (int k = 0; good && k < 12; k++)
-    if (!isfinite(rows[k])) {
-      PyErr_Format(PyExc_ValueError, "%s: expected finite numbers, found one that isn't in row %d", what, k / 4);
-      free(rows);
-      return false;
-    }
-  if (good)
-    memcpy(out, rows, 12 * sizeof *out);
-  else
-    PyErr_Format(PyExc_ValueError, "%s: expected a matrix of 3 x 4, or of 4 x 4 whose last row is 0 0 0 1", what);
-  free(rows);
-  return good;
+  if (!good)
+    return PyErr_Format(PyExc_ValueError, "%s: expected a matrix of 3 x 4, or of 4 x 4 whose last row is 0 0 0 1",
+                        what);
+  for (int k = 0; k < 12; k++)
+    if (!isfinite(rows[k]))
+      return PyErr_Format(PyExc_ValueError, "%s: expected finite numbers, found one that isn't in row %d", what, k / 4);
+  memcpy(out, rows, 12 * sizeof *out);
+  return true;
 }
 
 bool native_read_placements(PyObject *value, pags_placement **out, int64_t *count) {
@@ -139,27 +139,34 @@ bool native_read_placements(PyObject *value, pags_placement **out, int64_t *coun
   if (size < 0)
     return expected(value, "placements", "a list of (object, world_from_object)");
   *out = calloc((size_t)size + 1, sizeof **out);
-  if (!*out) {
-    PyErr_NoMemory();
-    return false;
-  }
+  if (!*out)
+    return PyErr_NoMemory();
   *count = size;
   for (Py_ssize_t i = 0; i < size; i++) {
-    PyObject *item = PySequence_GetItem(value, i);
+    NATIVE_OWNED PyObject *item = PySequence_GetItem(value, i);
     const bool pair = item && PySequence_Check(item) && PySequence_Size(item) == 2;
-    PyObject *object = pair ? PySequence_GetItem(item, 0) : NULL, *pose = object ? PySequence_GetItem(item, 1) : NULL;
+    NATIVE_OWNED PyObject *object = pair ? PySequence_GetItem(item, 0) : NULL;
+    NATIVE_OWNED PyObject *pose = object ? PySequence_GetItem(item, 1) : NULL;
     long long number = 0;
-    const bool good = pose ? native_read_integer(object, "placements: object", -1, INT_MAX, &number) &&
-                                 native_read_pose(pose, "placements: world_from_object", (*out)[i].world_from_object)
-                           : item && expected(item, "placements", "pairs of object and world_from_object");
-    (*out)[i].object = number;
-    Py_XDECREF(pose);
-    Py_XDECREF(object);
-    Py_XDECREF(item);
-    if (!good)
+    if (!pose)
+      return item && expected(item, "placements", "pairs of object and world_from_object");
+    if (!native_read_integer(object, "placements: object", -1, INT_MAX, &number) ||
+        !native_read_pose(pose, "placements: world_from_object", (*out)[i].world_from_object))
       return false;
+    (*out)[i].object = number;
   }
   return true;
+}
+
+PyObject *native_list(int64_t count, PyObject *(*item)(const void *context, int64_t index), const void *context) {
+  NATIVE_OWNED PyObject *list = PyList_New((Py_ssize_t)count);
+  for (int64_t i = 0; list && i < count; i++) {
+    PyObject *own = item(context, i);
+    if (!own)
+      return NULL;
+    PyList_SetItem(list, (Py_ssize_t)i, own);
+  }
+  return pags_take(&list);
 }
 
 bool native_put(PyObject *dict, const char *key, PyObject *value) {
