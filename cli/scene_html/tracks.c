@@ -3,7 +3,7 @@
 
 #include <math.h>
 #include "base/memory.h"
-#include "exporters/format/presence.h"
+#include "exporters/format/object_gaussians.h"
 
 enum { PARTS = 8 }; /* samples from one label to the next: chords are within a millimetre of the curve */
 

@@ -5,9 +5,7 @@
 
 #include <float.h>
 #include <math.h>
-#include <stdbool.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/bytes.h"
 #include "base/file.h"
@@ -24,9 +22,8 @@
 static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const double turn_q[4], int64_t i,
                      pags_gaussians *out, int64_t at) {
   const pags_gaussians *g = part->gaussians;
-  const double *m = part->world_from_model;
-  double p[3], q[4], rest[15];
-  int degree = out->sh_degree < g->sh_degree ? out->sh_degree : g->sh_degree;
+  double p[3], moved[3], q[4], rest[15];
+  const int degree = out->sh_degree < g->sh_degree ? out->sh_degree : g->sh_degree;
   for (int k = 0; k < 3; k++)
     p[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
   for (int k = 0; k < 4; k++)
@@ -35,9 +32,9 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
   const double product[4] = {
       t[0] * q[0] - t[1] * q[1] - t[2] * q[2] - t[3] * q[3], t[0] * q[1] + t[1] * q[0] + t[2] * q[3] - t[3] * q[2],
       t[0] * q[2] - t[1] * q[3] + t[2] * q[0] + t[3] * q[1], t[0] * q[3] + t[1] * q[2] - t[2] * q[1] + t[3] * q[0]};
+  pags_rigid_point(part->world_from_model, p, moved);
   for (int k = 0; k < 3; k++) {
-    pags_plane(out, PAGS_MEAN + k)[at] =
-        (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3]);
+    pags_plane(out, PAGS_MEAN + k)[at] = (float)moved[k];
     pags_plane(out, PAGS_SCALE + k)[at] = pags_plane(g, PAGS_SCALE + k)[i];
     pags_plane(out, PAGS_SH + k)[at] = part->dc ? part->dc[k * g->stride + i] : pags_plane(g, PAGS_SH + k)[i];
   }
@@ -55,21 +52,16 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
   }
 }
 
-static bool is_turned(const double m[12]) {
-  static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  for (int i = 0; i < 9; i++)
-    if (m[4 * (i / 3) + i % 3] != identity[i])
-      return true;
-  return false;
-}
-
 /* Bakes a part's rows from row out->count of `out` on. */
 static void bake_part(const pags_part *part, pags_gaussians *out) {
   const double *m = part->world_from_model;
   const double r[9] = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
+  static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
   double q[4];
   pags_sh_rotation turn;
-  int turned = is_turned(m);
+  bool turned = false;
+  for (int i = 0; i < 9; i++)
+    turned = turned || r[i] != identity[i];
   pags_quaternion_from_rotation(r, q);
   pags_sh_rotation_make(r, &turn);
   const double a = (double)part->gaussians->alpha_min;
@@ -93,26 +85,30 @@ float pags_splats_alpha_min(const pags_part *parts, int count) {
 
 pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, bool keep_cut, pags_gaussians *out) {
   int64_t total = 0;
-  int s_sem = count > 0;
+  bool s_sem = count > 0;
   for (int i = 0; i < count; i++) {
     total += parts[i].gaussians->count;
     s_sem = s_sem && parts[i].gaussians->s_sem;
   }
   PAGS_TRY(pags_gaussians_create(out, total, sh_degree));
   out->alpha_min = keep_cut ? pags_splats_alpha_min(parts, count) : 0.0f;
-  pags_result result = s_sem ? pags_gaussians_add_s_sem(out) : PAGS_OK;
+  if (s_sem)
+    PAGS_TRY(pags_gaussians_add_s_sem(out));
   out->count = 0;
-  for (int i = 0; i < count && result == PAGS_OK; i++)
+  for (int i = 0; i < count; i++)
     bake_part(&parts[i], out);
-  if (result != PAGS_OK)
-    pags_gaussians_destroy(out);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- The .splat file ---- */
 
 uint8_t pags_splat_byte(double value) {
   return (uint8_t)fmin(fmax(floor(value + 0.5), 0), 255);
+}
+
+double pags_splat_linear(double value) {
+  const double v = fmin(fmax(value, 0), 1);
+  return v <= 0.04045 ? v / 12.92 : pags_pow((v + 0.055) / 1.055, 2.4);
 }
 
 double pags_splat_opacity(const pags_gaussians *g, int64_t i) {
@@ -132,7 +128,7 @@ void pags_splat_rotation(const pags_gaussians *g, int64_t i, double q[4]) {
 /* A .splat file has 32 bytes a Gaussian: position and scales (standard deviations) as floats, then colour, opacity
  * and rotation as bytes. The Gaussians keep their order. */
 pags_result pags_splat_save(const char *path, const pags_gaussians *g) {
-  uint8_t *bytes = calloc((size_t)g->count + 1, 32);
+  PAGS_AUTOFREE uint8_t *bytes = calloc((size_t)g->count + 1, 32);
   PAGS_CHECK_MEMORY(bytes, "%lld Gaussians", (long long)g->count);
   for (int64_t i = 0; i < g->count; i++) {
     uint8_t *row = bytes + 32 * i;
@@ -148,7 +144,5 @@ pags_result pags_splat_save(const char *path, const pags_gaussians *g) {
     for (int k = 0; k < 4; k++)
       row[28 + k] = pags_splat_byte(128 + 128 * q[k]);
   }
-  pags_result result = pags_file_write(path, bytes, 32 * (size_t)g->count);
-  free(bytes);
-  return result;
+  return pags_file_write(path, bytes, 32 * (size_t)g->count);
 }

@@ -23,6 +23,7 @@
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "exporters/format/bake.h"
 #include "maths/maths.h"
 
 struct pags_gltf {
@@ -47,6 +48,22 @@ int guarded(pags_gltf *gltf, const Work &what) {
     gltf->failed = true;
     return -1;
   }
+}
+
+/* The same for work without a result. */
+template <typename Work>
+void attempt(pags_gltf *gltf, const Work &what) {
+  guarded(gltf, [&] {
+    what();
+    return 0;
+  });
+}
+
+/* Appends an item and returns its index. */
+template <typename Item>
+int append(std::vector<Item> &list, const Item &item) {
+  list.push_back(item);
+  return static_cast<int>(list.size()) - 1;
 }
 
 /* Text for the file, which has to be UTF-8. */
@@ -112,8 +129,7 @@ int put_view(pags_gltf *gltf, const void *data, size_t size, int target, size_t 
   view.target = target;
   const unsigned char *begin = static_cast<const unsigned char *>(data);
   gltf->bytes.insert(gltf->bytes.end(), begin, begin + size);
-  gltf->model.bufferViews.push_back(view);
-  return static_cast<int>(gltf->model.bufferViews.size()) - 1;
+  return append(gltf->model.bufferViews, view);
 }
 
 int put_accessor(pags_gltf *gltf, int view, int component, int type, size_t count, bool normalized = false) {
@@ -123,32 +139,25 @@ int put_accessor(pags_gltf *gltf, int view, int component, int type, size_t coun
   accessor.type = type;
   accessor.count = count;
   accessor.normalized = normalized;
-  gltf->model.accessors.push_back(accessor);
-  return static_cast<int>(gltf->model.accessors.size()) - 1;
+  return append(gltf->model.accessors, accessor);
 }
 
-int type_of(int components) {
-  return components == 1   ? TINYGLTF_TYPE_SCALAR
-         : components == 2 ? TINYGLTF_TYPE_VEC2
-         : components == 3 ? TINYGLTF_TYPE_VEC3
-                           : TINYGLTF_TYPE_VEC4;
-}
-
-int put_floats(pags_gltf *gltf, const float *values, size_t count, int components, int target, bool bounds) {
+/* The values of a vertex attribute or, with `target` 0, of an animation. */
+int put_floats(pags_gltf *gltf, const float *values, size_t count, int components, bool bounds,
+               int target = TINYGLTF_TARGET_ARRAY_BUFFER) {
+  static const int types[] = {TINYGLTF_TYPE_SCALAR, TINYGLTF_TYPE_VEC2, TINYGLTF_TYPE_VEC3, TINYGLTF_TYPE_VEC4};
   size_t width = static_cast<size_t>(components);
   int view = put_view(gltf, values, count * width * 4, target, 0);
-  int index = put_accessor(gltf, view, TINYGLTF_COMPONENT_TYPE_FLOAT, type_of(components), count);
-  if (bounds) {
-    tinygltf::Accessor &accessor = gltf->model.accessors[static_cast<size_t>(index)];
-    for (size_t k = 0; k < width; k++) {
-      float lo = values[k], hi = values[k];
-      for (size_t i = 0; i < count; i++) {
-        lo = std::min(lo, values[i * width + k]);
-        hi = std::max(hi, values[i * width + k]);
-      }
-      accessor.minValues.push_back(static_cast<double>(lo));
-      accessor.maxValues.push_back(static_cast<double>(hi));
+  int index = put_accessor(gltf, view, TINYGLTF_COMPONENT_TYPE_FLOAT, types[width - 1], count);
+  tinygltf::Accessor &accessor = gltf->model.accessors.back();
+  for (size_t k = 0; k < width && bounds; k++) {
+    float lo = values[k], hi = values[k];
+    for (size_t i = 0; i < count; i++) {
+      lo = std::min(lo, values[i * width + k]);
+      hi = std::max(hi, values[i * width + k]);
     }
+    accessor.minValues.push_back(static_cast<double>(lo));
+    accessor.maxValues.push_back(static_cast<double>(hi));
   }
   return index;
 }
@@ -163,18 +172,12 @@ int put_indices(pags_gltf *gltf, const uint32_t *triangles, size_t count, size_t
                       TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT, TINYGLTF_TYPE_SCALAR, count);
 }
 
-/* Converts an sRGB value in 0..1 to linear light (IEC 61966-2-1), which glTF asks for in vertex colours. */
-double linear(double v) {
-  v = std::min(std::max(v, 0.0), 1.0);
-  return v <= 0.04045 ? v / 12.92 : pags_pow((v + 0.055) / 1.055, 2.4);
-}
-
 int put_colors(pags_gltf *gltf, const float *colors, size_t count) {
   std::vector<uint16_t> values(4 * count);
   for (size_t i = 0; i < count; i++) {
     for (size_t c = 0; c < 3; c++)
       values[4 * i + c] =
-          static_cast<uint16_t>((long)pags_round(65535 * linear(static_cast<double>(colors[3 * i + c]))));
+          static_cast<uint16_t>((long)pags_round(65535 * pags_splat_linear(static_cast<double>(colors[3 * i + c]))));
     values[4 * i + 3] = 65535;
   }
   int view = put_view(gltf, values.data(), 8 * count, TINYGLTF_TARGET_ARRAY_BUFFER, 0);
@@ -205,22 +208,34 @@ Corners corners_of(const pags_proxy_mesh *surface, const std::vector<float> &nor
   return out;
 }
 
-int put_textured_material(pags_gltf *gltf, const char *name, const pags_texture *texture, int double_sided) {
+tinygltf::Material material_of(const char *name, bool double_sided) {
+  tinygltf::Material material;
+  material.name = readable(name);
+  material.doubleSided = double_sided;
+  material.pbrMetallicRoughness.metallicFactor = 0;
+  return material;
+}
+
+int put_textured_material(pags_gltf *gltf, const char *name, const pags_texture *texture, bool double_sided) {
   tinygltf::Image image;
   image.name = readable(name);
   image.mimeType = "image/png";
   image.bufferView = put_view(gltf, texture->png, texture->png_size, 0, 0);
   tinygltf::Texture use;
-  use.source = static_cast<int>(gltf->model.images.size());
-  tinygltf::Material material;
-  material.name = readable(name);
-  material.doubleSided = double_sided != 0;
-  material.pbrMetallicRoughness.metallicFactor = 0;
-  material.pbrMetallicRoughness.baseColorTexture.index = static_cast<int>(gltf->model.textures.size());
-  gltf->model.images.push_back(image);
-  gltf->model.textures.push_back(use);
-  gltf->model.materials.push_back(material);
-  return static_cast<int>(gltf->model.materials.size()) - 1;
+  tinygltf::Material material = material_of(name, double_sided);
+  use.source = append(gltf->model.images, image);
+  material.pbrMetallicRoughness.baseColorTexture.index = append(gltf->model.textures, use);
+  return append(gltf->model.materials, material);
+}
+
+/* Adds a mesh of one primitive. */
+int put_mesh(pags_gltf *gltf, const char *name, const tinygltf::Primitive &primitive,
+             const tinygltf::ExtensionMap &extensions = {}) {
+  tinygltf::Mesh mesh;
+  mesh.name = unique(gltf->meshes, name);
+  mesh.primitives.push_back(primitive);
+  mesh.extensions = extensions;
+  return append(gltf->model.meshes, mesh);
 }
 
 /* ---- Nodes and animation ---- */
@@ -250,10 +265,9 @@ void add_channel(pags_gltf *gltf, int node, int input, int output, const char *p
   sampler.input = input;
   sampler.output = output;
   tinygltf::AnimationChannel channel;
-  channel.sampler = static_cast<int>(animation.samplers.size());
+  channel.sampler = append(animation.samplers, sampler);
   channel.target_node = node;
   channel.target_path = path;
-  animation.samplers.push_back(sampler);
   animation.channels.push_back(channel);
 }
 
@@ -262,12 +276,10 @@ void add_channel(pags_gltf *gltf, int node, int input, int output, const char *p
 std::string serialize(pags_gltf *gltf) {
   tinygltf::TinyGLTF writer;
   std::ostringstream stream(std::ios::binary);
-  if (!gltf->model.buffers.empty())
-    gltf->model.buffers.clear();
+  gltf->model.buffers.clear();
   if (!gltf->bytes.empty()) {
-    tinygltf::Buffer buffer;
-    buffer.data.swap(gltf->bytes);
-    gltf->model.buffers.push_back(std::move(buffer));
+    gltf->model.buffers.emplace_back();
+    gltf->model.buffers[0].data.swap(gltf->bytes);
   }
   if (!writer.WriteGltfSceneToStream(&gltf->model, stream, false, true))
     throw std::runtime_error("write");
@@ -338,15 +350,8 @@ void pags_gltf_destroy(pags_gltf *gltf) {
   delete gltf;
 }
 
-int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided) {
-  return guarded(gltf, [&] {
-    tinygltf::Material material;
-    material.name = readable(name);
-    material.doubleSided = double_sided != 0;
-    material.pbrMetallicRoughness.metallicFactor = 0;
-    gltf->model.materials.push_back(material);
-    return static_cast<int>(gltf->model.materials.size()) - 1;
-  });
+int pags_gltf_material(pags_gltf *gltf, const char *name, bool double_sided) {
+  return guarded(gltf, [&] { return append(gltf->model.materials, material_of(name, double_sided)); });
 }
 
 int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, const pags_texture *texture,
@@ -360,47 +365,34 @@ int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *sur
       pags_proxy_mesh_normals(surface, normals.data());
     tinygltf::Primitive primitive;
     primitive.mode = TINYGLTF_MODE_TRIANGLES;
-    int manifold_indices;
-    if (textured) {
-      /* Each corner has its own place in the texture, so it is a vertex of its own. */
-      const Corners own = corners_of(surface, normals);
-      primitive.material = put_textured_material(gltf, name, texture, material);
-      primitive.attributes["POSITION"] =
-          put_floats(gltf, own.positions.data(), corners, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
-      if (flags & PAGS_GLTF_NORMALS)
-        primitive.attributes["NORMAL"] =
-            put_floats(gltf, own.normals.data(), corners, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
-      primitive.attributes["TEXCOORD_0"] =
-          put_floats(gltf, texture->uv, corners, 2, TINYGLTF_TARGET_ARRAY_BUFFER, false);
-      primitive.indices = put_indices(gltf, own.each.data(), corners, corners);
-      manifold_indices =
-          flags & PAGS_GLTF_MANIFOLD ? put_indices(gltf, own.merged.data(), corners, corners) : primitive.indices;
-    } else {
-      primitive.material = material;
-      primitive.attributes["POSITION"] =
-          put_floats(gltf, surface->positions, vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
-      if (flags & PAGS_GLTF_NORMALS)
-        primitive.attributes["NORMAL"] =
-            put_floats(gltf, normals.data(), vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
+    primitive.material = textured ? put_textured_material(gltf, name, texture, material != 0) : material;
+    /* With a texture each corner has its own place in the texture, so it is a vertex of its own. */
+    const Corners own = textured ? corners_of(surface, normals) : Corners();
+    const size_t count = textured ? corners : vertices;
+    primitive.attributes["POSITION"] =
+        put_floats(gltf, textured ? own.positions.data() : surface->positions, count, 3, true);
+    if (flags & PAGS_GLTF_NORMALS)
+      primitive.attributes["NORMAL"] =
+          put_floats(gltf, textured ? own.normals.data() : normals.data(), count, 3, false);
+    if (textured)
+      primitive.attributes["TEXCOORD_0"] = put_floats(gltf, texture->uv, corners, 2, false);
+    else
       primitive.attributes["COLOR_0"] = put_colors(gltf, surface->colors, vertices);
-      primitive.indices = manifold_indices = put_indices(gltf, surface->triangles, corners, vertices);
-    }
-    tinygltf::Mesh mesh;
-    mesh.name = unique(gltf->meshes, name);
-    mesh.primitives.push_back(primitive);
+    primitive.indices = put_indices(gltf, textured ? own.each.data() : surface->triangles, corners, count);
+    tinygltf::ExtensionMap extensions;
     if (flags & PAGS_GLTF_MANIFOLD) {
       /* EXT_mesh_manifold asks for indices by which faces share vertices. Those of a mesh without a texture do. */
-      tinygltf::Value::Object own, manifold, position;
+      tinygltf::Value::Object shared, manifold, position;
       position["POSITION"] = tinygltf::Value(primitive.attributes["POSITION"]);
-      own["attributes"] = tinygltf::Value(position);
-      own["indices"] = tinygltf::Value(manifold_indices);
-      own["mode"] = tinygltf::Value(TINYGLTF_MODE_TRIANGLES);
-      manifold["manifoldPrimitive"] = tinygltf::Value(own);
-      mesh.extensions["EXT_mesh_manifold"] = tinygltf::Value(manifold);
+      shared["attributes"] = tinygltf::Value(position);
+      shared["indices"] =
+          tinygltf::Value(textured ? put_indices(gltf, own.merged.data(), corners, corners) : primitive.indices);
+      shared["mode"] = tinygltf::Value(TINYGLTF_MODE_TRIANGLES);
+      manifold["manifoldPrimitive"] = tinygltf::Value(shared);
+      extensions["EXT_mesh_manifold"] = tinygltf::Value(manifold);
       use_extension(gltf, "EXT_mesh_manifold");
     }
-    gltf->model.meshes.push_back(mesh);
-    return static_cast<int>(gltf->model.meshes.size()) - 1;
+    return put_mesh(gltf, name, primitive, extensions);
   });
 }
 
@@ -412,23 +404,18 @@ int pags_gltf_points(pags_gltf *gltf, const char *name, int64_t count, const pag
     for (int i = 0; i < attribute_count; i++)
       primitive.attributes[attributes[i].name] =
           put_floats(gltf, attributes[i].values, static_cast<size_t>(count), attributes[i].components,
-                     TINYGLTF_TARGET_ARRAY_BUFFER, std::strcmp(attributes[i].name, "POSITION") == 0);
+                     std::strcmp(attributes[i].name, "POSITION") == 0);
     primitive.extensions[extension] = parse(extension_json);
     use_extension(gltf, extension);
-    tinygltf::Mesh mesh;
-    mesh.name = unique(gltf->meshes, name);
-    mesh.primitives.push_back(primitive);
-    gltf->model.meshes.push_back(mesh);
-    return static_cast<int>(gltf->model.meshes.size()) - 1;
+    return put_mesh(gltf, name, primitive);
   });
 }
 
 int pags_gltf_node(pags_gltf *gltf, int parent, const char *name) {
   return guarded(gltf, [&] {
-    int index = static_cast<int>(gltf->model.nodes.size());
     tinygltf::Node node;
     node.name = unique(gltf->nodes, name);
-    gltf->model.nodes.push_back(node);
+    const int index = append(gltf->model.nodes, node);
     if (parent >= 0)
       node_at(gltf, parent).children.push_back(index);
     else if (parent == -1)
@@ -446,16 +433,14 @@ int pags_gltf_camera(pags_gltf *gltf, const char *name, const pags_camera *camer
     out.perspective.aspectRatio = camera->width / camera->fx / (camera->height / camera->fy);
     out.perspective.znear = 0.01;
     out.perspective.zfar = 1e5; /* finite: for an infinite far plane tinygltf would write zfar 0, which is invalid */
-    gltf->model.cameras.push_back(out);
-    return static_cast<int>(gltf->model.cameras.size()) - 1;
+    return append(gltf->model.cameras, out);
   });
 }
 
 void pags_gltf_node_pose(pags_gltf *gltf, int node, const double pose[12]) {
-  guarded(gltf, [&] {
+  attempt(gltf, [&] {
     node_at(gltf, node).rotation = quaternion(pose);
     node_at(gltf, node).translation = {pose[3], pose[7], pose[11]};
-    return 0;
   });
 }
 
@@ -474,38 +459,26 @@ void pags_gltf_node_camera(pags_gltf *gltf, int node, int camera) {
   guarded(gltf, [&] { return node_at(gltf, node).camera = camera; });
 }
 
-void pags_gltf_node_extras(pags_gltf *gltf, int node, const char *json) {
-  guarded(gltf, [&] {
-    node_at(gltf, node).extras = parse(json);
-    return 0;
-  });
+void pags_gltf_extras(pags_gltf *gltf, int node, const char *json) {
+  attempt(gltf, [&] { (node < 0 ? gltf->model.asset.extras : node_at(gltf, node).extras) = parse(json); });
 }
 
-void pags_gltf_asset_extras(pags_gltf *gltf, const char *json) {
-  guarded(gltf, [&] {
-    gltf->model.asset.extras = parse(json);
-    return 0;
-  });
+pags_result pags_gltf_put_extras(pags_gltf *gltf, int node, pags_json_writer *w) {
+  pags_json_end_object(w);
+  PAGS_TRY(pags_json_writer_finish(w));
+  pags_gltf_extras(gltf, node, w->data);
+  return PAGS_OK;
 }
 
-void pags_gltf_node_extension(pags_gltf *gltf, int node, const char *name, const char *json) {
-  guarded(gltf, [&] {
-    node_at(gltf, node).extensions[name] = parse(json);
+void pags_gltf_extension(pags_gltf *gltf, int node, const char *name, const char *json) {
+  attempt(gltf, [&] {
+    (node < 0 ? gltf->model.extensions : node_at(gltf, node).extensions)[name] = parse(json);
     use_extension(gltf, name);
-    return 0;
-  });
-}
-
-void pags_gltf_extension(pags_gltf *gltf, const char *name, const char *json) {
-  guarded(gltf, [&] {
-    gltf->model.extensions[name] = parse(json);
-    use_extension(gltf, name);
-    return 0;
   });
 }
 
 void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double *times, const double (*poses)[12]) {
-  guarded(gltf, [&] {
+  attempt(gltf, [&] {
     std::vector<float> seconds, places, turns;
     double before[4] = {0, 0, 0, 0};
     for (int64_t i = 0; i < count; i++) {
@@ -528,10 +501,9 @@ void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double
       gltf->model.animations.emplace_back();
       gltf->model.animations[0].name = "tracks";
     }
-    int input = put_floats(gltf, seconds.data(), seconds.size(), 1, 0, true);
-    add_channel(gltf, node, input, put_floats(gltf, places.data(), seconds.size(), 3, 0, false), "translation");
-    add_channel(gltf, node, input, put_floats(gltf, turns.data(), seconds.size(), 4, 0, false), "rotation");
-    return 0;
+    int input = put_floats(gltf, seconds.data(), seconds.size(), 1, true, 0);
+    add_channel(gltf, node, input, put_floats(gltf, places.data(), seconds.size(), 3, false, 0), "translation");
+    add_channel(gltf, node, input, put_floats(gltf, turns.data(), seconds.size(), 4, false, 0), "rotation");
   });
 }
 

@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Builds a glTF 2.0 file in memory: meshes, points, cameras, nodes, one animation. The first failure is kept and
- * returned by pags_gltf_save; calls after a failure do nothing. */
+ * returned by pags_gltf_save; calls after a failure do nothing. gltf_cameras.c adds what a scene has: its views, the
+ * tracks of its objects and of the ego vehicle. */
 #ifndef PAGS_FORMAT_GLTF_H
 #define PAGS_FORMAT_GLTF_H
 
-#include <pags/camera.h>
+#include <pags/scene.h>
 
+#include "base/json.h"
 #include "exporters/proxy/texture.h"
 
 #ifdef __cplusplus
@@ -16,10 +18,11 @@ typedef struct pags_gltf pags_gltf;
 
 pags_result pags_gltf_create(pags_gltf **out);
 void pags_gltf_destroy(pags_gltf *gltf); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_gltf, pags_gltf_destroy)
 
 /* The functions that return int add one item and return its glTF index, or -1 after a failure. Names are copied; a
  * number is appended to a name that another thing of its kind has, and what has none is "unnamed". */
-int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided);
+int pags_gltf_material(pags_gltf *gltf, const char *name, bool double_sided);
 enum { PAGS_GLTF_NORMALS = 1, PAGS_GLTF_MANIFOLD = 2 };
 /* Adds a triangle mesh with POSITION and COLOR_0 (linear light, 16 bits a channel), or with a texture TEXCOORD_0 and
  * three vertices for each triangle. PAGS_GLTF_NORMALS adds smooth vertex normals (without normals, readers shade flat);
@@ -38,13 +41,13 @@ void pags_gltf_node_pose(pags_gltf *gltf, int node, const double pose[12]);
 void pags_gltf_node_up(pags_gltf *gltf, int node, pags_up up);
 void pags_gltf_node_mesh(pags_gltf *gltf, int node, int mesh);
 void pags_gltf_node_camera(pags_gltf *gltf, int node, int camera);
-/* Sets `extras` of a node, or of the asset, to the JSON object in the text `json`. */
-void pags_gltf_node_extras(pags_gltf *gltf, int node, const char *json);
-void pags_gltf_asset_extras(pags_gltf *gltf, const char *json);
-/* Sets an extension of a node, or of the whole file, to the JSON text `json`. The extension is listed in
+/* Sets `extras` of a node, or for -1 of the asset, to the JSON object in the text `json`, or to the object open in `w`,
+ * which it ends. PAGS_ERROR_MEMORY. */
+void pags_gltf_extras(pags_gltf *gltf, int node, const char *json);
+pags_result pags_gltf_put_extras(pags_gltf *gltf, int node, pags_json_writer *w);
+/* Sets an extension of a node, or for -1 of the whole file, to the JSON text `json`. The extension is listed in
  * extensionsUsed, never in extensionsRequired. */
-void pags_gltf_node_extension(pags_gltf *gltf, int node, const char *name, const char *json);
-void pags_gltf_extension(pags_gltf *gltf, const char *name, const char *json);
+void pags_gltf_extension(pags_gltf *gltf, int node, const char *name, const char *json);
 
 /* Animates a node's translation and rotation: `count` rigid poses (3x4, row-major) at `times` (seconds, ascending,
  * from 0), interpolated linearly. The tracks of all nodes are channels of one animation. */
@@ -59,6 +62,16 @@ typedef struct pags_gltf_attribute {
 } pags_gltf_attribute;
 int pags_gltf_points(pags_gltf *gltf, const char *name, int64_t count, const pags_gltf_attribute *attributes,
                      int attribute_count, const char *extension, const char *extension_json);
+
+/* Gives a node the pose of an object relative to the scene's origin, and a moving object's track as animation.
+ * `time_zero` here and below is the scene's time, in seconds, that is 0 in the file. */
+pags_result pags_gltf_node_place(pags_gltf *gltf, int node, const pags_scene *scene, const pags_object *object,
+                                 double time_zero);
+
+/* Adds two nodes below `parent`: `cameras`, with a camera node for every view (held-out views, too), and `ego`, the ego
+ * vehicle, animated with the poses of the camera with the lowest number, turned to x forward, y left, z up. Positions
+ * below `parent` are those of the scene relative to its origin. */
+pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero);
 
 /* Writes a .glb or, for a path that ends in .gltf, that file and its .bin in the same folder. To be called once, last:
  * it empties the buffer. */

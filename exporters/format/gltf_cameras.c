@@ -1,19 +1,30 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes the views of a scene as glTF cameras, and the path of the ego vehicle as an animated node. A view's facts
- * that glTF's perspective camera has no place for (principal point, held out or not) go to the node's extras. */
-#include "exporters/format/gltf_cameras.h"
+/* Writes the views of a scene as glTF cameras, and the tracks of objects and of the ego vehicle as animated nodes. A
+ * view's facts that glTF's perspective camera has no place for (principal point, held out or not) go to the node's
+ * extras. */
+#include "exporters/format/gltf.h"
 
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/file.h"
-#include "base/json.h"
 #include "base/log.h"
-#include "base/memory.h"
 #include "base/sort.h"
+#include "exporters/format/object_gaussians.h"
 #include "scene/scene_json.h"
+
+pags_result pags_gltf_node_place(pags_gltf *gltf, int node, const pags_scene *scene, const pags_object *object,
+                                 double time_zero) {
+  PAGS_AUTO(pags_object_track_destroy) pags_object_track track = {0};
+  PAGS_TRY(pags_object_track_make(scene, object, time_zero, &track));
+  pags_gltf_node_pose(gltf, node, track.poses[0]);
+  if (track.count > 1)
+    pags_gltf_node_track(gltf, node, track.count, track.times, (const double(*)[12])track.poses);
+  return PAGS_OK;
+}
+
+/* ---- Views ---- */
 
 /* A glTF camera that is already in the file. Views of the same intrinsics share it. */
 typedef struct kind {
@@ -21,18 +32,17 @@ typedef struct kind {
   pags_camera camera;
 } kind;
 
-static bool same_lens(const pags_camera *a, const pags_camera *b) {
-  return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy;
-}
-
 /* The index of the glTF camera with the view's intrinsics; added if missing. */
-static int camera_of(pags_gltf *gltf, kind *kinds, int64_t *count, const pags_scene_view *view) {
+static int camera_of(pags_gltf *gltf, kind *kinds, int64_t *count, const pags_camera *camera) {
   char name[32];
-  for (int64_t i = 0; i < *count; i++)
-    if (same_lens(&kinds[i].camera, &view->camera))
+  for (int64_t i = 0; i < *count; i++) {
+    const pags_camera *other = &kinds[i].camera;
+    if (other->width == camera->width && other->height == camera->height && other->fx == camera->fx &&
+        other->fy == camera->fy)
       return kinds[i].index;
+  }
   snprintf(name, sizeof name, "camera_%lld", (long long)*count);
-  kinds[*count] = (kind){pags_gltf_camera(gltf, name, &view->camera), view->camera};
+  kinds[*count] = (kind){pags_gltf_camera(gltf, name, camera), *camera};
   return kinds[(*count)++].index;
 }
 
@@ -64,8 +74,7 @@ static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene
 
   /* The extras: name, whether held out, time, sensor, and the full intrinsics in pixels. */
   const pags_camera *c = &view->camera;
-  pags_json_writer w;
-  pags_json_writer_init(&w, 0);
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer w = {0};
   pags_json_begin_object(&w, NULL);
   pags_json_put_string(&w, "view", view->name);
   pags_json_put_bool(&w, "test", view->test);
@@ -80,12 +89,7 @@ static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene
   pags_json_put_number(&w, "cy", c->cy);
   if (pags_camera_bends(c))
     pags_lens_to_json(&w, "lens", &c->lens);
-  pags_json_end_object(&w);
-  pags_result result = pags_json_writer_finish(&w);
-  if (result == PAGS_OK)
-    pags_gltf_node_extras(gltf, node, w.data);
-  pags_json_writer_destroy(&w);
-  return result;
+  return pags_gltf_put_extras(gltf, node, &w);
 }
 
 static int compare_times(const void *left, const void *right) {
@@ -99,33 +103,28 @@ static int compare_times(const void *left, const void *right) {
 static pags_result add_ego(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero) {
   static const int order[3] = {2, 0, 1};
   static const double sign[3] = {1, -1, -1};
+  const size_t most = (size_t)scene->view_count;
   int sensor = scene->views[0].sensor;
   int64_t count = 0;
-  const pags_scene_view **list = malloc((size_t)scene->view_count * sizeof *list);
-  double *times = malloc((size_t)scene->view_count * sizeof *times);
-  double(*poses)[12] = malloc((size_t)scene->view_count * sizeof *poses);
-  pags_result result =
-      list && times && poses ? PAGS_OK : pags_out_of_memory("%lld views", (long long)scene->view_count);
+  PAGS_AUTOFREE const pags_scene_view **list = malloc(most * sizeof *list);
+  PAGS_AUTOFREE double *times = malloc(most * sizeof *times);
+  PAGS_AUTOFREE double(*poses)[12] = malloc(most * sizeof *poses);
+  PAGS_CHECK_MEMORY(list && times && poses, "%lld views", (long long)scene->view_count);
   for (int64_t i = 1; i < scene->view_count; i++)
     sensor = scene->views[i].sensor < sensor ? scene->views[i].sensor : sensor;
-  for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; i++)
+  for (int64_t i = 0; i < scene->view_count; i++)
     if (scene->views[i].sensor == sensor)
       list[count++] = &scene->views[i];
-  if (result == PAGS_OK) {
-    pags_sort(list, count, sizeof *list, compare_times);
-    for (int64_t i = 0; i < count; i++) {
-      times[i] = list[i]->camera.time - time_zero;
-      turn(scene, list[i]->camera.world_from_camera, order, sign, poses[i]);
-    }
-    int node = pags_gltf_node(gltf, parent, "ego");
-    pags_gltf_node_pose(gltf, node, poses[0]);
-    if (times[count - 1] > times[0])
-      pags_gltf_node_track(gltf, node, count, times, (const double(*)[12])poses);
+  pags_sort(list, count, sizeof *list, compare_times);
+  for (int64_t i = 0; i < count; i++) {
+    times[i] = list[i]->camera.time - time_zero;
+    turn(scene, list[i]->camera.world_from_camera, order, sign, poses[i]);
   }
-  free(list);
-  free(times);
-  free(poses);
-  return result;
+  int node = pags_gltf_node(gltf, parent, "ego");
+  pags_gltf_node_pose(gltf, node, poses[0]);
+  if (times[count - 1] > times[0])
+    pags_gltf_node_track(gltf, node, count, times, (const double(*)[12])poses);
+  return PAGS_OK;
 }
 
 pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero) {
@@ -140,13 +139,12 @@ pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *s
         "glTF has no lenses: %lld of %lld cameras are pinholes of the same focal lengths there; their lens "
         "is in the extras",
         (long long)bent, (long long)scene->view_count);
-  kind *kinds = malloc((size_t)scene->view_count * sizeof *kinds);
+  PAGS_AUTOFREE kind *kinds = malloc((size_t)scene->view_count * sizeof *kinds);
   PAGS_CHECK_MEMORY(kinds, "%lld views", (long long)scene->view_count);
   int group = pags_gltf_node(gltf, parent, "cameras");
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; i++)
-    result = add_view(gltf, group, scene, &scene->views[i], camera_of(gltf, kinds, &kind_count, &scene->views[i]),
-                      time_zero);
-  free(kinds);
-  return result == PAGS_OK ? add_ego(gltf, parent, scene, time_zero) : result;
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    const pags_scene_view *view = &scene->views[i];
+    PAGS_TRY(add_view(gltf, group, scene, view, camera_of(gltf, kinds, &kind_count, &view->camera), time_zero));
+  }
+  return add_ego(gltf, parent, scene, time_zero);
 }

@@ -8,25 +8,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/json.h"
-#include "base/memory.h"
+#include "exporters/format/bake.h"
 #include "exporters/format/gltf.h"
 #include "exporters/format/object_gaussians.h"
-#include "exporters/format/presence.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
 
 /* ---- One set of Gaussians ---- */
-
-static double sigmoid(double x) {
-  return 1 / (1 + pags_exp(-x));
-}
-
-/* sRGB to linear light (IEC 61966-2-1). */
-static double linear(double v) {
-  v = fmin(fmax(v, 0), 1);
-  return v <= 0.04045 ? v / 12.92 : pags_pow((v + 0.055) / 1.055, 2.4);
-}
 
 /* The attributes of a point primitive. */
 typedef struct columns {
@@ -36,6 +24,10 @@ typedef struct columns {
   int count;
   size_t used, rows;
 } columns;
+
+static void forget_columns(columns *c) {
+  free(c->block);
+}
 
 /* Adds an attribute and returns where its values go: `rows` times `components` floats. */
 static float *add_column(columns *c, const char *name, int components) {
@@ -65,9 +57,9 @@ static void fill_columns(const pags_gaussians *g, columns *c) {
     for (int k = 0; k < 3; k++) {
       position[3 * i + k] = pags_plane(g, PAGS_MEAN + k)[i];
       scale[3 * i + k] = (float)fmin(pags_exp((double)pags_plane(g, PAGS_SCALE + k)[i]), (double)FLT_MAX);
-      color[4 * i + k] = (float)linear(0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + k)[i]);
+      color[4 * i + k] = (float)pags_splat_linear(0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + k)[i]);
     }
-    opacity[i] = color[4 * i + 3] = (float)sigmoid((double)pags_plane(g, PAGS_OPACITY)[i]);
+    opacity[i] = color[4 * i + 3] = (float)pags_splat_opacity(g, i);
   }
   for (int degree = 0, k = 0; degree <= g->sh_degree; degree++)
     for (int n = 0; n <= 2 * degree; ++n, ++k) {
@@ -84,57 +76,40 @@ static pags_result add_points(pags_gltf *gltf, int node, const char *name, const
   static const char extension[] =
       "{\"kernel\":\"ellipse\",\"colorSpace\":\"srgb_rec709_display\",\"projection\":\"perspective\","
       "\"sortingMethod\":\"cameraDistance\"}";
-  columns *c = calloc(1, sizeof *c);
-  if (c)
-    c->block = malloc(((size_t)g->count * (15 + 3 * (size_t)pags_sh_coefficients(g->sh_degree)) + 1) * sizeof(float));
-  if (!c || !c->block) {
-    free(c);
-    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  }
-  c->rows = (size_t)g->count;
-  fill_columns(g, c);
+  const size_t rows = (size_t)g->count, width = 15 + 3 * (size_t)pags_sh_coefficients(g->sh_degree);
+  PAGS_AUTO(forget_columns) columns c = {.block = malloc((rows * width + 1) * sizeof *c.block), .rows = rows};
+  PAGS_CHECK_MEMORY(c.block, "%lld Gaussians", (long long)g->count);
+  fill_columns(g, &c);
   pags_gltf_node_mesh(gltf, node,
-                      pags_gltf_points(gltf, name, g->count, c->list, c->count, "KHR_gaussian_splatting", extension));
-  free(c->block);
-  free(c);
+                      pags_gltf_points(gltf, name, g->count, c.list, c.count, "KHR_gaussian_splatting", extension));
   return PAGS_OK;
 }
 
 /* What the file says of the scene besides, as extras of the asset. */
 static pags_result put_asset(pags_gltf *gltf, const pags_scene *scene, float converted_from) {
-  pags_json_writer w;
-  pags_json_writer_init(&w, 0);
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer w = {0};
   pags_json_begin_object(&w, NULL);
   pags_json_put_bool(&w, "antialiased", scene->antialiased != 0);
   pags_json_put_numbers(&w, "origin", scene->origin, 3);
   pags_json_put_string(&w, "up", pags_up_code(scene->up));
   if (converted_from > 0.0f)
     pags_json_put_number(&w, "converted_from_alpha_min", (double)converted_from);
-  pags_json_end_object(&w);
-  const pags_result result = pags_json_writer_finish(&w);
-  if (result == PAGS_OK)
-    pags_gltf_asset_extras(gltf, w.data);
-  pags_json_writer_destroy(&w);
-  return result;
+  return pags_gltf_put_extras(gltf, -1, &w);
 }
 
 /* The rotation to glTF's Y up is the root node's, as in files of proxies, so that means, rotations and harmonics below
  * it stay in the scene's axes. */
 pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, const pags_gaussians *g,
                                   float converted_from) {
-  pags_gltf *gltf;
+  PAGS_AUTO(pags_gltf_destroy_auto) pags_gltf *gltf = NULL;
   if (!g->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian at that time", path);
   PAGS_TRY(pags_gltf_create(&gltf));
   int root = pags_gltf_node(gltf, -1, "scene");
   pags_gltf_node_up(gltf, root, scene->up);
-  pags_result result = put_asset(gltf, scene, converted_from);
-  if (result == PAGS_OK)
-    result = add_points(gltf, pags_gltf_node(gltf, root, "splats"), "splats", g);
-  if (result == PAGS_OK)
-    result = pags_gltf_save(gltf, path);
-  pags_gltf_destroy(gltf);
-  return result;
+  PAGS_TRY(put_asset(gltf, scene, converted_from));
+  PAGS_TRY(add_points(gltf, pags_gltf_node(gltf, root, "splats"), "splats", g));
+  return pags_gltf_save(gltf, path);
 }
 
 /* ---- A node for each object ---- */
@@ -143,51 +118,35 @@ pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, con
  * of no object as the node `background`. Adds the number of Gaussians to `count`. */
 static pags_result add_owned(pags_gltf *gltf, int root, pags_composition *composition, int64_t object, double time_zero,
                              const pags_splat_options *options, int degree, int64_t *count) {
-  pags_gaussians g;
-  pags_object_gaussians_track track = {0};
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
   char name[96];
   const pags_scene *scene = pags_composition_scene(composition);
   PAGS_TRY(pags_object_gaussians(composition, object, options->time, degree, &g));
-  pags_result result = PAGS_OK;
-  if (g.count) {
-    snprintf(name, sizeof name, "%.80s", object < 0 ? "background" : scene->objects[object].record.id);
-    int node = pags_gltf_node(gltf, root, name);
-    if (object >= 0)
-      result = pags_object_gaussians_track_make(composition, object, time_zero, &track);
-    if (result == PAGS_OK && track.count)
-      pags_gltf_node_pose(gltf, node, track.poses[0]);
-    if (result == PAGS_OK && track.count > 1)
-      pags_gltf_node_track(gltf, node, track.count, track.times, (const double(*)[12])track.poses);
-    pags_object_gaussians_track_destroy(&track);
-    if (result == PAGS_OK)
-      result = add_points(gltf, node, name, &g);
-    *count += g.count;
-  }
-  pags_gaussians_destroy(&g);
-  return result;
+  if (!g.count)
+    return PAGS_OK;
+  snprintf(name, sizeof name, "%.80s", object < 0 ? "background" : scene->objects[object].record.id);
+  int node = pags_gltf_node(gltf, root, name);
+  if (object >= 0)
+    PAGS_TRY(pags_gltf_node_place(gltf, node, scene, &scene->objects[object].record, time_zero));
+  *count += g.count;
+  return add_points(gltf, node, name, &g);
 }
 
 pags_result pags_gltf_tracks_save(const char *path, pags_composition *composition, const pags_splat_options *options,
                                   int64_t *count) {
   const pags_scene *scene = pags_composition_scene(composition);
+  PAGS_AUTO(pags_gltf_destroy_auto) pags_gltf *gltf = NULL;
   int degree;
-  double time_zero = scene->time_begin;
-  pags_gltf *gltf;
   PAGS_TRY(pags_presence_tell(scene));
   PAGS_TRY(pags_object_gaussians_degree(composition, options->sh_degree, &degree));
   PAGS_TRY(pags_gltf_create(&gltf));
   int root = pags_gltf_node(gltf, -1, "scene");
   pags_gltf_node_up(gltf, root, scene->up);
-  for (int64_t i = 0; i < scene->object_count; i++)
-    time_zero = fmin(time_zero, scene->objects[i].record.keyframes[0].time);
-  pags_result result = put_asset(gltf, scene, 0.0f);
+  PAGS_TRY(put_asset(gltf, scene, 0.0f));
   *count = 0;
-  for (int64_t i = -1; i < scene->object_count && result == PAGS_OK; i++)
-    result = add_owned(gltf, root, composition, i, time_zero, options, degree, count);
-  if (result == PAGS_OK && !*count)
-    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian", path);
-  if (result == PAGS_OK)
-    result = pags_gltf_save(gltf, path);
-  pags_gltf_destroy(gltf);
-  return result;
+  for (int64_t i = -1; i < scene->object_count; i++)
+    PAGS_TRY(add_owned(gltf, root, composition, i, pags_scene_time_zero(scene), options, degree, count));
+  if (!*count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian", path);
+  return pags_gltf_save(gltf, path);
 }

@@ -1,24 +1,29 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Extracts the Gaussians of one object in its own frame. The composition places the object at the identity
- * pose, so that the Gaussians it would draw in the world are in the object's frame. Also makes objects' tracks. */
+ * pose, so that the Gaussians it would draw in the world are in the object's frame. Also makes objects' tracks, and
+ * finds when an object is there, by the rule of pags_object_pose: at its labels, between those at most 1.5 median
+ * spacings apart, and half a spacing beyond. */
 #include "exporters/format/object_gaussians.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "base/memory.h"
+#include "base/sort.h"
+#include "base/vec3.h"
 #include "exporters/format/bake.h"
+#include "exporters/proxy/object_proxy.h"
 
-/* The pose of a parked object relative to the scene's origin: the pose of the middle one of its labels, by which its
- * proxy is made, too. */
-static void parked_pose(const pags_scene *scene, const pags_object *record, double out[12]) {
-  const pags_keyframe *keyframe = &record->keyframes[record->keyframe_count / 2];
-  if (!pags_object_pose(record, keyframe->time, out))
-    memcpy(out, keyframe->world_from_object, 12 * sizeof *out);
-  for (int k = 0; k < 3; k++)
-    out[4 * k + 3] -= scene->origin[k];
+double pags_scene_time_zero(const pags_scene *scene) {
+  double zero = scene->time_begin;
+  for (int64_t i = 0; i < scene->object_count; i++)
+    zero = fmin(zero, scene->objects[i].record.keyframes[0].time);
+  return zero;
 }
+
+/* ---- Gaussians ---- */
 
 pags_result pags_object_gaussians(pags_composition *composition, int64_t object, double time, int sh_degree,
                                   pags_gaussians *out) {
@@ -29,12 +34,12 @@ pags_result pags_object_gaussians(pags_composition *composition, int64_t object,
   if (object >= 0 && !pags_composition_is_tracked(composition, object)) {
     /* The composition moves a parked object's Gaussians by (placement x inverse of the rest pose). For Gaussians
      * relative to the parked pose the placement must be (inverse of the parked pose x rest pose). */
+    const pags_object *record = &scene->objects[object].record;
     double parked[12], back[12], rest[12];
-    parked_pose(scene, &scene->objects[object].record, parked);
+    pags_object_label_pose(scene, record, record->keyframe_count / 2, parked);
     pags_rigid_inverse(parked, back);
     pags_composition_rest_pose(composition, object, rest);
-    for (int k = 0; k < 3; k++)
-      rest[4 * k + 3] -= scene->origin[k];
+    pags_pose_subtract(rest, scene->origin);
     pags_rigid_multiply(back, rest, placement.world_from_object);
   }
   for (int k = 0; k < 3 && object >= 0; k++)
@@ -60,35 +65,70 @@ pags_result pags_object_gaussians_degree(pags_composition *composition, int most
   return PAGS_OK;
 }
 
-pags_result pags_object_gaussians_track_make(const pags_composition *composition, int64_t object, double time_zero,
-                                             pags_object_gaussians_track *out) {
-  const pags_scene *scene = pags_composition_scene(composition);
-  const pags_object *record = &scene->objects[object].record;
-  int64_t count = record->moving ? record->keyframe_count : 1;
-  *out = (pags_object_gaussians_track){.count = count,
-                                       .times = malloc((size_t)count * sizeof *out->times),
-                                       .poses = malloc((size_t)count * sizeof *out->poses)};
-  if (!out->times || !out->poses) {
-    pags_object_gaussians_track_destroy(out);
-    return pags_out_of_memory("a track");
-  }
+/* ---- Tracks ---- */
+
+pags_result pags_object_track_make(const pags_scene *scene, const pags_object *object, double time_zero,
+                                   pags_object_track *out) {
+  const int64_t count = object->moving ? object->keyframe_count : 1;
+  *out = (pags_object_track){.count = count,
+                             .times = malloc((size_t)count * sizeof *out->times),
+                             .poses = malloc((size_t)count * sizeof *out->poses)};
+  PAGS_CHECK_MEMORY(out->times && out->poses, "a track");
   for (int64_t i = 0; i < count; i++) {
-    const pags_keyframe *keyframe = &record->keyframes[i];
-    out->times[i] = keyframe->time - time_zero;
-    if (!record->moving) {
-      parked_pose(scene, record, out->poses[i]);
-      continue;
-    }
-    if (!pags_object_pose(record, keyframe->time, out->poses[i]))
-      memcpy(out->poses[i], keyframe->world_from_object, sizeof out->poses[i]);
-    for (int k = 0; k < 3; k++)
-      out->poses[i][4 * k + 3] -= scene->origin[k];
+    out->times[i] = object->keyframes[i].time - time_zero;
+    pags_object_label_pose(scene, object, object->moving ? i : object->keyframe_count / 2, out->poses[i]);
   }
   return PAGS_OK;
 }
 
-void pags_object_gaussians_track_destroy(pags_object_gaussians_track *track) {
+void pags_object_track_destroy(pags_object_track *track) {
   free(track->times);
   free(track->poses);
-  *track = (pags_object_gaussians_track){0};
+  *track = (pags_object_track){0};
+}
+
+void pags_presence_destroy(pags_presence *presence) {
+  free(presence->spans);
+  *presence = (pags_presence){0};
+}
+
+pags_result pags_presence_find(const pags_scene *scene, int64_t object, pags_presence *out) {
+  static const double same_time = 1e-6; /* seconds */
+  const pags_object *o = &scene->objects[object].record;
+  *out = (pags_presence){.always = true};
+  if (scene->objects[object].model < 0 && !o->moving)
+    return PAGS_OK;
+  PAGS_AUTOFREE double *spacings = malloc((size_t)o->keyframe_count * sizeof *spacings);
+  out->spans = malloc((size_t)o->keyframe_count * sizeof *out->spans);
+  PAGS_CHECK_MEMORY(spacings && out->spans, "a track");
+  for (int64_t i = 0; i + 1 < o->keyframe_count; i++)
+    spacings[i] = o->keyframes[i + 1].time - o->keyframes[i].time;
+  pags_sort_doubles(spacings, o->keyframe_count - 1);
+  const double usual = o->keyframe_count > 1 ? spacings[(o->keyframe_count - 1) / 2] : o->time_step;
+  for (int64_t i = 0; i < o->keyframe_count; i++) {
+    const double begins = o->keyframes[i].time - 0.5 * usual, ends = o->keyframes[i].time + 0.5 * usual;
+    if (out->count && o->keyframes[i].time - o->keyframes[i - 1].time <= 1.5 * usual + same_time)
+      out->spans[out->count - 1][1] = ends;
+    else
+      memcpy(out->spans[out->count++], (double[2]){begins, ends}, sizeof *out->spans);
+  }
+  out->always = out->count == 1 && out->spans[0][0] <= scene->time_begin + same_time &&
+                out->spans[0][1] >= scene->time_end - same_time;
+  return PAGS_OK;
+}
+
+pags_result pags_presence_tell(const pags_scene *scene) {
+  int64_t count = 0, first = 0;
+  for (int64_t i = 0; i < scene->object_count; i++) {
+    PAGS_AUTO(pags_presence_destroy) pags_presence presence = {0};
+    PAGS_TRY(pags_presence_find(scene, i, &presence));
+    first = !presence.always && !count ? i : first;
+    count += !presence.always;
+  }
+  if (count)
+    pags_log_message(PAGS_LOG_INFO,
+                     "%lld of %lld objects come late or leave, the first is %s: in glTF they stand still before and "
+                     "after their tracks (extras: time_begin, time_end)",
+                     (long long)count, (long long)scene->object_count, scene->objects[first].record.id);
+  return PAGS_OK;
 }

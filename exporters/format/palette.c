@@ -70,7 +70,7 @@ static void search_ends(search *s, int level, int lo, int hi, int first, int las
 }
 
 pags_result pags_codebook_choose(pags_codebook *book) {
-  search *s = calloc(1, sizeof *s);
+  PAGS_AUTOFREE search *s = calloc(1, sizeof *s);
   PAGS_CHECK_MEMORY(s, "a codebook");
   for (int i = 0; i < BINS; i++) {
     s->weight[i + 1] = s->weight[i] + book->weight[i];
@@ -90,7 +90,6 @@ pags_result pags_codebook_choose(pags_codebook *book) {
     book->values[level] = (float)(weight > 0 ? book->lo + (s->sum[end] - s->sum[from]) / weight : next);
     end = from;
   }
-  free(s);
   return PAGS_OK;
 }
 
@@ -190,6 +189,12 @@ static bool comes_before(const splitter *s, int32_t a, int32_t b) {
   return x > y || (!(x < y) && a < b);
 }
 
+static void swap(int32_t *items, int64_t a, int64_t b) {
+  const int32_t moved = items[a];
+  items[a] = items[b];
+  items[b] = moved;
+}
+
 /* Puts the heap's entry `at` where it belongs among those below it. */
 static void sink(splitter *s, int64_t at) {
   for (;;) {
@@ -199,18 +204,8 @@ static void sink(splitter *s, int64_t at) {
         best = child;
     if (best == at)
       return;
-    const int32_t moved = s->heap[at];
-    s->heap[at] = s->heap[best];
-    s->heap[best] = moved;
+    swap(s->heap, at, best);
     at = best;
-  }
-}
-
-static void rise(splitter *s, int64_t at) {
-  for (; at > 0 && comes_before(s, s->heap[at], s->heap[(at - 1) / 2]); at = (at - 1) / 2) {
-    const int32_t moved = s->heap[at];
-    s->heap[at] = s->heap[(at - 1) / 2];
-    s->heap[(at - 1) / 2] = moved;
   }
 }
 
@@ -226,11 +221,8 @@ static bool split(splitter *s) {
   while (middle < last)
     if (project(s, middle, mean, axis) > 0)
       middle++;
-    else {
-      const int32_t moved = s->order[middle];
-      s->order[middle] = s->order[--last];
-      s->order[last] = moved;
-    }
+    else
+      swap(s->order, middle, --last);
   if (middle == l->begin || middle == l->end) { /* what spread there is is rounding */
     l->error = 0;
     sink(s, 0);
@@ -246,35 +238,31 @@ static bool split(splitter *s) {
   s->heap[s->count] = (int32_t)s->count;
   s->count++;
   sink(s, 0);
-  rise(s, s->count - 1);
+  for (int64_t at = s->count - 1; at > 0 && comes_before(s, s->heap[at], s->heap[(at - 1) / 2]); at = (at - 1) / 2)
+    swap(s->heap, at, (at - 1) / 2); /* the new entry rises to its place */
   return true;
 }
 
 pags_result pags_palette_make(const float *rows, int64_t count, int width, int64_t most, float *entries,
                               int32_t *labels, int64_t *found) {
-  splitter s = {.rows = rows, .width = width, .count = 1};
+  PAGS_AUTOFREE int32_t *order = malloc((size_t)count * sizeof *order);
+  PAGS_AUTOFREE leaf *leaves = calloc((size_t)most + 1, sizeof *leaves);
+  PAGS_AUTOFREE int32_t *heap = calloc((size_t)most + 1, sizeof *heap);
+  PAGS_CHECK_MEMORY(order && leaves && heap, "a palette");
+  splitter s = {.rows = rows, .width = width, .order = order, .leaves = leaves, .count = 1, .heap = heap};
   double mean[WIDEST];
-  s.order = malloc((size_t)count * sizeof *s.order);
-  s.leaves = calloc((size_t)most + 1, sizeof *s.leaves);
-  s.heap = calloc((size_t)most + 1, sizeof *s.heap);
-  pags_result result = s.order && s.leaves && s.heap ? PAGS_OK : pags_out_of_memory("a palette");
-  if (result == PAGS_OK) {
-    for (int64_t i = 0; i < count; i++)
-      s.order[i] = (int32_t)i;
-    s.leaves[0] = (leaf){.end = count, .error = HUGE_VAL};
-    while (s.count < most && split(&s))
-      continue;
-    for (int64_t i = 0; i < s.count; i++) {
-      find_mean(&s, &s.leaves[i], mean);
-      for (int k = 0; k < width; k++)
-        entries[i * width + k] = (float)mean[k];
-      for (int64_t r = s.leaves[i].begin; r < s.leaves[i].end; r++)
-        labels[s.order[r]] = (int32_t)i;
-    }
-    *found = s.count;
+  for (int64_t i = 0; i < count; i++)
+    order[i] = (int32_t)i;
+  leaves[0] = (leaf){.end = count, .error = HUGE_VAL};
+  while (s.count < most && split(&s))
+    continue;
+  for (int64_t i = 0; i < s.count; i++) {
+    find_mean(&s, &leaves[i], mean);
+    for (int k = 0; k < width; k++)
+      entries[i * width + k] = (float)mean[k];
+    for (int64_t r = leaves[i].begin; r < leaves[i].end; r++)
+      labels[order[r]] = (int32_t)i;
   }
-  free(s.order);
-  free(s.leaves);
-  free(s.heap);
-  return result;
+  *found = s.count;
+  return PAGS_OK;
 }

@@ -14,8 +14,8 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
+#include "exporters/format/bake.h"
 #include "exporters/format/palette.h"
-#include "exporters/format/zip_save.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
 #include "scene/webp.h"
@@ -38,12 +38,20 @@ typedef struct sog_writer {
   pags_json_writer meta;
 } sog_writer;
 
+static void forget_writer(sog_writer *w) {
+  for (int i = 0; i < w->file_count; i++)
+    free(w->files[i].bytes);
+  pags_json_writer_destroy(&w->meta);
+  free(w->order);
+  free(w->pixels);
+}
+
 /* Whether the path is that of the meta.json of a SOG in a folder. */
 static bool is_meta(const char *path) {
   return strcasecmp(pags_path_name(path), "meta.json") == 0;
 }
 
-int pags_sog_is_path(const char *path) {
+bool pags_sog_is_path(const char *path) {
   return strcasecmp(pags_path_extension(path), ".sog") == 0 || is_meta(path);
 }
 
@@ -61,20 +69,18 @@ static double value_of(const sog_writer *w, int plane, int64_t row) {
   return (double)pags_plane(w->g, plane)[w->order[row]];
 }
 
-static uint8_t to_byte(double value) {
-  return (uint8_t)fmin(fmax(floor(value + 0.5), 0), 255);
-}
-
 static double to_log(double x) {
   const double size = pags_log(fabs(x) + 1);
   return x < 0 ? -size : size;
 }
 
+/* Lists pictures and closes their object in meta.json. */
 static void put_files(sog_writer *w, const char *const *names, int count) {
   pags_json_begin_array(&w->meta, "files");
   for (int i = 0; i < count; i++)
     pags_json_put_string(&w->meta, NULL, names[i]);
   pags_json_end_array(&w->meta);
+  pags_json_end_object(&w->meta);
 }
 
 static pags_result put_means(sog_writer *w) {
@@ -102,7 +108,6 @@ static pags_result put_means(sog_writer *w) {
   pags_json_put_numbers(&w->meta, "mins", lo, 3);
   pags_json_put_numbers(&w->meta, "maxs", hi, 3);
   put_files(w, names, 2);
-  pags_json_end_object(&w->meta);
   return PAGS_OK;
 }
 
@@ -119,101 +124,90 @@ static pags_result put_quats(sog_writer *w) {
     const double scale = length > 0 ? (q[largest] < 0 ? -1 : 1) / sqrt(length) : 0;
     for (int k = 0, to = 0; k < 4; k++)
       if (k != largest)
-        w->pixels[4 * i + to++] = to_byte(127.5 * (q[k] * scale * 1.41421356237309505 + 1));
+        w->pixels[4 * i + to++] = pags_splat_byte(127.5 * (q[k] * scale * 1.41421356237309505 + 1));
     w->pixels[4 * i + 3] = (uint8_t)(252 + largest);
   }
   pags_json_begin_object(&w->meta, "quats");
   put_files(w, names, 1);
-  pags_json_end_object(&w->meta);
   return add_picture(w, names[0], w->pixels, w->width, w->height);
 }
 
-static void put_codebook(sog_writer *w, const pags_codebook *book) {
-  double values[PAGS_CODEBOOK];
+/* Chooses and writes a codebook of `count` values; those of row i / width count as often as `members`, or NULL once,
+ * says. */
+static pags_result put_codebook(sog_writer *w, const float *values, int64_t count, const int32_t *members,
+                                int64_t width, pags_codebook *book) {
+  double lo = HUGE_VAL, hi = -HUGE_VAL, chosen[PAGS_CODEBOOK];
+  for (int64_t i = 0; i < count; i++) {
+    lo = fmin(lo, (double)values[i]);
+    hi = fmax(hi, (double)values[i]);
+  }
+  PAGS_TRY(pags_codebook_create(book, lo, hi));
+  for (int64_t i = 0; i < count; i++)
+    pags_codebook_add(book, (double)values[i], members ? members[i / width] : 1);
+  PAGS_TRY(pags_codebook_choose(book));
   for (int i = 0; i < PAGS_CODEBOOK; i++)
-    values[i] = (double)book->values[i];
-  pags_json_put_numbers(&w->meta, "codebook", values, PAGS_CODEBOOK);
+    chosen[i] = (double)book->values[i];
+  pags_json_put_numbers(&w->meta, "codebook", chosen, PAGS_CODEBOOK);
+  return PAGS_OK;
+}
+
+/* The values of `width` planes, row by row; freed by the caller. NULL if out of memory. */
+static float *rows_of(const sog_writer *w, int plane, int width) {
+  float *rows = malloc((size_t)w->g->count * (size_t)width * sizeof *rows);
+  for (int64_t i = 0; rows && i < w->g->count; i++)
+    for (int k = 0; k < width; k++)
+      rows[i * width + k] = pags_plane(w->g, plane + k)[w->order[i]];
+  return rows;
 }
 
 /* Writes three planes through one codebook. `opacity`: the fourth channel holds it; otherwise 255. */
-static pags_result put_planes(sog_writer *w, const char *key, const char *const names[1], int plane, bool opacity) {
-  double lo = HUGE_VAL, hi = -HUGE_VAL;
-  pags_codebook book;
-  for (int k = 0; k < 3; k++)
-    for (int64_t i = 0; i < w->g->count; i++) {
-      lo = fmin(lo, value_of(w, plane + k, i));
-      hi = fmax(hi, value_of(w, plane + k, i));
-    }
-  PAGS_TRY(pags_codebook_create(&book, lo, hi));
-  for (int64_t i = 0; i < w->g->count; i++)
+static pags_result put_planes(sog_writer *w, const char *key, const char *name, int plane, bool opacity) {
+  PAGS_AUTO(pags_codebook_destroy) pags_codebook book = {0};
+  PAGS_AUTOFREE float *rows = rows_of(w, plane, 3);
+  PAGS_CHECK_MEMORY(rows, "a codebook");
+  pags_json_begin_object(&w->meta, key);
+  PAGS_TRY(put_codebook(w, rows, 3 * w->g->count, NULL, 1, &book));
+  put_files(w, &name, 1);
+  for (int64_t i = 0; i < w->g->count; i++) {
     for (int k = 0; k < 3; k++)
-      pags_codebook_add(&book, value_of(w, plane + k, i), 1);
-  pags_result result = pags_codebook_choose(&book);
-  for (int64_t i = 0; i < w->g->count && result == PAGS_OK; i++) {
-    for (int k = 0; k < 3; k++)
-      w->pixels[4 * i + k] = pags_codebook_index(&book, value_of(w, plane + k, i));
-    w->pixels[4 * i + 3] = opacity ? to_byte(255 / (1 + pags_exp(-value_of(w, PAGS_OPACITY, i)))) : 255;
+      w->pixels[4 * i + k] = pags_codebook_index(&book, (double)rows[3 * i + k]);
+    w->pixels[4 * i + 3] = opacity ? pags_splat_byte(255 / (1 + pags_exp(-value_of(w, PAGS_OPACITY, i)))) : 255;
   }
-  if (result == PAGS_OK) {
-    pags_json_begin_object(&w->meta, key);
-    put_codebook(w, &book);
-    put_files(w, names, 1);
-    pags_json_end_object(&w->meta);
-    result = add_picture(w, names[0], w->pixels, w->width, w->height);
-  }
-  pags_codebook_destroy(&book);
-  return result;
+  return add_picture(w, name, w->pixels, w->width, w->height);
 }
 
 /* ---- Harmonics ---- */
 
-/* Returns how many entries the palette may have: as splat-transform chooses it, 1,024 to 65,536 by the count, and all
- * of few Gaussians. */
-static int64_t palette_size(int64_t count) {
-  int64_t size = 1024;
-  while (size < 65536 && 2 * size <= count)
-    size *= 2;
-  return count < size ? count : size;
-}
-
 /* Writes the palette's picture, 64 entries a row, whose values are chosen by how many Gaussians have them. */
 static pags_result put_entries(sog_writer *w, const float *entries, const int32_t *members, int64_t count, int terms) {
   const int width = PALETTE_ROW * terms, height = (int)((count + PALETTE_ROW - 1) / PALETTE_ROW);
-  double lo = HUGE_VAL, hi = -HUGE_VAL;
-  pags_codebook book;
-  for (int64_t i = 0; i < count * 3 * terms; i++) {
-    lo = fmin(lo, (double)entries[i]);
-    hi = fmax(hi, (double)entries[i]);
-  }
-  uint8_t *pixels = calloc((size_t)width * (size_t)height, 4);
+  PAGS_AUTO(pags_codebook_destroy) pags_codebook book = {0};
+  PAGS_AUTOFREE uint8_t *pixels = calloc((size_t)width * (size_t)height, 4);
   PAGS_CHECK_MEMORY(pixels, "a palette");
-  pags_result result = pags_codebook_create(&book, lo, hi);
-  for (int64_t i = 0; i < count * 3 * terms && result == PAGS_OK; i++)
-    pags_codebook_add(&book, (double)entries[i], members[i / (3 * terms)]);
-  if (result == PAGS_OK)
-    result = pags_codebook_choose(&book);
-  for (int64_t i = 0; i < count * terms && result == PAGS_OK; i++) {
+  PAGS_TRY(put_codebook(w, entries, count * 3 * terms, members, 3 * terms, &book));
+  for (int64_t i = 0; i < count * terms; i++) {
     for (int c = 0; c < 3; c++)
       pixels[4 * i + c] = pags_codebook_index(&book, (double)entries[3 * i + c]);
     pixels[4 * i + 3] = 255;
   }
-  if (result == PAGS_OK)
-    put_codebook(w, &book);
-  if (result == PAGS_OK)
-    result = add_picture(w, "shN_centroids.webp", pixels, width, height);
-  pags_codebook_destroy(&book);
-  free(pixels);
-  return result;
+  return add_picture(w, "shN_centroids.webp", pixels, width, height);
 }
 
-static pags_result put_palette(sog_writer *w, float *rows, float *entries, int32_t *labels, int32_t *members,
-                               int64_t most) {
+static pags_result put_harmonics(sog_writer *w) {
   static const char *const names[2] = {"shN_centroids.webp", "shN_labels.webp"};
   const int terms = pags_sh_coefficients(w->g->sh_degree) - 1;
-  int64_t found;
-  for (int64_t i = 0; i < w->g->count; i++)
-    for (int k = 0; k < 3 * terms; k++)
-      rows[i * 3 * terms + k] = (float)value_of(w, PAGS_SH + 3 + k, i);
+  const size_t width = 3 * (size_t)terms, count = (size_t)w->g->count;
+
+  /* The palette has as many entries as splat-transform's, 1,024 to 65,536 by the count, and all of few Gaussians. */
+  int64_t most = 1024, found;
+  while (most < 65536 && 2 * most <= w->g->count)
+    most *= 2;
+  most = w->g->count < most ? w->g->count : most;
+  PAGS_AUTOFREE float *rows = rows_of(w, PAGS_SH + 3, 3 * terms);
+  PAGS_AUTOFREE float *entries = malloc((size_t)most * width * sizeof *entries);
+  PAGS_AUTOFREE int32_t *labels = malloc(count * sizeof *labels);
+  PAGS_AUTOFREE int32_t *members = calloc((size_t)most, sizeof *members);
+  PAGS_CHECK_MEMORY(rows && entries && labels && members, "harmonics of %lld Gaussians", (long long)w->g->count);
   PAGS_TRY(pags_palette_make(rows, w->g->count, 3 * terms, most, entries, labels, &found));
   for (int64_t i = 0; i < w->g->count; i++)
     members[labels[i]]++;
@@ -222,35 +216,14 @@ static pags_result put_palette(sog_writer *w, float *rows, float *entries, int32
   pags_json_put_integer(&w->meta, "bands", w->g->sh_degree);
   PAGS_TRY(put_entries(w, entries, members, found, terms));
   put_files(w, names, 2);
-  pags_json_end_object(&w->meta);
-  for (int64_t i = 0; i < w->g->count; i++) {
-    w->pixels[4 * i] = (uint8_t)labels[i];
-    w->pixels[4 * i + 1] = (uint8_t)(labels[i] >> 8);
-    w->pixels[4 * i + 2] = 0;
-    w->pixels[4 * i + 3] = 255;
-  }
+  for (int64_t i = 0; i < w->g->count; i++)
+    memcpy(w->pixels + 4 * i, (const uint8_t[4]){(uint8_t)labels[i], (uint8_t)(labels[i] >> 8), 0, 255}, 4);
   return add_picture(w, names[1], w->pixels, w->width, w->height);
-}
-
-static pags_result put_harmonics(sog_writer *w) {
-  const size_t width = 3 * ((size_t)pags_sh_coefficients(w->g->sh_degree) - 1), count = (size_t)w->g->count;
-  const int64_t most = palette_size(w->g->count);
-  float *rows = malloc(count * width * sizeof *rows), *entries = malloc((size_t)most * width * sizeof *entries);
-  int32_t *labels = malloc(count * sizeof *labels), *members = calloc((size_t)most, sizeof *members);
-  const pags_result result = rows && entries && labels && members
-                                 ? put_palette(w, rows, entries, labels, members, most)
-                                 : pags_out_of_memory("harmonics of %lld Gaussians", (long long)w->g->count);
-  free(rows);
-  free(entries);
-  free(labels);
-  free(members);
-  return result;
 }
 
 /* ---- meta.json ---- */
 
 static pags_result make_files(sog_writer *w, const pags_scene *scene) {
-  static const char *const scales[1] = {"scales.webp"}, *const sh0[1] = {"sh0.webp"};
   pags_json_begin_object(&w->meta, NULL);
   pags_json_put_integer(&w->meta, "version", 2);
   pags_json_begin_object(&w->meta, "asset");
@@ -263,9 +236,9 @@ static pags_result make_files(sog_writer *w, const pags_scene *scene) {
   if (scene->antialiased)
     pags_json_put_string(&w->meta, "model", "antialiased");
   PAGS_TRY(put_means(w));
-  PAGS_TRY(put_planes(w, "scales", scales, PAGS_SCALE, false));
+  PAGS_TRY(put_planes(w, "scales", "scales.webp", PAGS_SCALE, false));
   PAGS_TRY(put_quats(w));
-  PAGS_TRY(put_planes(w, "sh0", sh0, PAGS_SH, true));
+  PAGS_TRY(put_planes(w, "sh0", "sh0.webp", PAGS_SH, true));
   if (w->g->sh_degree)
     PAGS_TRY(put_harmonics(w));
   pags_json_end_object(&w->meta);
@@ -275,41 +248,24 @@ static pags_result make_files(sog_writer *w, const pags_scene *scene) {
 /* ---- Folder and archive ---- */
 
 static pags_result save_folder(const char *path, const sog_writer *w) {
-  char *folder = pags_path_folder(path);
-  pags_result result = folder ? pags_make_dirs(folder) : pags_out_of_memory("%s: a path", path);
-  for (int i = 0; i < w->file_count && result == PAGS_OK; i++) {
-    char *name = pags_path_join(folder, w->files[i].name);
-    result = name ? pags_file_write(name, w->files[i].bytes, w->files[i].size) : pags_out_of_memory("%s: a path", path);
-    free(name);
+  PAGS_AUTOFREE char *folder = pags_path_folder(path);
+  PAGS_CHECK_MEMORY(folder, "%s: a path", path);
+  PAGS_TRY(pags_make_dirs(folder));
+  for (int i = 0; i < w->file_count; i++) {
+    PAGS_AUTOFREE char *name = pags_path_join(folder, w->files[i].name);
+    PAGS_CHECK_MEMORY(name, "%s: a path", path);
+    PAGS_TRY(pags_file_write(name, w->files[i].bytes, w->files[i].size));
   }
-  free(folder);
-  return result == PAGS_OK ? pags_file_write(path, w->meta.data, w->meta.size) : result;
+  return pags_file_write(path, w->meta.data, w->meta.size);
 }
 
 /* Writes a zip archive of stored members. */
-static pags_result put_archive(pags_file_writer *out, const packed_file *files, int count) {
-  uint8_t directory[(MOST_FILES + 1) * (PAGS_ZIP_CENTRAL + 64) + PAGS_ZIP_END], header[PAGS_ZIP_LOCAL + 64];
-  size_t offset = 0, used = 0;
-  for (int i = 0; i < count; i++) {
-    const pags_zip_item item = {.name = files[i].name,
-                                .crc = (uint32_t)crc32(0, files[i].bytes, (uInt)files[i].size),
-                                .size = (uint32_t)files[i].size,
-                                .offset = (uint32_t)offset};
-    const size_t length = pags_zip_put_local(header, &item);
-    used += pags_zip_put_central(directory + used, &item);
-    PAGS_TRY(pags_file_writer_put(out, header, length));
-    PAGS_TRY(pags_file_writer_put(out, files[i].bytes, files[i].size));
-    offset += length + files[i].size;
-  }
-  used += pags_zip_put_end(directory + used, count, offset, used);
-  return pags_file_writer_put(out, directory, used);
-}
-
 static pags_result save_archive(const char *path, const sog_writer *w) {
-  packed_file files[MOST_FILES + 1];
-  pags_file_writer out = {0};
+  uint8_t directory[(MOST_FILES + 1) * (PAGS_ZIP_CENTRAL + 64) + PAGS_ZIP_END], header[PAGS_ZIP_LOCAL + 64];
+  packed_file files[MOST_FILES + 1] = {{"meta.json", (uint8_t *)w->meta.data, w->meta.size}};
+  PAGS_AUTO(pags_file_writer_abort) pags_file_writer out = {0};
+  size_t offset = 0, used = 0;
   uint64_t total = 0;
-  files[0] = (packed_file){"meta.json", (uint8_t *)w->meta.data, w->meta.size};
   memcpy(files + 1, w->files, sizeof w->files);
   for (int i = 0; i <= w->file_count; i++)
     total += files[i].size;
@@ -317,34 +273,34 @@ static pags_result save_archive(const char *path, const sog_writer *w) {
     return pags_fail(PAGS_ERROR_LIMIT, "%s: more than 4 GB, which a .sog can't have: write a folder, FOLDER/meta.json",
                      path);
   PAGS_TRY(pags_file_writer_begin(&out, path));
-  const pags_result result = put_archive(&out, files, w->file_count + 1);
-  if (result == PAGS_OK)
-    return pags_file_writer_commit(&out);
-  pags_file_writer_abort(&out);
-  return result;
+  for (int i = 0; i <= w->file_count; i++) {
+    const pags_zip_item item = {.name = files[i].name,
+                                .crc = (uint32_t)crc32(0, files[i].bytes, (uInt)files[i].size),
+                                .size = (uint32_t)files[i].size,
+                                .offset = (uint32_t)offset};
+    const size_t length = pags_zip_put_local(header, &item);
+    used += pags_zip_put_central(directory + used, &item);
+    PAGS_TRY(pags_file_writer_put(&out, header, length));
+    PAGS_TRY(pags_file_writer_put(&out, files[i].bytes, files[i].size));
+    offset += length + files[i].size;
+  }
+  used += pags_zip_put_end(directory + used, w->file_count + 1, offset, used);
+  PAGS_TRY(pags_file_writer_put(&out, directory, used));
+  return pags_file_writer_commit(&out);
 }
 
 pags_result pags_sog_save(const char *path, const pags_scene *scene, const pags_gaussians *g) {
-  sog_writer w = {.g = g};
+  PAGS_AUTO(forget_writer) sog_writer w = {.g = g};
   if (!g->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian at that time", path);
   w.width = 4 * (int)ceil(sqrt((double)g->count) / 4);
   w.height = 4 * (int)ceil((double)g->count / w.width / 4);
   if (w.width > WEBP_SIDE || w.height > WEBP_SIDE)
     return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are too many for SOG", path, (long long)g->count);
-  pags_json_writer_init(&w.meta, 0);
   w.order = malloc((size_t)g->count * sizeof *w.order);
   w.pixels = calloc((size_t)w.width * (size_t)w.height, 4);
-  pags_result result = w.order && w.pixels ? pags_gaussians_morton_order(g, w.order)
-                                           : pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  if (result == PAGS_OK)
-    result = make_files(&w, scene);
-  if (result == PAGS_OK)
-    result = is_meta(path) ? save_folder(path, &w) : save_archive(path, &w);
-  for (int i = 0; i < w.file_count; i++)
-    free(w.files[i].bytes);
-  pags_json_writer_destroy(&w.meta);
-  free(w.order);
-  free(w.pixels);
-  return result;
+  PAGS_CHECK_MEMORY(w.order && w.pixels, "%lld Gaussians", (long long)g->count);
+  PAGS_TRY(pags_gaussians_morton_order(g, w.order));
+  PAGS_TRY(make_files(&w, scene));
+  return is_meta(path) ? save_folder(path, &w) : save_archive(path, &w);
 }

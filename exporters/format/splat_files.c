@@ -2,7 +2,6 @@
 /* pags_export_splats: bakes a scene at one time into one set of Gaussians and saves it as .ply, .spz, .sog, .splat,
  * .pagsz or glTF with KHR_gaussian_splatting; with `tracks`, glTF with one animated node for each object. */
 #include <math.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -13,8 +12,11 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/text.h"
+#include "base/vec3.h"
 #include "exporters/format/bake.h"
 #include "exporters/format/splat_save.h"
+#include "frame/owners.h"
 #include "scene/axes.h"
 #include "scene/splat_formats.h"
 
@@ -27,8 +29,11 @@ static bool has_extension(const char *path, const char *extension) {
 }
 
 int pags_export_is_splat(const char *path) {
-  return has_extension(path, ".ply") || has_extension(path, ".spz") || has_extension(path, ".splat") ||
-         has_extension(path, ".pagsz") || pags_sog_is_path(path);
+  static const char *const extensions[] = {".ply", ".spz", ".splat", ".pagsz"};
+  for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++)
+    if (has_extension(path, extensions[i]))
+      return 1;
+  return pags_sog_is_path(path);
 }
 
 /* ---- What a format can't hold ---- */
@@ -45,7 +50,7 @@ static void put_item(char text[512], const char *item) {
 static void say_lost(const char *path, const pags_scene *scene, const pags_splat_options *options, int scene_degree,
                      bool priorities) {
   const bool splat = has_extension(path, ".splat"), spz = has_extension(path, ".spz"),
-             ply = has_extension(path, ".ply");
+             ply = has_extension(path, ".ply"), pagsz = has_extension(path, ".pagsz");
   const bool moved = scene->origin[0] != 0 || scene->origin[1] != 0 || scene->origin[2] != 0;
   char lost[512] = "", aside[512] = "", item[160];
   snprintf(item, sizeof item, "the origin %.12g %.12g %.12g that positions are relative to", scene->origin[0],
@@ -63,14 +68,14 @@ static void say_lost(const char *path, const pags_scene *scene, const pags_splat
     put_item(lost, "colours that change with the view");
   if (lost[0])
     pags_log_message(PAGS_LOG_WARNING, "%s: .splat can't hold %s", path, lost);
-  if (moved && !splat && !has_extension(path, ".pagsz"))
+  if (moved && !splat && !pagsz)
     pags_log_message(PAGS_LOG_INFO, "%s: %s is in %s", path, item,
                      ply   ? "the comment 'offset', which few programs read"
                      : spz ? "a record that only PAGS reads"
                            : "its asset, which only PAGS reads");
   if (scene->sky.size > 0)
     put_item(aside, "the sky");
-  if (priorities && !ply && !has_extension(path, ".pagsz"))
+  if (priorities && !ply && !pagsz)
     put_item(aside, "priorities");
   if (aside[0])
     pags_log_message(PAGS_LOG_INFO, "%s: %s can't hold %s", path,
@@ -83,7 +88,7 @@ static void say_lost(const char *path, const pags_scene *scene, const pags_splat
 static pags_result save(const char *path, const pags_scene *scene, const pags_splat_options *options,
                         const pags_gaussians *g, float converted_from) {
   pags_splat_facts facts = {.antialiased = scene->antialiased, .up = scene->up, .converted_from = converted_from};
-  memcpy(facts.origin, scene->origin, sizeof facts.origin);
+  pags_copy3(scene->origin, facts.origin);
   if (has_extension(path, ".ply"))
     return pags_ply_save_facts(path, g, &facts);
   if (has_extension(path, ".splat"))
@@ -93,9 +98,8 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
   if (has_extension(path, ".pagsz")) {
     /* PAGS's packed form, with the scene's up axis, origin and background colour in its head. */
     pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
-    memcpy(head.origin, scene->origin, sizeof head.origin);
-    for (int k = 0; k < 3; k++)
-      head.background[k] = scene->background[k];
+    pags_copy3(scene->origin, head.origin);
+    pags_copy3f(scene->background, head.background);
     return pags_packed_export(path, g, &head);
   }
   if (pags_sog_is_path(path))
@@ -104,19 +108,19 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
 }
 
 pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options, int64_t *count) {
-  pags_composition *composition;
+  PAGS_AUTO(pags_composition_destroy_auto) pags_composition *composition = NULL;
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians baked = {0};
   const pags_part *parts;
   int part_count, degree = 0;
-  pags_gaussians baked = {0};
   int64_t written = 0;
+  count = count ? count : &written;
   PAGS_TRY(pags_ply_check_name(path));
   PAGS_TRY(pags_composition_create(scene, &composition));
+  const pags_scene *composed = pags_composition_scene(composition);
   if (options->tracks) {
-    pags_result saved = pags_gltf_tracks_save(path, composition, options, count ? count : &written);
-    if (saved == PAGS_OK)
-      say_lost(path, pags_composition_scene(composition), options, 0, false);
-    pags_composition_destroy(composition);
-    return saved;
+    PAGS_TRY(pags_gltf_tracks_save(path, composition, options, count));
+    say_lost(path, composed, options, 0, false);
+    return PAGS_OK;
   }
   pags_compose(composition, options->time, &parts, &part_count);
   const bool keep_cut = has_extension(path, ".pagsz");
@@ -126,24 +130,17 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
     degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;
     alpha_min = fmax(alpha_min, (double)parts[i].gaussians->alpha_min);
   }
+  const bool turned_back = has_extension(path, ".ply") || has_extension(path, ".spz") || has_extension(path, ".glb");
   if (alpha_min > 0 && !keep_cut)
     pags_log_message(PAGS_LOG_INFO,
                      "%s: other programs cut alpha at 1/255, this scene at %.2g: opacities and sizes are those that "
                      "look alike there (.pagsz keeps them%s)",
                      path, alpha_min,
-                     converted_from > 0.0f &&
-                             (has_extension(path, ".ply") || has_extension(path, ".spz") || has_extension(path, ".glb"))
-                         ? "; PAGS changes this file's back when it reads it"
-                         : "");
-  pags_result result =
-      pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, keep_cut, &baked);
-  if (result == PAGS_OK)
-    result = save(path, pags_composition_scene(composition), options, &baked, converted_from);
-  if (result == PAGS_OK)
-    say_lost(path, pags_composition_scene(composition), options, degree, baked.s_sem != NULL);
-  if (count)
-    *count = baked.count;
-  pags_gaussians_destroy(&baked);
-  pags_composition_destroy(composition);
-  return result;
+                     converted_from > 0.0f && turned_back ? "; PAGS changes this file's back when it reads it" : "");
+  PAGS_TRY(
+      pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, keep_cut, &baked));
+  *count = baked.count;
+  PAGS_TRY(save(path, composed, options, &baked, converted_from));
+  say_lost(path, composed, options, degree, baked.s_sem != NULL);
+  return PAGS_OK;
 }

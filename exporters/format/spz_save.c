@@ -119,6 +119,11 @@ typedef struct spz_streams {
   size_t sizes[SPZ_STREAMS];
 } spz_streams;
 
+static void forget_streams(spz_streams *s) {
+  for (int k = 0; k < SPZ_STREAMS; k++)
+    free(s->bytes[k]);
+}
+
 /* SPZ's "smallest three" packing of a unit quaternion: two bits for the index of the largest component, which is left
  * out, then the other three with ten bits each: a sign bit and nine bits of magnitude relative to 1 / sqrt 2. Signs
  * are flipped so that the component left out is positive. */
@@ -127,7 +132,7 @@ static uint32_t pack_rotation(const double xyzw[4]) {
   for (int k = 1; k < 4; k++)
     largest = fabs(xyzw[k]) > fabs(xyzw[largest]) ? k : largest;
   uint32_t word = (uint32_t)largest;
-  int flip = xyzw[largest] < 0;
+  const bool flip = xyzw[largest] < 0;
   for (int k = 0; k < 4; k++) {
     if (k == largest)
       continue;
@@ -191,11 +196,10 @@ typedef struct spz_head {
 /* Deflates the header, then the streams, then the records into `file` as one gzip stream. */
 static pags_result deflate_pieces(z_stream *z, const spz_streams *s, const spz_head *head, pags_file_writer *file) {
   enum { BLOCK = 1 << 16 };
-  uint8_t *out = malloc(BLOCK);
+  PAGS_AUTOFREE uint8_t *out = malloc(BLOCK);
   PAGS_CHECK_MEMORY(out, NULL);
-  pags_result result = PAGS_OK;
-  for (int k = -1; k <= SPZ_STREAMS && result == PAGS_OK; k++) {
-    int last = k == SPZ_STREAMS;
+  for (int k = -1; k <= SPZ_STREAMS; k++) {
+    const bool last = k == SPZ_STREAMS;
     const uint8_t *from = k < 0 ? head->bytes : last ? head->records : s->bytes[k];
     size_t left = k < 0 ? 16 : last ? head->record_bytes : s->sizes[k];
     do {
@@ -208,67 +212,54 @@ static pags_result deflate_pieces(z_stream *z, const spz_streams *s, const spz_h
         z->next_out = out;
         z->avail_out = BLOCK;
         deflate(z, last && !left ? Z_FINISH : Z_NO_FLUSH);
-        result = pags_file_writer_put(file, out, BLOCK - z->avail_out);
-      } while (result == PAGS_OK && z->avail_out == 0);
-    } while (left && result == PAGS_OK);
+        PAGS_TRY(pags_file_writer_put(file, out, BLOCK - z->avail_out));
+      } while (z->avail_out == 0);
+    } while (left);
   }
-  free(out);
-  return result;
+  return PAGS_OK;
+}
+
+static void end_deflate(z_stream *z) {
+  deflateEnd(z);
 }
 
 static pags_result save_gzip(const char *path, const spz_streams *s, const spz_head *head) {
-  pags_file_writer file = {0};
-  z_stream z = {0};
+  PAGS_AUTO(pags_file_writer_abort) pags_file_writer file = {0};
+  PAGS_AUTO(end_deflate) z_stream z = {0};
   if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, 16 + MAX_WBITS, 8, Z_DEFAULT_STRATEGY) != Z_OK)
     return pags_out_of_memory("%s", path);
   gz_header same = {.os = 3}; /* zlib would write the number of this system, so that files differed */
   deflateSetHeader(&z, &same);
-  pags_result result = pags_file_writer_begin(&file, path);
-  if (result == PAGS_OK)
-    result = deflate_pieces(&z, s, head, &file);
-  deflateEnd(&z);
-  if (result == PAGS_OK)
-    return pags_file_writer_commit(&file);
-  pags_file_writer_abort(&file);
-  return result;
+  PAGS_TRY(pags_file_writer_begin(&file, path));
+  PAGS_TRY(deflate_pieces(&z, s, head, &file));
+  return pags_file_writer_commit(&file);
 }
 
 /* Version 4: a header of 32 bytes, the records, a table of each stream's size packed and unpacked, then the streams,
  * each packed by zstd. The stream of harmonics is left out at degree 0. */
 static pags_result save_zstd(const char *path, const spz_streams *s, spz_head *head) {
-  int streams = s->sizes[5] ? SPZ_STREAMS : SPZ_STREAMS - 1;
-  uint8_t *packed[SPZ_STREAMS] = {NULL}, table[16 * SPZ_STREAMS];
-  pags_file_writer file = {0};
-  pags_result result = PAGS_OK;
-  size_t sizes[SPZ_STREAMS];
-  head->bytes[15] = (uint8_t)streams;
+  const int count = s->sizes[5] ? SPZ_STREAMS : SPZ_STREAMS - 1;
+  uint8_t table[16 * SPZ_STREAMS];
+  PAGS_AUTO(pags_file_writer_abort) pags_file_writer file = {0};
+  PAGS_AUTO(forget_streams) spz_streams packed = {0};
+  head->bytes[15] = (uint8_t)count;
   pags_store_u32(head->bytes + 16, 32 + (uint32_t)head->record_bytes);
-  for (int k = 0; k < streams && result == PAGS_OK; k++) {
+  for (int k = 0; k < count; k++) {
     size_t bound = ZSTD_compressBound(s->sizes[k]);
-    packed[k] = malloc(bound);
-    sizes[k] = packed[k] ? ZSTD_compress(packed[k], bound, s->bytes[k], s->sizes[k], 9) : 0;
-    if (!packed[k] || ZSTD_isError(sizes[k]))
-      result = pags_out_of_memory("%s", path);
-    pags_store_u64(table + 16 * k, sizes[k]);
+    packed.bytes[k] = malloc(bound);
+    if (packed.bytes[k])
+      packed.sizes[k] = ZSTD_compress(packed.bytes[k], bound, s->bytes[k], s->sizes[k], 9);
+    PAGS_CHECK_MEMORY(packed.bytes[k] && !ZSTD_isError(packed.sizes[k]), "%s", path);
+    pags_store_u64(table + 16 * k, packed.sizes[k]);
     pags_store_u64(table + 16 * k + 8, s->sizes[k]);
   }
-  if (result == PAGS_OK)
-    result = pags_file_writer_begin(&file, path);
-  if (result == PAGS_OK)
-    result = pags_file_writer_put(&file, head->bytes, 32);
-  if (result == PAGS_OK)
-    result = pags_file_writer_put(&file, head->records, head->record_bytes);
-  if (result == PAGS_OK)
-    result = pags_file_writer_put(&file, table, 16 * (size_t)streams);
-  for (int k = 0; k < streams && result == PAGS_OK; k++)
-    result = pags_file_writer_put(&file, packed[k], sizes[k]);
-  if (result == PAGS_OK)
-    result = pags_file_writer_commit(&file);
-  else
-    pags_file_writer_abort(&file);
-  for (int k = 0; k < streams; k++)
-    free(packed[k]);
-  return result;
+  PAGS_TRY(pags_file_writer_begin(&file, path));
+  PAGS_TRY(pags_file_writer_put(&file, head->bytes, 32));
+  PAGS_TRY(pags_file_writer_put(&file, head->records, head->record_bytes));
+  PAGS_TRY(pags_file_writer_put(&file, table, 16 * (size_t)count));
+  for (int k = 0; k < count; k++)
+    PAGS_TRY(pags_file_writer_put(&file, packed.bytes[k], packed.sizes[k]));
+  return pags_file_writer_commit(&file);
 }
 
 /* Writes the records: the coordinate system, and, unless a reader takes the same anyway, PAGS' own of the scene. */
@@ -299,12 +290,12 @@ static void put_records(const pags_spz_options *options, spz_head *head) {
 
 /* Saves Gaussians that are all within the range. */
 static pags_result save_near(const char *path, const pags_gaussians *g, const pags_spz_options *options, int fraction) {
-  spz_streams streams = {{NULL}, {0}};
-  spz_head head = {{0}, {0}, 0};
+  PAGS_AUTO(forget_streams) spz_streams streams = {0};
+  spz_head head = {0};
   spz_packing packing = {.fraction = fraction};
   pags_axes_signs(options->axes, packing.vector, packing.harmonics);
   packing.determinant = packing.vector[0] * packing.vector[1] * packing.vector[2];
-  pags_result result = pack_streams(g, &packing, &streams);
+  PAGS_TRY(pack_streams(g, &packing, &streams));
 
   /* The header: magic "NGSP", version, count, degree, bits of fraction, flags. */
   pags_store_u32(head.bytes, 0x5053474e);
@@ -314,12 +305,7 @@ static pags_result save_near(const char *path, const pags_gaussians *g, const pa
   head.bytes[13] = (uint8_t)fraction;
   head.bytes[14] = FLAG_EXTENSIONS | (options->facts && options->facts->antialiased ? FLAG_ANTIALIASED : 0);
   put_records(options, &head);
-
-  if (result == PAGS_OK)
-    result = options->version == 4 ? save_zstd(path, &streams, &head) : save_gzip(path, &streams, &head);
-  for (int k = 0; k < SPZ_STREAMS; k++)
-    free(streams.bytes[k]);
-  return result;
+  return options->version == 4 ? save_zstd(path, &streams, &head) : save_gzip(path, &streams, &head);
 }
 
 pags_result pags_spz_save(const char *path, const pags_gaussians *g, const pags_spz_options *options) {
@@ -329,24 +315,18 @@ pags_result pags_spz_save(const char *path, const pags_gaussians *g, const pags_
   if (range.positions && range.positions == g->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: all Gaussians are farther than 8388607 m from zero, beyond SPZ's range",
                      path);
-  pags_gaussians near = {0};
-  pags_result result = PAGS_OK;
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians near = {0};
   if (range.positions) {
-    int64_t *const index = malloc((size_t)g->count * sizeof *index);
+    PAGS_AUTOFREE int64_t *index = malloc((size_t)g->count * sizeof *index);
     int64_t count = 0;
     PAGS_CHECK_MEMORY(index, "%lld Gaussians", (long long)g->count);
     for (int64_t i = 0; i < g->count; i++)
       if (is_near(g, i, range.fraction))
         index[count++] = i;
-    result = pags_gaussians_create_like(&near, count, g);
-    if (result == PAGS_OK)
-      pags_gaussians_gather(g, index, count, &near);
-    free(index);
+    PAGS_TRY(pags_gaussians_create_like(&near, count, g));
+    pags_gaussians_gather(g, index, count, &near);
   }
-  if (result == PAGS_OK)
-    result = save_near(path, range.positions ? &near : g, options, range.fraction);
-  pags_gaussians_destroy(&near);
-  if (result == PAGS_OK)
-    say_range(path, &range);
-  return result;
+  PAGS_TRY(save_near(path, range.positions ? &near : g, options, range.fraction));
+  say_range(path, &range);
+  return PAGS_OK;
 }

@@ -16,7 +16,7 @@
 
 #include "base/memory.h"
 #include "base/text.h"
-#include "exporters/format/zip_save.h"
+#include "exporters/format/splat_save.h"
 
 enum { INDENT = 4, PIECE = 1 << 16, USDZ_ALIGNMENT = 64 };
 
@@ -38,6 +38,13 @@ static void put_text(pags_usd *usd, const char *text) {
 static void indent(pags_usd *usd) {
   for (int i = 0; i < usd->depth * INDENT; i++)
     put(usd, " ", 1);
+}
+
+/* Begins an array attribute. */
+static void put_attribute(pags_usd *usd, const char *name) {
+  indent(usd);
+  put_text(usd, name);
+  put_text(usd, " = [");
 }
 
 void pags_usd_begin(pags_usd *usd, const char *path) {
@@ -132,15 +139,13 @@ static size_t put_float(float value, char *out) {
 
 void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64_t count, int width,
                      const char *interpolation) {
-  char *piece = malloc(PIECE);
+  PAGS_AUTOFREE char *piece = malloc(PIECE);
   size_t used = 0;
   if (!piece) {
     usd->result = pags_out_of_memory("writing numbers");
     return;
   }
-  indent(usd);
-  put_text(usd, head);
-  put_text(usd, " = [");
+  put_attribute(usd, head);
   for (int64_t i = 0; i < count; i++) {
     if (used + 32 * (size_t)width + 8 > PIECE) {
       put(usd, piece, used);
@@ -157,7 +162,6 @@ void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64
       piece[used++] = ')';
   }
   put(usd, piece, used);
-  free(piece);
   put_text(usd, interpolation ? "] (\n" : "]\n");
   if (interpolation) {
     pags_usd_line(usd, "    interpolation = \"%s\"", interpolation);
@@ -165,25 +169,11 @@ void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64
   }
 }
 
-void pags_usd_integers(pags_usd *usd, const char *head, const uint32_t *values, int64_t count) {
+void pags_usd_integers(pags_usd *usd, const char *head, const uint32_t *values, uint32_t value, int64_t count) {
   char text[16];
-  indent(usd);
-  put_text(usd, head);
-  put_text(usd, " = [");
+  put_attribute(usd, head);
   for (int64_t i = 0; i < count; i++) {
-    int length = snprintf(text, sizeof text, "%s%u", i ? ", " : "", values[i]);
-    put(usd, text, (size_t)length);
-  }
-  put_text(usd, "]\n");
-}
-
-void pags_usd_repeat(pags_usd *usd, const char *head, int value, int64_t count) {
-  char text[16];
-  indent(usd);
-  put_text(usd, head);
-  put_text(usd, " = [");
-  for (int64_t i = 0; i < count; i++) {
-    int length = snprintf(text, sizeof text, "%s%d", i ? ", " : "", value);
+    int length = snprintf(text, sizeof text, "%s%u", i ? ", " : "", values ? values[i] : value);
     put(usd, text, (size_t)length);
   }
   put_text(usd, "]\n");

@@ -34,9 +34,8 @@ void pags_usd_close(pags_usd *usd);
  * without brackets). `interpolation` (may be NULL) is written as the attribute's metadata of that name. */
 void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64_t count, int width,
                      const char *interpolation);
-void pags_usd_integers(pags_usd *usd, const char *head, const uint32_t *values, int64_t count);
-/* Writes an array attribute that holds `value` `count` times. */
-void pags_usd_repeat(pags_usd *usd, const char *head, int value, int64_t count);
+/* Writes an array attribute of integers; `values` NULL: `count` times `value`. */
+void pags_usd_integers(pags_usd *usd, const char *head, const uint32_t *values, uint32_t value, int64_t count);
 
 /* Makes a valid USD identifier of `text`: every character but letters, digits and '_' becomes '_', and a '_' is put
  * before a leading digit. */

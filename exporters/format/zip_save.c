@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Implements zip_save.h. The time is always the first that zip knows, so that the same contents are the same bytes. */
-#include "exporters/format/zip_save.h"
-
+/* Writes the records of zip archives. The time is always the first that zip knows, so that the same contents are the
+ * same bytes. */
 #include <string.h>
 
 #include "base/bytes.h"
+#include "exporters/format/splat_save.h"
 
 static void store16(uint8_t *p, unsigned value) {
   p[0] = (uint8_t)value;

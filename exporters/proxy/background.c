@@ -7,7 +7,6 @@
 
 #include <math.h>
 #include <stdatomic.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,7 +29,7 @@ void pags_background_destroy(pags_background *background) {
   for (int64_t i = 0; i < background->chunk_count; i++)
     pags_proxy_mesh_destroy(&background->chunks[i].mesh);
   free(background->chunks);
-  memset(background, 0, sizeof *background);
+  *background = (pags_background){0};
 }
 
 /* ---- Drawing the background ---- */
@@ -38,35 +37,16 @@ void pags_background_destroy(pags_background *background) {
 /* Gathers the Gaussians of the background model that belong to no parked object (pags_object_mark). */
 static pags_result gather_background(const pags_proxy_maker *w, pags_gaussians *out) {
   const pags_gaussians *g = &w->scene->models[0].gaussians;
-  uint8_t *taken = calloc((size_t)g->count + 1, 1);
-  int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
-  if (!taken || !index) {
-    free(taken);
-    free(index);
-    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  }
+  PAGS_AUTOFREE uint8_t *taken = calloc((size_t)g->count + 1, 1);
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians loose = {0};
+  PAGS_CHECK_MEMORY(taken, "%lld Gaussians", (long long)g->count);
   for (int64_t o = 0; o < w->scene->object_count; o++)
     if (w->scene->objects[o].model < 0)
       pags_object_mark(w, o, taken);
-  pags_result result = w->bare ? pags_bare_mark_haze(w->bare, g, taken) : PAGS_OK;
-  for (int64_t i = 0; i < g->count; i++)
-    if (!taken[i])
-      index[count++] = i;
-  free(taken);
-  pags_gaussians loose = {0};
-  if (result == PAGS_OK)
-    result = pags_gaussians_create_like(&loose, count, g);
-  if (result == PAGS_OK) {
-    pags_gaussians_gather(g, index, count, &loose);
-    result = pags_gaussians_sorted_copy(out, &loose);
-  }
-  pags_gaussians_destroy(&loose);
-  free(index);
-  return result;
-}
-
-static bool shows_training(const pags_scene_view *view) {
-  return !view->test;
+  if (w->bare)
+    PAGS_TRY(pags_bare_mark_haze(w->bare, g, taken));
+  PAGS_TRY(pags_gaussians_select(g, taken, false, &loose));
+  return pags_gaussians_sorted_copy(out, &loose);
 }
 
 /* Draws the depth views: all training views, or an even choice of MOST_VIEWS of them. */
@@ -75,41 +55,33 @@ static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_p
   const bool within = w->bare && w->bare->inside; /* walls and floors are seen at grazing angles */
   int64_t count = 0, taken = 0, seen = 0;
   for (int64_t v = 0; v < w->scene->view_count; v++)
-    count += shows_training(&w->scene->views[v]);
+    count += !w->scene->views[v].test;
   for (int64_t v = 0; v < w->scene->view_count; v++) {
     const pags_scene_view *view = &w->scene->views[v];
-    if (!shows_training(view) || (count > MOST_VIEWS && seen++ * MOST_VIEWS / count < taken))
+    if (view->test || (count > MOST_VIEWS && seen++ * MOST_VIEWS / count < taken))
       continue;
     taken++;
-    if (!tell(user, 0.4 * (double)v / (double)w->scene->view_count, "background: views"))
-      return pags_fail(PAGS_CANCELLED, "interrupted");
+    PAGS_TRY(pags_proxy_tell(tell, user, 0.4 * (double)v / (double)w->scene->view_count, "background: views"));
     const pags_camera *camera = &w->scene_depth.views[v].camera;
     pags_frame_options drawing = pags_drawing_at(&w->drawing, &view->camera, camera);
     PAGS_TRY(pags_depth_views_add(&out->depth_views, w->frame, part, 1, camera, &drawing, v,
                                   within || (w->scene->up == PAGS_UP_Z && !w->bare)));
+    pags_depth_view *added = &out->depth_views.list[out->depth_views.count - 1];
     if (within)
-      pags_depth_view_flatten(&out->depth_views.list[out->depth_views.count - 1]);
-    pags_depth_view_hide(&out->depth_views.list[out->depth_views.count - 1], &w->scene_depth.views[v]);
-    pags_classes_load(w, view, &out->depth_views.list[out->depth_views.count - 1]);
-    out->labelled = out->labelled || out->depth_views.list[out->depth_views.count - 1].labels != NULL;
+      pags_depth_view_flatten(added);
+    pags_depth_view_hide(added, &w->scene_depth.views[v]);
+    pags_classes_load(w, view, added);
+    out->labelled = out->labelled || added->labels;
   }
   return PAGS_OK;
 }
 
 /* ---- The ground ---- */
 
-/* Appends a chunk; takes over the mesh. */
+/* Appends a chunk, which takes over the mesh unless it fails. */
 static pags_result add_chunk(pags_background *b, const char *class_name, pags_proxy_mesh *mesh) {
-  if (b->chunk_count == b->chunk_capacity) {
-    int64_t capacity = 2 * b->chunk_capacity + 64;
-    pags_chunk *grown = realloc(b->chunks, (size_t)capacity * sizeof *grown);
-    if (!grown) {
-      pags_proxy_mesh_destroy(mesh);
-      return pags_out_of_memory("%lld chunks", (long long)capacity);
-    }
-    b->chunks = grown;
-    b->chunk_capacity = capacity;
-  }
+  PAGS_CHECK_MEMORY(pags_grow(&b->chunks, b->chunk_count + 1, &b->chunk_capacity, sizeof *b->chunks), "%lld chunks",
+                    (long long)b->chunk_count + 1);
   int number = 0;
   for (int64_t i = 0; i < b->chunk_count; i++)
     number += !strcmp(b->chunks[i].class_name, class_name);
@@ -118,31 +90,22 @@ static pags_result add_chunk(pags_background *b, const char *class_name, pags_pr
   return PAGS_OK;
 }
 
-/* The positions of the cameras of all views, held-out ones, too, relative to the scene's origin. */
-static double *path_of(const pags_scene *scene) {
-  double *path = malloc(((size_t)scene->view_count + 1) * 3 * sizeof *path);
-  for (int64_t i = 0; path && i < scene->view_count; i++)
-    for (int k = 0; k < 3; k++)
-      path[3 * i + k] = scene->views[i].camera.world_from_camera[4 * k + 3] - scene->origin[k];
-  return path;
-}
-
 static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, pags_ground *ground) {
-  double *path = path_of(w->scene);
-  pags_result result =
-      path ? pags_ground_find(&out->depth_views, &w->lidar, path, w->scene->view_count, ground_reach, ground)
-           : pags_out_of_memory("%lld views", (long long)w->scene->view_count);
-  free(path);
-  PAGS_TRY(result);
+  const pags_scene *scene = w->scene;
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh mesh = {0};
+  /* The positions of the cameras of all views, held-out ones, too, relative to the scene's origin. */
+  PAGS_AUTOFREE double *path = malloc(((size_t)scene->view_count + 1) * 3 * sizeof *path);
+  PAGS_CHECK_MEMORY(path, "%lld views", (long long)scene->view_count);
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    pags_pose_position(scene->views[i].camera.world_from_camera, path + 3 * i);
+    pags_subtract3(path + 3 * i, scene->origin, path + 3 * i);
+  }
+  PAGS_TRY(pags_ground_find(&out->depth_views, &w->lidar, path, scene->view_count, ground_reach, ground));
   if (!ground->nx)
     return PAGS_OK;
-  pags_proxy_mesh mesh;
   PAGS_TRY(pags_ground_mesh(ground, w->options->ground_triangles, &mesh));
-  result = pags_proxy_mesh_paint(&mesh, &out->depth_views, 0.3, w->tasks);
-  if (result == PAGS_OK)
-    return add_chunk(out, "ground", &mesh);
-  pags_proxy_mesh_destroy(&mesh);
-  return result;
+  PAGS_TRY(pags_proxy_mesh_paint(&mesh, &out->depth_views, 0.3, w->tasks));
+  return add_chunk(out, "ground", &mesh);
 }
 
 /* A square tile of the background and its result: a mesh for each class, which may be empty. */
@@ -163,57 +126,47 @@ static double floater_area(const pags_proxy_maker *w) {
 /* Copies the triangles of one class out of a tile's mesh, without floaters. */
 static pags_result take_class(const pags_proxy_maker *w, const pags_proxy_mesh *mesh, const uint8_t *class_of,
                               int class, pags_proxy_mesh *part) {
-  pags_proxy_mesh view = *mesh; /* shares the vertices */
-  *part = (pags_proxy_mesh){0};
-  view.triangles = malloc(((size_t)mesh->triangle_count + 1) * 3 * sizeof *view.triangles);
-  PAGS_CHECK_MEMORY(view.triangles, "%lld triangles", (long long)mesh->triangle_count);
-  view.triangle_count = 0;
+  PAGS_AUTOFREE uint32_t *triangles = malloc(((size_t)mesh->triangle_count + 1) * 3 * sizeof *triangles);
+  PAGS_CHECK_MEMORY(triangles, "%lld triangles", (long long)mesh->triangle_count);
+  int64_t count = 0;
   for (int64_t i = 0; i < mesh->triangle_count; i++) {
     const uint32_t *t = mesh->triangles + 3 * i;
     /* A triangle has the class that two of its corners have, else the class of the first. */
     int own = class_of[t[1]] == class_of[t[2]] ? class_of[t[1]] : class_of[t[0]];
     if (own == class)
-      memcpy(view.triangles + 3 * view.triangle_count++, t, 3 * sizeof(uint32_t));
+      memcpy(triangles + 3 * count++, t, 3 * sizeof *t);
   }
-  pags_result result = view.triangle_count ? pags_proxy_mesh_copy(&view, part) : PAGS_OK;
-  free(view.triangles);
-  if (result == PAGS_OK)
-    result = pags_proxy_mesh_compact(part);
-  return result == PAGS_OK ? pags_proxy_mesh_drop_floaters(part, floater_area(w)) : result;
+  if (!count)
+    return PAGS_OK;
+  PAGS_TRY(pags_proxy_mesh_copy_part(mesh, triangles, count, part));
+  return pags_proxy_mesh_drop_floaters(part, floater_area(w));
 }
 
 /* Removes ground and floaters from a tile's mesh, paints it and splits it by class. */
 static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background *b, const pags_ground *ground,
                                 pags_proxy_mesh *mesh, tile *out) {
   /* Leave out triangles whose centre is less than `ground_skin` above the ground, or below it. */
-  int64_t kept = 0;
   for (int64_t i = 0; i < mesh->triangle_count; i++) {
-    double p[3] = {0}, z;
-    for (int c = 0; c < 3; c++)
-      for (int k = 0; k < 3; k++)
-        p[k] += (double)mesh->positions[3 * (int64_t)mesh->triangles[3 * i + c] + k] / 3;
+    double p[3], z;
+    pags_proxy_mesh_middle(mesh, i, p);
     if (pags_ground_height(ground, p[0], p[1], &z) && p[2] < z + ground_skin)
-      continue;
-    memmove(mesh->triangles + 3 * kept++, mesh->triangles + 3 * i, 3 * sizeof(uint32_t));
+      mesh->triangles[3 * i] = UINT32_MAX;
   }
-  mesh->triangle_count = kept;
-
+  pags_proxy_mesh_drop_marked(mesh);
   PAGS_TRY(pags_proxy_mesh_compact(mesh));
   PAGS_TRY(pags_proxy_mesh_drop_floaters(mesh, floater_area(w)));
   if (!mesh->triangle_count)
     return PAGS_OK;
   PAGS_TRY(pags_proxy_mesh_paint(mesh, &b->depth_views, 3 * w->options->voxel, w->tasks));
-  uint8_t *class_of = calloc((size_t)mesh->vertex_count, 1);
+  PAGS_AUTOFREE uint8_t *class_of = malloc((size_t)mesh->vertex_count);
   PAGS_CHECK_MEMORY(class_of, "%lld vertices", (long long)mesh->vertex_count);
-  pags_result result = PAGS_OK;
   if (w->bare)
     memset(class_of, PAGS_CLASS_SURFACE, (size_t)mesh->vertex_count);
   else
-    result = pags_classes_find(w, &b->depth_views, b->labelled, mesh, class_of);
-  for (int class = 0; class < PAGS_CLASSES && result == PAGS_OK; class ++)
-    result = take_class(w, mesh, class_of, class, &out->parts[class]);
-  free(class_of);
-  return result;
+    PAGS_TRY(pags_classes_find(w, &b->depth_views, b->labelled, mesh, class_of));
+  for (int class = 0; class < PAGS_CLASSES; class ++)
+    PAGS_TRY(take_class(w, mesh, class_of, class, &out->parts[class]));
+  return PAGS_OK;
 }
 
 /* ---- Tiles ---- */
@@ -233,6 +186,14 @@ typedef struct tiling {
   atomic_llong done;
   atomic_int stopped;
 } tiling;
+
+static void forget_tiling(tiling *t) {
+  for (int64_t i = 0; t->tiles && i < t->count[0] * t->count[1]; i++)
+    for (int class = 0; class < PAGS_CLASSES; class ++)
+      pags_proxy_mesh_destroy(&t->tiles[i].parts[class]);
+  free(t->tiles);
+  free(t->points);
+}
 
 static int64_t tile_of(const tiling *t, double x, int axis) {
   int64_t i = (int64_t)floor(x / t->side) - t->origin[axis];
@@ -254,8 +215,8 @@ static void visit_depths(tiling *t) {
         for (int64_t v = tile_of(t, p[1] - t->reach, 1); v <= tile_of(t, p[1] + t->reach, 1); v++)
           for (int64_t u = tile_of(t, p[0] - t->reach, 0); u <= tile_of(t, p[0] + t->reach, 0); u++) {
             tile *own = &t->tiles[v * t->count[0] + u];
-            for (int k = 0; k < 3 && t->points; k++)
-              t->points[3 * own->last + k] = (float)p[k];
+            if (t->points)
+              pags_narrow3(p, t->points + 3 * own->last);
             own->last++;
           }
       }
@@ -279,25 +240,21 @@ static pags_result sort_depths(tiling *t) {
 /* Fuses the blocks of a tile that are near depths, extracts the surface and splits it by class. */
 static pags_result make_tile(const tiling *t, tile *own) {
   const pags_proxy_maker *w = t->maker;
-  pags_tsdf grid;
-  pags_proxy_mesh mesh = {0};
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh mesh = {0};
+  PAGS_AUTO(pags_tsdf_destroy) pags_tsdf grid = {0};
   if (own->first == own->last)
     return PAGS_OK;
-  PAGS_TRY(pags_tsdf_create(&grid, own->lo, own->hi, t->step, 1));
+  PAGS_TRY(pags_tsdf_create(&grid, own->lo, own->hi, t->step, true));
   for (int64_t i = own->first; i < own->last; i++) {
-    const float *p = t->points + 3 * i;
-    const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
+    double point[3];
+    pags_widen3(t->points + 3 * i, point);
     pags_tsdf_touch(&grid, point, t->reach);
   }
-  pags_result result =
-      pags_tsdf_fuse(&grid, &t->background->depth_views, 3 * t->step, 3 * t->step, w->options->range, 1, w->tasks);
-  if (result == PAGS_OK)
-    result = pags_tsdf_surface(&grid, 1, &mesh);
-  pags_tsdf_destroy(&grid);
-  if (result == PAGS_OK)
-    result = cut_by_class(w, t->background, t->ground, &mesh, own);
-  pags_proxy_mesh_destroy(&mesh);
-  return result;
+  PAGS_TRY(
+      pags_tsdf_fuse(&grid, &t->background->depth_views, 3 * t->step, 3 * t->step, w->options->range, true, w->tasks));
+  PAGS_TRY(pags_tsdf_surface(&grid, true, &mesh));
+  pags_tsdf_destroy(&grid); /* the largest of all: not needed any more */
+  return cut_by_class(w, t->background, t->ground, &mesh, own);
 }
 
 static void make_tiles(void *context, int64_t begin, int64_t end, int worker) {
@@ -320,7 +277,8 @@ static void make_tiles(void *context, int64_t begin, int64_t end, int worker) {
 static pags_result find_extent(const pags_proxy_maker *w, const pags_depth_views *depth_views, double lo[3],
                                double hi[3]) {
   enum { BINS = 4096 };
-  int64_t *bins = calloc(3 * BINS, sizeof *bins), count = 0;
+  PAGS_AUTOFREE int64_t *bins = calloc(3 * BINS, sizeof *bins);
+  int64_t count = 0;
   double from[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, to[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   PAGS_CHECK_MEMORY(bins, NULL);
   for (int64_t i = 0; i < depth_views->count; i++)
@@ -354,26 +312,14 @@ static pags_result find_extent(const pags_proxy_maker *w, const pags_depth_views
     lo[k] = from[k] + (to[k] - from[k]) * a / BINS;
     hi[k] = from[k] + (to[k] - from[k]) * (z + 1) / BINS;
   }
-  free(bins);
   return PAGS_OK;
-}
-
-static pags_result take_tiles(tiling *t, pags_background *b) {
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < t->count[0] * t->count[1] && result == PAGS_OK; i++) {
-    if (t->tiles[i].result != PAGS_OK)
-      result = pags_fail(t->tiles[i].result, "%s", t->tiles[i].message);
-    for (int class = 0; class < PAGS_CLASSES && result == PAGS_OK; class ++)
-      if (t->tiles[i].parts[class].triangle_count)
-        result = add_chunk(b, pags_class_names[class], &t->tiles[i].parts[class]);
-  }
-  return result;
 }
 
 /* Makes all tiles in parallel and appends their meshes as chunks. */
 static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, const pags_ground *ground,
                              pags_background *b) {
   double lo[3], hi[3];
+  PAGS_AUTO(forget_tiling)
   tiling t = {.maker = w, .background = b, .ground = ground, .tell = tell, .user = user, .side = w->options->chunk};
   PAGS_TRY(find_extent(w, &b->depth_views, lo, hi));
   /* A tile's side is a whole number of steps, so the grids of neighbouring tiles share the points of their border. */
@@ -395,17 +341,18 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
     t.tiles[i].lo[2] = lo[2] - t.reach;
     t.tiles[i].hi[2] = hi[2] + t.reach;
   }
-  pags_result result = sort_depths(&t);
-  if (result == PAGS_OK && (!pags_parallel_for(w->tasks, count, 1, make_tiles, &t) || atomic_load(&t.stopped) == 2))
-    result = pags_fail(PAGS_CANCELLED, "interrupted");
-  if (result == PAGS_OK)
-    result = take_tiles(&t, b);
-  for (int64_t i = 0; i < count; i++)
+  PAGS_TRY(sort_depths(&t));
+  PAGS_TRY(pags_proxy_for(w->tasks, count, 1, make_tiles, &t));
+  if (atomic_load(&t.stopped) == 2)
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  for (int64_t i = 0; i < count; i++) {
+    if (t.tiles[i].result != PAGS_OK)
+      return pags_fail(t.tiles[i].result, "%s", t.tiles[i].message);
     for (int class = 0; class < PAGS_CLASSES; class ++)
-      pags_proxy_mesh_destroy(&t.tiles[i].parts[class]);
-  free(t.tiles);
-  free(t.points);
-  return result;
+      if (t.tiles[i].parts[class].triangle_count)
+        PAGS_TRY(add_chunk(b, pags_class_names[class], &t.tiles[i].parts[class]));
+  }
+  return PAGS_OK;
 }
 
 /* ---- Decimation ---- */
@@ -417,12 +364,16 @@ typedef struct decimation {
   pags_result *results; /* one for each chunk */
 } decimation;
 
+static bool is_ground(const pags_chunk *chunk) {
+  return !strcmp(chunk->class_name, "ground");
+}
+
 static void decimate_chunks(void *context, int64_t begin, int64_t end, int worker) {
   const decimation *d = context;
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
     pags_proxy_mesh *mesh = &d->background->chunks[i].mesh, simple = {0};
-    if (!strcmp(d->background->chunks[i].class_name, "ground"))
+    if (is_ground(&d->background->chunks[i]))
       continue;
     int64_t budget =
         (int64_t)((double)mesh->triangle_count * (double)d->maker->options->chunk_triangles / (double)d->total);
@@ -435,52 +386,40 @@ static void decimate_chunks(void *context, int64_t begin, int64_t end, int worke
 /* Decimates all chunks to options->chunk_triangles together, each in proportion to its triangles. Chunks that would
  * get fewer than LEAST_TRIANGLES are left out. */
 static pags_result decimate(const pags_proxy_maker *w, pags_background *b) {
-  int64_t kept = 0;
-  decimation d = {.maker = w, .background = b};
+  int64_t total = 0;
   for (int64_t i = 0; i < b->chunk_count; i++)
-    d.total += strcmp(b->chunks[i].class_name, "ground") ? b->chunks[i].mesh.triangle_count : 0;
-  if (d.total <= w->options->chunk_triangles)
+    total += is_ground(&b->chunks[i]) ? 0 : b->chunks[i].mesh.triangle_count;
+  if (total <= w->options->chunk_triangles)
     return PAGS_OK;
-  d.results = calloc((size_t)b->chunk_count, sizeof *d.results);
-  PAGS_CHECK_MEMORY(d.results, "%lld chunks", (long long)b->chunk_count);
-  pags_result result = pags_parallel_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d)
-                           ? PAGS_OK
-                           : pags_fail(PAGS_CANCELLED, "interrupted");
-  for (int64_t i = 0; i < b->chunk_count && result == PAGS_OK; i++) {
-    pags_chunk *chunk = &b->chunks[i];
-    if (d.results[i] == PAGS_ERROR_LIMIT)
-      continue;
-    if (d.results[i] != PAGS_OK)
-      result = pags_fail(d.results[i], "a chunk of the background can't be decimated");
-    b->chunks[kept] = *chunk;
-    if (kept++ != i)
-      chunk->mesh = (pags_proxy_mesh){0};
+  PAGS_AUTOFREE pags_result *results = calloc((size_t)b->chunk_count, sizeof *results);
+  PAGS_CHECK_MEMORY(results, "%lld chunks", (long long)b->chunk_count);
+  decimation d = {.maker = w, .background = b, .total = total, .results = results};
+  PAGS_TRY(pags_proxy_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d));
+  for (int64_t i = 0; i < b->chunk_count; i++) {
+    if (results[i] == PAGS_ERROR_LIMIT) /* drop_empty leaves it out */
+      pags_proxy_mesh_destroy(&b->chunks[i].mesh);
+    else if (results[i] != PAGS_OK)
+      return pags_fail(results[i], "a chunk of the background can't be decimated");
   }
-  free(d.results);
-  if (result == PAGS_OK)
-    b->chunk_count = kept;
-  return result;
+  return PAGS_OK;
 }
 
 /* Leaves out the triangles whose middle is outside of the box or the ball. */
 static pags_result crop(const pags_proxy_options *options, pags_proxy_mesh *mesh) {
-  int64_t kept = 0;
-  for (int64_t i = 0; i < mesh->triangle_count; i++) {
-    double p[3] = {0}, square = 0;
+  const int64_t before = mesh->triangle_count;
+  for (int64_t i = 0; i < before; i++) {
+    double p[3];
     bool within = true;
-    for (int k = 0; k < 3; k++) {
-      for (int c = 0; c < 3; c++)
-        p[k] += (double)mesh->positions[3 * (int64_t)mesh->triangles[3 * i + c] + k] / 3;
-      within = within && (!options->box || (p[k] >= options->box[k] && p[k] <= options->box[3 + k]));
-      square += options->ball ? (p[k] - options->ball[k]) * (p[k] - options->ball[k]) : 0;
-    }
-    if (within && (!options->ball || square <= options->ball[3] * options->ball[3]))
-      memmove(mesh->triangles + 3 * kept++, mesh->triangles + 3 * i, 3 * sizeof(uint32_t));
+    pags_proxy_mesh_middle(mesh, i, p);
+    for (int k = 0; k < 3 && options->box; k++)
+      within = within && p[k] >= options->box[k] && p[k] <= options->box[3 + k];
+    if (options->ball)
+      within = within && pags_distance_squared3(p, options->ball) <= options->ball[3] * options->ball[3];
+    if (!within)
+      mesh->triangles[3 * i] = UINT32_MAX;
   }
-  if (kept == mesh->triangle_count)
-    return PAGS_OK;
-  mesh->triangle_count = kept;
-  return pags_proxy_mesh_compact(mesh);
+  pags_proxy_mesh_drop_marked(mesh);
+  return mesh->triangle_count < before ? pags_proxy_mesh_compact(mesh) : PAGS_OK;
 }
 
 static void drop_empty(pags_background *b) {
@@ -497,48 +436,45 @@ static void drop_empty(pags_background *b) {
 
 /* Adds what was looked at from all round as one chunk. */
 static pags_result add_bare(const pags_proxy_maker *w, pags_background *b) {
-  pags_proxy_mesh mesh = {0};
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh mesh = {0};
   pags_proxy_level level;
   const char *note;
-  pags_result result = pags_bare_surface(w->bare, w->options, &b->depth_views, w->tasks, &mesh);
-  if (result == PAGS_OK)
-    result = pags_bare_level(w->bare, w->options, &mesh, &level, &note);
-  if (result == PAGS_OK && mesh.triangle_count)
-    result = add_chunk(b, pags_class_names[PAGS_CLASS_SURFACE], &mesh);
-  pags_proxy_mesh_destroy(&mesh);
-  if (result == PAGS_OK && b->chunk_count) {
-    b->chunks[0].level = level;
-    b->chunks[0].note = note;
-  }
-  return result;
+  PAGS_TRY(pags_bare_surface(w->bare, w->options, &b->depth_views, w->tasks, &mesh));
+  PAGS_TRY(pags_bare_level(w->bare, w->options, &mesh, &level, &note));
+  if (!mesh.triangle_count)
+    return PAGS_OK;
+  PAGS_TRY(add_chunk(b, pags_class_names[PAGS_CLASS_SURFACE], &mesh));
+  b->chunks[0].level = level;
+  b->chunks[0].note = note;
+  return PAGS_OK;
 }
 
-static pags_result make(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, pags_background *out,
-                        pags_gaussians *g, pags_ground *ground) {
-  PAGS_TRY(gather_background(w, g));
-  out->gaussians = g->count;
-  out->s_sem = (double)NAN;
-  if (g->s_sem && g->count) {
+pags_result pags_background_make(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, pags_background *out) {
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
+  PAGS_AUTO(pags_clusters_destroy) pags_clusters clusters = {0};
+  PAGS_AUTO(pags_ground_destroy) pags_ground ground = {0};
+  *out = (pags_background){.s_sem = (double)NAN};
+  if (!w->scene->model_count)
+    return PAGS_OK;
+  PAGS_TRY(gather_background(w, &g));
+  out->gaussians = g.count;
+  if (g.s_sem && g.count) {
     out->s_sem = 0;
-    for (int64_t i = 0; i < g->count; i++)
-      out->s_sem += (double)g->s_sem[i] / (double)g->count;
+    for (int64_t i = 0; i < g.count; i++)
+      out->s_sem += (double)g.s_sem[i] / (double)g.count;
   }
-
-  pags_clusters clusters;
-  pags_part part = {.gaussians = g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-  PAGS_TRY(pags_clusters_create(&clusters, g->count, CLUSTER));
-  pags_clusters_update(&clusters, g, 0, clusters.count);
-  pags_result result = look(w, &part, tell, user, out);
-  pags_clusters_destroy(&clusters);
-  PAGS_TRY(result);
-
+  PAGS_TRY(pags_clusters_create(&clusters, g.count, CLUSTER));
+  pags_clusters_update(&clusters, &g, 0, clusters.count);
+  const pags_part part = {
+      .gaussians = &g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  PAGS_TRY(look(w, &part, tell, user, out));
   if (!out->depth_views.count)
     return PAGS_OK;
   if (w->bare && !w->bare->inside)
     return add_bare(w, out);
   if (w->scene->up == PAGS_UP_Z && !w->bare)
-    PAGS_TRY(add_ground(w, out, ground));
-  PAGS_TRY(add_tiles(w, tell, user, ground, out));
+    PAGS_TRY(add_ground(w, out, &ground));
+  PAGS_TRY(add_tiles(w, tell, user, &ground, out));
   PAGS_TRY(decimate(w, out));
   for (int64_t i = 0; i < out->chunk_count; i++) {
     PAGS_TRY(crop(w->options, &out->chunks[i].mesh));
@@ -546,19 +482,4 @@ static pags_result make(const pags_proxy_maker *w, pags_progress_fn *tell, void 
   }
   drop_empty(out);
   return PAGS_OK;
-}
-
-pags_result pags_background_make(const pags_proxy_maker *maker, pags_progress_fn *tell, void *user,
-                                 pags_background *out) {
-  pags_gaussians g = {0};
-  pags_ground ground = {0};
-  *out = (pags_background){.s_sem = (double)NAN};
-  if (!maker->scene->model_count)
-    return PAGS_OK;
-  pags_result result = make(maker, tell, user, out, &g, &ground);
-  pags_gaussians_destroy(&g);
-  pags_ground_destroy(&ground);
-  if (result != PAGS_OK)
-    pags_background_destroy(out);
-  return result;
 }

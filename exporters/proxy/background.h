@@ -25,12 +25,12 @@ typedef struct pags_background {
   double s_sem;                 /* their mean semantic priority; NaN if unknown */
   int64_t chunk_count, chunk_capacity;
   pags_chunk *chunks; /* the ground first, if there is one */
-  int labelled;       /* 1: classes are from the data set's semantic pictures; 0: guessed from shape and colour */
+  bool labelled;      /* classes are from the data set's semantic pictures, not guessed from shape and colour */
 } pags_background;
 
-/* Makes the ground and the chunks. `tell` is called with fractions 0..1. */
-pags_result pags_background_make(const pags_proxy_maker *maker, pags_progress_fn *tell, void *user,
-                                 pags_background *out);
+/* Makes the ground and the chunks. `tell` is called with fractions 0..1. After a failure, too, the caller destroys
+ * `out`. */
+pags_result pags_background_make(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, pags_background *out);
 void pags_background_destroy(pags_background *background);
 
 #ifdef __cplusplus

@@ -11,8 +11,6 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
-#include "base/vec3.h"
-#include "exporters/proxy/cage.h"
 #include "exporters/proxy/tsdf.h"
 #include "maths/maths.h"
 
@@ -32,14 +30,16 @@ static const double least_part = 1e-3; /* smaller parts are floaters: share of t
 
 /* ---- Views ---- */
 
+static double longest_side(const pags_survey *s) {
+  return fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
+}
+
 /* Orients a camera along `forward`, a unit vector. */
 static void aim(pags_camera *camera, const double eye[3], const double forward[3]) {
   double up[3] = {0, 0, 0}, right[3], down[3];
   up[fabs(forward[2]) < 0.9 ? 2 : 0] = 1;
   pags_cross3(forward, up, right);
-  const double length = pags_length3(right);
-  for (int k = 0; k < 3; k++)
-    right[k] /= length;
+  pags_divide3(right, pags_length3(right));
   pags_cross3(forward, right, down);
   for (int k = 0; k < 3; k++) {
     double *row = camera->world_from_camera + 4 * k;
@@ -84,7 +84,7 @@ static void look_around(pags_bare *bare, double step) {
 
 static void look_inside(pags_bare *bare, double step) {
   const pags_survey *s = &bare->survey;
-  const double longest = fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
+  const double longest = longest_side(s);
   const int width = (int)fmin(fmax(longest / step, LEAST_WIDTH), ROOM_WIDTH);
   double places[PLACES][3];
   const int count = pags_survey_places(s, PLACES, places);
@@ -104,7 +104,7 @@ static pags_result open(const pags_scene *scene, pags_proxy_options *options, pa
   PAGS_TRY(pags_survey_make(scene, &bare->survey));
   const pags_survey *s = &bare->survey;
   bare->inside = options->stand == PAGS_STAND_AUTO ? s->inside : options->stand == PAGS_STAND_INSIDE;
-  const double longest = fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
+  const double longest = longest_side(s);
   const double given = options->voxel;
   if (bare->inside)
     look_inside(bare, given > 0 ? given : longest / ROOM_STEPS);
@@ -128,14 +128,11 @@ pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options,
       return PAGS_OK;
   if (!pags_scene_gaussian_count(scene))
     return PAGS_OK;
-  pags_bare *bare = calloc(1, sizeof *bare);
+  PAGS_AUTO(pags_bare_close_auto) pags_bare *bare = calloc(1, sizeof *bare);
   PAGS_CHECK_MEMORY(bare, "made-up views");
-  const pags_result result = open(scene, options, bare);
-  if (result == PAGS_OK)
-    *out = bare;
-  else
-    pags_bare_close(bare);
-  return result;
+  PAGS_TRY(open(scene, options, bare));
+  *out = pags_take(&bare);
+  return PAGS_OK;
 }
 
 void pags_bare_close(pags_bare *bare) {
@@ -159,8 +156,9 @@ pags_result pags_bare_mark_haze(const pags_bare *bare, const pags_gaussians *g, 
   static const double least_logit = -0.85; /* of an opacity of 0.3 */
   static const double large = 1.5;         /* ln 4.5 */
   static const double flat = -1.6;         /* ln 0.2: the smallest sigma relative to the next */
-  double s[3], *sizes = malloc(((size_t)g->count + 1) * sizeof *sizes);
+  double s[3];
   int64_t count = 0;
+  PAGS_AUTOFREE double *sizes = malloc(((size_t)g->count + 1) * sizeof *sizes);
   PAGS_CHECK_MEMORY(sizes, "%lld Gaussians", (long long)g->count);
   for (int64_t i = 0; i < g->count; i++)
     if ((double)pags_plane(g, PAGS_OPACITY)[i] > least_logit) {
@@ -172,7 +170,6 @@ pags_result pags_bare_mark_haze(const pags_bare *bare, const pags_gaussians *g, 
     sort_scales(g, i, s);
     taken[i] |= s[2] > sizes[count / 2] + large && s[0] - s[1] > flat;
   }
-  free(sizes);
   return PAGS_OK;
 }
 
@@ -180,59 +177,42 @@ pags_result pags_bare_mark_haze(const pags_bare *bare, const pags_gaussians *g, 
 
 /* Makes points that no view says anything of solid, and those at the border of the grid free. */
 static void close_grid(pags_tsdf *grid, float far) {
-  int64_t at = 0;
-  for (int z = 0; z < grid->n[2]; z++)
-    for (int y = 0; y < grid->n[1]; y++)
-      for (int x = 0; x < grid->n[0]; x++, at++) {
-        const bool border =
-            x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2];
-        if (border)
-          grid->distance[at] = far;
-        else if (!(grid->weight[at] > 0))
-          grid->distance[at] = -far;
-      }
+  for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; i++)
+    if (!(grid->weight[i] > 0))
+      grid->distance[i] = -far;
+  pags_tsdf_close_border(grid, far);
 }
 
 pags_result pags_bare_surface(const pags_bare *bare, const pags_proxy_options *options,
                               const pags_depth_views *depth_views, pags_tasks *tasks, pags_proxy_mesh *out) {
-  const double step = options->voxel;
+  const double step = options->voxel, room = (margin + 0.03 * OBJECT_STEPS) * step;
   double lo[3], hi[3];
-  pags_tsdf grid;
-  pags_proxy_mesh fine = {0};
+  PAGS_AUTO(pags_tsdf_destroy) pags_tsdf grid = {0};
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh fine = {0};
   for (int k = 0; k < 3; k++) {
-    lo[k] = bare->survey.lo[k] - (margin + 0.03 * OBJECT_STEPS) * step;
-    hi[k] = bare->survey.hi[k] + (margin + 0.03 * OBJECT_STEPS) * step;
+    lo[k] = bare->survey.lo[k] - room;
+    hi[k] = bare->survey.hi[k] + room;
   }
-  PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, 0));
-  pags_result result =
-      pags_tsdf_fuse(&grid, depth_views, truncation * step, behind * step, options->range * 10, 1, tasks);
-  if (result == PAGS_OK) {
-    close_grid(&grid, (float)(truncation * step));
-    result = pags_tsdf_surface(&grid, 0, &fine);
-  }
-  pags_tsdf_destroy(&grid);
-  if (result == PAGS_OK)
-    result = pags_proxy_mesh_keep_parts(&fine, least_part, 0, NULL);
-  if (result == PAGS_OK)
-    result = pags_proxy_mesh_simplify(&fine, options->chunk_triangles, out);
-  pags_proxy_mesh_destroy(&fine);
-  if (result == PAGS_OK)
-    result = pags_proxy_mesh_clean(out);
-  return result == PAGS_OK ? pags_proxy_mesh_paint(out, depth_views, truncation * step, tasks) : result;
+  PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, false));
+  PAGS_TRY(pags_tsdf_fuse(&grid, depth_views, truncation * step, behind * step, options->range * 10, true, tasks));
+  close_grid(&grid, (float)(truncation * step));
+  PAGS_TRY(pags_tsdf_surface(&grid, false, &fine));
+  pags_tsdf_destroy(&grid); /* the largest of all: not needed any more */
+  PAGS_TRY(pags_proxy_mesh_keep_parts(&fine, least_part, 0, NULL));
+  PAGS_TRY(pags_proxy_mesh_simplify(&fine, options->chunk_triangles, out));
+  PAGS_TRY(pags_proxy_mesh_clean(out));
+  return pags_proxy_mesh_paint(out, depth_views, truncation * step, tasks);
 }
 
 static pags_result make_box(const pags_proxy_mesh *from, pags_proxy_mesh *out) {
-  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, size[3], sum[3] = {0};
+  double lo[3], hi[3], size[3], sum[3] = {0};
   float color[3];
-  for (int64_t i = 0; i < 3 * from->vertex_count; i++) {
-    lo[i % 3] = fmin(lo[i % 3], (double)from->positions[i]);
-    hi[i % 3] = fmax(hi[i % 3], (double)from->positions[i]);
+  pags_proxy_mesh_bounds(from, lo, hi);
+  pags_subtract3(hi, lo, size);
+  for (int64_t i = 0; i < 3 * from->vertex_count; i++)
     sum[i % 3] += (double)from->colors[i];
-  }
-  for (int k = 0; k < 3; k++) {
-    size[k] = hi[k] - lo[k];
-    color[k] = (float)(sum[k] / (double)from->vertex_count);
-  }
+  pags_divide3(sum, (double)from->vertex_count);
+  pags_narrow3(sum, color);
   PAGS_TRY(pags_proxy_mesh_box(size, color, out));
   for (int64_t i = 0; i < 3 * out->vertex_count; i++)
     out->positions[i] += (float)(0.5 * (lo[i % 3] + hi[i % 3]));
@@ -241,7 +221,7 @@ static pags_result make_box(const pags_proxy_mesh *from, pags_proxy_mesh *out) {
 
 pags_result pags_bare_level(const pags_bare *bare, const pags_proxy_options *options, pags_proxy_mesh *mesh,
                             pags_proxy_level *level, const char **note) {
-  pags_proxy_mesh made = {0};
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh made = {0};
   pags_result result = PAGS_OK;
   *level = PAGS_PROXY_MESH;
   *note = bare->note;
@@ -258,12 +238,12 @@ pags_result pags_bare_level(const pags_bare *bare, const pags_proxy_options *opt
   if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
     return result;
   if (result != PAGS_OK) {
-    pags_proxy_mesh_destroy(&made);
     *note = "no photographs: views made up round it; what was asked for can't be made of it: its surface";
     return PAGS_OK;
   }
-  pags_proxy_mesh_destroy(mesh);
+  const pags_proxy_mesh replaced = *mesh;
   *mesh = made;
+  made = replaced;
   *level = options->level;
   if (options->level == PAGS_PROXY_CONVEX) {
     *level = PAGS_PROXY_HULL;

@@ -6,6 +6,7 @@
 #include <pags/export.h>
 #include <pags/tasks.h>
 
+#include "base/memory.h"
 #include "exporters/proxy/depth_view.h"
 #include "exporters/proxy/mesh.h"
 #include "scene/survey.h"
@@ -25,6 +26,7 @@ typedef struct pags_bare {
  * `options` that are 0 are set from the extent. The scene must outlive `out`. */
 pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options, pags_bare **out);
 void pags_bare_close(pags_bare *bare); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_bare, pags_bare_close)
 
 /* Sets taken[i] for the Gaussians of a room that are haze: large ones, more than 4.5 times the usual size, that aren't
  * flat. Views made up among them would see them as surfaces. PAGS_ERROR_MEMORY. */

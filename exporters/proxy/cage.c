@@ -6,7 +6,6 @@
  * of the mesh the nearest sample is pulled to that vertex (so that protruding parts such as wheels are not lost). The
  * control points are found by linear least squares over the limit stencils, with a penalty on the cage's bending (the
  * difference of a control point from the mean of its neighbours) whose weight falls from round to round. */
-#include "exporters/proxy/cage.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -27,11 +26,14 @@ static const double vertex_weight = 8;
 
 typedef struct cage {
   int n[3]; /* quads along x, y, z */
-  int vertex_count, quad_count;
-  int *quads;
-  float *positions;
+  pags_quads mesh;
   int *lattice; /* vertex at each point of the (n + 1)^3 lattice; -1 inside */
 } cage;
+
+static void forget_cage(cage *c) {
+  pags_quads_destroy(&c->mesh);
+  free(c->lattice);
+}
 
 /* ---- The box of quads ---- */
 
@@ -54,11 +56,11 @@ static void choose_counts(const double size[3], int64_t most_quads, int n[3]) {
 
 /* Adds the quads of one face of the box, at the low or the high end of axis `a`, counter-clockwise seen from
  * outside. */
-static void add_face(cage *c, int a, int high) {
+static void add_face(cage *c, int a, bool high) {
   int u = (a + 1) % 3, v = (a + 2) % 3;
   for (int j = 0; j < c->n[v]; j++)
     for (int i = 0; i < c->n[u]; i++) {
-      int *quad = c->quads + 4 * (size_t)c->quad_count++;
+      int *quad = c->mesh.quads + 4 * (size_t)c->mesh.quad_count++;
       for (int corner = 0; corner < 4; corner++) {
         static const int du[4] = {0, 1, 1, 0}, dv[4] = {0, 0, 1, 1};
         int at = high ? corner : 3 - corner, p[3];
@@ -73,31 +75,30 @@ static void add_face(cage *c, int a, int high) {
 /* Makes the first cage: the box `lo`..`hi` with a lattice of control points on its faces. */
 static pags_result build_box(cage *c, const double lo[3], const double hi[3], int64_t most_quads) {
   double size[3];
-  for (int k = 0; k < 3; k++)
-    size[k] = hi[k] - lo[k];
+  pags_subtract3(hi, lo, size);
   choose_counts(size, most_quads, c->n);
-  size_t points = (size_t)(c->n[0] + 1) * (size_t)(c->n[1] + 1) * (size_t)(c->n[2] + 1);
-  size_t quads =
-      2 * ((size_t)c->n[0] * (size_t)c->n[1] + (size_t)c->n[1] * (size_t)c->n[2] + (size_t)c->n[2] * (size_t)c->n[0]);
+  const size_t n[3] = {(size_t)c->n[0], (size_t)c->n[1], (size_t)c->n[2]};
+  const size_t points = (n[0] + 1) * (n[1] + 1) * (n[2] + 1), quads = 2 * (n[0] * n[1] + n[1] * n[2] + n[2] * n[0]);
   c->lattice = malloc(points * sizeof *c->lattice);
-  c->positions = malloc(points * 3 * sizeof *c->positions);
-  c->quads = malloc(quads * 4 * sizeof *c->quads);
-  PAGS_CHECK_MEMORY(c->lattice && c->positions && c->quads, "a cage");
+  c->mesh.positions = malloc(points * 3 * sizeof *c->mesh.positions);
+  c->mesh.quads = malloc(quads * 4 * sizeof *c->mesh.quads);
+  PAGS_CHECK_MEMORY(c->lattice && c->mesh.positions && c->mesh.quads, "a cage");
   for (int z = 0; z <= c->n[2]; z++)
     for (int y = 0; y <= c->n[1]; y++)
       for (int x = 0; x <= c->n[0]; x++) {
         const int p[3] = {x, y, z};
-        int outside = 0;
+        bool outside = false;
         for (int k = 0; k < 3; k++)
-          outside |= p[k] == 0 || p[k] == c->n[k];
-        c->lattice[lattice_at(c, x, y, z)] = outside ? c->vertex_count : -1;
+          outside = outside || p[k] == 0 || p[k] == c->n[k];
+        c->lattice[lattice_at(c, x, y, z)] = outside ? c->mesh.vertex_count : -1;
         for (int k = 0; k < 3 && outside; k++)
-          c->positions[3 * c->vertex_count + k] = (float)(lo[k] + size[k] * p[k] / c->n[k]);
-        c->vertex_count += outside;
+          c->mesh.positions[3 * c->mesh.vertex_count + k] = (float)(lo[k] + size[k] * p[k] / c->n[k]);
+        c->mesh.vertex_count += outside;
       }
-  for (int a = 0; a < 3; a++)
-    for (int high = 0; high < 2; high++)
-      add_face(c, a, high);
+  for (int a = 0; a < 3; a++) {
+    add_face(c, a, false);
+    add_face(c, a, true);
+  }
   return PAGS_OK;
 }
 
@@ -160,11 +161,18 @@ static void solve(equations *e) {
 typedef struct fit {
   const pags_proxy_mesh *mesh;
   const pags_mesh_query *query;
-  cage *cage;
+  pags_quads *cage;
   pags_stencils stencils;
   float *limit; /* samples of the limit surface */
   equations equations;
 } fit;
+
+static void forget_fit(fit *f) {
+  free(f->limit);
+  free(f->equations.matrix);
+  free(f->equations.right);
+  pags_stencils_destroy(&f->stencils);
+}
 
 /* Pulls a sample of the limit surface to `target` with the weight `price`. */
 static void pull(fit *f, int64_t sample, const double target[3], double price) {
@@ -176,7 +184,7 @@ static void pull(fit *f, int64_t sample, const double target[3], double price) {
 /* Adds the penalty on bending: each control point should be the mean of the control points at the other ends of its
  * edges. */
 static void add_smoothness(fit *f, double price) {
-  const cage *c = f->cage;
+  const pags_quads *c = f->cage;
   static const double nothing[3] = {0};
   int32_t indices[33];
   float weights[33];
@@ -197,8 +205,8 @@ static void add_smoothness(fit *f, double price) {
 
 /* One round of the fit: sets up and solves the normal equations for new control points. */
 static pags_result round_of(fit *f, int round) {
-  int n = f->equations.n;
-  pags_mesh_query *cloud;
+  const int n = f->equations.n;
+  PAGS_AUTO(pags_mesh_query_destroy_auto) pags_mesh_query *cloud = NULL;
 
   /* Evaluate the samples of the limit surface by their stencils. */
   for (int64_t i = 0; i < f->stencils.count; i++) {
@@ -206,25 +214,24 @@ static pags_result round_of(fit *f, int round) {
     for (int64_t s = f->stencils.first[i]; s < f->stencils.first[i + 1]; s++)
       for (int k = 0; k < 3; k++)
         p[k] += (double)f->stencils.weights[s] * (double)f->cage->positions[3 * f->stencils.indices[s] + k];
-    for (int k = 0; k < 3; k++)
-      f->limit[3 * i + k] = (float)p[k];
+    pags_narrow3(p, f->limit + 3 * i);
   }
 
   PAGS_TRY(pags_mesh_query_of_points(f->limit, f->stencils.count, &cloud));
   memset(f->equations.matrix, 0, (size_t)n * (size_t)n * sizeof(double));
   memset(f->equations.right, 0, 3 * (size_t)n * sizeof(double));
   for (int64_t i = 0; i < f->stencils.count; i++) {
-    const double p[3] = {(double)f->limit[3 * i], (double)f->limit[3 * i + 1], (double)f->limit[3 * i + 2]};
-    double target[3];
+    double p[3], target[3];
+    pags_widen3(f->limit + 3 * i, p);
     pags_mesh_query_nearest(f->query, p, target);
     pull(f, i, target, 1);
   }
   int64_t step = f->mesh->vertex_count / MOST_PULLS + 1;
   double share = (double)f->stencils.count / (double)(f->mesh->vertex_count / step + 1);
   for (int64_t i = 0; i < f->mesh->vertex_count; i += step) {
-    const float *v = f->mesh->positions + 3 * i;
-    const double target[3] = {(double)v[0], (double)v[1], (double)v[2]};
+    double target[3];
     uint32_t sample;
+    pags_proxy_mesh_point(f->mesh, i, target);
     pags_mesh_query_distance(cloud, target, &sample);
     pull(f, sample, target, vertex_weight * share);
   }
@@ -235,7 +242,6 @@ static pags_result round_of(fit *f, int round) {
     for (int k = 0; k < 3; k++)
       f->equations.right[k * n + i] += 1e-4 * samples_each * (double)f->cage->positions[3 * i + k];
   }
-  pags_mesh_query_destroy(cloud);
   solve(&f->equations);
   for (int i = 0; i < n; i++)
     for (int k = 0; k < 3; k++)
@@ -243,77 +249,52 @@ static pags_result round_of(fit *f, int round) {
   return PAGS_OK;
 }
 
-static pags_result fit_cage(const pags_proxy_mesh *mesh, const pags_mesh_query *query, cage *c) {
-  fit f = {.mesh = mesh, .query = query, .cage = c, .equations = {.n = c->vertex_count}};
-  size_t n = (size_t)c->vertex_count;
-  PAGS_TRY(pags_subdiv_stencils(c->vertex_count, c->quad_count, c->quads, SIDE, &f.stencils));
+static pags_result fit_cage(const pags_proxy_mesh *mesh, const pags_mesh_query *query, pags_quads *c) {
+  PAGS_AUTO(forget_fit) fit f = {.mesh = mesh, .query = query, .cage = c, .equations = {.n = c->vertex_count}};
+  const size_t n = (size_t)c->vertex_count;
+  PAGS_TRY(pags_subdiv_stencils(c, SIDE, &f.stencils));
   f.limit = malloc((size_t)f.stencils.count * 3 * sizeof *f.limit);
   f.equations.matrix = malloc(n * n * sizeof(double));
   f.equations.right = malloc(3 * n * sizeof(double));
-  pags_result result = f.limit && f.equations.matrix && f.equations.right ? PAGS_OK : pags_out_of_memory("a cage");
-  for (int round = 0; round < ROUNDS && result == PAGS_OK; round++)
-    result = round_of(&f, round);
-  free(f.limit);
-  free(f.equations.matrix);
-  free(f.equations.right);
-  pags_stencils_destroy(&f.stencils);
-  return result;
+  PAGS_CHECK_MEMORY(f.limit && f.equations.matrix && f.equations.right, "a cage");
+  for (int round = 0; round < ROUNDS; round++)
+    PAGS_TRY(round_of(&f, round));
+  return PAGS_OK;
 }
 
 /* ---- The result ---- */
 
 /* Writes quads as triangles. Each vertex takes colour and `observed` from a corner of the nearest triangle of the
  * mesh. */
-static pags_result write_out(const pags_proxy_mesh *mesh, const pags_mesh_query *query, int vertex_count,
-                             const float *positions, int quad_count, const int *quads, pags_proxy_mesh *out) {
-  for (int i = 0; i < vertex_count; i++) {
-    const double p[3] = {(double)positions[3 * i], (double)positions[3 * i + 1], (double)positions[3 * i + 2]};
+static pags_result write_out(const pags_proxy_mesh *mesh, const pags_mesh_query *query, const pags_quads *from,
+                             pags_proxy_mesh *out) {
+  for (int i = 0; i < from->vertex_count; i++) {
+    double p[3];
     uint32_t triangle;
+    pags_widen3(from->positions + 3 * i, p);
     pags_mesh_query_distance(query, p, &triangle);
     int64_t nearest = mesh->triangles[3 * (size_t)triangle];
-    pags_proxy_mesh_vertex(out, positions + 3 * i, mesh->colors + 3 * nearest, mesh->observed[nearest]);
+    pags_proxy_mesh_vertex(out, from->positions + 3 * i, mesh->colors + 3 * nearest, mesh->observed[nearest]);
   }
-  for (int i = 0; i < quad_count; i++) {
-    const int *q = quads + 4 * i;
+  for (int i = 0; i < from->quad_count; i++) {
+    const int *q = from->quads + 4 * i;
     pags_proxy_mesh_triangle(out, (uint32_t)q[0], (uint32_t)q[1], (uint32_t)q[2]);
     pags_proxy_mesh_triangle(out, (uint32_t)q[0], (uint32_t)q[2], (uint32_t)q[3]);
   }
   return pags_proxy_mesh_check(out);
 }
 
-static pags_result make_cage(const pags_proxy_mesh *mesh, const pags_mesh_query *query, int level, int64_t budget,
-                             cage *c, pags_proxy_mesh *out) {
-  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
-  for (int64_t i = 0; i < 3 * mesh->vertex_count; i++) {
-    lo[i % 3] = fmin(lo[i % 3], (double)mesh->positions[i]);
-    hi[i % 3] = fmax(hi[i % 3], (double)mesh->positions[i]);
-  }
-  PAGS_TRY(build_box(c, lo, hi, budget / 2 >> 2 * level));
-  PAGS_TRY(fit_cage(mesh, query, c));
-  if (level == 0)
-    return write_out(mesh, query, c->vertex_count, c->positions, c->quad_count, c->quads, out);
-  int vertex_count, quad_count, *quads;
-  float *positions;
-  PAGS_TRY(pags_subdiv_refine(c->vertex_count, c->positions, c->quad_count, c->quads, level, &vertex_count, &positions,
-                              &quad_count, &quads));
-  pags_result result = write_out(mesh, query, vertex_count, positions, quad_count, quads, out);
-  free(positions);
-  free(quads);
-  return result;
-}
-
 pags_result pags_proxy_mesh_cage(const pags_proxy_mesh *mesh, int level, int64_t budget, pags_proxy_mesh *out) {
-  cage c = {0};
-  pags_mesh_query *query = NULL;
+  PAGS_AUTO(forget_cage) cage c = {0};
+  PAGS_AUTO(pags_mesh_query_destroy_auto) pags_mesh_query *query = NULL;
+  PAGS_AUTO(pags_quads_destroy) pags_quads fine = {0};
+  double lo[3], hi[3];
   *out = (pags_proxy_mesh){0};
-  pags_result result = pags_mesh_query_of_mesh(mesh, &query);
-  if (result == PAGS_OK)
-    result = make_cage(mesh, query, level, budget, &c, out);
-  pags_mesh_query_destroy(query);
-  free(c.lattice);
-  free(c.positions);
-  free(c.quads);
-  if (result != PAGS_OK)
-    pags_proxy_mesh_destroy(out);
-  return result;
+  PAGS_TRY(pags_mesh_query_of_mesh(mesh, &query));
+  pags_proxy_mesh_bounds(mesh, lo, hi);
+  PAGS_TRY(build_box(&c, lo, hi, budget / 2 >> 2 * level));
+  PAGS_TRY(fit_cage(mesh, query, &c.mesh));
+  if (level > 0)
+    PAGS_TRY(pags_subdiv_refine(&c.mesh, level, &fine));
+  return write_out(mesh, query, level > 0 ? &fine : &c.mesh, out);
 }

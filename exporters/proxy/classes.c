@@ -4,7 +4,6 @@
 #include "exporters/proxy/classes.h"
 
 #include <math.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,7 +29,7 @@ static uint8_t class_of_label(uint8_t label) {
 void pags_classes_load(const pags_proxy_maker *w, const pags_scene_view *view, pags_depth_view *depth_view) {
 #ifdef PAGS_WITH_IMAGES
   char path[1024];
-  pags_image image;
+  PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   const char *name = pags_path_name(view->name);
   int stem = (int)(strlen(name) - strlen(pags_path_extension(name)));
   int width = depth_view->camera.width, height = depth_view->camera.height;
@@ -46,11 +45,8 @@ void pags_classes_load(const pags_proxy_maker *w, const pags_scene_view *view, p
       depth_view->labels[(size_t)y * (size_t)width + (size_t)x] =
           class_of_label(((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u]);
     }
-  pags_image_destroy(&image);
 #else
-  (void)w;
-  (void)view;
-  (void)depth_view;
+  (void)w, (void)view, (void)depth_view;
 #endif
 }
 
@@ -63,15 +59,15 @@ typedef struct naming {
 } naming;
 
 /* The class that most of the views that see a point give it (depth within the tolerance); OTHER if none does. */
-static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count, const double point[3]) {
+static uint8_t vote(const naming *n, const int64_t *seen, int64_t seen_count, const double point[3]) {
   int votes[CLASSES] = {0}, best = 0, x, y;
   double z;
   for (int64_t s = 0; s < seen_count; s++) {
-    const pags_depth_view *depth_view = &self->depth_views->list[seen[s]];
+    const pags_depth_view *depth_view = &n->depth_views->list[seen[s]];
     if (!depth_view->labels || !pags_depth_view_project(depth_view, point, &x, &y, &z))
       continue;
     int64_t pixel = (int64_t)y * depth_view->camera.width + x;
-    if (fabs((double)depth_view->depth[pixel] - z) < self->tolerance && depth_view->labels[pixel] < CLASSES)
+    if (fabs((double)depth_view->depth[pixel] - z) < n->tolerance && depth_view->labels[pixel] < CLASSES)
       votes[depth_view->labels[pixel]]++;
   }
   for (int c = 1; c < CLASSES; c++)
@@ -79,42 +75,33 @@ static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count,
   return votes[best] ? (uint8_t)best : OTHER;
 }
 
-/* Guesses a vertex's class without semantic pictures: level surface is road, upright and not green a building, green
- * vegetation, else other. Poles are not recognised. */
-static uint8_t guess(const float normal[3], const float color[3]) {
-  int green = color[1] > 1.05f * color[0] && color[1] > color[2];
-  if (normal[2] > 0.9f)
-    return ROAD;
-  return !green && fabsf(normal[2]) < 0.35f ? BUILDING : green ? VEGETATION : OTHER;
-}
-
 static void name_vertices(void *context, int64_t begin, int64_t end, int worker) {
-  const naming *self = context;
-  int64_t *seen = self->lists + worker * (self->depth_views->count + 1);
-  int64_t seen_count = pags_depth_views_of_run(self->depth_views, self->mesh, begin, end, seen);
+  const naming *n = context;
+  int64_t *seen = n->lists + worker * (n->depth_views->count + 1);
+  int64_t seen_count = pags_depth_views_of_run(n->depth_views, n->mesh, begin, end, seen);
   for (int64_t i = begin; i < end; i++) {
-    const float *p = self->mesh->positions + 3 * i;
-    const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
-    self->class_of[i] = vote(self, seen, seen_count, point);
+    double point[3];
+    pags_proxy_mesh_point(n->mesh, i, point);
+    n->class_of[i] = vote(n, seen, seen_count, point);
   }
 }
 
-pags_result pags_classes_find(const pags_proxy_maker *w, const pags_depth_views *depth_views, int labelled,
+pags_result pags_classes_find(const pags_proxy_maker *w, const pags_depth_views *depth_views, bool labelled,
                               const pags_proxy_mesh *mesh, uint8_t *class_of) {
-  naming self = {.mesh = mesh, .depth_views = depth_views, .tolerance = 3 * w->options->voxel, .class_of = class_of};
   if (labelled) {
-    self.lists = pags_depth_views_lists(depth_views, w->tasks);
-    if (!self.lists)
-      return PAGS_ERROR_MEMORY;
-    bool done = pags_parallel_for(w->tasks, mesh->vertex_count, 256, name_vertices, &self);
-    free(self.lists);
-    return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "interrupted");
+    PAGS_AUTOFREE int64_t *lists = pags_depth_views_lists(depth_views, w->tasks);
+    naming n = {mesh, depth_views, 3 * w->options->voxel, class_of, lists};
+    return lists ? pags_proxy_for(w->tasks, mesh->vertex_count, 256, name_vertices, &n) : PAGS_ERROR_MEMORY;
   }
-  float *normals = malloc(((size_t)mesh->vertex_count + 1) * 3 * sizeof *normals);
+  PAGS_AUTOFREE float *normals = malloc(((size_t)mesh->vertex_count + 1) * 3 * sizeof *normals);
   PAGS_CHECK_MEMORY(normals, "%lld vertices", (long long)mesh->vertex_count);
   pags_proxy_mesh_normals(mesh, normals);
-  for (int64_t i = 0; i < mesh->vertex_count; i++)
-    class_of[i] = guess(normals + 3 * i, mesh->colors + 3 * i);
-  free(normals);
+  /* Without semantic pictures a level surface is guessed to be road, an upright one that isn't green a building, a
+   * green one vegetation, any other `other`. Poles are not recognised. */
+  for (int64_t i = 0; i < mesh->vertex_count; i++) {
+    const float *color = mesh->colors + 3 * i, up = normals[3 * i + 2];
+    const bool green = color[1] > 1.05f * color[0] && color[1] > color[2];
+    class_of[i] = up > 0.9f ? ROAD : green ? VEGETATION : fabsf(up) < 0.35f ? BUILDING : OTHER;
+  }
   return PAGS_OK;
 }

@@ -17,7 +17,7 @@ extern const char *const pags_class_names[PAGS_CLASSES]; /* "road", "sidewalk", 
 void pags_classes_load(const pags_proxy_maker *maker, const pags_scene_view *view, pags_depth_view *depth_view);
 
 /* Finds the class of each vertex: of the pictures with `labelled`, else guessed. */
-pags_result pags_classes_find(const pags_proxy_maker *maker, const pags_depth_views *depth_views, int labelled,
+pags_result pags_classes_find(const pags_proxy_maker *maker, const pags_depth_views *depth_views, bool labelled,
                               const pags_proxy_mesh *mesh, uint8_t *class_of);
 
 #ifdef __cplusplus

@@ -11,7 +11,7 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
-#include "base/vec3.h"
+
 #include "exporters/proxy/mesh.h"
 
 enum { PASSES = 12 };
@@ -20,18 +20,9 @@ static const double least_area = 2e-10; /* square metres; less where the whole m
 static const double needle = 0.02;      /* a needle's shortest edge is at most this share of its longest */
 static const double apart = 0.01;       /* how far copies of a vertex move towards the middle of their faces */
 
-static void corners_of(const pags_proxy_mesh *s, int64_t triangle, double p[3][3]) {
-  for (int c = 0; c < 3; c++)
-    for (int k = 0; k < 3; k++)
-      p[c][k] = (double)s->positions[3 * (int64_t)s->triangles[3 * triangle + c] + k];
-}
-
 static double area_limit(const pags_proxy_mesh *s) {
-  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, size[3];
-  for (int64_t i = 0; i < 3 * s->vertex_count; i++) {
-    lo[i % 3] = fmin(lo[i % 3], (double)s->positions[i]);
-    hi[i % 3] = fmax(hi[i % 3], (double)s->positions[i]);
-  }
+  double lo[3], hi[3], size[3];
+  pags_proxy_mesh_bounds(s, lo, hi);
   for (int k = 0; k < 3; k++)
     size[k] = fmax(hi[k] - lo[k], 0);
   const double share = fmin(1, pags_length3(size) / 0.1);
@@ -86,11 +77,9 @@ static bool mend(pags_proxy_mesh *s, int64_t triangle, const edge *edges, uint32
   uint32_t *t = s->triangles + 3 * triangle;
   double p[3][3], length[3];
   int longest = 0, shortest = 0;
-  corners_of(s, triangle, p);
+  pags_proxy_mesh_corners(s, triangle, p);
   for (int c = 0; c < 3; c++) {
-    const int d = (c + 1) % 3;
-    const double along[3] = {p[d][0] - p[c][0], p[d][1] - p[c][1], p[d][2] - p[c][2]};
-    length[c] = pags_length3(along);
+    length[c] = pags_distance3(p[(c + 1) % 3], p[c]);
     longest = length[c] > length[longest] ? c : longest;
     shortest = length[c] < length[shortest] ? c : shortest;
   }
@@ -101,11 +90,10 @@ static bool mend(pags_proxy_mesh *s, int64_t triangle, const edge *edges, uint32
       return false;
     uint32_t *o = s->triangles + 3 * (other / 3);
     const uint32_t far = o[(other % 3 + 2) % 3];
-    const uint32_t first[3] = {corner, a, far}, second[3] = {far, b, corner};
     if (far == corner)
       return false;
-    memcpy(t, first, sizeof first);
-    memcpy(o, second, sizeof second);
+    memcpy(t, (const uint32_t[3]){corner, a, far}, 3 * sizeof *t);
+    memcpy(o, (const uint32_t[3]){far, b, corner}, 3 * sizeof *o);
     busy[triangle] = busy[other / 3] = 1;
     return true;
   }
@@ -118,48 +106,39 @@ static bool mend(pags_proxy_mesh *s, int64_t triangle, const edge *edges, uint32
 }
 
 static void drop_collapsed(pags_proxy_mesh *s, const uint32_t *onto) {
-  int64_t kept = 0;
   for (int64_t i = 0; i < s->triangle_count; i++) {
-    uint32_t t[3];
+    uint32_t *t = s->triangles + 3 * i;
     for (int c = 0; c < 3; c++)
-      t[c] = onto[s->triangles[3 * i + c]];
+      t[c] = onto[t[c]];
     if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0])
-      continue;
-    memcpy(s->triangles + 3 * kept++, t, sizeof t);
+      t[0] = UINT32_MAX;
   }
-  s->triangle_count = kept;
+  pags_proxy_mesh_drop_marked(s);
 }
 
 /* One pass over all triangles without area; `found` receives how many there were. */
 static pags_result mend_all(pags_proxy_mesh *s, double limit, int64_t *found) {
-  double p[3][3], u[3], v[3], n[3];
   *found = 0;
-  uint8_t *busy = calloc((size_t)s->triangle_count + 1, 1);
+  PAGS_AUTOFREE uint8_t *busy = calloc((size_t)s->triangle_count + 1, 1);
   PAGS_CHECK_MEMORY(busy, "%lld triangles", (long long)s->triangle_count);
   for (int64_t i = 0; i < s->triangle_count; i++) {
-    corners_of(s, i, p);
-    for (int k = 0; k < 3; k++) {
-      u[k] = p[1][k] - p[0][k];
-      v[k] = p[2][k] - p[0][k];
-    }
-    pags_cross3(u, v, n);
+    double n[3];
+    pags_proxy_mesh_cross(s, i, n);
     busy[i] = 0.5 * pags_length3(n) < limit ? 2 : 0;
     *found += busy[i] == 2;
   }
-  edge *edges = *found ? sorted_edges(s) : NULL;
-  uint32_t *onto = *found ? malloc(((size_t)s->vertex_count + 1) * sizeof *onto) : NULL;
-  const bool short_of = *found && (!edges || !onto);
-  for (int64_t i = 0; i < s->vertex_count && onto; i++)
+  if (!*found)
+    return PAGS_OK;
+  PAGS_AUTOFREE edge *edges = sorted_edges(s);
+  PAGS_AUTOFREE uint32_t *onto = malloc(((size_t)s->vertex_count + 1) * sizeof *onto);
+  PAGS_CHECK_MEMORY(edges && onto, "%lld edges", (long long)s->triangle_count);
+  for (int64_t i = 0; i < s->vertex_count; i++)
     onto[i] = (uint32_t)i;
-  for (int64_t i = 0; i < s->triangle_count && *found && !short_of; i++)
+  for (int64_t i = 0; i < s->triangle_count; i++)
     if (busy[i] == 2)
       mend(s, i, edges, onto, busy);
-  if (*found && !short_of)
-    drop_collapsed(s, onto);
-  free(edges);
-  free(onto);
-  free(busy);
-  return short_of ? pags_out_of_memory("%lld edges", (long long)s->triangle_count) : PAGS_OK;
+  drop_collapsed(s, onto);
+  return PAGS_OK;
 }
 
 /* ---- Doubles ---- */
@@ -179,7 +158,7 @@ static int compare_faces(const void *left, const void *right) {
 
 /* Keeps one of the faces that have the same three vertices. */
 static pags_result drop_doubles(pags_proxy_mesh *s) {
-  face *faces = malloc(((size_t)s->triangle_count + 1) * sizeof *faces);
+  PAGS_AUTOFREE face *faces = malloc(((size_t)s->triangle_count + 1) * sizeof *faces);
   PAGS_CHECK_MEMORY(faces, "%lld triangles", (long long)s->triangle_count);
   for (int64_t i = 0; i < s->triangle_count; i++) {
     const uint32_t *t = s->triangles + 3 * i;
@@ -191,12 +170,7 @@ static pags_result drop_doubles(pags_proxy_mesh *s) {
   for (int64_t i = 1; i < s->triangle_count; i++)
     if (!memcmp(faces[i].v, faces[i - 1].v, sizeof faces[i].v))
       s->triangles[3 * faces[i].triangle] = UINT32_MAX;
-  free(faces);
-  int64_t kept = 0;
-  for (int64_t i = 0; i < s->triangle_count; i++)
-    if (s->triangles[3 * i] != UINT32_MAX)
-      memmove(s->triangles + 3 * kept++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
-  s->triangle_count = kept;
+  pags_proxy_mesh_drop_marked(s);
   return PAGS_OK;
 }
 
@@ -217,16 +191,13 @@ static int compare_places(const void *left, const void *right) {
 
 /* Moves vertices that lie at the same place towards the middle of their own faces. */
 static pags_result part_copies(pags_proxy_mesh *s) {
-  place *places = malloc(((size_t)s->vertex_count + 1) * sizeof *places);
-  double *sum = calloc(4 * (size_t)s->vertex_count + 1, sizeof *sum); /* of the faces' middles, and how many */
-  if (!places || !sum) {
-    free(places);
-    free(sum);
-    return pags_out_of_memory("%lld vertices", (long long)s->vertex_count);
-  }
+  PAGS_AUTOFREE place *places = malloc(((size_t)s->vertex_count + 1) * sizeof *places);
+  /* Of each vertex the sum of its faces' middles, and how many these are. */
+  PAGS_AUTOFREE double *sum = calloc(4 * (size_t)s->vertex_count + 1, sizeof *sum);
+  PAGS_CHECK_MEMORY(places && sum, "%lld vertices", (long long)s->vertex_count);
   for (int64_t i = 0; i < s->triangle_count; i++) {
     double p[3][3];
-    corners_of(s, i, p);
+    pags_proxy_mesh_corners(s, i, p);
     for (int c = 0; c < 3; c++) {
       double *own = sum + 4 * (int64_t)s->triangles[3 * i + c];
       for (int k = 0; k < 3; k++)
@@ -235,7 +206,7 @@ static pags_result part_copies(pags_proxy_mesh *s) {
     }
   }
   for (int64_t i = 0; i < s->vertex_count; i++) {
-    memcpy(places[i].p, s->positions + 3 * i, sizeof places[i].p);
+    pags_copy3f(s->positions + 3 * i, places[i].p);
     places[i].vertex = i;
   }
   pags_sort(places, s->vertex_count, sizeof *places, compare_places);
@@ -250,43 +221,35 @@ static pags_result part_copies(pags_proxy_mesh *s) {
       }
     }
   }
-  free(places);
-  free(sum);
   return PAGS_OK;
 }
 
 /* ---- The whole ---- */
 
-static pags_result clean(pags_proxy_mesh *mesh, bool closed) {
-  const double limit = area_limit(mesh);
-  int64_t found = 1;
-  for (int pass = 0; pass < PASSES && found; pass++) {
-    PAGS_TRY(mend_all(mesh, limit, &found));
-    if (!closed)
-      PAGS_TRY(drop_doubles(mesh));
-    if (pass == 0 || found) {
-      PAGS_TRY(pags_proxy_mesh_repair(mesh));
-      PAGS_TRY(part_copies(mesh));
-    }
-  }
-  return pags_proxy_mesh_compact(mesh);
-}
-
 pags_result pags_proxy_mesh_clean(pags_proxy_mesh *mesh) {
   pags_proxy_mesh_topology before, after;
-  pags_proxy_mesh copy;
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh copy = {0};
   if (!mesh->triangle_count)
     return PAGS_OK;
   PAGS_TRY(pags_proxy_mesh_inspect(mesh, &before));
   PAGS_TRY(pags_proxy_mesh_copy(mesh, &copy));
-  pags_result result = clean(&copy, before.closed);
-  if (result == PAGS_OK)
-    result = pags_proxy_mesh_inspect(&copy, &after);
-  if (result != PAGS_OK || (before.closed && !after.closed)) {
-    pags_proxy_mesh_destroy(&copy);
-    return result;
+  const double limit = area_limit(&copy);
+  int64_t found = 1;
+  for (int pass = 0; pass < PASSES && found; pass++) {
+    PAGS_TRY(mend_all(&copy, limit, &found));
+    if (!before.closed)
+      PAGS_TRY(drop_doubles(&copy));
+    if (pass == 0 || found) {
+      PAGS_TRY(pags_proxy_mesh_repair(&copy));
+      PAGS_TRY(part_copies(&copy));
+    }
   }
-  pags_proxy_mesh_destroy(mesh);
+  PAGS_TRY(pags_proxy_mesh_compact(&copy));
+  PAGS_TRY(pags_proxy_mesh_inspect(&copy, &after));
+  if (before.closed && !after.closed)
+    return PAGS_OK;
+  const pags_proxy_mesh replaced = *mesh;
   *mesh = copy;
+  copy = replaced;
   return PAGS_OK;
 }

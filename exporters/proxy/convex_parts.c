@@ -14,7 +14,6 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
-#include "base/vec3.h"
 #include "maths/maths.h"
 
 enum {
@@ -50,23 +49,12 @@ typedef struct body {
   int64_t budget;  /* triangles of a hull */
 } body;
 
-static void position_of(const pags_proxy_mesh *mesh, uint32_t vertex, double out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = (double)mesh->positions[3 * (int64_t)vertex + k];
-}
-
-static void bounds_of(const pags_proxy_mesh *mesh, double box[2][3]) {
-  for (int k = 0; k < 3; k++) {
-    box[0][k] = HUGE_VAL;
-    box[1][k] = -HUGE_VAL;
-  }
-  for (int64_t i = 0; i < 3 * mesh->vertex_count; i++) {
-    box[0][i % 3] = fmin(box[0][i % 3], (double)mesh->positions[i]);
-    box[1][i % 3] = fmax(box[1][i % 3], (double)mesh->positions[i]);
-  }
-}
-
 /* ---- How much of a box is solid ---- */
+
+static void forget_body(body *b) {
+  pags_proxy_mesh_destroy(&b->mesh);
+  free(b->columns);
+}
 
 /* The range of lattice lines of one axis (1: y, 2: z) that may meet lo..hi. */
 static void lines_between(const body *b, int axis, double lo, double hi, int range[2]) {
@@ -133,10 +121,9 @@ static bool is_inside(const pags_proxy_mesh *mesh, const double at[3]) {
   double sum = 0;
   for (int64_t t = 0; t < mesh->triangle_count; t++) {
     double v[3][3], length[3], cross[3];
+    pags_proxy_mesh_corners(mesh, t, v);
     for (int i = 0; i < 3; i++) {
-      position_of(mesh, mesh->triangles[3 * t + i], v[i]);
-      for (int k = 0; k < 3; k++)
-        v[i][k] -= at[k];
+      pags_subtract3(v[i], at, v[i]);
       length[i] = pags_length3(v[i]);
     }
     pags_cross3(v[1], v[2], cross);
@@ -168,60 +155,55 @@ static int clip(double polygon[9][3], int count, int axis, double limit, bool hi
 }
 
 static void add_point(pags_proxy_mesh *cloud, const double at[3], const pags_proxy_mesh *mesh, uint32_t like) {
-  const float position[3] = {(float)at[0], (float)at[1], (float)at[2]};
+  float position[3];
+  pags_narrow3(at, position);
   pags_proxy_mesh_vertex(cloud, position, mesh->colors + 3 * (int64_t)like, mesh->observed[like]);
 }
 
 /* Adds where a triangle that isn't all inside meets the box. Points get the colour of the triangle's first corner. */
-static void add_crossings(pags_proxy_mesh *cloud, const pags_proxy_mesh *mesh, const part *p,
-                          const uint32_t corners[3]) {
+static void add_crossings(pags_proxy_mesh *cloud, const pags_proxy_mesh *mesh, const part *p, int64_t triangle) {
   double polygon[9][3]; /* three corners, and at most one more for each of six faces */
-  int count = 3, inside = 0;
-  for (int i = 0; i < 3; i++) {
-    position_of(mesh, corners[i], polygon[i]);
-    inside += in_box(p, polygon[i]);
-  }
-  if (inside == 3)
+  int count = 3;
+  pags_proxy_mesh_corners(mesh, triangle, polygon);
+  if (in_box(p, polygon[0]) && in_box(p, polygon[1]) && in_box(p, polygon[2]))
     return;
   for (int face = 0; face < 6 && count; face++)
     count = clip(polygon, count, face % 3, p->box[face / 3][face % 3], face >= 3);
   for (int i = 0; i < count; i++)
-    add_point(cloud, polygon[i], mesh, corners[0]);
+    add_point(cloud, polygon[i], mesh, mesh->triangles[3 * triangle]);
 }
 
 /* Makes the hull of what the part's box holds; none if that is flat or nothing. */
 static pags_result make_hull(const body *b, part *p) {
   const pags_proxy_mesh *const mesh = &b->mesh;
-  pags_proxy_mesh cloud = {0};
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh cloud = {0};
   pags_proxy_mesh_topology topology;
   double at[3];
   p->hull = (pags_proxy_mesh){0};
   p->volume = 0;
   p->filled = filled_volume(b, p->box);
   for (uint32_t i = 0; i < mesh->vertex_count; i++) {
-    position_of(mesh, i, at);
+    pags_proxy_mesh_point(mesh, i, at);
     if (in_box(p, at))
       add_point(&cloud, at, mesh, i);
   }
   for (int64_t t = 0; t < mesh->triangle_count; t++)
-    add_crossings(&cloud, mesh, p, mesh->triangles + 3 * t);
+    add_crossings(&cloud, mesh, p, t);
   for (int i = 0; i < 8; i++) {
     corner_of(p, i, at);
     if (p->solid[i])
       add_point(&cloud, at, mesh, 0);
   }
-  pags_result result = pags_proxy_mesh_check(&cloud);
-  if (result == PAGS_OK && cloud.vertex_count >= 4) {
-    result = pags_proxy_mesh_hull(&cloud, b->budget, &p->hull);
-    if (result == PAGS_OK)
-      result = pags_proxy_mesh_inspect(&p->hull, &topology);
-    if (result == PAGS_OK)
-      p->volume = topology.volume;
-    else if (result == PAGS_ERROR_ARGUMENT) /* all in a plane */
-      result = PAGS_OK;
-  }
-  pags_proxy_mesh_destroy(&cloud);
-  return result;
+  PAGS_TRY(pags_proxy_mesh_check(&cloud));
+  if (cloud.vertex_count < 4)
+    return PAGS_OK;
+  const pags_result result = pags_proxy_mesh_hull(&cloud, b->budget, &p->hull);
+  if (result == PAGS_ERROR_ARGUMENT) /* all in a plane */
+    return PAGS_OK;
+  PAGS_TRY(result);
+  PAGS_TRY(pags_proxy_mesh_inspect(&p->hull, &topology));
+  p->volume = topology.volume;
+  return PAGS_OK;
 }
 
 /* ---- Cuts ---- */
@@ -254,7 +236,7 @@ static void destroy_halves(part halves[2]) {
 static pags_result cut_best(const body *b, const part *whole, part halves[2]) {
   double box[2][3], least = HUGE_VAL, best_at = 0;
   int best_axis = 0;
-  bounds_of(&whole->hull, box);
+  pags_proxy_mesh_bounds(&whole->hull, box[0], box[1]);
   for (int axis = 0; axis < 3; axis++)
     for (int i = 1; i < CUTS; i++) {
       const double at = box[0][axis] + (box[1][axis] - box[0][axis]) * i / CUTS;
@@ -272,54 +254,52 @@ static pags_result cut_best(const body *b, const part *whole, part halves[2]) {
   return cut(b, whole, best_axis, best_at, halves);
 }
 
-/* Cuts the first of `parts`, the whole, into at most `most`. `count`: number of hulls to free, also after a
- * failure. */
-static pags_result decompose(const body *b, int most, part parts[PAGS_MOST_PARTS], int *count) {
-  *count = 1;
+typedef struct part_list {
+  part parts[PAGS_MOST_PARTS];
+  int count;
+} part_list;
+
+static void forget_parts(part_list *l) {
+  for (int i = 0; i < l->count; i++)
+    pags_proxy_mesh_destroy(&l->parts[i].hull);
+}
+
+/* Cuts the body into at most `most` parts. */
+static pags_result decompose(const body *b, int most, part_list *l) {
+  part *const parts = l->parts;
+  memcpy(parts[0].box, b->box, sizeof b->box);
+  l->count = 1;
   PAGS_TRY(make_hull(b, &parts[0]));
   const double whole = parts[0].volume;
-  while (*count < most) {
+  while (l->count < most) {
     part halves[2];
     int worst = 0;
-    for (int i = 1; i < *count; i++)
+    for (int i = 1; i < l->count; i++)
       worst = parts[i].volume - parts[i].filled > parts[worst].volume - parts[worst].filled ? i : worst;
     if (!(parts[worst].volume - parts[worst].filled > enough * whole))
       break;
     const pags_result result = cut_best(b, &parts[worst], halves);
-    if (result != PAGS_OK) {
+    if (result != PAGS_OK)
       destroy_halves(halves);
-      return result;
-    }
+    PAGS_TRY(result);
     pags_proxy_mesh_destroy(&parts[worst].hull);
     parts[worst] = halves[0];
-    parts[(*count)++] = halves[1];
+    parts[l->count++] = halves[1];
   }
   return PAGS_OK;
 }
 
 /* ---- The parts as one mesh ---- */
 
-static pags_result append(const pags_proxy_mesh *hull, pags_proxy_mesh *out) {
-  const uint32_t first = (uint32_t)out->vertex_count;
-  for (int64_t i = 0; i < hull->vertex_count; i++)
-    pags_proxy_mesh_vertex(out, hull->positions + 3 * i, hull->colors + 3 * i, hull->observed[i]);
-  for (int64_t i = 0; i < hull->triangle_count; i++) {
-    const uint32_t *const t = hull->triangles + 3 * i;
-    pags_proxy_mesh_triangle(out, first + t[0], first + t[1], first + t[2]);
-  }
-  return pags_proxy_mesh_check(out);
-}
-
 /* Simplifies the mesh and measures it along lines. */
 static pags_result begin_body(const pags_proxy_mesh *from, body *b) {
   PAGS_TRY(pags_proxy_mesh_simplify(from, ROUGH_TRIANGLES, &b->mesh));
   b->columns = calloc(COLUMNS * COLUMNS, sizeof *b->columns);
   PAGS_CHECK_MEMORY(b->columns, "convex parts");
-  bounds_of(&b->mesh, b->box);
+  pags_proxy_mesh_bounds(&b->mesh, b->box[0], b->box[1]);
   for (int64_t t = 0; t < b->mesh.triangle_count; t++) {
     double v[3][3];
-    for (int i = 0; i < 3; i++)
-      position_of(&b->mesh, b->mesh.triangles[3 * t + i], v[i]);
+    pags_proxy_mesh_corners(&b->mesh, t, v);
     add_crossings_of_triangle(b, v);
   }
   for (int i = 0; i < COLUMNS * COLUMNS; i++)
@@ -330,44 +310,26 @@ static pags_result begin_body(const pags_proxy_mesh *from, body *b) {
 pags_result pags_proxy_mesh_convex(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out,
                                    pags_convex_parts *parts) {
   const int most = budget / 12 < PAGS_MOST_PARTS ? (int)(budget / 12) : PAGS_MOST_PARTS;
+  PAGS_AUTO(forget_body)
   body b = {.budget = budget / most < PAGS_PART_TRIANGLES ? budget / most : PAGS_PART_TRIANGLES};
-  part list[PAGS_MOST_PARTS];
-  int count = 0;
+  PAGS_AUTO(forget_parts) part_list list = {0};
   *out = (pags_proxy_mesh){0};
   parts->count = 0;
-  pags_result result = begin_body(from, &b);
-  list[0] = (part){.volume = 0};
-  memcpy(list[0].box, b.box, sizeof b.box);
-  if (result == PAGS_OK)
-    result = decompose(&b, most, list, &count);
-  for (int i = 0; i < count && result == PAGS_OK; i++) {
-    if (!list[i].hull.triangle_count)
+  PAGS_TRY(begin_body(from, &b));
+  PAGS_TRY(decompose(&b, most, &list));
+  for (int i = 0; i < list.count; i++) {
+    pags_proxy_mesh *hull = &list.parts[i].hull;
+    if (!hull->triangle_count)
       continue;
-    result = pags_proxy_mesh_clean(&list[i].hull);
-    if (result == PAGS_OK)
-      result = append(&list[i].hull, out);
+    PAGS_TRY(pags_proxy_mesh_clean(hull));
+    PAGS_TRY(pags_proxy_mesh_append(hull, out));
     parts->ends[parts->count++] = out->triangle_count;
   }
-  for (int i = 0; i < count; i++)
-    pags_proxy_mesh_destroy(&list[i].hull);
-  pags_proxy_mesh_destroy(&b.mesh);
-  free(b.columns);
-  if (result == PAGS_OK && !parts->count)
-    result = pags_fail(PAGS_ERROR_ARGUMENT, "no convex parts: the surface is flat");
-  if (result != PAGS_OK)
-    pags_proxy_mesh_destroy(out);
-  return result;
+  return parts->count ? PAGS_OK : pags_fail(PAGS_ERROR_ARGUMENT, "no convex parts: the surface is flat");
 }
 
 pags_result pags_convex_part(const pags_proxy_mesh *mesh, const pags_convex_parts *parts, int number,
                              pags_proxy_mesh *out) {
   const int64_t begin = number ? parts->ends[number - 1] : 0;
-  pags_proxy_mesh view = *mesh; /* shares the vertices and some of the triangles */
-  view.triangles = mesh->triangles + 3 * begin;
-  view.triangle_count = parts->ends[number] - begin;
-  PAGS_TRY(pags_proxy_mesh_copy(&view, out));
-  const pags_result result = pags_proxy_mesh_compact(out);
-  if (result != PAGS_OK)
-    pags_proxy_mesh_destroy(out);
-  return result;
+  return pags_proxy_mesh_copy_part(mesh, mesh->triangles + 3 * begin, parts->ends[number] - begin, out);
 }

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 enum { SOLID = 166, CLEAR = 51 }; /* alpha, 0..255: over 0.65 a surface, under 0.2 nothing, between unknown */
@@ -23,15 +24,13 @@ static const double flatness = 0.3; /* a Gaussian is flat if its smallest scale 
 
 void pags_depth_views_destroy(pags_depth_views *depth_views) {
   for (int64_t i = 0; i < depth_views->count; i++) {
-    free(depth_views->list[i].depth);
-    free(depth_views->list[i].plane);
-    free(depth_views->list[i].cover);
-    free(depth_views->list[i].rgb);
-    free(depth_views->list[i].labels);
-    free(depth_views->list[i].lo);
+    pags_depth_view *view = &depth_views->list[i];
+    void *const owned[] = {view->depth, view->plane, view->cover, view->rgb, view->labels, view->lo};
+    for (size_t k = 0; k < sizeof owned / sizeof *owned; k++)
+      free(owned[k]);
   }
   free(depth_views->list);
-  memset(depth_views, 0, sizeof *depth_views);
+  *depth_views = (pags_depth_views){0};
 }
 
 /* ---- Making a view ---- */
@@ -41,10 +40,10 @@ static uint8_t byte_of(float value) {
 }
 
 /* The plane of a flat Gaussian: its mean, its thinnest axis as normal, and as reach 4 of its largest scales. Returns
- * 0 if the Gaussian isn't flat. */
+ * false if the Gaussian isn't flat. */
 static bool plane_of(const pags_part *part, int64_t row, double middle[3], double normal[3], double *reach) {
   const pags_gaussians *g = part->gaussians;
-  double scale[3], q[4], length = 0, axis[3], mean[3];
+  double scale[3], q[4], length = 0, mean[3];
   int thin = 0, wide = 0;
   for (int k = 0; k < 3; k++) {
     scale[k] = pags_exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
@@ -65,12 +64,8 @@ static bool plane_of(const pags_part *part, int64_t row, double middle[3], doubl
       {1 - 2 * (q[2] * q[2] + q[3] * q[3]), 2 * (q[1] * q[2] + q[0] * q[3]), 2 * (q[1] * q[3] - q[0] * q[2])},
       {2 * (q[1] * q[2] - q[0] * q[3]), 1 - 2 * (q[1] * q[1] + q[3] * q[3]), 2 * (q[2] * q[3] + q[0] * q[1])},
       {2 * (q[1] * q[3] + q[0] * q[2]), 2 * (q[2] * q[3] - q[0] * q[1]), 1 - 2 * (q[1] * q[1] + q[2] * q[2])}};
-  memcpy(axis, columns[thin], sizeof axis);
-  for (int k = 0; k < 3; k++) {
-    const double *m = part->world_from_model + 4 * k;
-    middle[k] = m[0] * mean[0] + m[1] * mean[1] + m[2] * mean[2] + m[3];
-    normal[k] = m[0] * axis[0] + m[1] * axis[1] + m[2] * axis[2];
-  }
+  pags_rigid_point(part->world_from_model, mean, middle);
+  pags_rotate3(part->world_from_model, columns[thin], normal);
   *reach = 4 * scale[wide];
   return true;
 }
@@ -103,8 +98,7 @@ void pags_depth_view_bound(pags_depth_view *depth_view) {
   for (int y = 0; y < h; y++)
     for (int x = 0; x < w; x++) {
       int64_t at = (int64_t)(y / PAGS_DEPTH_VIEW_CELL) * depth_view->cells_x + x / PAGS_DEPTH_VIEW_CELL;
-      float depth = depth_view->depth[(int64_t)y * w + x];
-      depth = fabsf(depth);
+      const float depth = fabsf(depth_view->depth[(int64_t)y * w + x]);
       depth_view->lo[at] = depth < depth_view->lo[at] ? depth : depth_view->lo[at];
       depth_view->hi[at] = depth > depth_view->hi[at] ? depth : depth_view->hi[at];
     }
@@ -119,23 +113,17 @@ void pags_depth_view_flatten(pags_depth_view *depth_view) {
   pags_depth_view_bound(depth_view);
 }
 
-static pags_result reserve(pags_depth_views *depth_views) {
-  if (depth_views->count < depth_views->capacity)
-    return PAGS_OK;
-  int64_t capacity = 2 * depth_views->capacity + 16;
-  pags_depth_view *grown = realloc(depth_views->list, (size_t)capacity * sizeof *grown);
-  PAGS_CHECK_MEMORY(grown, "%lld views", (long long)capacity);
-  depth_views->list = grown;
-  depth_views->capacity = capacity;
-  return PAGS_OK;
-}
-
 pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *frame, const pags_part *parts,
                                  int part_count, const pags_camera *camera, const pags_frame_options *options,
-                                 int64_t view, int planes) {
+                                 int64_t view, bool planes) {
   pags_picture picture;
-  size_t pixels = (size_t)camera->width * (size_t)camera->height;
-  PAGS_TRY(reserve(depth_views));
+  const int w = camera->width, h = camera->height;
+  const size_t pixels = (size_t)w * (size_t)h;
+  const int64_t cells_x = (w + PAGS_DEPTH_VIEW_CELL - 1) / PAGS_DEPTH_VIEW_CELL,
+                cells_y = (h + PAGS_DEPTH_VIEW_CELL - 1) / PAGS_DEPTH_VIEW_CELL;
+  PAGS_CHECK_MEMORY(
+      pags_grow(&depth_views->list, depth_views->count + 1, &depth_views->capacity, sizeof *depth_views->list),
+      "%lld views", (long long)depth_views->count + 1);
   PAGS_TRY(pags_frame_render(frame, parts, part_count, camera, options, NULL, NULL, &picture));
   pags_depth_view *depth_view = &depth_views->list[depth_views->count++];
   *depth_view = (pags_depth_view){.camera = *camera,
@@ -145,12 +133,15 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
                                   .depth = malloc(pixels * sizeof(float)),
                                   .plane = planes ? malloc(pixels * sizeof(float)) : NULL,
                                   .cover = malloc(pixels),
-                                  .rgb = malloc(3 * pixels)};
-  float *scratch = malloc(pixels * sizeof *scratch);
-  if (!depth_view->depth || !depth_view->cover || (planes && !depth_view->plane) || !depth_view->rgb || !scratch) {
-    free(scratch);
-    return pags_out_of_memory("a view of %dx%d", camera->width, camera->height);
-  }
+                                  .rgb = malloc(3 * pixels),
+                                  .cells_x = (int)cells_x,
+                                  .cells_y = (int)cells_y,
+                                  .lo = malloc(2 * (size_t)(cells_x * cells_y) * sizeof(float))};
+  PAGS_AUTOFREE float *scratch = malloc(pixels * sizeof *scratch);
+  PAGS_CHECK_MEMORY(depth_view->depth && depth_view->cover && (!planes || depth_view->plane) && depth_view->rgb &&
+                        depth_view->lo && scratch,
+                    "a view of %dx%d", w, h);
+  depth_view->hi = depth_view->lo + cells_x * cells_y;
   pags_rigid_inverse(camera->world_from_camera, depth_view->camera_from_model);
 
   /* Copy alpha, depth and colour; the colour is divided by alpha, which removes the background's share. */
@@ -170,37 +161,26 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
     /* A pixel's depth is a blend of the Gaussians' means, in which nearer Gaussians weigh more. For wide flat
      * Gaussians seen at a grazing angle it lies in front of their plane; the ray's intersection with the plane is
      * exact. */
-    const double *m = depth_view->camera.world_from_camera;
+    double eye[3];
+    pags_pose_position(depth_view->camera.world_from_camera, eye);
     for (int y = 0; y < picture.height; y++)
       for (int x = 0; x < picture.width; x++) {
         int64_t to = (int64_t)y * picture.width + x, row = picture.id[(int64_t)y * picture.stride + x];
-        double middle[3], normal[3], along[3], reach, above = 0, slant = 0, off = 0;
+        double middle[3], normal[3], along[3], up[3], reach, off = 0;
         depth_view->plane[to] = 0;
         if (!(depth_view->depth[to] > 0) || row < 0 || !plane_of(&parts[0], row, middle, normal, &reach))
           continue;
         pags_depth_view_point(depth_view, x, y, 1, along);
-        for (int k = 0; k < 3; k++) {
-          along[k] -= m[4 * k + 3];
-          above += normal[k] * (middle[k] - m[4 * k + 3]);
-          slant += normal[k] * along[k];
-        }
+        pags_subtract3(along, eye, along);
+        pags_subtract3(middle, eye, up);
+        const double z = pags_dot3(normal, up) / pags_dot3(normal, along);
         for (int k = 0; k < 3; k++)
-          off += pags_pow(m[4 * k + 3] + above / slant * along[k] - middle[k], 2);
-        if (above / slant > 0 && off < reach * reach)
-          depth_view->plane[to] = (float)(above / slant);
+          off += pags_pow(eye[k] + z * along[k] - middle[k], 2);
+        if (z > 0 && off < reach * reach)
+          depth_view->plane[to] = (float)z;
       }
   }
   drop_edges(depth_view, scratch);
-  free(scratch);
-
-  /* Allocate and fill the bounds of the cells. */
-  int w = depth_view->camera.width, h = depth_view->camera.height;
-  depth_view->cells_x = (w + PAGS_DEPTH_VIEW_CELL - 1) / PAGS_DEPTH_VIEW_CELL;
-  depth_view->cells_y = (h + PAGS_DEPTH_VIEW_CELL - 1) / PAGS_DEPTH_VIEW_CELL;
-  int64_t count = (int64_t)depth_view->cells_x * depth_view->cells_y;
-  depth_view->lo = malloc(2 * (size_t)count * sizeof *depth_view->lo);
-  PAGS_CHECK_MEMORY(depth_view->lo, "a view of %dx%d", w, h);
-  depth_view->hi = depth_view->lo + count;
   pags_depth_view_bound(depth_view);
   return PAGS_OK;
 }
@@ -310,4 +290,29 @@ void pags_depth_view_point(const pags_depth_view *depth_view, int x, int y, doub
   const pags_camera *camera = &depth_view->camera;
   const double p[3] = {(x + 0.5 - camera->cx) / camera->fx * z, (y + 0.5 - camera->cy) / camera->fy * z, z};
   pags_rigid_point(camera->world_from_camera, p, point);
+}
+
+bool pags_depth_view_normal(const pags_depth_view *depth_view, int x, int y, int side, int next, const double p[3],
+                            double n[3]) {
+  const int64_t width = depth_view->camera.width;
+  const double a = (double)depth_view->depth[y * width + side], b = (double)depth_view->depth[next * width + x];
+  double q[3], r[3];
+  if (!(a > 0 && b > 0))
+    return false;
+  pags_depth_view_point(depth_view, side, y, a, q);
+  pags_depth_view_point(depth_view, x, next, b, r);
+  pags_subtract3(q, p, q);
+  pags_subtract3(r, p, r);
+  pags_cross3(q, r, n);
+  return true;
+}
+
+/* ---- Work that can be cancelled ---- */
+
+pags_result pags_proxy_for(pags_tasks *tasks, int64_t count, int64_t grain, pags_block_fn *fn, void *context) {
+  return pags_parallel_for(tasks, count, grain, fn, context) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "interrupted");
+}
+
+pags_result pags_proxy_tell(pags_progress_fn *tell, void *user, double fraction, const char *what) {
+  return !tell || tell(user, fraction, what) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "interrupted");
 }

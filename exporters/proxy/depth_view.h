@@ -50,7 +50,7 @@ void pags_depth_views_destroy(pags_depth_views *depth_views); /* frees and zeroe
  * member `plane` is filled in; there must then be one part only. */
 pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *frame, const pags_part *parts,
                                  int part_count, const pags_camera *camera, const pags_frame_options *options,
-                                 int64_t view, int planes);
+                                 int64_t view, bool planes);
 
 /* Takes the depth of each pixel's plane for its depth, where there is one near it: 20 % or less off. */
 void pags_depth_view_flatten(pags_depth_view *depth_view);
@@ -58,7 +58,11 @@ void pags_depth_view_flatten(pags_depth_view *depth_view);
 /* Updates `lo` and `hi` after a change of depths. */
 void pags_depth_view_bound(pags_depth_view *depth_view);
 
-/* Crops the camera's picture to the rectangle where the box `lo`..`hi` may be seen; returns 0 if it is nowhere. */
+/* In a depth view of a vehicle drawn alone, in the frame of its box, marks pixels that show its shadow or the ground
+ * next to it: their rays become free up to that depth. `size` is the box's, in metres. PAGS_ERROR_MEMORY. */
+pags_result pags_depth_view_filter_shadow(pags_depth_view *depth_view, const double size[3]);
+
+/* Crops the camera's picture to the rectangle where the box `lo`..`hi` may be seen; returns false if it is nowhere. */
 bool pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
                       pags_camera *out);
 
@@ -75,10 +79,19 @@ typedef enum pags_depth_view_verdict {
 pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_view, const double middle[3],
                                                  double radius, double margin, double *z);
 
-/* Projects a point in the model's frame to its pixel and camera z. Returns 0 if it is not in the picture. */
+/* Projects a point in the model's frame to its pixel and camera z. Returns false if it is not in the picture. */
 bool pags_depth_view_project(const pags_depth_view *depth_view, const double point[3], int *x, int *y, double *z);
 /* The point, in the model's frame, on the ray through a pixel's centre at camera z. */
 void pags_depth_view_point(const pags_depth_view *depth_view, int x, int y, double z, double point[3]);
+
+/* Sets `n` to the cross product of the differences of a pixel's point `p` to the points at the depths of the pixels at
+ * (side, y) and (x, next). Returns false if one of the two has no depth. */
+bool pags_depth_view_normal(const pags_depth_view *depth_view, int x, int y, int side, int next, const double p[3],
+                            double n[3]);
+
+/* pags_parallel_for and a call of a pags_progress_fn (NULL: none) that fail with PAGS_CANCELLED. */
+pags_result pags_proxy_for(pags_tasks *tasks, int64_t count, int64_t grain, pags_block_fn *fn, void *context);
+pags_result pags_proxy_tell(pags_progress_fn *tell, void *user, double fraction, const char *what);
 
 #ifdef __cplusplus
 }

@@ -9,7 +9,6 @@
 #include "exporters/proxy/ground.h"
 
 #include <math.h>
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -49,6 +48,22 @@ typedef struct heights {
   const struct heights *next; /* the source to ask if there are not enough; NULL: none */
 } heights;
 
+/* The three sources, and what looking for the ground allocates besides. */
+typedef struct search {
+  heights sources[3];
+  int64_t *queue; /* of cells */
+  float *weights; /* of cells, for smoothing */
+} search;
+
+static void forget_search(search *s) {
+  for (int i = 0; i < 3; i++) {
+    free(s->sources[i].first);
+    free(s->sources[i].values);
+  }
+  free(s->queue);
+  free(s->weights);
+}
+
 /* Where heights are collected from. */
 typedef struct source {
   const pags_depth_views *depth_views; /* NULL: the source is LiDAR */
@@ -59,73 +74,55 @@ typedef struct source {
 void pags_ground_destroy(pags_ground *ground) {
   free(ground->z);
   free(ground->known);
-  memset(ground, 0, sizeof *ground);
+  *ground = (pags_ground){0};
 }
 
-static int64_t cell_of(const pags_ground *g, double x, double y) {
-  double i = floor((x - g->x0) / g->step + 0.5), j = floor((y - g->y0) / g->step + 0.5);
-  return i >= 0 && j >= 0 && i < g->nx && j < g->ny ? (int64_t)j * g->nx + (int64_t)i : -1;
-}
-
-/* The point of a pixel, if it forms a level plane with the pixels to the right and below; returns 0 if it doesn't.
+/* The point of a pixel, if it forms a level plane with the pixels to the right and below; returns false if it doesn't.
  * The point is taken from the plane of a flat Gaussian if the view has one. */
 static bool level_point(const pags_depth_view *s, int x, int y, double reach, double p[3]) {
-  int w = s->camera.width;
-  double right[3], below[3], n[3];
-  int64_t at = (int64_t)y * w + x;
-  if (!(s->depth[at] > 0 && s->depth[at + 1] > 0 && s->depth[at + w] > 0) || (double)s->depth[at] > reach)
+  const int64_t at = (int64_t)y * s->camera.width + x;
+  double n[3];
+  if (!(s->depth[at] > 0) || (double)s->depth[at] > reach)
     return false;
   pags_depth_view_point(s, x, y, (double)s->depth[at], p);
-  pags_depth_view_point(s, x + 1, y, (double)s->depth[at + 1], right);
-  pags_depth_view_point(s, x, y + 1, (double)s->depth[at + w], below);
-  for (int k = 0; k < 3; k++) {
-    right[k] -= p[k];
-    below[k] -= p[k];
-  }
-  for (int k = 0; k < 3; k++)
-    n[k] = right[(k + 1) % 3] * below[(k + 2) % 3] - right[(k + 2) % 3] * below[(k + 1) % 3];
+  if (!pags_depth_view_normal(s, x, y, x + 1, y + 1, p, n))
+    return false;
   if (s->plane && s->plane[at] > 0)
     pags_depth_view_point(s, x, y, (double)s->plane[at], p);
-  return fabs(n[2]) > 0.85 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+  return fabs(n[2]) > 0.85 * pags_length3(n);
 }
 
-/* Visits all pixels of the views, without `values` to count the heights of each cell, with it to store them. */
-static void visit_pixels(const pags_ground *g, const source *from, int64_t *count, float *values) {
-  for (int64_t i = 0; i < from->depth_views->count; i++) {
+/* Counts a height of a cell, or stores it if `values` is given. */
+static void note_height(int64_t at, float height, int64_t *count, float *values) {
+  if (at >= 0 && values)
+    values[count[at]++] = height;
+  else if (at >= 0)
+    ++count[at + 1];
+}
+
+/* Visits all points of LiDAR or all pixels of the views, without `values` to count the heights of each cell, with it to
+ * store them. */
+static void visit(const pags_ground *g, const source *from, int64_t *count, float *values) {
+  for (int64_t i = 0; !from->depth_views && i < from->lidar->count; i++) {
+    const float *p = from->lidar->points + 3 * i;
+    note_height(pags_ground_cell(g, (double)p[0], (double)p[1]), p[2], count, values);
+  }
+  for (int64_t i = 0; from->depth_views && i < from->depth_views->count; i++) {
     const pags_depth_view *s = &from->depth_views->list[i];
     double reach = s->blur > 0 ? fmin(from->reach, most_blur * s->camera.fx / s->blur) : from->reach;
     for (int y = 0; y + 1 < s->camera.height; y++)
       for (int x = 0; x + 1 < s->camera.width; x++) {
         double p[3];
-        int64_t at = level_point(s, x, y, reach, p) ? cell_of(g, p[0], p[1]) : -1;
-        if (at >= 0 && values)
-          values[count[at]++] = (float)p[2];
-        else if (at >= 0)
-          ++count[at + 1];
+        if (level_point(s, x, y, reach, p))
+          note_height(pags_ground_cell(g, p[0], p[1]), (float)p[2], count, values);
       }
-  }
-}
-
-static void visit(const pags_ground *g, const source *from, int64_t *count, float *values) {
-  if (from->depth_views)
-    visit_pixels(g, from, count, values);
-  else {
-    /* The points of LiDAR, counted or stored likewise. */
-    for (int64_t i = 0; i < from->lidar->count; i++) {
-      const float *p = from->lidar->points + 3 * i;
-      int64_t at = cell_of(g, (double)p[0], (double)p[1]);
-      if (at >= 0 && values)
-        values[count[at]++] = p[2];
-      else if (at >= 0)
-        ++count[at + 1];
-    }
   }
 }
 
 /* Collects the heights of one source by a counting sort into cells, then sorts each cell's. */
 static pags_result gather_heights(const pags_ground *g, const source *from, heights *out) {
-  int64_t cells = (int64_t)g->nx * g->ny;
-  int64_t *next = calloc((size_t)cells + 1, sizeof *next);
+  const int64_t cells = (int64_t)g->nx * g->ny;
+  PAGS_AUTOFREE int64_t *next = calloc((size_t)cells + 1, sizeof *next);
   out->first = calloc((size_t)cells + 2, sizeof *out->first);
   if (next && out->first) {
     visit(g, from, out->first, NULL);
@@ -134,12 +131,8 @@ static pags_result gather_heights(const pags_ground *g, const source *from, heig
     memcpy(next, out->first, (size_t)cells * sizeof *next);
     out->values = malloc(((size_t)out->first[cells] + 1) * sizeof *out->values);
   }
-  if (!out->values) {
-    free(next);
-    return pags_out_of_memory("the ground's %lld cells", (long long)cells);
-  }
+  PAGS_CHECK_MEMORY(out->values, "the ground's %lld cells", (long long)cells);
   visit(g, from, next, out->values);
-  free(next);
   for (int64_t i = 0; i < cells; i++)
     pags_sort_floats(out->values + out->first[i], out->first[i + 1] - out->first[i]);
   return PAGS_OK;
@@ -168,24 +161,22 @@ static int64_t median_near(const heights *h, int64_t at, double expected, double
 /* The height of the cameras above the ground: the median, over the cells within 4 m of a camera, of the camera's
  * height above the lower quartile of the cell's heights. NaN if no cell there has heights. */
 static double camera_height(const pags_ground *g, const heights *h, const double *path, int64_t path_count) {
-  int64_t most = path_count * 1681, found = 0;
-  double *list = malloc((size_t)most * sizeof *list), result = (double)NAN;
+  int64_t found = 0;
+  PAGS_AUTOFREE double *list = malloc((size_t)path_count * 1681 * sizeof *list);
   for (int64_t i = 0; list && i < path_count; i++)
     for (int dy = -20; dy <= 20; dy++)
       for (int dx = -20; dx <= 20; dx++) {
-        int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
+        int64_t at = pags_ground_cell(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
         if (at < 0 || h->first[at + 1] - h->first[at] < LEAST_HEIGHTS)
           continue;
         double height = path[3 * i + 2] - (double)h->values[h->first[at] + (h->first[at + 1] - h->first[at]) / 4];
         if (height > 0.4 && height < 5)
           list[found++] = height;
       }
-  if (found) {
-    pags_sort_doubles(list, found);
-    result = list[found / 2];
-  }
-  free(list);
-  return result;
+  if (!found)
+    return (double)NAN;
+  pags_sort_doubles(list, found);
+  return list[found / 2];
 }
 
 /* Finds the first cells of the ground within 3 m of the cameras, near the expected height, and queues them. Returns
@@ -196,7 +187,7 @@ static int64_t plant(pags_ground *g, const heights *h, const double *path, int64
   for (int64_t i = 0; i < path_count; i++)
     for (int dy = -15; dy <= 15; dy++)
       for (int dx = -15; dx <= 15; dx++) {
-        int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
+        int64_t at = pags_ground_cell(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
         double z = 0;
         if (at < 0 || g->known[at] || median_near(h, at, path[3 * i + 2] - height, seed_band, &z) < LEAST_HEIGHTS)
           continue;
@@ -273,49 +264,41 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
 
 /* ---- Finding the ground ---- */
 
-/* The weights of cells for smoothing: each LiDAR height counts 1; the height of a pixel counts 0.004 if there is
- * LiDAR, since pixels blur kerbs, else 0.5. */
-static pags_result weigh(const pags_ground *g, const heights *lidar, const heights *all, float **out) {
-  int64_t cells = (int64_t)g->nx * g->ny;
-  double of_pixel = lidar->first[cells] ? 0.004 : 0.5;
-  float *weights = *out = malloc(((size_t)cells + 1) * sizeof *weights);
-  PAGS_CHECK_MEMORY(weights, "the ground's %lld cells", (long long)cells);
-  for (int64_t i = 0; i < cells; i++) {
-    double by_lidar = (double)(lidar->first[i + 1] - lidar->first[i]),
-           count = (double)(all->first[i + 1] - all->first[i]);
-    weights[i] = (float)(by_lidar >= lidar->enough ? fmin(by_lidar, 40) : fmin(count, 24) * of_pixel);
-  }
-  return PAGS_OK;
-}
-
 static pags_result find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
-                        int64_t path_count, double reach, heights sources[3], pags_ground *g) {
+                        int64_t path_count, double reach, pags_ground *g) {
   const source from[3] = {
       {.lidar = lidar}, {.depth_views = depth_views, .reach = nearer}, {.depth_views = depth_views, .reach = farthest}};
   static const int enough[3] = {LEAST_HEIGHTS, ENOUGH_HEIGHTS, LEAST_HEIGHTS};
-  int64_t cells = (int64_t)g->nx * g->ny;
+  const int64_t cells = (int64_t)g->nx * g->ny;
+  PAGS_AUTO(forget_search) search s = {0};
+  heights *const sources = s.sources;
   for (int i = 0; i < 3; i++) {
     PAGS_TRY(gather_heights(g, &from[i], &sources[i]));
     sources[i].enough = enough[i];
     sources[i].next = i < 2 ? &sources[i + 1] : NULL;
     sources[i].most_band = i > 0 && lidar->count ? lidar_band : HUGE_VAL;
   }
-  double height = camera_height(g, &sources[2], path, path_count);
-  int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
-  PAGS_CHECK_MEMORY(queue, "the ground's %lld cells", (long long)cells);
-  int64_t planted = isnan(height) ? 0 : plant(g, sources, path, path_count, height, queue);
-  grow(g, sources, queue, planted);
-  leap(g, sources, queue);
-  free(queue);
+  const double height = camera_height(g, &sources[2], path, path_count);
+  s.queue = malloc(((size_t)cells + 1) * sizeof *s.queue);
+  s.weights = malloc(((size_t)cells + 1) * sizeof *s.weights);
+  PAGS_CHECK_MEMORY(s.queue && s.weights, "the ground's %lld cells", (long long)cells);
+  const int64_t planted = isnan(height) ? 0 : plant(g, sources, path, path_count, height, s.queue);
+  grow(g, sources, s.queue, planted);
+  leap(g, sources, s.queue);
   if (!planted) {
     pags_ground_destroy(g);
     return PAGS_OK;
   }
-  float *weights;
-  PAGS_TRY(weigh(g, &sources[0], &sources[2], &weights));
-  pags_result result = pags_ground_fill(g, weights, path, path_count, reach);
-  free(weights);
-  return result;
+
+  /* The weights of cells: each LiDAR height counts 1; the height of a pixel counts 0.004 if there is LiDAR, since
+   * pixels blur kerbs, else 0.5. */
+  const double of_pixel = sources[0].first[cells] ? 0.004 : 0.5;
+  for (int64_t i = 0; i < cells; i++) {
+    const double by_lidar = (double)(sources[0].first[i + 1] - sources[0].first[i]),
+                 count = (double)(sources[2].first[i + 1] - sources[2].first[i]);
+    s.weights[i] = (float)(by_lidar >= sources[0].enough ? fmin(by_lidar, 40) : fmin(count, 24) * of_pixel);
+  }
+  return pags_ground_fill(g, s.weights, path, path_count, reach);
 }
 
 pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
@@ -333,22 +316,15 @@ pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lid
   if (!(nx * ny < 1e8))
     return pags_fail(PAGS_ERROR_LIMIT, "the path of the cameras spans %g x %g m: too much for one ground",
                      hi[0] - lo[0], hi[1] - lo[1]);
-  out->nx = (int)nx;
-  out->ny = (int)ny;
-  out->x0 = lo[0];
-  out->y0 = lo[1];
-  out->z = calloc((size_t)(nx * ny), sizeof *out->z);
-  out->known = calloc((size_t)(nx * ny), 1);
-  heights sources[3] = {{0}};
-  pags_result result = out->z && out->known ? find(depth_views, lidar, path, path_count, reach, sources, out)
-                                            : pags_out_of_memory("the ground");
-  for (int i = 0; i < 3; i++) {
-    free(sources[i].first);
-    free(sources[i].values);
-  }
-  if (result != PAGS_OK)
-    pags_ground_destroy(out);
-  return result;
+  *out = (pags_ground){.nx = (int)nx,
+                       .ny = (int)ny,
+                       .x0 = lo[0],
+                       .y0 = lo[1],
+                       .step = cell,
+                       .z = calloc((size_t)(nx * ny), sizeof *out->z),
+                       .known = calloc((size_t)(nx * ny), 1)};
+  PAGS_CHECK_MEMORY(out->z && out->known, "the ground");
+  return find(depth_views, lidar, path, path_count, reach, out);
 }
 
 bool pags_ground_height(const pags_ground *ground, double x, double y, double *z) {
@@ -372,7 +348,7 @@ bool pags_ground_height(const pags_ground *ground, double x, double y, double *z
 static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mesh *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   int nx = (g->nx - 1) / stride + 1, ny = (g->ny - 1) / stride + 1;
-  uint32_t *place = malloc((size_t)nx * (size_t)ny * sizeof *place);
+  PAGS_AUTOFREE uint32_t *place = malloc((size_t)nx * (size_t)ny * sizeof *place);
   *out = (pags_proxy_mesh){0};
   PAGS_CHECK_MEMORY(place, "the ground");
   for (int j = 0; j < ny; j++)
@@ -391,27 +367,24 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mes
       pags_proxy_mesh_triangle(out, a, b, c);
       pags_proxy_mesh_triangle(out, a, c, d);
     }
-  free(place);
   PAGS_TRY(pags_proxy_mesh_check(out));
   return pags_proxy_mesh_compact(out);
 }
 
 /* Whether all triangles have the same orientation as seen from above, so that the mesh doesn't fold over itself. */
 static bool single_valued(const pags_proxy_mesh *s) {
+  double n[3];
   for (int64_t i = 0; i < s->triangle_count; i++) {
-    const uint32_t *t = s->triangles + 3 * i;
-    const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
-                *c = s->positions + 3 * (int64_t)t[2];
-    double area = ((double)b[0] - (double)a[0]) * ((double)c[1] - (double)a[1]) -
-                  ((double)b[1] - (double)a[1]) * ((double)c[0] - (double)a[0]);
-    if (!(area > 0))
+    pags_proxy_mesh_cross(s, i, n);
+    if (!(n[2] > 0))
       return false;
   }
   return true;
 }
 
 pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_proxy_mesh *out) {
-  pags_proxy_mesh full;
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh full = {0};
+  *out = (pags_proxy_mesh){0};
   PAGS_TRY(mesh_lattice(ground, 1, &full));
 
   /* Move the vertices by up to a millimetre in x and y: with collinear vertices, edge collapses would make triangles
@@ -422,18 +395,13 @@ pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_pro
     if (i % 3 < 2)
       full.positions[i] += 0.002f * ((float)(state >> 8) / 16777216.0f - 0.5f);
   }
-
-  pags_result result = pags_proxy_mesh_simplify(&full, budget, out);
-  pags_proxy_mesh_destroy(&full);
-  if (result == PAGS_OK && single_valued(out))
+  if (pags_proxy_mesh_simplify(&full, budget, out) == PAGS_OK && single_valued(out))
     return PAGS_OK;
-  if (result == PAGS_OK)
-    pags_proxy_mesh_destroy(out);
   /* The decimated mesh folds over: take every second lattice point instead, every third, and so on, until it fits. */
   for (int stride = 2;; stride++) {
+    pags_proxy_mesh_destroy(out);
     PAGS_TRY(mesh_lattice(ground, stride, out));
     if (out->triangle_count <= budget)
       return PAGS_OK;
-    pags_proxy_mesh_destroy(out);
   }
 }

@@ -22,7 +22,8 @@ typedef struct pags_ground {
 } pags_ground;
 
 /* Finds the ground from LiDAR points and depth views in the scene's frame. `path`: positions of the cameras, 3
- * doubles each; within `reach` metres of it holes are filled. `out->nx` is 0 if no ground was found. */
+ * doubles each; within `reach` metres of it holes are filled. `out->nx` is 0 if no ground was found. After a failure,
+ * too, the caller destroys `out`. */
 pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
                              int64_t path_count, double reach, pags_ground *out);
 /* Fills the holes within `reach` metres of the path and smooths the ground; measured cells keep to their heights by
@@ -31,7 +32,10 @@ pags_result pags_ground_fill(pags_ground *ground, const float *weights, const do
                              double reach);
 void pags_ground_destroy(pags_ground *ground);
 
-/* Interpolates the height at x, y into `z`. Returns 0 if there is no ground. */
+/* The cell of a point in x and y; -1 outside of the lattice. */
+int64_t pags_ground_cell(const pags_ground *ground, double x, double y);
+
+/* Interpolates the height at x, y into `z`. Returns false if there is no ground. */
 bool pags_ground_height(const pags_ground *ground, double x, double y, double *z);
 
 /* Makes a mesh of at most `budget` triangles, of which none is turned over as seen from above. */

@@ -4,8 +4,8 @@
  * An elastic membrane over the lattice follows the measured heights. It is stiff along the path and soft across it,
  * since kerbs and ruts run along roads: ground that parked cars hide continues the ground before and behind them. */
 #include <math.h>
-#include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "exporters/proxy/ground.h"
 
@@ -54,8 +54,19 @@ static stiffness stiffness_at(const double *path, int64_t count, int64_t i) {
   return out;
 }
 
+int64_t pags_ground_cell(const pags_ground *g, double x, double y) {
+  const double i = floor((x - g->x0) / g->step + 0.5), j = floor((y - g->y0) / g->step + 0.5);
+  return i >= 0 && j >= 0 && i < g->nx && j < g->ny ? (int64_t)j * g->nx + (int64_t)i : -1;
+}
+
 static bool inside(const pags_ground *g, int64_t x, int64_t y) {
   return x >= 0 && y >= 0 && x < g->nx && y < g->ny;
+}
+
+/* The neighbour of a cell in one of the eight directions; -1 outside of the lattice. */
+static int64_t neighbour(const pags_ground *g, int64_t cell, int direction) {
+  const int64_t x = cell % g->nx + dx[direction], y = cell / g->nx + dy[direction];
+  return inside(g, x, y) ? y * g->nx + x : -1;
 }
 
 /* Finds for each cell the nearest position of the path, by a breadth-first search over the lattice. */
@@ -64,20 +75,19 @@ static void find_owners(const pags_ground *g, const double *path, int64_t count,
   for (int64_t i = 0; i < cells; i++)
     owner[i] = -1;
   for (int64_t i = 0; i < count; i++) {
-    int64_t x = (int64_t)floor((path[3 * i] - g->x0) / g->step + 0.5),
-            y = (int64_t)floor((path[3 * i + 1] - g->y0) / g->step + 0.5);
-    if (!inside(g, x, y) || owner[y * g->nx + x] >= 0)
+    const int64_t at = pags_ground_cell(g, path[3 * i], path[3 * i + 1]);
+    if (at < 0 || owner[at] >= 0)
       continue;
-    owner[y * g->nx + x] = (int32_t)i;
-    queue[last++] = y * g->nx + x;
+    owner[at] = (int32_t)i;
+    queue[last++] = at;
   }
   for (int64_t head = 0; head < last; head++)
     for (int d = 0; d < 4; d++) {
-      int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
-      if (!inside(g, x, y) || owner[y * g->nx + x] >= 0)
+      const int64_t at = neighbour(g, queue[head], d);
+      if (at < 0 || owner[at] >= 0)
         continue;
-      owner[y * g->nx + x] = owner[queue[head]];
-      queue[last++] = y * g->nx + x;
+      owner[at] = owner[queue[head]];
+      queue[last++] = at;
     }
 }
 
@@ -98,12 +108,12 @@ static void extend(pags_ground *g, const double *path, int64_t path_count, doubl
       queue[count++] = i;
   for (int64_t head = 0; head < count; head++)
     for (int d = 0; d < 4; d++) {
-      int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
-      if (!inside(g, x, y) || g->known[y * g->nx + x] != 3)
+      const int64_t at = neighbour(g, queue[head], d);
+      if (at < 0 || g->known[at] != 3)
         continue;
-      g->known[y * g->nx + x] = 2;
-      g->z[y * g->nx + x] = g->z[queue[head]];
-      queue[count++] = y * g->nx + x;
+      g->known[at] = 2;
+      g->z[at] = g->z[queue[head]];
+      queue[count++] = at;
     }
   for (int64_t i = 0; i < cells; i++)
     if (g->known[i] == 3)
@@ -123,9 +133,9 @@ static void relax(pags_ground *g, const float *weights, const float *measured, c
       const stiffness *s = &stiff[owner[i] < 0 ? 0 : owner[i]];
       double w = g->known[i] == 1 ? (double)weights[i] : 0, sum = w * (double)measured[i];
       for (int d = 0; d < NEIGHBOURS; d++) {
-        int64_t x = i % g->nx + dx[d], y = i / g->nx + dy[d];
-        if (s->towards[d] > 0 && inside(g, x, y) && g->known[y * g->nx + x]) {
-          sum += s->towards[d] * (double)g->z[y * g->nx + x];
+        const int64_t at = neighbour(g, i, d);
+        if (s->towards[d] > 0 && at >= 0 && g->known[at]) {
+          sum += s->towards[d] * (double)g->z[at];
           w += s->towards[d];
         }
       }
@@ -136,25 +146,17 @@ static void relax(pags_ground *g, const float *weights, const float *measured, c
 
 pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count,
                              double reach) {
-  int64_t cells = (int64_t)ground->nx * ground->ny;
-  int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
-  int32_t *owner = malloc(((size_t)cells + 1) * sizeof *owner);
-  float *measured = malloc(((size_t)cells + 1) * sizeof *measured);
-  stiffness *stiff = malloc(((size_t)path_count + 1) * sizeof *stiff);
-  pags_result result =
-      queue && owner && measured && stiff ? PAGS_OK : pags_out_of_memory("the ground's %lld cells", (long long)cells);
-  if (result == PAGS_OK) {
-    extend(ground, path, path_count, reach, queue);
-    find_owners(ground, path, path_count, owner, queue);
-    for (int64_t i = 0; i < path_count; i++)
-      stiff[i] = stiffness_at(path, path_count, i);
-    for (int64_t i = 0; i < cells; i++)
-      measured[i] = ground->z[i];
-    relax(ground, weights, measured, owner, stiff);
-  }
-  free(queue);
-  free(owner);
-  free(measured);
-  free(stiff);
-  return result;
+  const size_t cells = (size_t)((int64_t)ground->nx * ground->ny);
+  PAGS_AUTOFREE int64_t *queue = malloc((cells + 1) * sizeof *queue);
+  PAGS_AUTOFREE int32_t *owner = malloc((cells + 1) * sizeof *owner);
+  PAGS_AUTOFREE float *measured = malloc((cells + 1) * sizeof *measured);
+  PAGS_AUTOFREE stiffness *stiff = malloc(((size_t)path_count + 1) * sizeof *stiff);
+  PAGS_CHECK_MEMORY(queue && owner && measured && stiff, "the ground's %zu cells", cells);
+  extend(ground, path, path_count, reach, queue);
+  find_owners(ground, path, path_count, owner, queue);
+  for (int64_t i = 0; i < path_count; i++)
+    stiff[i] = stiffness_at(path, path_count, i);
+  memcpy(measured, ground->z, cells * sizeof *measured);
+  relax(ground, weights, measured, owner, stiff);
+  return PAGS_OK;
 }

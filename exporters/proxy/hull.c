@@ -8,6 +8,7 @@
 
 #include "exporters/proxy/mesh.h"
 
+#include "base/file.h"
 #include "base/memory.h"
 #include "maths/maths.h"
 
@@ -15,12 +16,9 @@
  * mesh scaled to a cube). The hull of at most `count` vertices has at most 2 count - 4 triangles. Writes the chosen
  * vertices once each, in ascending order, and returns how many; -1 when out of memory. */
 static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen) {
-  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
-  for (int64_t i = 0; i < 3 * s->vertex_count; i++) {
-    lo[i % 3] = fmin(lo[i % 3], (double)s->positions[i]);
-    hi[i % 3] = fmax(hi[i % 3], (double)s->positions[i]);
-  }
-  uint8_t *taken = calloc((size_t)s->vertex_count + 1, 1);
+  double lo[3], hi[3], p[3];
+  pags_proxy_mesh_bounds(s, lo, hi);
+  PAGS_AUTOFREE uint8_t *taken = calloc((size_t)s->vertex_count + 1, 1);
   int64_t found = 0;
   if (!taken)
     return -1;
@@ -31,8 +29,8 @@ static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen
     double best = -HUGE_VAL;
     int64_t at = 0;
     for (int64_t i = 0; i < s->vertex_count; i++) {
-      const float *p = s->positions + 3 * i;
-      double along = direction[0] * (double)p[0] + direction[1] * (double)p[1] + direction[2] * (double)p[2];
+      pags_proxy_mesh_point(s, i, p);
+      double along = pags_dot3(direction, p);
       if (along > best) {
         best = along;
         at = i;
@@ -43,7 +41,6 @@ static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen
   for (int64_t i = 0; i < s->vertex_count; i++)
     if (taken[i])
       chosen[found++] = i;
-  free(taken);
   return found;
 }
 
@@ -72,7 +69,7 @@ static void read_facets(qhT *qh, const pags_proxy_mesh *from, const int64_t *cho
 static pags_result run_qhull(const pags_proxy_mesh *from, const int64_t *chosen, int64_t count, double *points,
                              uint32_t *place, pags_proxy_mesh *out) {
   char options[] = "qhull Qt", said[256] = "";
-  FILE *errors = tmpfile();
+  PAGS_AUTO(pags_file_close) FILE *errors = tmpfile();
   PAGS_CHECK_MEMORY(errors, "a convex hull");
   qhT qh;
   int left, total;
@@ -82,41 +79,29 @@ static pags_result run_qhull(const pags_proxy_mesh *from, const int64_t *chosen,
     read_facets(&qh, from, chosen, place, out);
   qh_freeqhull(&qh, !qh_ALL);
   qh_memfreeshort(&qh, &left, &total);
+  if (!code)
+    return pags_proxy_mesh_check(out);
   rewind(errors);
-  if (!code || !fgets(said, sizeof said, errors))
+  if (!fgets(said, sizeof said, errors))
     said[0] = 0;
-  fclose(errors);
-  pags_result result = PAGS_OK;
-  if (code)
-    result = pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points: %.*s", (long long)count,
-                       (int)strcspn(said, "\n"), said);
-  return result == PAGS_OK ? pags_proxy_mesh_check(out) : result;
+  return pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points: %.*s", (long long)count,
+                   (int)strcspn(said, "\n"), said);
 }
 
 pags_result pags_proxy_mesh_hull(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out) {
-  int64_t most = budget / 2 + 2, count = 0;
+  const size_t most = (size_t)(budget / 2 + 2);
   *out = (pags_proxy_mesh){0};
   if (from->vertex_count < 4)
     return pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points", (long long)from->vertex_count);
-  int64_t *chosen = malloc((size_t)most * sizeof *chosen);
-  double *points = malloc((size_t)most * 3 * sizeof *points);
-  uint32_t *place = malloc((size_t)most * sizeof *place);
-  pags_result result = chosen && points && place ? PAGS_OK : pags_out_of_memory("a convex hull");
-  if (result == PAGS_OK) {
-    count = farthest(from, most, chosen);
-    for (int64_t i = 0; i < 3 * count; i++)
-      points[i] = (double)from->positions[3 * chosen[i / 3] + i % 3];
-    memset(place, 0xff, (size_t)most * sizeof *place);
-    if (count < 0)
-      result = pags_out_of_memory("a convex hull");
-    else
-      result = count < 4 ? pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points", (long long)count)
-                         : run_qhull(from, chosen, count, points, place, out);
-  }
-  free(chosen);
-  free(points);
-  free(place);
-  if (result != PAGS_OK)
-    pags_proxy_mesh_destroy(out);
-  return result;
+  PAGS_AUTOFREE int64_t *chosen = malloc(most * sizeof *chosen);
+  PAGS_AUTOFREE double *points = malloc(most * 3 * sizeof *points);
+  PAGS_AUTOFREE uint32_t *place = malloc(most * sizeof *place);
+  const int64_t count = chosen && points && place ? farthest(from, (int64_t)most, chosen) : -1;
+  PAGS_CHECK_MEMORY(count >= 0, "a convex hull");
+  if (count < 4)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points", (long long)count);
+  for (int64_t i = 0; i < count; i++)
+    pags_proxy_mesh_point(from, chosen[i], points + 3 * i);
+  memset(place, 0xff, most * sizeof *place);
+  return run_qhull(from, chosen, count, points, place, out);
 }

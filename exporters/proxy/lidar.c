@@ -6,12 +6,12 @@
 #include "exporters/proxy/lidar.h"
 
 #include <math.h>
-#include <stdbool.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/vec3.h"
+#include "dataset/owners.h"
 #include "maths/maths.h"
 
 void pags_lidar_destroy(pags_lidar *lidar) {
@@ -19,7 +19,7 @@ void pags_lidar_destroy(pags_lidar *lidar) {
     pags_lidar_fit_destroy(&lidar->objects[i]);
   free(lidar->objects);
   free(lidar->points);
-  memset(lidar, 0, sizeof *lidar);
+  *lidar = (pags_lidar){0};
 }
 
 #ifdef PAGS_WITH_DATASET
@@ -48,8 +48,7 @@ static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
     b->middle[0] = pose[3];
     b->middle[1] = pose[7];
     b->radius = 0.5 * pags_hypot(record->size[0], record->size[1]) + 2 * box_margin;
-    for (int k = 0; k < 3; k++)
-      b->half[k] = 0.5 * record->size[k];
+    pags_scale3(0.5, record->size, b->half);
     pags_rigid_inverse(pose, b->box_from_world);
   }
   return count;
@@ -57,8 +56,8 @@ static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
 
 /* Adds a point to the points of the object in whose box it lies, if any. `taken` receives whether it lies in or near
  * a box and is therefore not the background's. */
-static pags_result sort_point(const box *boxes, int64_t count, const double p[3], pags_lidar *out, int *taken) {
-  *taken = 0;
+static pags_result sort_point(const box *boxes, int64_t count, const double p[3], pags_lidar *out, bool *taken) {
+  *taken = false;
   for (int64_t i = 0; i < count; i++) {
     const box *b = &boxes[i];
     double q[3], beyond = -HUGE_VAL;
@@ -69,7 +68,7 @@ static pags_result sort_point(const box *boxes, int64_t count, const double p[3]
       beyond = fmax(beyond, fabs(q[k]) - b->half[k]);
     if (beyond >= box_margin)
       continue;
-    *taken = 1;
+    *taken = true;
     if (beyond < own_margin && q[2] > stand - b->half[2])
       return pags_lidar_fit_add(&out->objects[b->object], q);
   }
@@ -85,54 +84,44 @@ static bool is_held_out(const pags_scene *scene, const pags_sweep *sweep) {
   return false;
 }
 
-static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int64_t index, int held_out, box *boxes,
-                             pags_lidar *out) {
+static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int64_t index, const box *boxes,
+                             int64_t box_count, pags_lidar *out) {
   const pags_sweep *sweep = pags_dataset_sweep(dataset, index);
-  const double *m = sweep->world_from_sweep;
-  float *xyz = NULL;
-  int64_t count = 0;
-  if (is_held_out(scene, sweep) != held_out)
-    return PAGS_OK;
+  PAGS_AUTOFREE float *xyz = NULL;
+  int64_t count = 0, capacity = out->count;
   PAGS_TRY(pags_dataset_sweep_load(dataset, index, &count, &xyz));
-  float *grown = realloc(out->points, (size_t)(out->count + count + 1) * 3 * sizeof *grown);
-  if (!grown) {
-    free(xyz);
-    return pags_out_of_memory("%lld points", (long long)(out->count + count));
-  }
-  out->points = grown;
-  int64_t box_count = find_boxes(scene, sweep->time, boxes);
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < count && result == PAGS_OK; i++) {
-    double p[3];
-    int taken;
-    for (int k = 0; k < 3; k++)
-      p[k] = m[4 * k] * (double)xyz[3 * i] + m[4 * k + 1] * (double)xyz[3 * i + 1] +
-             m[4 * k + 2] * (double)xyz[3 * i + 2] + m[4 * k + 3];
-    if ((result = sort_point(boxes, box_count, p, out, &taken)) != PAGS_OK || taken)
+  PAGS_CHECK_MEMORY(pags_grow(&out->points, out->count + count + 1, &capacity, 3 * sizeof *out->points), "%lld points",
+                    (long long)(out->count + count));
+  for (int64_t i = 0; i < count; i++) {
+    double own[3], p[3];
+    bool taken;
+    pags_widen3(xyz + 3 * i, own);
+    pags_rigid_point(sweep->world_from_sweep, own, p);
+    PAGS_TRY(sort_point(boxes, box_count, p, out, &taken));
+    if (taken)
       continue;
-    for (int k = 0; k < 3; k++)
-      out->points[3 * out->count + k] = (float)(p[k] - scene->origin[k]);
-    out->count++;
+    pags_subtract3(p, scene->origin, p);
+    pags_narrow3(p, out->points + 3 * out->count++);
   }
-  free(xyz);
-  return result;
+  return PAGS_OK;
 }
 
-static pags_result read_sweeps(const pags_scene *scene, pags_dataset *dataset, int held_out, pags_lidar *out) {
-  box *boxes = malloc(((size_t)scene->object_count + 1) * sizeof *boxes);
+static pags_result read_sweeps(const pags_scene *scene, pags_dataset *dataset, bool held_out, pags_lidar *out) {
+  PAGS_AUTOFREE box *boxes = malloc(((size_t)scene->object_count + 1) * sizeof *boxes);
   out->object_count = scene->object_count;
   out->objects = calloc((size_t)scene->object_count + 1, sizeof *out->objects);
-  pags_result result =
-      boxes && out->objects ? PAGS_OK : pags_out_of_memory("%lld boxes", (long long)scene->object_count);
-  for (int64_t i = 0; i < pags_dataset_sweep_count(dataset) && result == PAGS_OK; i++)
-    result = add_sweep(scene, dataset, i, held_out, boxes, out);
-  free(boxes);
-  return result;
+  PAGS_CHECK_MEMORY(boxes && out->objects, "%lld boxes", (long long)scene->object_count);
+  for (int64_t i = 0; i < pags_dataset_sweep_count(dataset); i++) {
+    const pags_sweep *sweep = pags_dataset_sweep(dataset, i);
+    if (is_held_out(scene, sweep) == held_out)
+      PAGS_TRY(add_sweep(scene, dataset, i, boxes, find_boxes(scene, sweep->time, boxes), out));
+  }
+  return PAGS_OK;
 }
 
-pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *out) {
+pags_result pags_lidar_read(const pags_scene *scene, bool held_out, pags_lidar *out) {
   pags_dataset_options options = pags_dataset_options_default();
-  pags_dataset *dataset = NULL;
+  PAGS_AUTO(pags_dataset_close_auto) pags_dataset *dataset = NULL;
   *out = (pags_lidar){0};
   if (!scene->dataset || !(scene->fps > 0)) /* captures have no LiDAR */
     return PAGS_OK;
@@ -141,8 +130,6 @@ pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *o
   pags_result result = pags_dataset_open(scene->dataset, &options, &dataset);
   if (result == PAGS_OK && (pags_dataset_provides(dataset) & PAGS_PROVIDES_LIDAR))
     result = read_sweeps(scene, dataset, held_out, out);
-  if (dataset)
-    pags_dataset_close(dataset);
   if (result == PAGS_OK)
     return PAGS_OK;
   pags_lidar_destroy(out);
@@ -154,9 +141,8 @@ pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *o
 
 #else
 
-pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *out) {
-  (void)scene;
-  (void)held_out;
+pags_result pags_lidar_read(const pags_scene *scene, bool held_out, pags_lidar *out) {
+  (void)scene, (void)held_out;
   *out = (pags_lidar){0};
   return PAGS_OK;
 }

@@ -20,7 +20,7 @@ typedef struct pags_lidar {
 
 /* Reads the points of the sweeps of training time steps, or with `held_out` of held-out time steps. The result is
  * empty if there is no data set or no LiDAR, or if it can't be read (a log line says so). */
-pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *out);
+pags_result pags_lidar_read(const pags_scene *scene, bool held_out, pags_lidar *out);
 void pags_lidar_destroy(pags_lidar *lidar); /* frees and zeroes */
 
 #ifdef __cplusplus

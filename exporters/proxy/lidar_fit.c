@@ -4,11 +4,11 @@
 #include "exporters/proxy/lidar_fit.h"
 
 #include <math.h>
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 
 /* Radii of the neighbourhoods in metres, coarse to fine. Half of the mean residual of a neighbourhood is subtracted
  * when its points have a total weight of doubt / radius^2. Finer neighbourhoods thus need more points; else noise (5
@@ -18,25 +18,18 @@ static const double doubt = 0.16;
 
 void pags_lidar_fit_destroy(pags_lidar_fit *cloud) {
   free(cloud->points);
-  memset(cloud, 0, sizeof *cloud);
+  *cloud = (pags_lidar_fit){0};
 }
 
 pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]) {
-  if (cloud->count == cloud->capacity) {
-    int64_t capacity = 2 * cloud->capacity + 256;
-    float *grown = realloc(cloud->points, (size_t)capacity * 3 * sizeof *grown);
-    PAGS_CHECK_MEMORY(grown, "%lld points", (long long)capacity);
-    cloud->points = grown;
-    cloud->capacity = capacity;
-  }
-  for (int k = 0; k < 3; k++)
-    cloud->points[3 * cloud->count + k] = (float)point[k];
-  cloud->count++;
+  PAGS_CHECK_MEMORY(pags_grow(&cloud->points, cloud->count + 1, &cloud->capacity, 3 * sizeof *cloud->points),
+                    "%lld points", (long long)cloud->count + 1);
+  pags_narrow3(point, cloud->points + 3 * cloud->count++);
   return PAGS_OK;
 }
 
-/* Samples the grid's signed distance at a point by trilinear interpolation. Returns 0 if the point is outside of the
- * grid. */
+/* Samples the grid's signed distance at a point by trilinear interpolation. Returns false if the point is outside of
+ * the grid. */
 static bool sample(const pags_tsdf *g, const float p[3], double *out) {
   int64_t row = g->n[0], layer = row * g->n[1], at = 0, stride[3] = {1, row, layer};
   double part[3];
@@ -83,7 +76,7 @@ pags_result pags_lidar_fit_pull(const pags_lidar_fit *cloud, pags_tsdf *grid, do
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
   if (!cloud->count)
     return PAGS_OK;
-  float *sum = malloc(2 * count * sizeof *sum);
+  PAGS_AUTOFREE float *sum = malloc(2 * count * sizeof *sum);
   PAGS_CHECK_MEMORY(sum, "a grid");
   float *weight = sum + count;
   for (size_t level = 0; level < sizeof radii / sizeof *radii; level++) {
@@ -96,6 +89,5 @@ pags_result pags_lidar_fit_pull(const pags_lidar_fit *cloud, pags_tsdf *grid, do
       if (weight[i] > 0)
         grid->distance[i] -= sum[i] / (weight[i] + (float)(doubt / (r * r)));
   }
-  free(sum);
   return PAGS_OK;
 }

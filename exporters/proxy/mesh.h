@@ -1,11 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The triangle mesh of all proxies: positions, colours, and for each vertex whether some camera saw it. Functions
- * build meshes, inspect and repair their topology, decimate them and make convex hulls. */
+ * build meshes, inspect and repair their topology, decimate them, and make convex hulls and cages. A function that
+ * makes a mesh `out` may leave a part of it there when it fails: the caller destroys it in either case. */
 #ifndef PAGS_PROXY_MESH_H
 #define PAGS_PROXY_MESH_H
 
-#include <pags/base.h>
 #include <stdbool.h>
+
+#include <pags/base.h>
+
+#include "base/vec3.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -27,7 +31,30 @@ pags_result pags_proxy_mesh_check(const pags_proxy_mesh *mesh);
 uint32_t pags_proxy_mesh_vertex(pags_proxy_mesh *mesh, const float position[3], const float color[3], int observed);
 /* Adds a triangle, unless two of its corners are the same vertex. */
 void pags_proxy_mesh_triangle(pags_proxy_mesh *mesh, uint32_t a, uint32_t b, uint32_t c);
-pags_result pags_proxy_mesh_copy(const pags_proxy_mesh *from, pags_proxy_mesh *to);
+pags_result pags_proxy_mesh_copy(const pags_proxy_mesh *from, pags_proxy_mesh *out);
+/* Copies only these `count` triangles, given by vertices of `from`, and the vertices that they use. */
+pags_result pags_proxy_mesh_copy_part(const pags_proxy_mesh *from, const uint32_t *triangles, int64_t count,
+                                      pags_proxy_mesh *out);
+/* Appends all vertices and triangles of another mesh. */
+pags_result pags_proxy_mesh_append(const pags_proxy_mesh *from, pags_proxy_mesh *to);
+
+/* The position of a vertex; those of a triangle's corners; the cross product of two edges of a triangle, which is its
+ * normal with twice its area as length; the box that holds all vertices. */
+static inline void pags_proxy_mesh_point(const pags_proxy_mesh *mesh, int64_t vertex, double out[3]) {
+  pags_widen3(mesh->positions + 3 * vertex, out);
+}
+void pags_proxy_mesh_corners(const pags_proxy_mesh *mesh, int64_t triangle, double out[3][3]);
+void pags_proxy_mesh_cross(const pags_proxy_mesh *mesh, int64_t triangle, double out[3]);
+void pags_proxy_mesh_bounds(const pags_proxy_mesh *mesh, double lo[3], double hi[3]);
+/* The mean of a triangle's corners, each divided by three before they are added. */
+void pags_proxy_mesh_middle(const pags_proxy_mesh *mesh, int64_t triangle, double out[3]);
+/* Removes the triangles whose first vertex is UINT32_MAX. */
+void pags_proxy_mesh_drop_marked(pags_proxy_mesh *mesh);
+
+/* Union-find over numbers that begin as their own parents: the representative of a set, its smallest number, and the
+ * union of two sets. */
+int64_t pags_set_root(int64_t *parent, int64_t i);
+void pags_set_join(int64_t *parent, int64_t a, int64_t b);
 
 /* Removes vertices that no triangle uses and puts the others in the order of their first use. */
 pags_result pags_proxy_mesh_compact(pags_proxy_mesh *mesh);
@@ -72,6 +99,12 @@ pags_result pags_proxy_mesh_simplify(const pags_proxy_mesh *from, int64_t budget
 /* Makes the convex hull of a mesh's vertices, of at most `budget` triangles: only the farthest vertices in evenly
  * spread directions are used. PAGS_ERROR_ARGUMENT if they all lie in a plane. */
 pags_result pags_proxy_mesh_hull(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out);
+
+/* Fits a closed control cage of quads to a closed mesh, such that the cage's subdivision surface (Catmull and Clark
+ * 1978) lies on the mesh. `level` 0: `out` is the cage itself; 1..3: the cage subdivided that many times, its vertices
+ * moved to the limit surface. Each quad becomes two triangles, at most `budget` triangles in all (but no fewer than
+ * 12 * 4^level, a cube's). */
+pags_result pags_proxy_mesh_cage(const pags_proxy_mesh *mesh, int level, int64_t budget, pags_proxy_mesh *out);
 
 #ifdef __cplusplus
 }

@@ -36,36 +36,27 @@ static double triangle_distance(const double a[3], const double b[3], const doub
   const double *corners[3] = {a, b, c};
   double u[3], v[3], n[3], nearest = HUGE_VAL;
   bool inside = true;
-  for (int k = 0; k < 3; k++) {
-    u[k] = b[k] - a[k];
-    v[k] = c[k] - a[k];
-  }
-  for (int k = 0; k < 3; k++)
-    n[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
+  pags_subtract3(b, a, u);
+  pags_subtract3(c, a, v);
+  pags_cross3(u, v, n);
   double area = pags_dot3(n, n);
   for (int i = 0; i < 3; i++) {
     const double *p = corners[i], *q = corners[(i + 1) % 3];
-    double edge[3], side[3], at[3], squared = 0;
-    for (int k = 0; k < 3; k++)
-      edge[k] = q[k] - p[k];
-    for (int k = 0; k < 3; k++)
-      side[k] = n[(k + 1) % 3] * edge[(k + 2) % 3] - n[(k + 2) % 3] * edge[(k + 1) % 3];
+    double edge[3], side[3], at[3];
+    pags_subtract3(q, p, edge);
+    pags_cross3(n, edge, side);
     inside = inside && pags_dot3(side, p) <= 0;
     double length = pags_dot3(edge, edge), t = length > 0 ? fmin(fmax(-pags_dot3(edge, p) / length, 0), 1) : 0;
-    for (int k = 0; k < 3; k++) {
-      at[k] = p[k] + t * edge[k];
-      squared += at[k] * at[k];
-    }
-    if (squared < nearest) {
-      nearest = squared;
-      memcpy(foot, at, sizeof at);
+    pags_along3(p, t, edge, at);
+    if (pags_dot3(at, at) < nearest) {
+      nearest = pags_dot3(at, at);
+      pags_copy3(at, foot);
     }
   }
   if (!inside || !(area > 0))
     return nearest;
   double height = pags_dot3(n, a);
-  for (int k = 0; k < 3; k++)
-    foot[k] = n[k] * (height / area);
+  pags_scale3(height / area, n, foot);
   return height * height / area;
 }
 
@@ -77,15 +68,15 @@ static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
   int corners = q->query->triangles ? 3 : 1;
   for (int i = 0; i < corners; i++) {
     uint32_t at = corners == 3 ? q->query->triangles[3 * (size_t)arguments->primID + (size_t)i] : arguments->primID;
-    for (int k = 0; k < 3; k++)
-      corner[i][k] = (double)q->query->points[3 * (size_t)at + (size_t)k] - q->point[k];
+    pags_widen3(q->query->points + 3 * (size_t)at, corner[i]);
+    pags_subtract3(corner[i], q->point, corner[i]);
   }
-  memcpy(foot, corner[0], sizeof foot);
+  pags_copy3(corner[0], foot);
   squared = corners == 3 ? triangle_distance(corner[0], corner[1], corner[2], foot) : pags_dot3(foot, foot);
   if (!(squared < q->best))
     return false;
   q->best = squared;
-  memcpy(q->foot, foot, sizeof foot);
+  pags_copy3(foot, q->foot);
   q->primitive = arguments->primID;
   /* The radius is rounded up to float, so that rounding skips no primitive that is nearer than or as near as this. */
   arguments->query->radius = pags_nextafterf((float)sqrt(squared), INFINITY);
@@ -110,16 +101,20 @@ static pags_result attach(pags_mesh_query *query, RTCGeometry geometry) {
   return pags_embree_check(query->device);
 }
 
-static pags_result open_scene(pags_mesh_query *query) {
-  query->device = pags_embree_device();
-  if (!query->device)
-    return pags_embree_failed(query->device);
-  query->scene = rtcNewScene(query->device);
+/* Opens a query over `points` and, unless it is NULL, `triangles`; the caller adds a geometry. */
+static pags_result open_query(const float *points, const uint32_t *triangles, pags_mesh_query **out) {
+  pags_mesh_query *query = *out = calloc(1, sizeof *query);
+  PAGS_CHECK_MEMORY(query, triangles ? "a mesh" : "points");
+  *query = (pags_mesh_query){.device = pags_embree_device(), .points = points, .triangles = triangles};
+  if (query->device)
+    query->scene = rtcNewScene(query->device);
   return query->scene ? PAGS_OK : pags_embree_failed(query->device);
 }
 
-static pags_result add_triangles(pags_mesh_query *query, const pags_proxy_mesh *surface) {
-  PAGS_TRY(open_scene(query));
+pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *surface, pags_mesh_query **out) {
+  PAGS_AUTO(pags_mesh_query_destroy_auto) pags_mesh_query *query = NULL;
+  *out = NULL;
+  PAGS_TRY(open_query(surface->positions, surface->triangles, &query));
   RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_TRIANGLE);
   if (!geometry)
     return pags_embree_failed(query->device);
@@ -137,45 +132,25 @@ static pags_result add_triangles(pags_mesh_query *query, const pags_proxy_mesh *
     vertices[i] = surface->positions[i];
   for (int64_t i = 0; i < 3 * surface->triangle_count; i++)
     triangles[i] = surface->triangles[i];
-  return attach(query, geometry);
-}
-
-pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *surface, pags_mesh_query **out) {
-  *out = NULL;
-  pags_mesh_query *query = calloc(1, sizeof *query);
-  PAGS_CHECK_MEMORY(query, "a mesh");
-  query->points = surface->positions;
-  query->triangles = surface->triangles;
-  pags_result result = add_triangles(query, surface);
-  if (result == PAGS_OK)
-    *out = query;
-  else
-    pags_mesh_query_destroy(query);
-  return result;
+  PAGS_TRY(attach(query, geometry));
+  *out = pags_take(&query);
+  return PAGS_OK;
 }
 
 pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_mesh_query **out) {
+  PAGS_AUTO(pags_mesh_query_destroy_auto) pags_mesh_query *query = NULL;
   *out = NULL;
-  pags_mesh_query *query = calloc(1, sizeof *query);
-  PAGS_CHECK_MEMORY(query, "points");
-  query->points = points;
-
+  PAGS_TRY(open_query(points, NULL, &query));
   /* Embree has no geometry of bare points: they are user primitives with boxes of zero size as bounds. */
-  pags_result result = open_scene(query);
-  RTCGeometry geometry = result == PAGS_OK ? rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_USER) : NULL;
-  if (geometry) {
-    rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
-    rtcSetGeometryUserData(geometry, query);
-    rtcSetGeometryBoundsFunction(geometry, point_bounds, NULL);
-    result = attach(query, geometry);
-  } else if (result == PAGS_OK) {
-    result = pags_embree_failed(query->device);
-  }
-  if (result == PAGS_OK)
-    *out = query;
-  else
-    pags_mesh_query_destroy(query);
-  return result;
+  RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_USER);
+  if (!geometry)
+    return pags_embree_failed(query->device);
+  rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
+  rtcSetGeometryUserData(geometry, query);
+  rtcSetGeometryBoundsFunction(geometry, point_bounds, NULL);
+  PAGS_TRY(attach(query, geometry));
+  *out = pags_take(&query);
+  return PAGS_OK;
 }
 
 void pags_mesh_query_destroy(pags_mesh_query *query) {
@@ -210,8 +185,7 @@ double pags_mesh_query_distance(const pags_mesh_query *query, const double point
 
 double pags_mesh_query_nearest(const pags_mesh_query *query, const double point[3], double nearest[3]) {
   nearest_query q = ask(query, point);
-  for (int k = 0; k < 3; k++)
-    nearest[k] = point[k] + q.foot[k];
+  pags_add3(point, q.foot, nearest);
   return sqrt(q.best);
 }
 

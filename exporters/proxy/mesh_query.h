@@ -3,6 +3,7 @@
 #ifndef PAGS_PROXY_MESH_QUERY_H
 #define PAGS_PROXY_MESH_QUERY_H
 
+#include "base/memory.h"
 #include "exporters/proxy/mesh.h"
 
 #ifdef __cplusplus
@@ -16,6 +17,7 @@ pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *mesh, pags_mesh_query
 /* Builds a query over points of 3 floats each, which must outlive the query. */
 pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_mesh_query **out);
 void pags_mesh_query_destroy(pags_mesh_query *query); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_mesh_query, pags_mesh_query_destroy)
 
 /* The queries below may be called by several threads at once. Returns the distance from `point` to the nearest
  * triangle or point, infinite without any; `primitive` (may be NULL) receives its index. */

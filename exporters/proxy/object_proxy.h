@@ -11,12 +11,20 @@
 #include "exporters/proxy/lidar.h"
 #include "exporters/proxy/scene_depth.h"
 #include "exporters/proxy/shape_prior.h"
+#include "exporters/proxy/texture.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 enum { PAGS_LEAST_GAUSSIANS = 16 }; /* an object of fewer Gaussians is not drawn, so no surface is fused of it */
+
+/* The pose of an object at one of its labels, relative to the scene's origin. That of a parked object is the pose at
+ * its middle one, keyframe_count / 2. */
+void pags_object_label_pose(const pags_scene *scene, const pags_object *object, int64_t label, double out[12]);
+
+/* Copies the Gaussians with taken[i] equal to `wanted`. PAGS_ERROR_MEMORY. */
+pags_result pags_gaussians_select(const pags_gaussians *from, const uint8_t *taken, bool wanted, pags_gaussians *out);
 
 /* The state that all objects of an export and the background share. */
 typedef struct pags_proxy_maker {
@@ -33,7 +41,7 @@ typedef struct pags_proxy_maker {
   int64_t prior_count;
 } pags_proxy_maker;
 
-/* `out` must not be moved until it is closed; copies of it are good for as long. */
+/* `out` must not be moved until it is closed, also after a failure; copies of it are good for as long. */
 pags_result pags_proxy_maker_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
                                   pags_proxy_maker *out);
 void pags_proxy_maker_close(pags_proxy_maker *maker);
@@ -49,8 +57,15 @@ typedef struct pags_object_shape {
   const char *note; /* static: why the object was seen too little, and what replaces its surface; NULL: seen enough */
 } pags_object_shape;
 
+typedef struct pags_built_level {
+  pags_proxy_mesh mesh; /* in the object's frame */
+  pags_convex_parts parts;
+  pags_texture texture;   /* with options->texture, of meshes and cages */
+  pags_proxy_facts facts; /* name and class are not set */
+} pags_built_level;
+
 /* Draws the object's depth views, fuses them and makes the closed surface. `shape->surface` stays empty if too little
- * was seen; that is no error. */
+ * was seen; that is no error. After a failure, too, the caller destroys the shape. */
 pags_result pags_object_shape_make(const pags_proxy_maker *maker, int64_t object, pags_object_shape *shape);
 /* Makes the shape prior of one vehicle of its own depth views alone. `out->distance` stays NULL if too little was
  * seen. */
@@ -61,11 +76,10 @@ double pags_object_pixels(const pags_proxy_maker *maker, int64_t object);
 void pags_object_mark(const pags_proxy_maker *maker, int64_t object, uint8_t *taken);
 void pags_object_shape_destroy(pags_object_shape *shape);
 
-/* Makes the proxy of the level asked for. If that can't be made, it makes the labelled box, and `note` (static) says
- * why. `level` receives the level made, `parts` the parts of PAGS_PROXY_CONVEX, none for others. */
+/* Makes the proxy of the level facts.level of `out`: its mesh and, for PAGS_PROXY_CONVEX, its parts. If that can't be
+ * made, it makes the labelled box, changes the level, and facts.note (static) says why. */
 pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object, const pags_object_shape *shape,
-                                   pags_proxy_level wanted, pags_proxy_mesh *out, pags_convex_parts *parts,
-                                   pags_proxy_level *level, const char **note);
+                                   pags_built_level *out);
 
 #ifdef __cplusplus
 }

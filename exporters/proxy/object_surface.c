@@ -8,12 +8,10 @@
 #include "exporters/proxy/object_proxy.h"
 
 #include <math.h>
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
-#include "exporters/proxy/shadow_filter.h"
 
 /* LEAST_PIXELS: an object with fewer surface pixels counts as hardly seen. CLUSTER: Gaussians a cluster. */
 enum { LEAST_PIXELS = 64, CLUSTER = 64 };
@@ -36,29 +34,38 @@ void pags_object_shape_destroy(pags_object_shape *shape) {
 
 /* ---- The object's Gaussians ---- */
 
-/* The pose of a parked object relative to the scene's origin: the pose of the middle one of its labels. */
-static void parked_pose(const pags_proxy_maker *w, const pags_object *object, double out[12]) {
-  const pags_keyframe *keyframe = &object->keyframes[object->keyframe_count / 2];
+void pags_object_label_pose(const pags_scene *scene, const pags_object *object, int64_t label, double out[12]) {
+  const pags_keyframe *keyframe = &object->keyframes[label];
   if (!pags_object_pose(object, keyframe->time, out))
     memcpy(out, keyframe->world_from_object, 12 * sizeof *out);
-  for (int k = 0; k < 3; k++)
-    out[4 * k + 3] -= w->scene->origin[k];
+  pags_pose_subtract(out, scene->origin);
 }
 
-/* Whether Gaussian `i`, whose object id is `id` (negative: none), belongs to the parked object. */
-static bool is_its_own(const double object_from_scene[12], const double size[3], const float *x, const float *y,
-                       const float *z, int64_t i, int32_t id, int64_t object) {
-  const double p[3] = {(double)x[i], (double)y[i], (double)z[i]};
+pags_result pags_gaussians_select(const pags_gaussians *from, const uint8_t *taken, bool wanted, pags_gaussians *out) {
+  int64_t count = 0;
+  PAGS_AUTOFREE int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
+  PAGS_CHECK_MEMORY(index, "%lld Gaussians", (long long)from->count);
+  for (int64_t i = 0; i < from->count; i++)
+    if ((taken[i] != 0) == wanted)
+      index[count++] = i;
+  PAGS_TRY(pags_gaussians_create_like(out, count, from));
+  pags_gaussians_gather(from, index, count, out);
+  return PAGS_OK;
+}
+
+/* Whether Gaussian `i` belongs to the parked object. */
+static bool is_its_own(const double object_from_scene[12], const double size[3], const pags_gaussians *g, int64_t i,
+                       int64_t object) {
+  const int32_t id = g->object_id ? g->object_id[i] : -1;
+  const double p[3] = {(double)pags_plane(g, PAGS_MEAN)[i], (double)pags_plane(g, PAGS_MEAN + 1)[i],
+                       (double)pags_plane(g, PAGS_MEAN + 2)[i]};
   double q[3];
   if (id != object && id >= 0)
     return false;
-  for (int k = 0; k < 3; k++) {
-    q[k] = object_from_scene[4 * k] * p[0] + object_from_scene[4 * k + 1] * p[1] + object_from_scene[4 * k + 2] * p[2] +
-           object_from_scene[4 * k + 3];
-    double beyond = fabs(q[k]) - 0.5 * size[k];
-    if (beyond > (id == object ? margin : 0))
+  pags_rigid_point(object_from_scene, p, q);
+  for (int k = 0; k < 3; k++)
+    if (fabs(q[k]) - 0.5 * size[k] > (id == object ? margin : 0))
       return false;
-  }
   return q[2] > -0.5 * size[2] + (id == object ? -margin : lift);
 }
 
@@ -66,19 +73,18 @@ void pags_object_mark(const pags_proxy_maker *maker, int64_t object, uint8_t *ta
   const pags_object *record = &maker->scene->objects[object].record;
   const pags_gaussians *g = &maker->scene->models[0].gaussians;
   double pose[12], object_from_scene[12];
-  parked_pose(maker, record, pose);
+  pags_object_label_pose(maker->scene, record, record->keyframe_count / 2, pose);
   pags_rigid_inverse(pose, object_from_scene);
   for (int64_t i = 0; i < g->count; i++)
-    if (is_its_own(object_from_scene, record->size, pags_plane(g, PAGS_MEAN), pags_plane(g, PAGS_MEAN + 1),
-                   pags_plane(g, PAGS_MEAN + 2), i, g->object_id ? g->object_id[i] : -1, object))
+    if (is_its_own(object_from_scene, record->size, g, i, object))
       taken[i] = 1;
 }
 
 /* ---- Depth views and fusion ---- */
 
 /* Makes the camera of a view in the object's frame at the view's time, cropped to the box of half extents `reach` and
- * scaled down to at most MOST_SIDE pixels. Returns 0 if the view is held out, the object has no pose at that time, or
- * it covers less than 6 x 6 pixels. */
+ * scaled down to at most MOST_SIDE pixels. Returns false if the view is held out, the object has no pose at that time,
+ * or it covers less than 6 x 6 pixels. */
 static bool camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], pags_camera *out) {
   double world_from_object[12], object_from_world[12], lo[3];
   pags_camera camera = view->camera;
@@ -87,8 +93,7 @@ static bool camera_of(const pags_object *object, const pags_scene_view *view, co
     return false;
   pags_rigid_inverse(world_from_object, object_from_world);
   pags_rigid_multiply(object_from_world, view->camera.world_from_camera, camera.world_from_camera);
-  for (int k = 0; k < 3; k++)
-    lo[k] = -reach[k];
+  pags_scale3(-1, reach, lo);
   if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
     return false;
   int side = out->width > out->height ? out->width : out->height;
@@ -121,7 +126,7 @@ static pags_result look(const pags_proxy_maker *w, int64_t object, const pags_pa
     if (count <= MOST_VIEWS || seen * MOST_VIEWS / count >= taken) {
       taken++;
       pags_frame_options drawing = pags_drawing_at(&w->drawing, &w->scene->views[v].camera, &camera);
-      PAGS_TRY(pags_depth_views_add(&shape->depth_views, w->frame, part, 1, &camera, &drawing, v, 0));
+      PAGS_TRY(pags_depth_views_add(&shape->depth_views, w->frame, part, 1, &camera, &drawing, v, false));
       pags_depth_view *depth_view = &shape->depth_views.list[shape->depth_views.count - 1];
       pags_depth_view_hide(depth_view, &w->scene_depth.views[v]);
       if (record->category == PAGS_CATEGORY_VEHICLE)
@@ -135,34 +140,21 @@ static pags_result look(const pags_proxy_maker *w, int64_t object, const pags_pa
 /* Gathers the object's Gaussians, draws its depth views and fuses them into `grid`. The weight stays 0 at grid points
  * that no view saw. */
 static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
-  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   const pags_scene_object *o = &w->scene->objects[object];
-  double pose[12], model_pose[12], reach[3];
-  memcpy(model_pose, identity, sizeof model_pose);
+  double reach[3];
+  pags_part part = {.gaussians = &shape->gaussians, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   if (o->model >= 0) {
     PAGS_TRY(pags_gaussians_sorted_copy(&shape->gaussians, &w->scene->models[o->model].gaussians));
   } else if (w->scene->model_count > 0) {
-    parked_pose(w, &o->record, pose);
-
     /* A parked object without a model of its own: take its Gaussians out of the background model. */
     const pags_gaussians *g = &w->scene->models[0].gaussians;
-    int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
-    uint8_t *taken = calloc((size_t)g->count + 1, 1);
-    pags_result result = index && taken ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
-    if (result == PAGS_OK) {
-      pags_object_mark(w, object, taken);
-      for (int64_t i = 0; i < g->count; i++)
-        if (taken[i])
-          index[count++] = i;
-      result = pags_gaussians_create_like(&shape->gaussians, count, g);
-    }
-    if (result == PAGS_OK)
-      pags_gaussians_gather(g, index, count, &shape->gaussians);
-    free(index);
-    free(taken);
-    PAGS_TRY(result);
-
-    pags_rigid_inverse(pose, model_pose);
+    double pose[12];
+    PAGS_AUTOFREE uint8_t *taken = calloc((size_t)g->count + 1, 1);
+    PAGS_CHECK_MEMORY(taken, "%lld Gaussians", (long long)g->count);
+    pags_object_mark(w, object, taken);
+    PAGS_TRY(pags_gaussians_select(g, taken, true, &shape->gaussians));
+    pags_object_label_pose(w->scene, &o->record, o->record.keyframe_count / 2, pose);
+    pags_rigid_inverse(pose, part.world_from_model);
   }
 
   /* The mean semantic priority. */
@@ -173,23 +165,19 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
 
   reach_of(&o->record, reach);
   if (shape->gaussians.count >= PAGS_LEAST_GAUSSIANS) {
-    pags_clusters clusters;
+    PAGS_AUTO(pags_clusters_destroy) pags_clusters clusters = {0};
     PAGS_TRY(pags_clusters_create(&clusters, shape->gaussians.count, CLUSTER));
     pags_clusters_update(&clusters, &shape->gaussians, 0, clusters.count);
-    pags_part part = {.gaussians = &shape->gaussians, .clusters = &clusters};
-    memcpy(part.world_from_model, model_pose, sizeof part.world_from_model);
-    pags_result result = look(w, object, &part, reach, shape);
-    pags_clusters_destroy(&clusters);
-    PAGS_TRY(result);
+    part.clusters = &clusters;
+    PAGS_TRY(look(w, object, &part, reach, shape));
   }
 
   /* The number of pixels with a depth says whether the object was seen enough. */
-  int64_t count = 0;
-  for (int64_t i = 0; i < shape->depth_views.count; i++)
-    for (int64_t p = 0; p < (int64_t)shape->depth_views.list[i].camera.width * shape->depth_views.list[i].camera.height;
-         p++)
-      count += shape->depth_views.list[i].depth[p] > 0;
-  shape->surface_pixels = count;
+  for (int64_t i = 0; i < shape->depth_views.count; i++) {
+    const pags_depth_view *s = &shape->depth_views.list[i];
+    for (int64_t p = 0; p < (int64_t)s->camera.width * s->camera.height; p++)
+      shape->surface_pixels += s->depth[p] > 0;
+  }
 
   /* Fuse all depth views into a grid about the box's middle. */
   double lo[3], hi[3], longest = fmax(o->record.size[0], fmax(o->record.size[1], o->record.size[2]));
@@ -201,62 +189,46 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
     lo[k] = -half;
     hi[k] = half - 0.5 * shape->voxel;
   }
-  PAGS_TRY(pags_tsdf_create(grid, lo, hi, shape->voxel, 0));
-  return pags_tsdf_fuse(grid, &shape->depth_views, 4 * shape->voxel, 4 * shape->voxel, HUGE_VAL, 1, w->tasks);
+  PAGS_TRY(pags_tsdf_create(grid, lo, hi, shape->voxel, false));
+  return pags_tsdf_fuse(grid, &shape->depth_views, 4 * shape->voxel, 4 * shape->voxel, HUGE_VAL, true, w->tasks);
 }
 
 /* ---- The surface ---- */
 
-/* The LiDAR points on the object; NULL if there is no LiDAR. */
-static const pags_lidar_fit *cloud_of(const pags_proxy_maker *w, int64_t object) {
-  return w->lidar.objects ? &w->lidar.objects[object] : NULL;
-}
-
 /* Completes the grid by the shape prior and extracts the surface. A vehicle that was hardly seen becomes the blended
  * prior of its size; another object that was hardly seen gets no surface. */
-static pags_result make_surface(const pags_proxy_maker *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
-  const pags_object *record = &w->scene->objects[object].record;
-  int vehicle = record->category == PAGS_CATEGORY_VEHICLE;
-  pags_shape_prior prior = {0};
+pags_result pags_object_shape_make(const pags_proxy_maker *maker, int64_t object, pags_object_shape *shape) {
+  const pags_object *record = &maker->scene->objects[object].record;
+  const bool vehicle = record->category == PAGS_CATEGORY_VEHICLE;
+  const pags_lidar_fit *cloud = maker->lidar.objects ? &maker->lidar.objects[object] : NULL;
+  PAGS_AUTO(pags_tsdf_destroy) pags_tsdf grid = {0};
+  PAGS_AUTO(pags_shape_prior_destroy) pags_shape_prior prior = {0};
+  *shape = (pags_object_shape){0};
+  PAGS_TRY(look_and_fuse(maker, object, shape, &grid));
   if (vehicle)
-    PAGS_TRY(pags_shape_prior_blend(w->priors, w->prior_count, record->size, object, cloud_of(w, object), &prior));
-  int enough = shape->surface_pixels >= LEAST_PIXELS, possible = enough || prior.distance;
-  int few = shape->gaussians.count < PAGS_LEAST_GAUSSIANS;
-  if (!enough && possible)
+    PAGS_TRY(pags_shape_prior_blend(maker->priors, maker->prior_count, record->size, object, cloud, &prior));
+  const bool enough = shape->surface_pixels >= LEAST_PIXELS, few = shape->gaussians.count < PAGS_LEAST_GAUSSIANS;
+  if (!enough && prior.distance)
     shape->note = few ? "too few Gaussians: the form of vehicles of its size"
                       : "hardly seen by the training cameras: the form of vehicles of its size";
   else if (!enough)
     shape->note = few ? "too few Gaussians: the labelled box" : "hardly seen by the training cameras: the labelled box";
-  pags_result result =
-      possible ? pags_shape_prior_complete(grid, record->size, vehicle, &prior, cloud_of(w, object)) : PAGS_OK;
-  pags_shape_prior_destroy(&prior);
-  if (!possible || result != PAGS_OK)
-    return result;
-  PAGS_TRY(pags_tsdf_surface(grid, 0, &shape->surface));
+  if (!enough && !prior.distance)
+    return PAGS_OK;
+  PAGS_TRY(pags_shape_prior_complete(&grid, record->size, vehicle, &prior, cloud));
+  PAGS_TRY(pags_tsdf_surface(&grid, false, &shape->surface));
   PAGS_TRY(pags_proxy_mesh_keep_parts(&shape->surface, 0.1, 0.1, record->size));
-  return pags_proxy_mesh_paint(&shape->surface, &shape->depth_views, 4 * shape->voxel, w->tasks);
-}
-
-pags_result pags_object_shape_make(const pags_proxy_maker *maker, int64_t object, pags_object_shape *shape) {
-  pags_tsdf grid = {0};
-  *shape = (pags_object_shape){0};
-  pags_result result = look_and_fuse(maker, object, shape, &grid);
-  if (result == PAGS_OK)
-    result = make_surface(maker, object, shape, &grid);
-  pags_tsdf_destroy(&grid);
-  return result;
+  return pags_proxy_mesh_paint(&shape->surface, &shape->depth_views, 4 * shape->voxel, maker->tasks);
 }
 
 pags_result pags_object_prior_make(const pags_proxy_maker *maker, int64_t object, pags_shape_prior *out) {
-  pags_tsdf grid = {0};
-  pags_object_shape shape = {0};
+  PAGS_AUTO(pags_tsdf_destroy) pags_tsdf grid = {0};
+  PAGS_AUTO(pags_object_shape_destroy) pags_object_shape shape = {0};
   *out = (pags_shape_prior){0};
-  pags_result result = look_and_fuse(maker, object, &shape, &grid);
-  if (result == PAGS_OK && shape.surface_pixels >= LEAST_PIXELS)
-    result = pags_shape_prior_take(&grid, maker->scene->objects[object].record.size, object, out);
-  pags_tsdf_destroy(&grid);
-  pags_object_shape_destroy(&shape);
-  return result;
+  PAGS_TRY(look_and_fuse(maker, object, &shape, &grid));
+  return shape.surface_pixels >= LEAST_PIXELS
+             ? pags_shape_prior_take(&grid, maker->scene->objects[object].record.size, object, out)
+             : PAGS_OK;
 }
 
 double pags_object_pixels(const pags_proxy_maker *maker, int64_t object) {

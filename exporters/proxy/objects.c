@@ -7,8 +7,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "base/memory.h"
 #include "exporters/proxy/proxy_error.h"
+#include "frame/owners.h"
 
 enum { MOST_PRIORS = 24 }; /* most vehicles that shape priors are made of */
 
@@ -19,22 +19,23 @@ typedef struct making {
   pags_frame **frames; /* one for each worker, made when first needed */
   pags_progress_fn *tell;
   void *user;
-  int measure;
+  bool measure;
   atomic_llong done;
   atomic_int stopped;
 } making;
 
 static pags_result make_level(const pags_proxy_maker *w, int64_t object, const pags_object_shape *shape,
-                              pags_proxy_level level, int measure, pags_built_level *out) {
+                              pags_proxy_level level, bool measure, pags_built_level *out) {
   const pags_scene_object *o = &w->scene->objects[object];
   pags_proxy_facts *facts = &out->facts;
   pags_proxy_mesh_topology topology;
-  *facts = (pags_proxy_facts){.object = object,
+  *facts = (pags_proxy_facts){.level = level,
+                              .object = object,
                               .critical = o->critical,
                               .moving = o->record.moving,
                               .gaussians = shape->gaussians.count,
                               .s_sem = shape->s_sem};
-  PAGS_TRY(pags_object_proxy_make(w, object, shape, level, &out->mesh, &out->parts, &facts->level, &facts->note));
+  PAGS_TRY(pags_object_proxy_make(w, object, shape, out));
   PAGS_TRY(pags_proxy_mesh_inspect(&out->mesh, &topology));
   facts->vertices = out->mesh.vertex_count;
   facts->triangles = out->mesh.triangle_count;
@@ -50,50 +51,42 @@ static pags_result make_level(const pags_proxy_maker *w, int64_t object, const p
   return PAGS_OK;
 }
 
-/* The levels that are made of each object, finest first. Returns how many. */
-static int levels_of(const pags_proxy_options *options, pags_proxy_level levels[PAGS_PROXY_LEVELS]) {
-  int count = 0;
+/* Fuses an object's surface once, then makes each level asked for of it, finest first. */
+static pags_result make_object(const pags_proxy_maker *w, int64_t object, bool measure, pags_built_object *out) {
+  const pags_proxy_options *options = w->options;
+  PAGS_AUTO(pags_object_shape_destroy) pags_object_shape shape = {0};
+  PAGS_TRY(pags_object_shape_make(w, object, &shape));
   if (options->lod) {
-    for (; count <= PAGS_PROXY_BOX; count++)
-      levels[count] = (pags_proxy_level)count;
-    return count;
+    for (int level = 0; level <= PAGS_PROXY_BOX; level++)
+      PAGS_TRY(make_level(w, object, &shape, (pags_proxy_level)level, measure, &out->levels[out->level_count++]));
+    return PAGS_OK;
   }
-  if (options->naming != PAGS_NAMING_PLAIN && options->level >= PAGS_PROXY_HULL)
-    levels[count++] = PAGS_PROXY_MESH; /* the visible surface, in addition to the collision mesh */
-  levels[count++] = options->level;
-  return count;
+  if (options->naming != PAGS_NAMING_PLAIN && options->level >= PAGS_PROXY_HULL) /* what is seen, too */
+    PAGS_TRY(make_level(w, object, &shape, PAGS_PROXY_MESH, measure, &out->levels[out->level_count++]));
+  return make_level(w, object, &shape, options->level, measure, &out->levels[out->level_count++]);
 }
 
 static void make_objects(void *context, int64_t begin, int64_t end, int worker) {
-  making *self = context;
-  const pags_scene *scene = self->maker->scene;
-  const uint8_t *chosen = self->maker->options->chosen;
+  making *m = context;
+  const int64_t count = m->maker->scene->object_count;
+  const uint8_t *chosen = m->maker->options->chosen;
   for (int64_t i = begin; i < end; i++) {
-    pags_built_object *object = &self->objects[i];
-    pags_proxy_maker own = *self->maker;
-    if (!atomic_load(&self->stopped) && (!chosen || chosen[i])) {
-      if (!self->frames[worker])
-        object->result = pags_frame_create(own.tasks, &self->frames[worker]);
-      own.frame = self->frames[worker];
-      if (object->result == PAGS_OK) {
-        /* Fuse the object's surface once, then make each level asked for of it. */
-        pags_object_shape shape = {0};
-        pags_proxy_level levels[PAGS_PROXY_LEVELS];
-        const int count = levels_of(own.options, levels);
-        pags_result result = pags_object_shape_make(&own, i, &shape);
-        for (int level = 0; level < count && result == PAGS_OK; level++)
-          result = make_level(&own, i, &shape, levels[level], self->measure, &object->levels[object->level_count++]);
-        pags_object_shape_destroy(&shape);
-        object->result = result;
-      }
+    pags_built_object *object = &m->objects[i];
+    if (!atomic_load(&m->stopped) && (!chosen || chosen[i])) {
+      pags_proxy_maker own = *m->maker;
+      if (!m->frames[worker])
+        object->result = pags_frame_create(own.tasks, &m->frames[worker]);
+      own.frame = m->frames[worker];
+      if (object->result == PAGS_OK)
+        object->result = make_object(&own, i, m->measure, object);
       if (object->result != PAGS_OK) {
         snprintf(object->message, sizeof object->message, "%s", pags_error_message());
-        atomic_store(&self->stopped, 1);
+        atomic_store(&m->stopped, 1);
       }
     }
-    long long done = atomic_fetch_add(&self->done, 1) + 1;
-    if (worker == 0 && self->tell && !self->tell(self->user, (double)done / (double)scene->object_count, "objects"))
-      atomic_store(&self->stopped, 2);
+    long long done = atomic_fetch_add(&m->done, 1) + 1;
+    if (worker == 0 && m->tell && !m->tell(m->user, (double)done / (double)count, "objects"))
+      atomic_store(&m->stopped, 2);
   }
 }
 
@@ -107,77 +100,78 @@ typedef struct forming {
 } forming;
 
 static void make_priors(void *context, int64_t begin, int64_t end, int worker) {
-  forming *self = context;
+  forming *f = context;
   for (int64_t i = begin; i < end; i++) {
-    pags_proxy_maker own = *self->maker;
-    if (!self->frames[worker])
-      self->results[i] = pags_frame_create(own.tasks, &self->frames[worker]);
-    own.frame = self->frames[worker];
-    if (self->results[i] == PAGS_OK)
-      self->results[i] = pags_object_prior_make(&own, self->priors[i].object, &self->priors[i]);
+    pags_proxy_maker own = *f->maker;
+    if (!f->frames[worker])
+      f->results[i] = pags_frame_create(own.tasks, &f->frames[worker]);
+    own.frame = f->frames[worker];
+    if (f->results[i] == PAGS_OK)
+      f->results[i] = pags_object_prior_make(&own, f->priors[i].object, &f->priors[i]);
   }
 }
 
-static pags_result find_priors(forming *self) {
+static pags_result find_priors(forming *f) {
   /* Choose the vehicles that may fill most pixels of the training views; of equals the first. */
-  const pags_scene *scene = self->maker->scene;
-  double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
+  const pags_scene *scene = f->maker->scene;
+  PAGS_AUTOFREE double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
   PAGS_CHECK_MEMORY(pixels, "%lld objects", (long long)scene->object_count);
   for (int64_t i = 0; i < scene->object_count; i++)
     if (scene->objects[i].record.category == PAGS_CATEGORY_VEHICLE)
-      pixels[i] = pags_object_pixels(self->maker, i);
-  for (; self->count < MOST_PRIORS; self->count++) {
+      pixels[i] = pags_object_pixels(f->maker, i);
+  for (; f->count < MOST_PRIORS; f->count++) {
     int64_t best = 0;
     for (int64_t i = 1; i < scene->object_count; i++)
       best = pixels[i] > pixels[best] ? i : best;
     if (!(pixels[best] > 0))
       break;
     pixels[best] = 0;
-    self->priors[self->count].object = best;
+    f->priors[f->count].object = best;
   }
-  free(pixels);
-
-  if (!pags_parallel_for(self->maker->tasks, self->count, 1, make_priors, self))
-    return pags_fail(PAGS_CANCELLED, "interrupted");
-  for (int64_t i = 0; i < self->count; i++)
-    if (self->results[i] != PAGS_OK)
-      return pags_fail(self->results[i], "the shape prior of object %s can't be made",
-                       self->maker->scene->objects[self->priors[i].object].record.id);
+  PAGS_TRY(pags_proxy_for(f->maker->tasks, f->count, 1, make_priors, f));
+  for (int64_t i = 0; i < f->count; i++)
+    if (f->results[i] != PAGS_OK)
+      return pags_fail(f->results[i], "the shape prior of object %s can't be made",
+                       scene->objects[f->priors[i].object].record.id);
   return PAGS_OK;
 }
 
-pags_result pags_objects_make(const pags_proxy_maker *maker, int measure, pags_progress_fn *tell, void *user,
+/* Makes the objects of `m`, after the shape priors `f` where they are needed. */
+static pags_result run(making *m, forming *f, pags_proxy_maker *maker) {
+  const int64_t count = maker->scene->object_count;
+  PAGS_CHECK_MEMORY(m->objects && m->frames, "%lld objects", (long long)count);
+  if (count && (maker->options->level != PAGS_PROXY_BOX || maker->options->naming != PAGS_NAMING_PLAIN))
+    PAGS_TRY(find_priors(f));
+  maker->priors = f->priors;
+  maker->prior_count = f->count;
+  PAGS_TRY(pags_proxy_for(maker->tasks, count, 1, make_objects, m));
+  if (atomic_load(&m->stopped) == 2)
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  for (int64_t i = 0; i < count; i++)
+    if (m->objects[i].result != PAGS_OK)
+      return pags_fail(m->objects[i].result, "%s", m->objects[i].message);
+  return PAGS_OK;
+}
+
+pags_result pags_objects_make(const pags_proxy_maker *maker, bool measure, pags_progress_fn *tell, void *user,
                               pags_built_object **out) {
-  int64_t count = maker->scene->object_count;
-  int workers = pags_tasks_workers(maker->tasks);
-  pags_proxy_maker equipped = *maker;
-  making self = {.maker = &equipped, .tell = tell, .user = user, .measure = measure};
-  *out = NULL;
-  self.objects = calloc((size_t)count + 1, sizeof *self.objects);
-  self.frames = calloc((size_t)workers, sizeof(pags_frame *));
-  pags_result result = self.objects && self.frames ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)count);
-  forming rough = {.maker = maker, .frames = self.frames};
-  if (result == PAGS_OK && count &&
-      (maker->options->level != PAGS_PROXY_BOX || maker->options->naming != PAGS_NAMING_PLAIN))
-    result = find_priors(&rough);
-  equipped.priors = rough.priors;
-  equipped.prior_count = rough.count;
-  if (result == PAGS_OK &&
-      (!pags_parallel_for(maker->tasks, count, 1, make_objects, &self) || atomic_load(&self.stopped) == 2))
-    result = pags_fail(PAGS_CANCELLED, "interrupted");
-  for (int64_t i = 0; i < count && result == PAGS_OK; i++)
-    if (self.objects[i].result != PAGS_OK)
-      result = pags_fail(self.objects[i].result, "%s", self.objects[i].message);
-  for (int i = 0; self.frames && i < workers; i++)
-    if (self.frames[i])
-      pags_frame_destroy(self.frames[i]);
-  free(self.frames);
-  for (int64_t i = 0; i < rough.count; i++)
-    pags_shape_prior_destroy(&rough.priors[i]);
-  if (result == PAGS_OK)
-    *out = self.objects;
-  else
-    pags_objects_destroy(self.objects, count);
+  const int64_t count = maker->scene->object_count;
+  const int workers = pags_tasks_workers(maker->tasks);
+  pags_proxy_maker own = *maker;
+  *out = calloc((size_t)count + 1, sizeof **out);
+  making m = {.maker = &own,
+              .objects = *out,
+              .frames = calloc((size_t)workers, sizeof *m.frames),
+              .tell = tell,
+              .user = user,
+              .measure = measure};
+  forming f = {.maker = maker, .frames = m.frames};
+  const pags_result result = run(&m, &f, &own);
+  for (int i = 0; m.frames && i < workers; i++)
+    pags_frame_destroy_auto(&m.frames[i]);
+  free(m.frames);
+  for (int64_t i = 0; i < f.count; i++)
+    pags_shape_prior_destroy(&f.priors[i]);
   return result;
 }
 

@@ -4,18 +4,10 @@
 #define PAGS_PROXY_OBJECTS_H
 
 #include "exporters/proxy/object_proxy.h"
-#include "exporters/proxy/texture.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-typedef struct pags_built_level {
-  pags_proxy_mesh mesh; /* in the object's frame */
-  pags_convex_parts parts;
-  pags_texture texture;   /* with options->texture, of meshes and cages */
-  pags_proxy_facts facts; /* name and class are not set */
-} pags_built_level;
 
 typedef struct pags_built_object {
   int level_count; /* levels made: 0 if the object is not chosen, else 1; with options->lod mesh to box, finest first;
@@ -27,8 +19,8 @@ typedef struct pags_built_object {
 
 /* Makes an array with an entry for each of the scene's objects. With `measure`, facts have the measured distances and
  * the silhouettes' overlap. The results are the same for any number of threads. `tell` (may be NULL) is called with
- * fractions 0..1, by the calling thread only. */
-pags_result pags_objects_make(const pags_proxy_maker *maker, int measure, pags_progress_fn *tell, void *user,
+ * fractions 0..1, by the calling thread only. After a failure, too, the caller destroys them. */
+pags_result pags_objects_make(const pags_proxy_maker *maker, bool measure, pags_progress_fn *tell, void *user,
                               pags_built_object **out);
 void pags_objects_destroy(pags_built_object *objects, int64_t count); /* NULL is allowed */
 

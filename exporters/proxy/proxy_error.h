@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Measures the error of proxies: distances between a proxy and the surface of the Gaussians, and the overlap of their
- * silhouettes. */
+ * silhouettes. Lists proxies with their errors in a report (proxy_report.c). */
 #ifndef PAGS_PROXY_PROXY_ERROR_H
 #define PAGS_PROXY_PROXY_ERROR_H
 
@@ -12,6 +12,9 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+/* Appends a copy of the facts, with copies of their name and class, to the report. */
+pags_result pags_proxy_report_add(pags_proxy_report *report, const pags_proxy_facts *facts);
 
 /* The mean, the 95th percentile and the maximum of `values`, NaN without values. Sorts `values`. */
 pags_proxy_distance pags_distance_summary(double *values, int64_t count);

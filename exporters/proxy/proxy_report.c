@@ -1,15 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Options and reports of an export of proxies: the default options, a growing list of the facts of all
  * proxies written, with its own copies of their names, and those facts as JSON. */
-#include "exporters/proxy/proxy_report.h"
-
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/json.h"
-#include "base/memory.h"
 #include "base/text.h"
+#include "exporters/proxy/proxy_error.h"
 
 pags_proxy_options pags_proxy_options_default(void) {
   return (pags_proxy_options){.level = PAGS_PROXY_MESH,
@@ -26,19 +23,15 @@ const char *pags_proxy_level_name(pags_proxy_level level) {
 }
 
 pags_result pags_proxy_report_add(pags_proxy_report *report, const pags_proxy_facts *facts) {
-  pags_proxy_facts *grown = realloc(report->proxies, (size_t)(report->count + 1) * sizeof *grown);
-  if (grown)
-    report->proxies = grown;
-  char *name = pags_text_copy(facts->name), *class_name = pags_text_copy(facts->class_name);
-  if (!grown || !name || !class_name) {
-    free(name);
-    free(class_name);
-    return pags_out_of_memory("a report");
-  }
-  grown[report->count] = *facts;
-  grown[report->count].name = name;
-  grown[report->count].class_name = class_name;
-  report->count++;
+  int64_t capacity = report->count;
+  PAGS_AUTOFREE char *name = pags_text_copy(facts->name), *class_name = pags_text_copy(facts->class_name);
+  PAGS_CHECK_MEMORY(
+      name && class_name && pags_grow(&report->proxies, report->count + 1, &capacity, sizeof *report->proxies),
+      "a report");
+  pags_proxy_facts *added = &report->proxies[report->count++];
+  *added = *facts;
+  added->name = pags_take(&name);
+  added->class_name = pags_take(&class_name);
   return PAGS_OK;
 }
 
@@ -48,7 +41,7 @@ void pags_proxy_report_destroy(pags_proxy_report *report) {
     free((char *)(uintptr_t)report->proxies[i].class_name);
   }
   free(report->proxies);
-  memset(report, 0, sizeof *report);
+  *report = (pags_proxy_report){0};
 }
 
 static void put_distance(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {

@@ -10,6 +10,7 @@
 
 #include "base/half.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 
 enum { CLUSTER = 64 };
 
@@ -40,14 +41,24 @@ typedef struct layout {
   pags_part *parts;
 } layout;
 
+static void forget_layout(layout *l) {
+  for (int64_t i = 0; i < l->count; i++) {
+    pags_gaussians_destroy(&l->models[i]);
+    pags_clusters_destroy(&l->clusters[i]);
+  }
+  free(l->models);
+  free(l->clusters);
+  free(l->parts);
+}
+
 static pags_result lay_out(const pags_scene *scene, layout *out) {
   size_t count = (size_t)scene->model_count;
   out->models = calloc(count + 1, sizeof *out->models);
   out->clusters = calloc(count + 1, sizeof *out->clusters);
   out->parts = calloc(count + 1, sizeof *out->parts);
   PAGS_CHECK_MEMORY(out->models && out->clusters && out->parts, "%lld models", (long long)scene->model_count);
-  for (; out->count < scene->model_count; out->count++) {
-    int64_t i = out->count;
+  out->count = scene->model_count;
+  for (int64_t i = 0; i < out->count; i++) {
     PAGS_TRY(pags_gaussians_sorted_copy(&out->models[i], &scene->models[i].gaussians));
     PAGS_TRY(pags_clusters_create(&out->clusters[i], out->models[i].count, CLUSTER));
     pags_clusters_update(&out->clusters[i], &out->models[i], 0, out->clusters[i].count);
@@ -58,17 +69,16 @@ static pags_result lay_out(const pags_scene *scene, layout *out) {
 /* Fills in the parts to draw at `time`: the background and the models of the objects that have a pose then. Returns
  * how many. */
 static int place(const pags_scene *scene, const layout *l, double time) {
-  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   int count = 0;
-  l->parts[count] = (pags_part){.gaussians = &l->models[0], .clusters = &l->clusters[0]};
-  memcpy(l->parts[count++].world_from_model, identity, sizeof identity);
+  l->parts[count++] = (pags_part){.gaussians = &l->models[0],
+                                  .clusters = &l->clusters[0],
+                                  .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   for (int64_t o = 0; o < scene->object_count && count < l->count; o++) {
     double pose[12];
     int64_t model = scene->objects[o].model;
     if (model <= 0 || !pags_object_pose(&scene->objects[o].record, time, pose))
       continue;
-    for (int k = 0; k < 3; k++)
-      pose[4 * k + 3] -= scene->origin[k];
+    pags_pose_subtract(pose, scene->origin);
     l->parts[count] = (pags_part){.gaussians = &l->models[model], .clusters = &l->clusters[model]};
     memcpy(l->parts[count++].world_from_model, pose, sizeof pose);
   }
@@ -96,39 +106,28 @@ static pags_result draw_view(const pags_scene *scene, const layout *l, pags_fram
 
 pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing,
                                   int widest, bool draw, pags_scene_depth *out) {
-  layout l = {0};
+  PAGS_AUTO(forget_layout) layout l = {0};
   *out = (pags_scene_depth){.views = calloc((size_t)scene->view_count + 1, sizeof *out->views)};
   PAGS_CHECK_MEMORY(out->views, "%lld views", (long long)scene->view_count);
   out->count = scene->view_count;
-  pags_result result = scene->model_count ? lay_out(scene, &l) : PAGS_OK;
-  for (int64_t v = 0; v < scene->view_count && scene->model_count && result == PAGS_OK; v++) {
+  if (!scene->model_count)
+    return PAGS_OK;
+  PAGS_TRY(lay_out(scene, &l));
+  for (int64_t v = 0; v < scene->view_count; v++) {
     const pags_camera *trained = &scene->views[v].camera;
+    pags_camera *camera = &out->views[v].camera;
     if (scene->views[v].test)
       continue;
-    out->views[v].camera = pags_camera_downscale(trained, fmax(1, (double)trained->width / widest));
-    out->views[v].camera.lens = (pags_lens_model){0}; /* depth views are pinholes, also of views with a lens */
-    for (int k = 0; k < 3; k++)
-      out->views[v].camera.world_from_camera[4 * k + 3] -= scene->origin[k];
+    *camera = pags_camera_downscale(trained, fmax(1, (double)trained->width / widest));
+    camera->lens = (pags_lens_model){0}; /* depth views are pinholes, also of views with a lens */
+    pags_pose_subtract(camera->world_from_camera, scene->origin);
     if (draw)
-      result = draw_view(scene, &l, frame, drawing, trained, &out->views[v]);
+      PAGS_TRY(draw_view(scene, &l, frame, drawing, trained, &out->views[v]));
   }
-
-  for (int64_t i = 0; i < scene->model_count; i++) {
-    if (l.models)
-      pags_gaussians_destroy(&l.models[i]);
-    if (l.clusters)
-      pags_clusters_destroy(&l.clusters[i]);
-  }
-  free(l.models);
-  free(l.clusters);
-  free(l.parts);
-
-  if (result != PAGS_OK)
-    pags_scene_depth_destroy(out);
-  return result;
+  return PAGS_OK;
 }
 
-/* The least and the greatest depth of the four pixels around the ray with direction (u, v, 1). Returns 0 if the ray
+/* The least and the greatest depth of the four pixels around the ray with direction (u, v, 1). Returns false if the ray
  * is outside of the picture or none of the pixels has a depth. */
 static bool bounds_at(const pags_scene_depth_view *view, double u, double v, double *nearest, double *farthest) {
   const pags_camera *c = &view->camera;
@@ -160,7 +159,7 @@ void pags_depth_view_hide(pags_depth_view *depth_view, const pags_scene_depth_vi
         continue;
       /* Rendered depths are blends of several Gaussians': a depth that is a little behind the scene's (2 % and 0.25
        * m) may be of the same surface. */
-      int hidden = *depth > 0 && (double)*depth > 1.02 * farthest + 0.25;
+      const bool hidden = *depth > 0 && (double)*depth > 1.02 * farthest + 0.25;
       if ((hidden || *depth < 0) && nearest < (double)-PAGS_DEPTH_VIEW_FREE)
         *depth = (float)-nearest;
     }

@@ -24,7 +24,8 @@ typedef struct pags_scene_depth {
 } pags_scene_depth;
 
 /* Draws the depth of every training view, scaled down to at most `widest` pixels of width. `drawing` has the low-pass
- * filter that the scene was trained with. Without `draw` only the cameras are set. */
+ * filter that the scene was trained with. Without `draw` only the cameras are set. After a failure, too, the caller
+ * destroys `out`. */
 pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing,
                                   int widest, bool draw, pags_scene_depth *out);
 void pags_scene_depth_destroy(pags_scene_depth *scene_depth); /* frees and zeroes */

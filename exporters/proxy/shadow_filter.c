@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Tells the pixels of a vehicle's depth view that show its shadow, the road or a kerb next to it from those that show
  * the vehicle, by darkness, height above the box's lower face, place in the box and surface slope. */
-#include "exporters/proxy/shadow_filter.h"
+#include "exporters/proxy/depth_view.h"
 
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 
 /* Gaussians that move with a vehicle also show its shadow: seen from behind as a dark wall between the wheels, seen
  * from the side as a level dark surface on the ground. A pixel is shadow if its display-referred luminance is below
@@ -28,19 +29,9 @@ static bool is_dark(const uint8_t *rgb) {
 /* Whether the surface at a pixel, with the point `p`, is level (its normal within 45 degrees of z), by the points of
  * a neighbour to the side and one above or below. Returns -1 if one of them has no depth. */
 static int is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
-  int w = s->camera.width, side = x + 1 < w ? x + 1 : x - 1, next = y + 1 < s->camera.height ? y + 1 : y - 1;
-  double a = (double)s->depth[(int64_t)y * w + side], b = (double)s->depth[(int64_t)next * w + x], q[3], r[3], n[3];
-  if (!(a > 0 && b > 0))
-    return -1;
-  pags_depth_view_point(s, side, y, a, q);
-  pags_depth_view_point(s, x, next, b, r);
-  for (int k = 0; k < 3; k++) {
-    q[k] -= p[k];
-    r[k] -= p[k];
-  }
-  for (int k = 0; k < 3; k++)
-    n[k] = q[(k + 1) % 3] * r[(k + 2) % 3] - q[(k + 2) % 3] * r[(k + 1) % 3];
-  return fabs(n[2]) > 0.7 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+  double n[3];
+  const int side = x + 1 < s->camera.width ? x + 1 : x - 1, next = y + 1 < s->camera.height ? y + 1 : y - 1;
+  return pags_depth_view_normal(s, x, y, side, next, p, n) ? fabs(n[2]) > 0.7 * pags_length3(n) : -1;
 }
 
 /* Whether a pixel shows shadow or ground instead of the vehicle, by the rules above. If its slope is unknown, it must
@@ -67,7 +58,7 @@ static bool is_shadow(const pags_depth_view *s, int x, int y, const double size[
 
 pags_result pags_depth_view_filter_shadow(pags_depth_view *s, const double size[3]) {
   int64_t count = (int64_t)s->camera.width * s->camera.height;
-  uint8_t *marked = calloc((size_t)count, 1);
+  PAGS_AUTOFREE uint8_t *marked = calloc((size_t)count, 1);
   PAGS_CHECK_MEMORY(marked, "a view of %dx%d", s->camera.width, s->camera.height);
   for (int64_t i = 0; i < count; i++)
     marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), size);
@@ -76,7 +67,6 @@ pags_result pags_depth_view_filter_shadow(pags_depth_view *s, const double size[
       s->depth[i] = -s->depth[i];
       s->cover[i] = 0;
     }
-  free(marked);
   pags_depth_view_bound(s);
   return PAGS_OK;
 }

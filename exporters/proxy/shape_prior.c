@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 enum {
@@ -66,7 +67,7 @@ static const float meet = 0.02f; /* distance to a surface half way between two l
 void pags_shape_prior_destroy(pags_shape_prior *prior) {
   free(prior->distance);
   free(prior->known);
-  memset(prior, 0, sizeof *prior);
+  *prior = (pags_shape_prior){0};
 }
 
 /* ---- The lattice ---- */
@@ -76,10 +77,8 @@ static pags_result make_room(const double size[3], int64_t object, pags_shape_pr
                             .size = {size[0], size[1], size[2]},
                             .distance = calloc(POINTS, sizeof(float)),
                             .known = calloc(POINTS, sizeof(float))};
-  if (out->distance && out->known)
-    return PAGS_OK;
-  pags_shape_prior_destroy(out);
-  return pags_out_of_memory("the shape prior of an object");
+  PAGS_CHECK_MEMORY(out->distance && out->known, "the shape prior of an object");
+  return PAGS_OK;
 }
 
 /* The position of lattice point `i` of a box of this size, in the object's frame. */
@@ -212,7 +211,7 @@ static pags_result weigh_by_cloud(const pags_shape_prior *priors, int64_t count,
                                   const float *like, const pags_lidar_fit *cloud, float *weights) {
   double points = fmin((double)cloud->count, most_points);
   float *misfits = weights + count;
-  fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
+  PAGS_AUTOFREE fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
   PAGS_CHECK_MEMORY(fits, "%lld points of LiDAR", (long long)cloud->count);
   for (int64_t i = 0; i < cloud->count * count; i++)
     if (like[i % count] > 0)
@@ -232,14 +231,28 @@ static pags_result weigh_by_cloud(const pags_shape_prior *priors, int64_t count,
           like[f] > 0 ? like[f] * (float)(least_weight + pags_exp(-0.5 * points * worse / (tells * tells))) : 0;
     }
   }
-  free(fits);
   return PAGS_OK;
 }
 
-/* Blends the shapes point by point: the distance is their mean by `weights` (which shapes LiDAR fits), how well it is
- * known their sum by `like` (size alone). */
-static void add_priors(const pags_shape_prior *priors, int64_t count, const float *like, const float *weights,
-                       pags_shape_prior *out) {
+pags_result pags_shape_prior_blend(const pags_shape_prior *priors, int64_t count, const double size[3], int64_t object,
+                                   const pags_lidar_fit *cloud, pags_shape_prior *out) {
+  float all = 0;
+  PAGS_AUTOFREE float *like = calloc(3 * (size_t)count + 1, sizeof *like);
+  *out = (pags_shape_prior){0};
+  PAGS_CHECK_MEMORY(like, "%lld forms", (long long)count);
+  for (int64_t f = 0; f < count; f++) {
+    like[f] = priors[f].distance && priors[f].object != object ? (float)likeness(priors[f].size, size) : 0;
+    all += like[f];
+  }
+  if (!(all > 0))
+    return PAGS_OK;
+  float *weights = cloud && cloud->count ? like + count : like;
+  if (weights != like)
+    PAGS_TRY(weigh_by_cloud(priors, count, size, like, cloud, weights));
+  PAGS_TRY(make_room(size, object, out));
+
+  /* Blend the shapes point by point: the distance is their mean by `weights` (which shapes LiDAR fits), how well it is
+   * known their sum by `like` (size alone). */
   for (int i = 0; i < POINTS; i++) {
     float sum = 0, total = 0, known = 0;
     for (int64_t f = 0; f < count; f++)
@@ -251,34 +264,14 @@ static void add_priors(const pags_shape_prior *priors, int64_t count, const floa
     out->distance[i] = total > 0 ? sum / total : 0;
     out->known[i] = known < least_known ? 0 : fminf(1, known);
   }
-}
-
-pags_result pags_shape_prior_blend(const pags_shape_prior *priors, int64_t count, const double size[3], int64_t object,
-                                   const pags_lidar_fit *cloud, pags_shape_prior *out) {
-  float total = 0, *like = calloc(3 * (size_t)count + 1, sizeof *like);
-  *out = (pags_shape_prior){0};
-  PAGS_CHECK_MEMORY(like, "%lld forms", (long long)count);
-  for (int64_t f = 0; f < count; f++) {
-    like[f] = priors[f].distance && priors[f].object != object ? (float)likeness(priors[f].size, size) : 0;
-    total += like[f];
-  }
-  float *weights = like;
-  pags_result result = PAGS_OK;
-  if (total > 0 && cloud && cloud->count)
-    result = weigh_by_cloud(priors, count, size, like, cloud, weights = like + count);
-  if (total > 0 && result == PAGS_OK)
-    result = make_room(size, object, out);
-  if (total > 0 && result == PAGS_OK)
-    add_priors(priors, count, like, weights, out);
-  free(like);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- Completing a grid ---- */
 
 /* The signed distance to the labelled box, negative inside; a vehicle's box is cut off `clearance` above its lower
  * face. */
-static double box_distance(const double size[3], int vehicle, const double p[3]) {
+static double box_distance(const double size[3], bool vehicle, const double p[3]) {
   double outside = 0, inside = -HUGE_VAL;
   for (int k = 0; k < 3; k++) {
     double d = fabs(p[k]) - 0.5 * size[k];
@@ -293,7 +286,7 @@ static double box_distance(const double size[3], int vehicle, const double p[3])
  * a pixel or less for each voxel. */
 static pags_result smooth(pags_tsdf *grid) {
   int64_t strides[3] = {1, grid->n[0], (int64_t)grid->n[0] * grid->n[1]}, count = strides[2] * grid->n[2];
-  float *from = malloc((size_t)count * sizeof *from);
+  PAGS_AUTOFREE float *from = malloc((size_t)count * sizeof *from);
   PAGS_CHECK_MEMORY(from, "a grid");
   for (int axis = 0; axis < 3; axis++) {
     memcpy(from, grid->distance, (size_t)count * sizeof *from);
@@ -303,13 +296,12 @@ static pags_result smooth(pags_tsdf *grid) {
         grid->distance[i] = 0.25f * (from[i - strides[axis]] + 2 * from[i] + from[i + strides[axis]]);
     }
   }
-  free(from);
   return PAGS_OK;
 }
 
 /* Completes one grid point: its own distance, or for a vehicle that of its mirror image if only that was seen,
  * averaged with the prior where hardly seen; the labelled box where nothing is known. */
-static void fill_point(pags_tsdf *grid, const float *own, const double size[3], int vehicle,
+static void fill_point(pags_tsdf *grid, const float *own, const double size[3], bool vehicle,
                        const pags_shape_prior *prior, const int at[3]) {
   int64_t row = grid->n[0], layer = row * grid->n[1];
   int64_t here = at[2] * layer + at[1] * row + at[0], mirror = at[2] * layer + (grid->n[1] - 1 - at[1]) * row + at[0];
@@ -385,19 +377,10 @@ static void stand_wheel(pags_tsdf *g, int y, int top, double lowest, double left
     }
 }
 
-/* Makes the grid's border outside, so that the surface is closed. */
-static void close_border(pags_tsdf *grid) {
-  for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; i++) {
-    int64_t x = i % grid->n[0], y = i / grid->n[0] % grid->n[1], z = i / grid->n[0] / grid->n[1];
-    if (x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2])
-      grid->distance[i] = (float)grid->step;
-  }
-}
-
-pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int vehicle, const pags_shape_prior *prior,
-                                      const pags_lidar_fit *cloud) {
+pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], bool vehicle,
+                                      const pags_shape_prior *prior, const pags_lidar_fit *cloud) {
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
-  float *own = malloc(count * sizeof *own);
+  PAGS_AUTOFREE float *own = malloc(count * sizeof *own);
   int at[3];
   PAGS_CHECK_MEMORY(own, "a grid");
   memcpy(own, grid->distance, count * sizeof *own);
@@ -405,10 +388,9 @@ pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int
     for (at[1] = 0; at[1] < grid->n[1]; ++at[1])
       for (at[0] = 0; at[0] < grid->n[0]; ++at[0])
         fill_point(grid, own, size, vehicle, prior && prior->distance ? prior : NULL, at);
-  free(own);
   if (vehicle)
     fill_across(grid, size);
-  close_border(grid);
+  pags_tsdf_close_border(grid, (float)grid->step);
   PAGS_TRY(smooth(grid));
   if (vehicle) {
     /* Complete the wheels: the lowest Gaussians in the box are the ground's or the shadow's, and tyres are as dark as
@@ -423,12 +405,13 @@ pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int
             0.5 * fabs(left + right) > off_middle * size[0])
           stand_wheel(grid, y, top, ground - flat, left, right);
     }
-    for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; i++)
-      grid->distance[i] = fmaxf(grid->distance[i],
-                                (float)(ground - grid->origin[2] - (double)(i / grid->n[0] / grid->n[1]) * grid->step));
+    for (size_t i = 0; i < count; i++) {
+      const int64_t z = (int64_t)i / grid->n[0] / grid->n[1];
+      grid->distance[i] = fmaxf(grid->distance[i], (float)(ground - grid->origin[2] - (double)z * grid->step));
+    }
   }
   if (cloud)
     PAGS_TRY(pags_lidar_fit_pull(cloud, grid, lidar_reach));
-  close_border(grid);
+  pags_tsdf_close_border(grid, (float)grid->step);
   return PAGS_OK;
 }

@@ -36,8 +36,8 @@ pags_result pags_shape_prior_blend(const pags_shape_prior *priors, int64_t count
 /* Gives every grid point that no view saw a distance; the weight stays 0 there. `prior` (may be NULL) is also
  * averaged into points that were hardly seen. In the end the surface is pulled to the LiDAR points (`cloud`, may be
  * NULL). The grid must be symmetric about the object's middle. */
-pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int vehicle, const pags_shape_prior *prior,
-                                      const pags_lidar_fit *cloud);
+pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], bool vehicle,
+                                      const pags_shape_prior *prior, const pags_lidar_fit *cloud);
 
 #ifdef __cplusplus
 }

@@ -13,39 +13,28 @@
 /* Decimates once, to at most `target` triangles if collapses that keep the topology allow it. */
 static pags_result collapse(const pags_proxy_mesh *from, int64_t target, pags_proxy_mesh *out) {
   size_t index_count = 3 * (size_t)from->triangle_count;
-  *out = (pags_proxy_mesh){0};
-  uint32_t *triangles = malloc((index_count + 3) * sizeof *triangles);
+  PAGS_AUTOFREE uint32_t *triangles = malloc((index_count + 3) * sizeof *triangles);
   PAGS_CHECK_MEMORY(triangles, "%lld triangles", (long long)from->triangle_count);
   size_t count = meshopt_simplify(triangles, from->triangles, index_count, from->positions, (size_t)from->vertex_count,
                                   3 * sizeof(float), 3 * (size_t)target, FLT_MAX, 0, NULL);
-  pags_proxy_mesh view = *from; /* shares the vertices of `from` */
-  view.triangles = triangles;
-  view.triangle_count = (int64_t)(count / 3);
-  pags_result result = pags_proxy_mesh_copy(&view, out);
-  free(triangles);
-  if (result == PAGS_OK)
-    result = pags_proxy_mesh_compact(out);
-  if (result != PAGS_OK)
-    pags_proxy_mesh_destroy(out);
-  return result;
+  return pags_proxy_mesh_copy_part(from, triangles, (int64_t)(count / 3), out);
 }
 
 pags_result pags_proxy_mesh_simplify(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out) {
   static const double shares[] = {1, 0.97, 0.9, 0.8, 0.65, 0.5, 0.35, 0.25};
   pags_proxy_mesh_topology before, after;
+  *out = (pags_proxy_mesh){0};
   if (from->triangle_count <= budget)
     return pags_proxy_mesh_copy(from, out);
   PAGS_TRY(pags_proxy_mesh_inspect(from, &before));
   for (size_t i = 0; i < sizeof shares / sizeof shares[0]; i++) {
     PAGS_TRY(collapse(from, (int64_t)((double)budget * shares[i]), out));
-    pags_result result = before.closed ? pags_proxy_mesh_repair(out) : PAGS_OK;
-    if (result == PAGS_OK)
-      result = pags_proxy_mesh_inspect(out, &after);
-    if (result == PAGS_OK && out->triangle_count > 0 && out->triangle_count <= budget &&
-        (!before.closed || after.closed))
+    if (before.closed)
+      PAGS_TRY(pags_proxy_mesh_repair(out));
+    PAGS_TRY(pags_proxy_mesh_inspect(out, &after));
+    if (out->triangle_count > 0 && out->triangle_count <= budget && (!before.closed || after.closed))
       return PAGS_OK;
     pags_proxy_mesh_destroy(out);
-    PAGS_TRY(result);
   }
   return pags_fail(PAGS_ERROR_LIMIT, "a mesh of %lld triangles can't be brought to %lld: %lld open edges, %lld crossed",
                    (long long)from->triangle_count, (long long)budget, (long long)after.open_edges,

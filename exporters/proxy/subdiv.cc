@@ -32,22 +32,27 @@ struct point {
   }
 };
 
-std::unique_ptr<far::TopologyRefiner> make_refiner(int vertex_count, int quad_count, const int *quads) {
-  std::vector<int> sizes(static_cast<size_t>(quad_count), 4);
+std::unique_ptr<far::TopologyRefiner> make_refiner(const pags_quads *mesh) {
+  std::vector<int> sizes(static_cast<size_t>(mesh->quad_count), 4);
   far::TopologyDescriptor descriptor;
-  descriptor.numVertices = vertex_count;
-  descriptor.numFaces = quad_count;
+  descriptor.numVertices = mesh->vertex_count;
+  descriptor.numFaces = mesh->quad_count;
   descriptor.numVertsPerFace = sizes.data();
-  descriptor.vertIndicesPerFace = quads;
+  descriptor.vertIndicesPerFace = mesh->quads;
   using factory = far::TopologyRefinerFactory<far::TopologyDescriptor>;
-  return std::unique_ptr<far::TopologyRefiner>(
+  std::unique_ptr<far::TopologyRefiner> refiner(
       factory::Create(descriptor, factory::Options(sdc::SCHEME_CATMARK, sdc::Options())));
+  if (!refiner)
+    throw std::bad_alloc();
+  return refiner;
 }
 
 template <typename T>
 T *copy(const std::vector<T> &from) {
   T *out = static_cast<T *>(std::malloc((from.size() + 1) * sizeof(T)));
-  if (out && !from.empty())
+  if (!out)
+    throw std::bad_alloc();
+  if (!from.empty())
     std::memcpy(out, from.data(), from.size() * sizeof(T));
   return out;
 }
@@ -64,15 +69,19 @@ void pags_stencils_destroy(pags_stencils *stencils) {
   std::free(stencils->first);
   std::free(stencils->indices);
   std::free(stencils->weights);
-  std::memset(stencils, 0, sizeof *stencils);
+  *stencils = {};
 }
 
-pags_result pags_subdiv_stencils(int vertex_count, int quad_count, const int *quads, int side, pags_stencils *out) {
-  std::memset(out, 0, sizeof *out);
+void pags_quads_destroy(pags_quads *quads) {
+  std::free(quads->positions);
+  std::free(quads->quads);
+  *quads = {};
+}
+
+pags_result pags_subdiv_stencils(const pags_quads *mesh, int side, pags_stencils *out) {
+  *out = {};
   try {
-    std::unique_ptr<far::TopologyRefiner> refiner = make_refiner(vertex_count, quad_count, quads);
-    if (!refiner)
-      return failed();
+    std::unique_ptr<far::TopologyRefiner> refiner = make_refiner(mesh);
     refiner->RefineAdaptive(far::TopologyRefiner::AdaptiveOptions(4));
     std::vector<float> s, t;
     for (int j = 0; j < side; j++)
@@ -80,8 +89,8 @@ pags_result pags_subdiv_stencils(int vertex_count, int quad_count, const int *qu
         s.push_back((static_cast<float>(i) + 0.5f) / static_cast<float>(side));
         t.push_back((static_cast<float>(j) + 0.5f) / static_cast<float>(side));
       }
-    far::LimitStencilTableFactory::LocationArrayVec places(static_cast<size_t>(quad_count));
-    for (int q = 0; q < quad_count; q++) {
+    far::LimitStencilTableFactory::LocationArrayVec places(static_cast<size_t>(mesh->quad_count));
+    for (int q = 0; q < mesh->quad_count; q++) {
       far::LimitStencilTableFactory::LocationArray &place = places[static_cast<size_t>(q)];
       place.ptexIdx = q; /* all faces are quads, so each is one ptex face */
       place.numLocations = side * side;
@@ -90,7 +99,7 @@ pags_result pags_subdiv_stencils(int vertex_count, int quad_count, const int *qu
     }
     std::unique_ptr<const far::LimitStencilTable> table(far::LimitStencilTableFactory::Create(*refiner, places));
     if (!table)
-      return failed();
+      throw std::bad_alloc();
     std::vector<int64_t> first;
     std::vector<int32_t> indices;
     std::vector<float> weights;
@@ -107,28 +116,22 @@ pags_result pags_subdiv_stencils(int vertex_count, int quad_count, const int *qu
     out->first = copy(first);
     out->indices = copy(indices);
     out->weights = copy(weights);
-    if (out->first && out->indices && out->weights)
-      return PAGS_OK;
+    return PAGS_OK;
   } catch (...) {
+    return failed();
   }
-  pags_stencils_destroy(out);
-  return failed();
 }
 
-pags_result pags_subdiv_refine(int vertex_count, const float *positions, int quad_count, const int *quads, int level,
-                               int *out_vertex_count, float **out_positions, int *out_quad_count, int **out_quads) {
-  *out_positions = nullptr;
-  *out_quads = nullptr;
+pags_result pags_subdiv_refine(const pags_quads *mesh, int level, pags_quads *out) {
+  *out = {};
   try {
-    std::unique_ptr<far::TopologyRefiner> refiner = make_refiner(vertex_count, quad_count, quads);
-    if (!refiner)
-      return failed();
+    std::unique_ptr<far::TopologyRefiner> refiner = make_refiner(mesh);
     far::TopologyRefiner::UniformOptions uniform(level);
     uniform.fullTopologyInLastLevel = true; /* PrimvarRefiner::Limit needs it */
     refiner->RefineUniform(uniform);
     far::PrimvarRefiner primvar(*refiner);
-    std::vector<point> from(static_cast<size_t>(vertex_count));
-    std::memcpy(from.data(), positions, from.size() * sizeof(point));
+    std::vector<point> from(static_cast<size_t>(mesh->vertex_count));
+    std::memcpy(from.data(), mesh->positions, from.size() * sizeof(point));
     for (int l = 1; l <= level; l++) {
       std::vector<point> to(static_cast<size_t>(refiner->GetLevel(l).GetNumVertices()));
       primvar.Interpolate(l, from, to);
@@ -144,19 +147,14 @@ pags_result pags_subdiv_refine(int vertex_count, const float *positions, int qua
     }
     std::vector<float> values(3 * limit.size());
     std::memcpy(values.data(), limit.data(), values.size() * sizeof(float));
-    *out_vertex_count = static_cast<int>(limit.size());
-    *out_quad_count = last.GetNumFaces();
-    *out_positions = copy(values);
-    *out_quads = copy(faces);
-    if (*out_positions && *out_quads)
-      return PAGS_OK;
+    out->vertex_count = static_cast<int>(limit.size());
+    out->quad_count = last.GetNumFaces();
+    out->positions = copy(values);
+    out->quads = copy(faces);
+    return PAGS_OK;
   } catch (...) {
+    return failed();
   }
-  std::free(*out_positions);
-  std::free(*out_quads);
-  *out_positions = nullptr;
-  *out_quads = nullptr;
-  return failed();
 }
 
 } /* extern "C" */

@@ -20,14 +20,21 @@ typedef struct pags_stencils {
 
 void pags_stencils_destroy(pags_stencils *stencils); /* frees and zeroes */
 
+typedef struct pags_quads {
+  int vertex_count, quad_count;
+  float *positions; /* 3 a vertex */
+  int *quads;       /* 4 vertices each */
+} pags_quads;
+
+void pags_quads_destroy(pags_quads *quads); /* frees and zeroes */
+
 /* Makes the stencils of side x side points of the limit surface on each quad, at the quad's parameters
  * ((i + 0.5) / side, (j + 0.5) / side) for i and j in 0..side - 1. */
-pags_result pags_subdiv_stencils(int vertex_count, int quad_count, const int *quads, int side, pags_stencils *out);
+pags_result pags_subdiv_stencils(const pags_quads *mesh, int side, pags_stencils *out);
 
-/* Subdivides the mesh `level` >= 1 times and moves the vertices onto the limit surface. The caller frees both
- * arrays. */
-pags_result pags_subdiv_refine(int vertex_count, const float *positions, int quad_count, const int *quads, int level,
-                               int *out_vertex_count, float **out_positions, int *out_quad_count, int **out_quads);
+/* Subdivides the mesh `level` >= 1 times and moves the vertices onto the limit surface. For both: the caller destroys
+ * `out`, also after a failure. */
+pags_result pags_subdiv_refine(const pags_quads *mesh, int level, pags_quads *out);
 
 #ifdef __cplusplus
 }

@@ -53,10 +53,10 @@ static bool point_of(const pags_proxy_mesh *mesh, const lattice *l, int x, int y
     b = fmax(0, fmin(b - over, 1));
     c = 1 - b;
   }
-  const uint32_t *const t = mesh->triangles + 3 * triangle;
+  double p[3][3];
+  pags_proxy_mesh_corners(mesh, triangle, p);
   for (int k = 0; k < 3; k++)
-    out[k] = (1 - b - c) * (double)mesh->positions[3 * (int64_t)t[0] + k] +
-             b * (double)mesh->positions[3 * (int64_t)t[1] + k] + c * (double)mesh->positions[3 * (int64_t)t[2] + k];
+    out[k] = (1 - b - c) * p[0][k] + b * p[1][k] + c * p[2][k];
   return true;
 }
 
@@ -65,26 +65,26 @@ static pags_result paint(const pags_proxy_mesh *mesh, const lattice *l, const pa
                          double tolerance, pags_tasks *tasks, uint8_t *rgb) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   const int side = l->cells * l->cell;
-  pags_proxy_mesh texels = {0};
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh texels = {0};
   double point[3];
+  float narrow[3];
   for (int y = 0; y < side; y++)
     for (int x = 0; x < side; x++)
-      if (point_of(mesh, l, x, y, point))
-        pags_proxy_mesh_vertex(&texels, (const float[3]){(float)point[0], (float)point[1], (float)point[2]}, grey, 1);
-  pags_result result = pags_proxy_mesh_check(&texels);
-  if (result == PAGS_OK)
-    result = pags_proxy_mesh_paint(&texels, depth_views, tolerance, tasks);
+      if (point_of(mesh, l, x, y, point)) {
+        pags_narrow3(point, narrow);
+        pags_proxy_mesh_vertex(&texels, narrow, grey, 1);
+      }
+  PAGS_TRY(pags_proxy_mesh_check(&texels));
+  PAGS_TRY(pags_proxy_mesh_paint(&texels, depth_views, tolerance, tasks));
   const float *color = texels.colors;
-  for (int y = 0; y < side && result == PAGS_OK; y++)
-    for (int x = 0; x < side; x++) {
+  for (int y = 0; y < side; y++)
+    for (int x = 0; x < side; x++, rgb += 3) {
       const bool used = point_of(mesh, l, x, y, point);
       for (int c = 0; c < 3; c++)
-        rgb[3 * ((size_t)y * (size_t)side + (size_t)x) + (size_t)c] =
-            used ? (uint8_t)(255 * fminf(fmaxf(color[c], 0), 1) + 0.5f) : 128;
+        rgb[c] = used ? (uint8_t)(255 * fminf(fmaxf(color[c], 0), 1) + 0.5f) : 128;
       color += used ? 3 : 0;
     }
-  pags_proxy_mesh_destroy(&texels);
-  return result;
+  return PAGS_OK;
 }
 
 static pags_result encode(int side, uint8_t *rgb, pags_texture *out) {
@@ -105,23 +105,17 @@ pags_result pags_texture_bake(const pags_proxy_mesh *mesh, const pags_depth_view
                               int side, pags_tasks *tasks, pags_texture *out) {
   const lattice l = lattice_of(mesh->triangle_count, side);
   const size_t pixels = (size_t)(l.cells * l.cell) * (size_t)(l.cells * l.cell);
-  uint8_t *rgb = malloc(3 * pixels);
+  PAGS_AUTOFREE uint8_t *rgb = malloc(3 * pixels);
   *out = (pags_texture){.uv = malloc(6 * (size_t)mesh->triangle_count * sizeof *out->uv + 1)};
-  pags_result result = rgb && out->uv ? PAGS_OK : pags_out_of_memory("a texture of %zu pixels", pixels);
-  for (int64_t i = 0; i < 3 * mesh->triangle_count && result == PAGS_OK; i++) {
+  PAGS_CHECK_MEMORY(rgb && out->uv, "a texture of %zu pixels", pixels);
+  for (int64_t i = 0; i < 3 * mesh->triangle_count; i++) {
     double at[2];
     corner_at(&l, i / 3, (int)(i % 3), at);
     for (int k = 0; k < 2; k++)
       out->uv[2 * i + k] = (float)(at[k] / (l.cells * l.cell));
   }
-  if (result == PAGS_OK)
-    result = paint(mesh, &l, depth_views, tolerance, tasks, rgb);
-  if (result == PAGS_OK)
-    result = encode(l.cells * l.cell, rgb, out);
-  free(rgb);
-  if (result != PAGS_OK)
-    pags_texture_destroy(out);
-  return result;
+  PAGS_TRY(paint(mesh, &l, depth_views, tolerance, tasks, rgb));
+  return encode(l.cells * l.cell, rgb, out);
 }
 
 void pags_texture_destroy(pags_texture *texture) {

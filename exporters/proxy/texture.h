@@ -20,7 +20,7 @@ typedef struct pags_texture {
 
 /* Bakes the colours of the views whose depth agrees to within `tolerance` metres into a texture of about `side` pixels
  * a side, more where triangles would have fewer than two pixels each. Texels that no view sees get the mean colour of
- * the others. PAGS_ERROR_UNSUPPORTED in a build without pictures. */
+ * the others. PAGS_ERROR_UNSUPPORTED in a build without pictures. After a failure, too, the caller destroys `out`. */
 pags_result pags_texture_bake(const pags_proxy_mesh *mesh, const pags_depth_views *depth_views, double tolerance,
                               int side, pags_tasks *tasks, pags_texture *out);
 void pags_texture_destroy(pags_texture *texture); /* frees and zeroes */

@@ -8,12 +8,13 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 
 static const int64_t most_points = (int64_t)1 << 28;
 
 /* ---- The grid ---- */
 
-pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double hi[3], double step, int sparse) {
+pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double hi[3], double step, bool sparse) {
   int64_t points = 1, blocks = 1;
   *grid = (pags_tsdf){.step = step};
   for (int k = 0; k < 3; k++) {
@@ -30,10 +31,9 @@ pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double h
   grid->weight = calloc((size_t)points, sizeof(float));
   if (sparse)
     grid->active = calloc((size_t)blocks, 1);
-  if (grid->distance && grid->weight && (!sparse || grid->active))
-    return PAGS_OK;
-  pags_tsdf_destroy(grid);
-  return pags_out_of_memory("a grid of %lld points", (long long)points);
+  PAGS_CHECK_MEMORY(grid->distance && grid->weight && (!sparse || grid->active), "a grid of %lld points",
+                    (long long)points);
+  return PAGS_OK;
 }
 
 void pags_tsdf_destroy(pags_tsdf *grid) {
@@ -60,13 +60,21 @@ void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach) {
              (size_t)(to[0] - from[0] + 1));
 }
 
+void pags_tsdf_close_border(pags_tsdf *grid, float distance) {
+  for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; i++) {
+    int64_t x = i % grid->n[0], y = i / grid->n[0] % grid->n[1], z = i / grid->n[0] / grid->n[1];
+    if (x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2])
+      grid->distance[i] = distance;
+  }
+}
+
 /* ---- Fusion ---- */
 
 typedef struct fusion {
   pags_tsdf *grid;
   const pags_depth_views *depth_views;
   double truncation, behind, range;
-  int carve;
+  bool carve;
   int64_t *lists; /* of views, one for each worker */
 } fusion;
 
@@ -78,19 +86,19 @@ static double weigh(const pags_depth_view *depth_view, double step, double z) {
 }
 
 /* The truncated signed distance that one view gives for one point. Returns the weight; 0: the view says nothing. */
-static double ask(const fusion *self, const pags_depth_view *depth_view, const double point[3], double *distance) {
+static double ask(const fusion *f, const pags_depth_view *depth_view, const double point[3], double *distance) {
   int x, y;
   double z;
-  if (!pags_depth_view_project(depth_view, point, &x, &y, &z) || z > self->range)
+  if (!pags_depth_view_project(depth_view, point, &x, &y, &z) || z > f->range)
     return 0;
   double depth = (double)depth_view->depth[(int64_t)y * depth_view->camera.width + x];
-  if (depth == 0 || (depth < 0 && (!self->carve || z > -depth)))
+  if (depth == 0 || (depth < 0 && (!f->carve || z > -depth)))
     return 0;
-  *distance = depth < 0 ? self->truncation : depth - z;
-  if (*distance < -self->behind)
+  *distance = depth < 0 ? f->truncation : depth - z;
+  if (*distance < -f->behind)
     return 0;
-  *distance = fmin(*distance, self->truncation);
-  return weigh(depth_view, self->grid->step, z);
+  *distance = fmin(*distance, f->truncation);
+  return weigh(depth_view, f->grid->step, z);
 }
 
 /* Sums over the views that say of a whole block that it is free. */
@@ -100,18 +108,18 @@ typedef struct known {
 
 /* Sorts the views by what they say of the ball around a block: nothing, that all of it is free (`sure`), or something
  * that must be asked point by point (`seen`). Returns the number of the latter. */
-static int64_t choose_views(const fusion *self, const double middle[3], double radius, int64_t *seen, known *sure) {
+static int64_t choose_views(const fusion *f, const double middle[3], double radius, int64_t *seen, known *sure) {
   int64_t count = 0;
   *sure = (known){0};
-  for (int64_t i = 0; i < self->depth_views->count; i++) {
-    const pags_depth_view *depth_view = &self->depth_views->list[i];
+  for (int64_t i = 0; i < f->depth_views->count; i++) {
+    const pags_depth_view *depth_view = &f->depth_views->list[i];
     double z;
-    if (!pags_depth_view_may_see(depth_view, middle, radius, self->range))
+    if (!pags_depth_view_may_see(depth_view, middle, radius, f->range))
       continue;
-    pags_depth_view_verdict verdict = pags_depth_view_classify(depth_view, middle, radius, self->truncation, &z);
-    if (verdict == PAGS_DEPTH_VIEW_CLEAR && self->carve && z + radius <= self->range) {
-      double w = weigh(depth_view, self->grid->step, z);
-      sure->sum += w * self->truncation;
+    pags_depth_view_verdict verdict = pags_depth_view_classify(depth_view, middle, radius, f->truncation, &z);
+    if (verdict == PAGS_DEPTH_VIEW_CLEAR && f->carve && z + radius <= f->range) {
+      double w = weigh(depth_view, f->grid->step, z);
+      sure->sum += w * f->truncation;
       sure->weight += w;
     } else if (verdict != PAGS_DEPTH_VIEW_HIDDEN) {
       seen[count++] = i;
@@ -120,8 +128,8 @@ static int64_t choose_views(const fusion *self, const double middle[3], double r
   return count;
 }
 
-static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
-  const pags_tsdf *grid = self->grid;
+static void fuse_block(const fusion *f, int64_t block, int64_t *seen) {
+  const pags_tsdf *grid = f->grid;
   int first[3] = {(int)(block % grid->blocks[0]) * PAGS_GRID_BLOCK,
                   (int)(block / grid->blocks[0] % grid->blocks[1]) * PAGS_GRID_BLOCK,
                   (int)(block / grid->blocks[0] / grid->blocks[1]) * PAGS_GRID_BLOCK};
@@ -132,7 +140,7 @@ static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
     last[k] = first[k] + PAGS_GRID_BLOCK < grid->n[k] ? first[k] + PAGS_GRID_BLOCK : grid->n[k];
     middle[k] = grid->origin[k] + first[k] * grid->step + half;
   }
-  int64_t seen_count = choose_views(self, middle, 1.7321 * half, seen, &sure);
+  int64_t seen_count = choose_views(f, middle, 1.7321 * half, seen, &sure);
   for (int z = first[2]; z < last[2]; z++)
     for (int y = first[1]; y < last[1]; y++)
       for (int x = first[0]; x < last[0]; x++) {
@@ -143,35 +151,33 @@ static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
         int64_t at = ((int64_t)z * grid->n[1] + y) * grid->n[0] + x;
         double sum = sure.sum, weight = sure.weight, distance = 0;
         for (int64_t i = 0; i < seen_count; i++) {
-          double w = ask(self, &self->depth_views->list[seen[i]], point, &distance);
+          double w = ask(f, &f->depth_views->list[seen[i]], point, &distance);
           if (w > 0) {
             sum += w * distance;
             weight += w;
           }
         }
         if (weight > 0) {
-          self->grid->distance[at] = (float)(sum / weight);
-          self->grid->weight[at] = (float)weight;
+          f->grid->distance[at] = (float)(sum / weight);
+          f->grid->weight[at] = (float)weight;
         }
       }
 }
 
 static void fuse_blocks(void *context, int64_t begin, int64_t end, int worker) {
-  const fusion *self = context;
+  const fusion *f = context;
   for (int64_t block = begin; block < end; block++)
-    if (!self->grid->active || self->grid->active[block])
-      fuse_block(self, block, self->lists + worker * (self->depth_views->count + 1));
+    if (!f->grid->active || f->grid->active[block])
+      fuse_block(f, block, f->lists + worker * (f->depth_views->count + 1));
 }
 
 pags_result pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double behind,
-                           double range, int carve, pags_tasks *tasks) {
-  fusion self = {grid, depth_views, truncation, behind, range, carve, pags_depth_views_lists(depth_views, tasks)};
-  int64_t blocks = (int64_t)grid->blocks[0] * grid->blocks[1] * grid->blocks[2];
-  if (!self.lists)
+                           double range, bool carve, pags_tasks *tasks) {
+  PAGS_AUTOFREE int64_t *lists = pags_depth_views_lists(depth_views, tasks);
+  fusion f = {grid, depth_views, truncation, behind, range, carve, lists};
+  if (!lists)
     return PAGS_ERROR_MEMORY;
-  bool done = pags_parallel_for(tasks, blocks, 16, fuse_blocks, &self);
-  free(self.lists);
-  return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "interrupted");
+  return pags_proxy_for(tasks, (int64_t)grid->blocks[0] * grid->blocks[1] * grid->blocks[2], 16, fuse_blocks, &f);
 }
 
 /* ---- Colours ---- */
@@ -186,12 +192,10 @@ int64_t *pags_depth_views_lists(const pags_depth_views *depth_views, const pags_
 
 int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_proxy_mesh *mesh, int64_t begin,
                                 int64_t end, int64_t *seen) {
-  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, middle[3], radius = 0;
+  const pags_proxy_mesh run = {.positions = mesh->positions + 3 * begin, .vertex_count = end - begin};
+  double lo[3], hi[3], middle[3], radius = 0;
   int64_t count = 0;
-  for (int64_t i = 3 * begin; i < 3 * end; i++) {
-    lo[i % 3] = fmin(lo[i % 3], (double)mesh->positions[i]);
-    hi[i % 3] = fmax(hi[i % 3], (double)mesh->positions[i]);
-  }
+  pags_proxy_mesh_bounds(&run, lo, hi);
   for (int k = 0; k < 3; k++) {
     middle[k] = 0.5 * (lo[k] + hi[k]);
     radius += 0.25 * (hi[k] - lo[k]) * (hi[k] - lo[k]);
@@ -210,21 +214,20 @@ typedef struct painting {
 } painting;
 
 static void paint_vertices(void *context, int64_t begin, int64_t end, int worker) {
-  const painting *self = context;
-  int64_t *seen = self->lists + worker * (self->depth_views->count + 1);
-  int64_t seen_count = pags_depth_views_of_run(self->depth_views, self->surface, begin, end, seen);
+  const painting *p = context;
+  int64_t *seen = p->lists + worker * (p->depth_views->count + 1);
+  int64_t seen_count = pags_depth_views_of_run(p->depth_views, p->surface, begin, end, seen);
   for (int64_t i = begin; i < end; i++) {
-    float *position = self->surface->positions + 3 * i, *color = self->surface->colors + 3 * i;
-    const double point[3] = {(double)position[0], (double)position[1], (double)position[2]};
-    double sum[3] = {0}, weight = 0, z;
+    double point[3], sum[3] = {0}, weight = 0, z;
     int x, y;
+    pags_proxy_mesh_point(p->surface, i, point);
     for (int64_t s = 0; s < seen_count; s++) {
-      const pags_depth_view *depth_view = &self->depth_views->list[seen[s]];
+      const pags_depth_view *depth_view = &p->depth_views->list[seen[s]];
       if (!pags_depth_view_project(depth_view, point, &x, &y, &z))
         continue;
       int64_t pixel = (int64_t)y * depth_view->camera.width + x;
       double depth = (double)depth_view->depth[pixel];
-      if (depth <= 0 || fabs(depth - z) > self->tolerance)
+      if (depth <= 0 || fabs(depth - z) > p->tolerance)
         continue;
       double w = 1 / (z * z);
       for (int c = 0; c < 3; c++)
@@ -232,20 +235,18 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
       weight += w;
     }
     for (int c = 0; c < 3; c++)
-      color[c] = weight > 0 ? (float)(sum[c] / weight) : -1.0f;
+      p->surface->colors[3 * i + c] = weight > 0 ? (float)(sum[c] / weight) : -1.0f;
   }
 }
 
 pags_result pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
                                   pags_tasks *tasks) {
-  painting self = {surface, depth_views, tolerance, pags_depth_views_lists(depth_views, tasks)};
+  PAGS_AUTOFREE int64_t *lists = pags_depth_views_lists(depth_views, tasks);
+  painting p = {surface, depth_views, tolerance, lists};
   double mean[3] = {0}, count = 0;
-  if (!self.lists)
+  if (!lists)
     return PAGS_ERROR_MEMORY;
-  bool done = pags_parallel_for(tasks, surface->vertex_count, 256, paint_vertices, &self);
-  free(self.lists);
-  if (!done)
-    return pags_fail(PAGS_CANCELLED, "interrupted");
+  PAGS_TRY(pags_proxy_for(tasks, surface->vertex_count, 256, paint_vertices, &p));
   for (int64_t i = 0; i < surface->vertex_count; i++)
     if (surface->colors[3 * i] >= 0) {
       for (int c = 0; c < 3; c++)

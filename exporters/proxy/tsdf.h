@@ -26,8 +26,8 @@ typedef struct pags_tsdf {
 } pags_tsdf;
 
 /* Makes a grid over the box `lo`..`hi`. `sparse`: only blocks activated by pags_tsdf_touch are fused, none at first.
- * PAGS_ERROR_LIMIT for more than 2^28 points. */
-pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double hi[3], double step, int sparse);
+ * PAGS_ERROR_LIMIT for more than 2^28 points. After a failure, too, the caller destroys the grid. */
+pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double hi[3], double step, bool sparse);
 void pags_tsdf_destroy(pags_tsdf *grid);
 
 /* Activates the blocks that a cube of half side `reach` metres about a point touches. */
@@ -39,12 +39,15 @@ void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach);
  * that are free also count, as `truncation` in front. The bits are the same for any number of threads. PAGS_CANCELLED;
  * PAGS_ERROR_MEMORY. */
 pags_result pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double behind,
-                           double range, int carve, pags_tasks *tasks);
+                           double range, bool carve, pags_tasks *tasks);
+
+/* Sets the distances at the grid's border, which must be outside for a closed surface. */
+void pags_tsdf_close_border(pags_tsdf *grid, float distance);
 
 /* Extracts the zero surface by marching tetrahedra (Kuhn's six for each cell), which leaves no holes and no edges of
  * more than two faces: the mesh is closed if the grid's border is outside. With `known_only`, cells with an unknown
  * corner are skipped. A vertex is `observed` if both ends of its grid edge have a weight above 0. */
-pags_result pags_tsdf_surface(const pags_tsdf *grid, int known_only, pags_proxy_mesh *out);
+pags_result pags_tsdf_surface(const pags_tsdf *grid, bool known_only, pags_proxy_mesh *out);
 
 /* Room for a list of views for each worker of `tasks`, count + 1 numbers each; free() it. NULL: out of memory, with the
  * error set. */

@@ -26,7 +26,7 @@
 #include <pags/train.h>
 
 #include "base/file.h"
-#include "exporters/proxy/cage.h"
+#include "base/memory.h"
 #include "exporters/proxy/convex_parts.h"
 #include "exporters/proxy/mesh.h"
 #include "exporters/proxy/tsdf.h"
@@ -249,41 +249,29 @@ static pags_result export_usd(const char *path) {
 /* Mesh operations on a ball and a ring: meshing, simplification, repair, convex parts, hull, cage. */
 static pags_result shape(const char *path) {
   const double lo[3] = {-2, -2, -2}, hi[3] = {2, 2, 2}, step = 0.25;
-  pags_tsdf grid;
-  pags_proxy_mesh shell, simple, hull, cage;
+  PAGS_AUTO(pags_tsdf_destroy) pags_tsdf grid = {0};
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh shell = {0}, simple = {0}, convex = {0}, hull = {0}, cage = {0};
   pags_convex_parts parts;
   (void)path;
-  PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, 0));
+  PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, false));
   for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; i++) {
     const double x = lo[0] + step * (double)(i % grid.n[0]), y = lo[1] + step * (double)(i / grid.n[0] % grid.n[1]),
                  z = lo[2] + step * (double)(i / grid.n[0] / grid.n[1]);
     const double r = sqrt(x * x + y * y) - 1.2;
     grid.distance[i] = (float)fmin(sqrt(x * x + y * y + z * z) - 0.6, sqrt(r * r + z * z) - 0.4);
   }
-  pags_result result = pags_tsdf_surface(&grid, 0, &shell);
-  pags_tsdf_destroy(&grid);
-  PAGS_TRY(result);
-  result = pags_proxy_mesh_simplify(&shell, 300, &simple);
-  if (result == PAGS_OK) {
-    result = pags_proxy_mesh_repair(&simple);
-    note(simple.positions, 12 * (size_t)simple.vertex_count);
-    if (result == PAGS_OK && (result = pags_proxy_mesh_convex(&simple, 60, &hull, &parts)) == PAGS_OK) {
-      note(hull.positions, 12 * (size_t)hull.vertex_count);
-      pags_proxy_mesh_destroy(&hull);
-    }
-    pags_proxy_mesh_destroy(&simple);
-  }
-  if (result == PAGS_OK && (result = pags_proxy_mesh_hull(&shell, 60, &hull)) == PAGS_OK) {
-    note(hull.positions, 12 * (size_t)hull.vertex_count);
-    pags_proxy_mesh_destroy(&hull);
-  }
-  if (result == PAGS_OK && (result = pags_proxy_mesh_keep_parts(&shell, 0.9, 0.1, hi)) == PAGS_OK &&
-      (result = pags_proxy_mesh_cage(&shell, 1, 200, &cage)) == PAGS_OK) {
-    note(cage.positions, 12 * (size_t)cage.vertex_count);
-    pags_proxy_mesh_destroy(&cage);
-  }
-  pags_proxy_mesh_destroy(&shell);
-  return result;
+  PAGS_TRY(pags_tsdf_surface(&grid, false, &shell));
+  PAGS_TRY(pags_proxy_mesh_simplify(&shell, 300, &simple));
+  PAGS_TRY(pags_proxy_mesh_repair(&simple));
+  note(simple.positions, 12 * (size_t)simple.vertex_count);
+  PAGS_TRY(pags_proxy_mesh_convex(&simple, 60, &convex, &parts));
+  note(convex.positions, 12 * (size_t)convex.vertex_count);
+  PAGS_TRY(pags_proxy_mesh_hull(&shell, 60, &hull));
+  note(hull.positions, 12 * (size_t)hull.vertex_count);
+  PAGS_TRY(pags_proxy_mesh_keep_parts(&shell, 0.9, 0.1, hi));
+  PAGS_TRY(pags_proxy_mesh_cage(&shell, 1, 200, &cage));
+  note(cage.positions, 12 * (size_t)cage.vertex_count);
+  return PAGS_OK;
 }
 
 /* ---- The run ---- */

@@ -13,7 +13,6 @@
 
 #include "exporters/format/bake.h"
 #include "exporters/format/splat_save.h"
-#include "exporters/proxy/cage.h"
 #include "exporters/proxy/mesh_query.h"
 #include "exporters/proxy/tsdf.h"
 

@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-#include "exporters/proxy/shadow_filter.h"
+#include "exporters/proxy/depth_view.h"
 
 enum { SIDE = 4, PIXELS = SIDE * SIDE };
 
