@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 void pags_rigid_inverse(const double m[12], double out[12]) {
@@ -31,24 +32,15 @@ void pags_rigid_multiply(const double a[12], const double b[12], double out[12])
 
 void pags_rigid_point(const double m[12], const double p[3], double out[3]) {
   for (int k = 0; k < 3; k++)
-    out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
+    out[k] = pags_dot3(m + 4 * k, p) + m[4 * k + 3];
 }
 
 void pags_rigid_from_angles(const double turn[3], const double place[3], double out[12]) {
   const double cx = pags_cos(turn[0]), sx = pags_sin(turn[0]), cy = pags_cos(turn[1]), sy = pags_sin(turn[1]),
                cz = pags_cos(turn[2]), sz = pags_sin(turn[2]);
-  const double m[12] = {cz * cy,
-                        cz * sy * sx - sz * cx,
-                        cz * sy * cx + sz * sx,
-                        place[0],
-                        sz * cy,
-                        sz * sy * sx + cz * cx,
-                        sz * sy * cx - cz * sx,
-                        place[1],
-                        -sy,
-                        cy * sx,
-                        cy * cx,
-                        place[2]};
+  const double m[3][4] = {{cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, place[0]},
+                          {sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx, place[1]},
+                          {-sy, cy * sx, cy * cx, place[2]}};
   memcpy(out, m, sizeof m);
 }
 
@@ -62,12 +54,8 @@ void pags_rotation_from_quaternion(const double quaternion[4], double r[9]) {
     q = scaled;
     norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
   }
-  if (norm > 0) {
-    w = q[0] / norm;
-    x = q[1] / norm;
-    y = q[2] / norm;
-    z = q[3] / norm;
-  }
+  if (norm > 0)
+    w = q[0] / norm, x = q[1] / norm, y = q[2] / norm, z = q[3] / norm;
   r[0] = 1 - 2 * (y * y + z * z);
   r[1] = 2 * (x * y - w * z);
   r[2] = 2 * (x * z + w * y);
@@ -114,23 +102,17 @@ void pags_quaternion_from_rotation(const double r[9], double q[4]) {
 static double orthonormal_error(const double m[12]) {
   double error = 0;
   for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++) {
-      double dot = m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2];
-      error = fmax(error, fabs(dot - (i == j)));
-    }
+    for (int j = 0; j < 3; j++)
+      error = fmax(error, fabs(pags_dot3(m + 4 * i, m + 4 * j) - (i == j)));
   return error;
 }
 
 /* Computes the 3x3 cofactor matrix c of the 3x3 part R of m, which is det(R) R^-T (for a rotation, R itself). Returns
  * det(R). */
 static double cofactors(const double m[12], double c[9]) {
-  for (int i = 0; i < 3; i++) {
-    const double *a = m + (i + 1) % 3 * 4, *b = m + (i + 2) % 3 * 4;
-    c[3 * i] = a[1] * b[2] - a[2] * b[1];
-    c[3 * i + 1] = a[2] * b[0] - a[0] * b[2];
-    c[3 * i + 2] = a[0] * b[1] - a[1] * b[0];
-  }
-  return m[0] * c[0] + m[1] * c[1] + m[2] * c[2];
+  for (int i = 0; i < 3; i++)
+    pags_cross3(m + (i + 1) % 3 * 4, m + (i + 2) % 3 * 4, c + 3 * i);
+  return pags_dot3(m, c);
 }
 
 /* Replaces the 3x3 part R of m by the nearest rotation: Newton's iteration for the polar factor, R <- (R + R^-T) / 2
@@ -164,10 +146,15 @@ double pags_rigid_unscale(double m[12]) {
   return scale;
 }
 
-pags_result pags_rigid_check(double m[12], const char *what) {
+static pags_result check_finite(const double m[12], const char *what) {
   for (int i = 0; i < 12; i++)
     if (!isfinite(m[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not finite", what);
+  return PAGS_OK;
+}
+
+pags_result pags_rigid_check(double m[12], const char *what) {
+  PAGS_TRY(check_finite(m, what));
   const double away = fmax(fmax(fabs(m[3]), fabs(m[7])), fabs(m[11]));
   if (away > 1e12)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is %.3g away; expected at most 1e12", what, away);
@@ -191,9 +178,7 @@ pags_result pags_rigid_check(double m[12], const char *what) {
 static const double rigid_error = 1e-9;
 
 pags_result pags_affine_check(double m[12], const char *what) {
-  for (int i = 0; i < 12; i++)
-    if (!isfinite(m[i]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not finite", what);
+  PAGS_TRY(check_finite(m, what));
   double c[9];
   const double longest = pags_affine_stretch(m), volume = cofactors(m, c);
   if (!(fabs(volume) > 1e-9 * longest * longest * longest))
@@ -228,7 +213,7 @@ double pags_affine_stretch(const double m[12]) {
   for (int i = 0; i < 3; i++) {
     double sum = 0;
     for (int j = 0; j < 3; j++)
-      sum += fabs(m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2]);
+      sum += fabs(pags_dot3(m + 4 * i, m + 4 * j));
     most = fmax(most, sum);
   }
   return sqrt(most);
@@ -310,16 +295,16 @@ int pags_camera_look(const pags_camera *camera, double x, double y, double direc
     direction[0] = direction[1] = direction[2] = 0;
     return pags_lens_look(&camera->lens, at, direction);
   }
-  const double length = sqrt(at[0] * at[0] + at[1] * at[1] + 1);
-  direction[0] = at[0] / length, direction[1] = at[1] / length, direction[2] = 1 / length;
+  direction[0] = at[0], direction[1] = at[1], direction[2] = 1;
+  pags_divide3(direction, pags_length3(direction));
   return 1;
 }
 
 int pags_camera_point(const pags_camera *camera, double x, double y, double depth, double out[3]) {
   if (pags_camera_bends(camera)) {
     const int seen = pags_camera_look(camera, x, y, out);
-    for (int k = 0; seen && k < 3; k++)
-      out[k] *= depth;
+    if (seen)
+      pags_scale3(depth, out, out);
     return seen;
   }
   out[0] = (x - camera->cx) / camera->fx * depth;
@@ -328,19 +313,13 @@ int pags_camera_point(const pags_camera *camera, double x, double y, double dept
   return 1;
 }
 
-/* Returns `size` / `factor` pixels, rounded down, at least 1. */
-static int scaled_size(int size, double factor) {
-  int scaled = (int)floor((double)size / factor);
-  return scaled < 1 ? 1 : scaled;
-}
-
 pags_camera pags_camera_downscale(const pags_camera *camera, double factor) {
   pags_camera scaled = *camera;
-  scaled.width = scaled_size(camera->width, factor);
-  scaled.height = scaled_size(camera->height, factor);
-  scaled.fx = camera->fx / factor;
-  scaled.fy = camera->fy / factor;
-  scaled.cx = camera->cx / factor;
-  scaled.cy = camera->cy / factor;
+  scaled.width = (int)fmax(floor((double)camera->width / factor), 1);
+  scaled.height = (int)fmax(floor((double)camera->height / factor), 1);
+  scaled.fx /= factor;
+  scaled.fy /= factor;
+  scaled.cx /= factor;
+  scaled.cy /= factor;
   return scaled;
 }

@@ -23,14 +23,9 @@ static const pags_scene_view *neighbour(const pags_scene *scene, int sensor, dou
 
 void pags_scene_exposure(const pags_scene *scene, int sensor, double time, double gain[3], double offset[3]) {
   const pags_scene_view *before = neighbour(scene, sensor, time, -1), *after = neighbour(scene, sensor, time, 1);
-  const pags_scene_view *a = before ? before : after, *b = after ? after : before;
-  for (int c = 0; c < 3; c++) {
-    gain[c] = 1.0;
-    offset[c] = 0.0;
-  }
-  if (!a)
-    return;
-  double span = b->camera.time - a->camera.time, u = span > 0.0 ? (time - a->camera.time) / span : 0.0;
+  static const pags_scene_view plain = {.gain = {1, 1, 1}};
+  const pags_scene_view *a = before ? before : after ? after : &plain, *b = after ? after : a;
+  const double span = b->camera.time - a->camera.time, u = span > 0.0 ? (time - a->camera.time) / span : 0.0;
   for (int c = 0; c < 3; c++) {
     gain[c] = a->gain[c] + u * (b->gain[c] - a->gain[c]);
     offset[c] = a->offset[c] + u * (b->offset[c] - a->offset[c]);

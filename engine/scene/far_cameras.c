@@ -19,9 +19,9 @@ pags_result pags_far_cameras_find(const double *positions, int64_t count, double
     far[i] = false;
   if (count < LEAST_CAMERAS)
     return PAGS_OK;
-  double *sorted = malloc(2 * (size_t)count * sizeof *sorted), *distances = sorted + count;
-  if (!sorted)
-    return pags_out_of_memory("%lld cameras", (long long)count);
+  PAGS_AUTOFREE double *sorted = malloc(2 * (size_t)count * sizeof *sorted);
+  PAGS_CHECK_MEMORY(sorted, "%lld cameras", (long long)count);
+  double *const distances = sorted + count;
   for (int k = 0; k < 3; k++) {
     for (int64_t i = 0; i < count; i++)
       sorted[i] = positions[3 * i + k];
@@ -38,6 +38,5 @@ pags_result pags_far_cameras_find(const double *positions, int64_t count, double
     out->count = 0;
     memset(far, 0, (size_t)count * sizeof *far);
   }
-  free(sorted);
   return PAGS_OK;
 }

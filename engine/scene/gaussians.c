@@ -15,16 +15,24 @@
 #include "port/port.h"
 
 enum { LANES = 16, ALIGNMENT = 64 };
-enum { FOURIER_PLANES = 12 }; /* 4 terms of 3 channels; the constant term is f_dc */
+enum { NO_OBJECT = 0xFF }; /* in all bytes of an object's number: -1 */
 /* Row numbers are stored in 32 bits and must not overflow when a count is rounded up to a multiple of 64. */
 static const int64_t count_limit = INT64_C(0x7FFFFFFF) - 63;
 
-/* Allocates `planes` planes of `rows` 4-byte values, aligned to 64 bytes. `rows` must be a multiple of 16, so that
- * the size is a multiple of 64 bytes, as aligned memory needs. NULL if out of memory or if `rows` is 0. */
-static void *allocate(int64_t rows, int64_t planes) {
-  if (rows == 0 || (uint64_t)rows > SIZE_MAX / 4 / (uint64_t)planes)
+/* Allocates `planes` planes of `stride` 4-byte values, aligned to 64 bytes, and copies the first `count` values of each
+ * plane of `from`; the others get `byte` in all of their bytes. `stride` must be a multiple of 16, so that the size is
+ * a multiple of 64 bytes, as aligned memory needs. NULL if out of memory or if `stride` is 0. */
+static void *make_planes(int64_t stride, int planes, int byte, const void *from, int64_t from_stride, int64_t count) {
+  if (stride == 0 || (uint64_t)stride > SIZE_MAX / 4 / (uint64_t)planes)
     return NULL;
-  return pags_port_aligned_alloc(ALIGNMENT, (size_t)rows * (size_t)planes * 4);
+  const size_t size = (size_t)stride * 4, kept = (size_t)count * 4;
+  uint8_t *const to = pags_port_aligned_alloc(ALIGNMENT, size * (size_t)planes);
+  for (size_t p = 0; to && p < (size_t)planes; p++) {
+    if (count)
+      memcpy(to + p * size, (const uint8_t *)from + p * (size_t)from_stride * 4, kept);
+    memset(to + p * size + kept, byte, size - kept);
+  }
+  return to;
 }
 
 static pags_result fail_memory(int64_t count, int64_t planes) {
@@ -50,17 +58,19 @@ pags_result pags_gaussians_create(pags_gaussians *g, int64_t count, int sh_degre
   return PAGS_OK;
 }
 
-pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const pags_gaussians *like) {
-  pags_result result = pags_gaussians_create(g, count, like->sh_degree);
-  if (result == PAGS_OK && count == 0)
-    result = pags_gaussians_reserve(g, 1); /* without room there would be no columns */
+static pags_result create_like(pags_gaussians *g, int64_t count, const pags_gaussians *like) {
+  PAGS_TRY(pags_gaussians_create(g, count, like->sh_degree));
+  PAGS_TRY(pags_gaussians_reserve(g, 1)); /* without room there would be no columns */
   g->alpha_min = like->alpha_min;
-  if (result == PAGS_OK && like->s_sem)
-    result = pags_gaussians_add_s_sem(g);
-  if (result == PAGS_OK && like->object_id)
-    result = pags_gaussians_add_object_id(g);
-  if (result == PAGS_OK && like->fourier)
-    result = pags_gaussians_add_fourier(g);
+  if (like->s_sem)
+    PAGS_TRY(pags_gaussians_add_s_sem(g));
+  if (like->object_id)
+    PAGS_TRY(pags_gaussians_add_object_id(g));
+  return like->fourier ? pags_gaussians_add_fourier(g) : PAGS_OK;
+}
+
+pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const pags_gaussians *like) {
+  const pags_result result = create_like(g, count, like);
   if (result != PAGS_OK)
     pags_gaussians_destroy(g);
   return result;
@@ -75,39 +85,21 @@ void pags_gaussians_destroy(pags_gaussians *g) {
 }
 
 pags_result pags_gaussians_add_s_sem(pags_gaussians *g) {
-  if (g->s_sem || g->stride == 0)
-    return PAGS_OK;
-  g->s_sem = allocate(g->stride, 1);
   if (!g->s_sem)
-    return fail_memory(g->stride, 1);
-  memset(g->s_sem, 0, (size_t)g->stride * sizeof *g->s_sem);
-  return PAGS_OK;
-}
-
-/* Sets the object of rows [first, last) to none (-1). */
-static void fill_object_id(int32_t *object_id, int64_t first, int64_t last) {
-  for (int64_t i = first; i < last; i++)
-    object_id[i] = -1;
+    g->s_sem = make_planes(g->stride, 1, 0, NULL, 0, 0);
+  return g->s_sem || g->stride == 0 ? PAGS_OK : fail_memory(g->stride, 1);
 }
 
 pags_result pags_gaussians_add_object_id(pags_gaussians *g) {
-  if (g->object_id || g->stride == 0)
-    return PAGS_OK;
-  g->object_id = allocate(g->stride, 1);
   if (!g->object_id)
-    return fail_memory(g->stride, 1);
-  fill_object_id(g->object_id, 0, g->stride);
-  return PAGS_OK;
+    g->object_id = make_planes(g->stride, 1, NO_OBJECT, NULL, 0, 0);
+  return g->object_id || g->stride == 0 ? PAGS_OK : fail_memory(g->stride, 1);
 }
 
 pags_result pags_gaussians_add_fourier(pags_gaussians *g) {
-  if (g->fourier || g->stride == 0)
-    return PAGS_OK;
-  g->fourier = allocate(g->stride, FOURIER_PLANES);
   if (!g->fourier)
-    return fail_memory(g->stride, FOURIER_PLANES);
-  memset(g->fourier, 0, (size_t)g->stride * FOURIER_PLANES * sizeof *g->fourier);
-  return PAGS_OK;
+    g->fourier = make_planes(g->stride, PAGS_FOURIER_PLANES, 0, NULL, 0, 0);
+  return g->fourier || g->stride == 0 ? PAGS_OK : fail_memory(g->stride, PAGS_FOURIER_PLANES);
 }
 
 /* ---- Colour: Fourier series over time, SH degree ---- */
@@ -167,51 +159,25 @@ void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t
 
 /* ---- Growing and copying ---- */
 
-/* Copies the first `count` floats of each of `planes` planes to planes of a larger stride; the rest becomes zero. */
-static void widen(const float *from, int64_t from_stride, float *to, int64_t to_stride, int64_t count, int planes) {
-  for (int p = 0; p < planes; p++) {
-    float *plane = to + p * to_stride;
-    if (count)
-      memcpy(plane, from + p * from_stride, (size_t)count * sizeof *plane);
-    memset(plane + count, 0, (size_t)(to_stride - count) * sizeof *plane);
-  }
-}
-
 pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity) {
   PAGS_TRY(check_count(capacity));
-  int64_t stride = (capacity + LANES - 1) / LANES * LANES;
+  const int64_t stride = (capacity + LANES - 1) / LANES * LANES;
   if (stride <= g->stride)
     return PAGS_OK;
-  int planes = pags_plane_count(g->sh_degree);
-  float *data = allocate(stride, planes);
-  float *s_sem = g->s_sem ? allocate(stride, 1) : NULL;
-  int32_t *object_id = g->object_id ? allocate(stride, 1) : NULL;
-  float *fourier = g->fourier ? allocate(stride, FOURIER_PLANES) : NULL;
-  if (!data || (g->s_sem && !s_sem) || (g->object_id && !object_id) || (g->fourier && !fourier)) {
-    pags_port_aligned_free(data);
-    pags_port_aligned_free(s_sem);
-    pags_port_aligned_free(object_id);
-    pags_port_aligned_free(fourier);
+  const int planes = pags_plane_count(g->sh_degree);
+  pags_gaussians grown = *g, old = *g;
+  grown.stride = stride;
+  grown.data = make_planes(stride, planes, 0, g->data, g->stride, g->count);
+  grown.s_sem = g->s_sem ? make_planes(stride, 1, 0, g->s_sem, g->stride, g->count) : NULL;
+  grown.object_id = g->object_id ? make_planes(stride, 1, NO_OBJECT, g->object_id, g->stride, g->count) : NULL;
+  grown.fourier = g->fourier ? make_planes(stride, PAGS_FOURIER_PLANES, 0, g->fourier, g->stride, g->count) : NULL;
+  if (!grown.data || (g->s_sem && !grown.s_sem) || (g->object_id && !grown.object_id) ||
+      (g->fourier && !grown.fourier)) {
+    pags_gaussians_destroy(&grown);
     return fail_memory(stride, planes);
   }
-  widen(g->data, g->stride, data, stride, g->count, planes);
-  if (s_sem)
-    widen(g->s_sem, g->stride, s_sem, stride, g->count, 1);
-  if (object_id) {
-    memcpy(object_id, g->object_id, (size_t)g->count * sizeof *object_id);
-    fill_object_id(object_id, g->count, stride);
-  }
-  if (fourier)
-    widen(g->fourier, g->stride, fourier, stride, g->count, FOURIER_PLANES);
-  pags_port_aligned_free(g->data);
-  pags_port_aligned_free(g->s_sem);
-  pags_port_aligned_free(g->object_id);
-  pags_port_aligned_free(g->fourier);
-  g->data = data;
-  g->s_sem = s_sem;
-  g->object_id = object_id;
-  g->fourier = fourier;
-  g->stride = stride;
+  *g = grown;
+  pags_gaussians_destroy(&old);
   return PAGS_OK;
 }
 
@@ -226,7 +192,7 @@ void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int
     gather_plane(pags_plane(from, p), index, count, pags_plane(to, p));
   if (from->s_sem && to->s_sem)
     gather_plane(from->s_sem, index, count, to->s_sem);
-  for (int p = 0; p < FOURIER_PLANES && from->fourier && to->fourier; p++)
+  for (int p = 0; p < PAGS_FOURIER_PLANES && from->fourier && to->fourier; p++)
     gather_plane(from->fourier + p * from->stride, index, count, to->fourier + p * to->stride);
   for (int64_t i = 0; i < count && from->object_id && to->object_id; i++)
     to->object_id[i] = from->object_id[index[i]];
@@ -263,7 +229,7 @@ int64_t pags_gaussians_find_bad(const pags_gaussians *g, int64_t *index) {
     memset(bad, 0, BLOCK);
     for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
       mark_not_finite(pags_plane(g, p) + first, count, bad);
-    for (int p = 0; p < FOURIER_PLANES && g->fourier; p++)
+    for (int p = 0; p < PAGS_FOURIER_PLANES && g->fourier; p++)
       mark_not_finite(g->fourier + p * g->stride + first, count, bad);
     const float *q[4];
     for (int k = 0; k < 4; k++)

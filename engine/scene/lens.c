@@ -143,23 +143,35 @@ int pags_lens_model_is_plain(const pags_lens_model *lens) {
   return zero;
 }
 
+enum { NUMBERS = 15 };
+
+/* The coefficients of the model in one list: k, d, p, s. */
+static void list_numbers(const pags_lens_model *lens, double out[NUMBERS]) {
+  memcpy(out, lens->k, sizeof lens->k);
+  memcpy(out + 6, lens->d, sizeof lens->d);
+  memcpy(out + 9, lens->p, sizeof lens->p);
+  memcpy(out + 11, lens->s, sizeof lens->s);
+}
+
+static bool is_finite(const pags_lens_model *lens) {
+  double numbers[NUMBERS], sum = 0;
+  list_numbers(lens, numbers);
+  for (int i = 0; i < NUMBERS; i++)
+    sum += fabs(numbers[i]);
+  return isfinite(sum);
+}
+
 int pags_lens_model_same(const pags_lens_model *a, const pags_lens_model *b) {
-  double off = fabs(a->field - b->field);
-  for (int i = 0; i < 6; i++)
-    off = fmax(off, fabs(a->k[i] - b->k[i]));
-  for (int i = 0; i < 4; i++)
-    off = fmax(fmax(off, fabs(a->s[i] - b->s[i])),
-               fmax(i < 3 ? fabs(a->d[i] - b->d[i]) : 0, i < 2 ? fabs(a->p[i] - b->p[i]) : 0));
+  double of_a[NUMBERS], of_b[NUMBERS], off = fabs(a->field - b->field);
+  list_numbers(a, of_a);
+  list_numbers(b, of_b);
+  for (int i = 0; i < NUMBERS; i++)
+    off = fmax(off, fabs(of_a[i] - of_b[i]));
   return a->kind == b->kind && off <= 1e-9;
 }
 
 pags_result pags_lens_model_check(pags_lens_model *lens, const char *what) {
-  double sum = 0;
-  for (int i = 0; i < 6; i++)
-    sum += fabs(lens->k[i]);
-  for (int i = 0; i < 4; i++)
-    sum += fabs(lens->s[i]) + (i < 3 ? fabs(lens->d[i]) : 0) + (i < 2 ? fabs(lens->p[i]) : 0);
-  if (!pags_lens_kind_name(lens->kind) || !isfinite(sum))
+  if (!pags_lens_kind_name(lens->kind) || !is_finite(lens))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a lens of finite numbers and a kind that is known", what);
   if (!(lens->field >= 0 && lens->field <= 360))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a lens's field of 0 to 360 degrees, found %g", what, lens->field);
@@ -279,7 +291,20 @@ void pags_lens_see(const pags_lens_model *lens, const double v[3], double at[2],
 
 /* ---- Inverse projection ---- */
 
-/* Inverts the radial part by bisection over the range in which the function grows. */
+/* Inverts the radial function by bisection: where in 0..high, a range in which it grows, it is `target`. */
+static double invert_radial(const pags_lens_model *lens, double target, double high, int steps) {
+  double low = 0;
+  for (int i = 0; i < steps; i++) {
+    const double middle = 0.5 * (low + high);
+    if (radial(lens, middle) < target)
+      low = middle;
+    else
+      high = middle;
+  }
+  return low;
+}
+
+/* Inverts the radial part. */
 static void look_radially(const pags_lens_model *lens, const double at[2], double v[3]) {
   double x = at[0], y = at[1];
   if (lens->kind == PAGS_LENS_FTHETA) {
@@ -289,18 +314,11 @@ static void look_radially(const pags_lens_model *lens, const double at[2], doubl
   }
   const bool of_angle = pags_lens_is_of_angle(lens->kind);
   const double target = sqrt(x * x + y * y);
-  double low = 0, high = of_angle ? lens->limit : pags_tan(lens->limit);
-  for (int i = 0; i < 40; i++) {
-    const double middle = 0.5 * (low + high);
-    if (radial(lens, middle) < target)
-      low = middle;
-    else
-      high = middle;
-  }
-  const double across = of_angle ? pags_sin(low) : low, scale = target > 0 ? across / target : 0;
+  const double s = invert_radial(lens, target, of_angle ? lens->limit : pags_tan(lens->limit), 40);
+  const double across = of_angle ? pags_sin(s) : s, scale = target > 0 ? across / target : 0;
   v[0] = x * scale;
   v[1] = y * scale;
-  v[2] = of_angle ? pags_cos(low) : 1;
+  v[2] = of_angle ? pags_cos(s) : 1;
 }
 
 /* The last step that changes the point by less than 1e-8 leaves 1e-12 where the lens is far from its limit, since the
@@ -340,25 +358,16 @@ int pags_lens_look(const pags_lens_model *lens, const double at[2], double v[3])
 
 /* ---- The lens of a photograph ---- */
 
-/* Checks that the intrinsics can be those of a camera. */
-static pags_result check_intrinsics(pags_lens *lens, const char *where) {
-  double sum = fabs(lens->fx) + fabs(lens->fy) + fabs(lens->cx) + fabs(lens->cy);
-  for (int i = 0; i < 6; i++)
-    sum += fabs(lens->model.k[i]);
-  for (int i = 0; i < 4; i++)
-    sum += fabs(lens->model.s[i]) + (i < 3 ? fabs(lens->model.d[i]) : 0) + (i < 2 ? fabs(lens->model.p[i]) : 0);
-  if (!isfinite(sum))
+pags_result pags_lens_prepare(pags_lens *lens, const char *where) {
+  if (!is_finite(&lens->model) || !isfinite(lens->fx) || !isfinite(lens->fy) || !isfinite(lens->cx) ||
+      !isfinite(lens->cy))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite intrinsics", where);
   if (lens->width < 1 || lens->width > 65535 || lens->height < 1 || lens->height > 65535)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected 1..65535", where, lens->width, lens->height);
   if (!(lens->fx > 0) || !(lens->fy > 0))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: focal lengths %g and %g, expected them above 0", where, lens->fx,
                      lens->fy);
-  return pags_lens_model_check(&lens->model, where);
-}
-
-pags_result pags_lens_prepare(pags_lens *lens, const char *where) {
-  PAGS_TRY(check_intrinsics(lens, where));
+  PAGS_TRY(pags_lens_model_check(&lens->model, where));
   /* Largest angle from the optical axis, 85 degrees: a pinhole image becomes useless beyond it. */
   const double widest = 85 * PI / 180, end = pags_tan(widest) * pags_tan(widest);
   if (pags_lens_is_of_angle(lens->model.kind)) {
@@ -425,27 +434,14 @@ void pags_lens_project_row(const pags_lens *lens, int count, double x, double st
 
 /* ---- Inverse projection ---- */
 
-/* Inverts the radial distortion without the tangential part: returns the radius on the plane z = 1 whose distorted
- * radius is `target`. Bisection over the range in which the function grows. */
-static double invert_radial(const pags_lens *lens, double target) {
-  bool fisheye = pags_lens_is_of_angle(lens->model.kind);
-  double low = 0, high = fisheye ? pags_atan(sqrt(lens->limit)) : sqrt(lens->limit);
-  for (int i = 0; i < 60; i++) {
-    double middle = 0.5 * (low + high);
-    if (radial(&lens->model, middle) < target)
-      low = middle;
-    else
-      high = middle;
-  }
-  return fisheye ? pags_tan(low) : low;
-}
-
 /* Newton's method with a Jacobian by central differences. It starts from the solution of the radial part, which is
  * close because the tangential part is small. The result is accepted if it reprojects within 0.001 pixel. */
 bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, double *y) {
-  double target[2] = {(u - lens->cx) / lens->fx, (v - lens->cy) / lens->fy};
-  double radius = pags_hypot(target[0], target[1]);
-  double start = radius > 0 ? invert_radial(lens, radius) / radius : 1;
+  const double target[2] = {(u - lens->cx) / lens->fx, (v - lens->cy) / lens->fy};
+  const double radius = pags_hypot(target[0], target[1]), edge = sqrt(lens->limit);
+  const bool of_angle = pags_lens_is_of_angle(lens->model.kind);
+  const double s = invert_radial(&lens->model, radius, of_angle ? pags_atan(edge) : edge, 60);
+  const double start = radius > 0 ? (of_angle ? pags_tan(s) : s) / radius : 1;
   double at[2] = {target[0] * start, target[1] * start};
   for (int i = 0; i < 20; i++) {
     double here[2], left[2], right[2], up[2], down[2];

@@ -186,10 +186,9 @@ static void write_index(void *context, int64_t begin, int64_t end, int worker) {
 
 /* One pass, by the 11 bits of the code from bit `shift` on. Moves nothing if all rows have the same digit. */
 static bool sort_pass(sorting *s) {
-  int64_t sum = 0;
+  int64_t sum = 0, same = 0;
   if (!run_blocks(s, count_digits))
     return false;
-  int64_t same = 0;
   for (int64_t b = 0; b < s->blocks; b++)
     same += s->place[b][digit_of(s, 0)];
   if (same == s->count)
@@ -209,14 +208,12 @@ static bool sort_pass(sorting *s) {
 }
 
 static bool sort(sorting *s) {
-  if (!run_blocks(s, make_codes))
-    return false;
-  for (int pass = 0; pass < PASSES; pass++) {
+  bool going = run_blocks(s, make_codes);
+  for (int pass = 0; pass < PASSES && going; pass++) {
     s->shift = pass * DIGIT_BITS;
-    if (!sort_pass(s))
-      return false;
+    going = sort_pass(s);
   }
-  return run_blocks(s, write_index);
+  return going && run_blocks(s, write_index);
 }
 
 pags_result pags_morton_order(const pags_gaussians *g, pags_tasks *tasks, int64_t *index) {
@@ -224,27 +221,20 @@ pags_result pags_morton_order(const pags_gaussians *g, pags_tasks *tasks, int64_
     return PAGS_OK;
   sorting s = {.gaussians = g, .tasks = tasks, .count = g->count, .index = index};
   s.blocks = (g->count + BLOCK - 1) / BLOCK;
-  keyed_row *const block = calloc((size_t)g->count, 2 * sizeof *block);
-  s.place = malloc((size_t)s.blocks * sizeof *s.place);
   s.box = pags_morton_bounds(g);
-  int64_t *const counts = pags_morton_is_wide(&s.box) ? calloc(PAGS_MORTON_COUNTS, sizeof *counts) : NULL;
-  const bool room = block && s.place && (counts || !pags_morton_is_wide(&s.box));
-  bool done = false;
-  if (room) {
-    s.rows = block;
-    s.other = block + g->count;
-    if (counts) {
-      pags_morton_count(g, counts);
-      pags_morton_tighten(counts, &s.box);
-    }
-    done = sort(&s);
+  const bool wide = pags_morton_is_wide(&s.box);
+  PAGS_AUTOFREE keyed_row *block = calloc((size_t)g->count, 2 * sizeof *block);
+  PAGS_AUTOFREE int64_t(*place)[DIGITS] = malloc((size_t)s.blocks * sizeof *place);
+  PAGS_AUTOFREE int64_t *counts = wide ? calloc(PAGS_MORTON_COUNTS, sizeof *counts) : NULL;
+  PAGS_CHECK_MEMORY(block && place && (counts || !wide), "%lld Gaussians", (long long)g->count);
+  if (wide) {
+    pags_morton_count(g, counts);
+    pags_morton_tighten(counts, &s.box);
   }
-  free(counts);
-  free(block);
-  free(s.place);
-  if (!room)
-    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
+  s.rows = block;
+  s.other = block + g->count;
+  s.place = place;
+  return sort(&s) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
 }
 
 pags_result pags_gaussians_morton_order(const pags_gaussians *g, int64_t *index) {
@@ -253,14 +243,10 @@ pags_result pags_gaussians_morton_order(const pags_gaussians *g, int64_t *index)
 
 pags_result pags_gaussians_sorted_copy(pags_gaussians *out, const pags_gaussians *from) {
   *out = (pags_gaussians){0};
-  int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
-  if (!index)
-    return pags_out_of_memory("%lld Gaussians", (long long)from->count);
-  pags_result result = pags_gaussians_morton_order(from, index);
-  if (result == PAGS_OK)
-    result = pags_gaussians_create_like(out, from->count, from);
-  if (result == PAGS_OK)
-    pags_gaussians_gather(from, index, from->count, out);
-  free(index);
-  return result;
+  PAGS_AUTOFREE int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
+  PAGS_CHECK_MEMORY(index, "%lld Gaussians", (long long)from->count);
+  PAGS_TRY(pags_gaussians_morton_order(from, index));
+  PAGS_TRY(pags_gaussians_create_like(out, from->count, from));
+  pags_gaussians_gather(from, index, from->count, out);
+  return PAGS_OK;
 }

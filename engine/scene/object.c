@@ -5,11 +5,11 @@
 
 #include <assert.h>
 #include <ctype.h>
-#include <math.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "base/text.h"
 
 /* ---- Categories ---- */
 
@@ -19,10 +19,10 @@ const char *pags_category_name(pags_category category) {
   return names[category];
 }
 
-/* Class names as the data sets' documents list them, in the form that normalise gives: lower case, each run of other
- * characters than letters and digits replaced by one blank. */
-static const char *const vehicles[] = {
-    /* Waymo, nuPlan; KITTI */
+/* Class names as the data sets' documents list them, in lower case, each run of other characters than letters and
+ * digits replaced by one blank; NULL: the next category. */
+static const char *const class_names[] = {
+    /* Vehicles. Waymo, nuPlan; KITTI */
     "vehicle", "type vehicle", "car", "van", "truck", "tram",
     /* PandaSet */
     "pickup truck", "medium sized truck", "semi truck", "towed object", "other vehicle",
@@ -34,75 +34,38 @@ static const char *const vehicles[] = {
     "bus rv caravan", "caravan", "automobile", "suv", "pickup", "minivan", "minibus", "lorry",
     /* Argoverse 2 */
     "regular vehicle", "large vehicle", "box truck", "truck cab", "vehicular trailer", "school bus", "articulated bus",
-    "message board trailer", "traffic light trailer", "railed vehicle"};
-
-static const char *const pedestrians[] = {"pedestrian",
-                                          "type pedestrian",
-                                          "person",
-                                          "person sitting",
-                                          "wheelchair",
-                                          "stroller",
-                                          "pedestrian with object",
-                                          "official signaler",
-                                          "walker"};
-
-static const char *const cyclists[] = {"cyclist",
-                                       "type cyclist",
-                                       "bicycle",
-                                       "motorcycle",
-                                       "motorized scooter",
-                                       "personal mobility device",
-                                       "other vehicle pedicab",
-                                       "bicyclist",
-                                       "motorcyclist",
-                                       "motorbike",
-                                       "bike",
-                                       "wheeled rider",
-                                       "wheeled device",
-                                       "rider",
-                                       "vehicle bicycle",
-                                       "vehicle motorcycle"};
-
-enum { NAME_LENGTH = 64 };
-
-/* Brings a class name into the form of the lists above, cut to 63 characters. */
-static void normalise(const char *name, char out[NAME_LENGTH]) {
-  size_t length = 0;
-  for (; *name && length < NAME_LENGTH - 1; name++) {
-    unsigned char c = (unsigned char)*name;
-    if (isalnum(c))
-      out[length++] = (char)tolower(c);
-    else if (length > 0 && out[length - 1] != ' ')
-      out[length++] = ' ';
-  }
-  while (length > 0 && out[length - 1] == ' ')
-    length--;
-  out[length] = '\0';
-}
-
-static bool is_listed(const char *name, const char *const *list, size_t count) {
-  for (size_t i = 0; i < count; i++)
-    if (strcmp(name, list[i]) == 0)
-      return true;
-  return false;
-}
-
-static bool begins(const char *name, const char *prefix) {
-  return strncmp(name, prefix, strlen(prefix)) == 0;
-}
-
-#define LISTED(name, list) is_listed(name, list, sizeof(list) / sizeof *(list))
+    "message board trailer", "traffic light trailer", "railed vehicle", NULL,
+    /* Pedestrians */
+    "pedestrian", "type pedestrian", "person", "person sitting", "wheelchair", "stroller", "pedestrian with object",
+    "official signaler", "walker", NULL,
+    /* Cyclists */
+    "cyclist", "type cyclist", "bicycle", "motorcycle", "motorized scooter", "personal mobility device",
+    "other vehicle pedicab", "bicyclist", "motorcyclist", "motorbike", "bike", "wheeled rider", "wheeled device",
+    "rider", "vehicle bicycle", "vehicle motorcycle"};
 
 pags_category pags_category_of(const char *class_name) {
-  char name[NAME_LENGTH];
-  normalise(class_name, name);
-  if (LISTED(name, cyclists))
-    return PAGS_CATEGORY_CYCLIST;
-  if (LISTED(name, pedestrians) || begins(name, "human pedestrian") || begins(name, "walker "))
-    return PAGS_CATEGORY_PEDESTRIAN;
-  if (LISTED(name, vehicles) || begins(name, "vehicle "))
-    return PAGS_CATEGORY_VEHICLE;
-  return PAGS_CATEGORY_OTHER;
+  enum { NAME_LENGTH = 64, CLASSES = sizeof class_names / sizeof *class_names };
+  char name[NAME_LENGTH]; /* in the form of the list, cut to 63 characters */
+  size_t length = 0;
+  for (const char *c = class_name; *c && length < NAME_LENGTH - 1; c++) {
+    if (isalnum((unsigned char)*c))
+      name[length++] = (char)tolower((unsigned char)*c);
+    else if (length > 0 && name[length - 1] != ' ')
+      name[length++] = ' ';
+  }
+  while (length > 0 && name[length - 1] == ' ')
+    length--;
+  name[length] = '\0';
+
+  pags_category category = PAGS_CATEGORY_VEHICLE;
+  for (int i = 0; i < CLASSES; i++)
+    if (!class_names[i])
+      category++;
+    else if (strcmp(name, class_names[i]) == 0)
+      return category;
+  return pags_text_starts(name, "human pedestrian") || pags_text_starts(name, "walker ") ? PAGS_CATEGORY_PEDESTRIAN
+         : pags_text_starts(name, "vehicle ")                                            ? PAGS_CATEGORY_VEHICLE
+                                                                                         : PAGS_CATEGORY_OTHER;
 }
 
 /* ---- Tracks ---- */

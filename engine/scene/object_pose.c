@@ -20,6 +20,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 /* Times that differ by at most this many seconds count as the same: a tenth of the shortest shutter time, and four
@@ -43,27 +44,14 @@ void pags_increment_matrix(const double rotation[3], const double translation[3]
   const double turn[9] = {1 - c * (y * y + z * z), c * x * y - s * z,       c * x * z + s * y,
                           c * x * y + s * z,       1 - c * (x * x + z * z), c * y * z - s * x,
                           c * x * z - s * y,       c * y * z + s * x,       1 - c * (x * x + y * y)};
-  for (int i = 0; i < 3; i++) {
-    memcpy(out + 4 * i, turn + 3 * i, 3 * sizeof *turn);
-    out[4 * i + 3] = translation[i];
-  }
+  pags_pose_make(turn, translation, out);
 }
 
 /* Computes the unit quaternion q of the rotation of m. */
 static void quaternion_of(const double m[12], double q[4]) {
-  const double r[9] = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
+  double r[9];
+  pags_pose_rotation(m, r);
   pags_quaternion_from_rotation(r, q);
-}
-
-/* Spherical linear interpolation (Shoemake 1985) of unit quaternions along the shorter arc, `share` (0..1) of the way
- * from a to b. Below 1e-3 rad it is linear, which differs by less than 1e-10. */
-static void interpolate_rotation(const double a[4], const double b[4], double share, double out[4]) {
-  double dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
-  double sign = dot < 0 ? -1 : 1, angle = pags_acos(fmin(fabs(dot), 1)), sine = pags_sin(angle);
-  double from = angle < 1e-3 ? 1 - share : pags_sin((1 - share) * angle) / sine;
-  double to = angle < 1e-3 ? share : pags_sin(share * angle) / sine;
-  for (int i = 0; i < 4; i++)
-    out[i] = from * a[i] + sign * to * b[i];
 }
 
 void pags_increment_rotation(const double m[12], double rotation[3]) {
@@ -75,17 +63,23 @@ void pags_increment_rotation(const double m[12], double rotation[3]) {
     rotation[i] = scale * q[1 + i];
 }
 
-/* The pose `share` (0..1) of the way from a to b: rotation by slerp, translation linearly. */
+/* The pose `share` (0..1) of the way from a to b: translation linearly, rotation by spherical linear interpolation
+ * (Shoemake 1985) of unit quaternions along the shorter arc. Below 1e-3 rad it is linear, which differs by less than
+ * 1e-10. */
 static void interpolate_pose(const double a[12], const double b[12], double share, double out[12]) {
-  double from[4], to[4], q[4], r[9];
-  quaternion_of(a, from);
-  quaternion_of(b, to);
-  interpolate_rotation(from, to, share, q);
+  double p[4], q[4], r[9], place[3];
+  quaternion_of(a, p);
+  quaternion_of(b, q);
+  const double dot = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3];
+  const double sign = dot < 0 ? -1 : 1, angle = pags_acos(fmin(fabs(dot), 1)), sine = pags_sin(angle);
+  const double from = angle < 1e-3 ? 1 - share : pags_sin((1 - share) * angle) / sine;
+  const double to = angle < 1e-3 ? share : pags_sin(share * angle) / sine;
+  for (int i = 0; i < 4; i++)
+    q[i] = from * p[i] + sign * to * q[i];
   pags_rotation_from_quaternion(q, r);
-  for (int i = 0; i < 3; i++) {
-    memcpy(out + 4 * i, r + 3 * i, 3 * sizeof *r);
-    out[4 * i + 3] = (1 - share) * a[4 * i + 3] + share * b[4 * i + 3];
-  }
+  for (int i = 0; i < 3; i++)
+    place[i] = (1 - share) * a[4 * i + 3] + share * b[4 * i + 3];
+  pags_pose_make(r, place, out);
 }
 
 /* ---- Labels ---- */

@@ -18,24 +18,21 @@
 
 /* The number N of a name "iteration_N"; -1 for other names. */
 static int64_t iteration_of(const char *name) {
-  static const char prefix[] = "iteration_";
   char *end;
-  if (strncmp(name, prefix, sizeof prefix - 1) != 0 || name[sizeof prefix - 1] < '0' || name[sizeof prefix - 1] > '9')
+  if (!pags_text_starts(name, "iteration_") || name[10] < '0' || name[10] > '9')
     return -1;
-  const long long number = strtoll(name + sizeof prefix - 1, &end, 10);
+  const long long number = strtoll(name + 10, &end, 10);
   return *end || number > INT32_MAX ? -1 : number;
 }
 
 /* Returns whether the folder has iterations; false if it can't be read. */
 static bool has_iterations(const char *folder) {
-  char *path = pags_path_join(folder, "point_cloud");
-  pags_dir_list list = {0};
+  PAGS_AUTOFREE char *path = pags_path_join(folder, "point_cloud");
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
   bool found = false;
   if (path && pags_dir_exists(path) && pags_dir_list_read(path, &list) == PAGS_OK)
     for (int64_t i = 0; i < list.count; i++)
       found = found || iteration_of(list.names[i]) >= 0;
-  pags_dir_list_destroy(&list);
-  free(path);
   return found;
 }
 
@@ -44,20 +41,17 @@ static bool has_iterations(const char *folder) {
 static bool is_sog(const char *folder) {
   enum { MOST_BYTES = 1 << 20 };
   static const char *const signs[] = {"lod-meta.json", "quats.webp", "means_l.webp"};
-  pags_json *json = NULL;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   uint64_t size;
-  bool found = false;
   if (!pags_folder_has(folder, "meta.json"))
     return pags_folder_has(folder, signs[0]);
   for (int i = 0; i < 3; i++)
-    found = found || pags_folder_has(folder, signs[i]);
-  char *path = found ? NULL : pags_path_join(folder, "meta.json");
-  if (path && pags_file_size(path, &size) == PAGS_OK && size <= MOST_BYTES &&
-      pags_json_parse_file(path, &json) == PAGS_OK)
-    found = pags_json_member(pags_json_root(json), "means") && pags_json_member(pags_json_root(json), "quats");
-  pags_json_destroy(json);
-  free(path);
-  return found;
+    if (pags_folder_has(folder, signs[i]))
+      return true;
+  PAGS_AUTOFREE char *path = pags_path_join(folder, "meta.json");
+  return path && pags_file_size(path, &size) == PAGS_OK && size <= MOST_BYTES &&
+         pags_json_parse_file(path, &json) == PAGS_OK && pags_json_member(pags_json_root(json), "means") &&
+         pags_json_member(pags_json_root(json), "quats");
 }
 
 const char *pags_other_folder_kind(const char *folder) {
@@ -67,23 +61,26 @@ const char *pags_other_folder_kind(const char *folder) {
 }
 
 /* Chooses the newest of the iterations that have a point_cloud.ply. */
-static pags_result find_iteration(const char *folder, const char *clouds, const pags_dir_list *list, char **file) {
+static pags_result find_iteration(const char *folder, char **file) {
+  PAGS_AUTOFREE char *clouds = pags_path_join(folder, "point_cloud");
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
   char name[128];
   int64_t best = -1, newest = -1, count = 0;
-  for (int64_t i = 0; i < list->count; i++) {
-    const int64_t number = iteration_of(list->names[i]);
+  PAGS_CHECK_MEMORY(clouds, "%s: a path", folder);
+  PAGS_TRY(pags_dir_list_read(clouds, &list));
+  for (int64_t i = 0; i < list.count; i++) {
+    const int64_t number = iteration_of(list.names[i]);
     if (number < 0)
       continue;
     count++;
     newest = number > newest ? number : newest;
-    snprintf(name, sizeof name, "%.100s/point_cloud.ply", list->names[i]);
+    snprintf(name, sizeof name, "%.100s/point_cloud.ply", list.names[i]);
     if (number > best && pags_folder_has(clouds, name)) {
       best = number;
-      snprintf(name, sizeof name, "point_cloud/%.80s/point_cloud.ply", list->names[i]);
+      snprintf(name, sizeof name, "point_cloud/%.80s/point_cloud.ply", list.names[i]);
       free(*file);
       *file = pags_text_copy(name);
-      if (!*file)
-        return pags_out_of_memory("%s: a path", folder);
+      PAGS_CHECK_MEMORY(*file, "%s: a path", folder);
     }
   }
   if (best < 0)
@@ -105,65 +102,45 @@ pags_result pags_other_folder_find(const char *folder, char **file) {
   const char *const direct = is_sog(folder) ? (pags_folder_has(folder, "meta.json") ? "meta.json" : "lod-meta.json")
                              : pags_folder_has(folder, "point_cloud.ply") ? "point_cloud.ply"
                                                                           : NULL;
-  if (direct) {
-    *file = pags_text_copy(direct);
-    return *file ? PAGS_OK : pags_out_of_memory("%s: a path", folder);
-  }
-  pags_dir_list list = {0};
-  char *clouds = pags_path_join(folder, "point_cloud");
-  pags_result result = clouds ? pags_dir_list_read(clouds, &list) : pags_out_of_memory("%s: a path", folder);
-  if (result == PAGS_OK)
-    result = find_iteration(folder, clouds, &list, file);
-  pags_dir_list_destroy(&list);
-  free(clouds);
-  if (result != PAGS_OK) {
-    free(*file);
-    *file = NULL;
-  }
-  return result;
+  PAGS_AUTOFREE char *found = direct ? pags_text_copy(direct) : NULL;
+  if (!direct)
+    PAGS_TRY(find_iteration(folder, &found));
+  PAGS_CHECK_MEMORY(found, "%s: a path", folder);
+  *file = pags_take(&found);
+  return PAGS_OK;
 }
 
 /* ---- Views and background ---- */
 
 static pags_result read_views(const char *path, pags_scene *scene) {
-  pags_json *json;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   PAGS_TRY(pags_json_parse_file(path, &json));
   const pags_json_value *root = pags_json_root(json);
-  pags_result result = pags_cameras_are_inria(root)
-                           ? PAGS_OK
-                           : pags_json_fail(json, root, "expected an array of cameras with 'position' and 'rotation'");
-  if (result == PAGS_OK) {
-    scene->views = calloc((size_t)root->count, sizeof *scene->views);
-    if (!scene->views)
-      result = pags_out_of_memory("%s: its cameras", path);
-  }
-  for (const pags_json_value *v = root->first; v && result == PAGS_OK; v = v->next) {
-    pags_scene_view *view = &scene->views[scene->view_count];
-    const char *name;
+  if (!pags_cameras_are_inria(root))
+    return pags_json_fail(json, root, "expected an array of cameras with 'position' and 'rotation'");
+  scene->views = calloc((size_t)root->count, sizeof *scene->views);
+  PAGS_CHECK_MEMORY(scene->views, "%s: its cameras", path);
+  for (const pags_json_value *v = root->first; v; v = v->next) {
     char number[32];
-    *view = (pags_scene_view){.sensor = -1, .frame = -1};
-    for (int k = 0; k < 3; k++)
-      view->gain[k] = 1;
     snprintf(number, sizeof number, "%05lld", (long long)scene->view_count);
-    result = pags_camera_from_inria(json, v, &view->camera);
-    if (result == PAGS_OK)
-      result = pags_json_string_or(json, v, "img_name", number, &name);
-    if (result == PAGS_OK && !(view->name = pags_text_copy(*name ? name : number)))
-      result = pags_out_of_memory("%s: a name", path);
-    scene->view_count += result == PAGS_OK;
+    pags_scene_view *view = &scene->views[scene->view_count++];
+    const char *name;
+    *view = (pags_scene_view){.sensor = -1, .frame = -1, .gain = {1, 1, 1}};
+    PAGS_TRY(pags_camera_from_inria(json, v, &view->camera));
+    PAGS_TRY(pags_json_string_or(json, v, "img_name", number, &name));
+    view->name = pags_text_copy(*name ? name : number);
+    PAGS_CHECK_MEMORY(view->name, "%s: a name", path);
   }
-  pags_json_destroy(json);
-  return result;
+  return PAGS_OK;
 }
 
 /* cfg_args is the text of a Python Namespace. */
 static pags_result read_background(const char *path, pags_scene *scene) {
-  uint8_t *text;
+  PAGS_AUTOFREE uint8_t *text = NULL;
   size_t size;
   PAGS_TRY(pags_file_read(path, &text, &size));
   for (int k = 0; k < 3 && strstr((const char *)text, "white_background=True"); k++)
     scene->background[k] = 1;
-  free(text);
   return PAGS_OK;
 }
 
@@ -174,10 +151,9 @@ pags_result pags_other_folder_views(const char *folder, pags_scene *scene) {
   for (int i = 0; i < 2; i++) {
     if (!pags_folder_has(folder, names[i]))
       continue;
-    char *path = pags_path_join(folder, names[i]);
-    pags_result result = path ? readers[i](path, scene) : pags_out_of_memory("%s: a path", folder);
-    free(path);
-    PAGS_TRY(result);
+    PAGS_AUTOFREE char *path = pags_path_join(folder, names[i]);
+    PAGS_CHECK_MEMORY(path, "%s: a path", folder);
+    PAGS_TRY(readers[i](path, scene));
   }
   return PAGS_OK;
 }

@@ -14,7 +14,7 @@
 #include "base/half.h"
 #include "base/memory.h"
 
-enum { FACES = 6, CHANNELS = 3, MAX_SIZE = 4096, PREFIX = 10, HEADER_ALIGNMENT = 64, MAX_HEADER = 4096, BLOCK = 4096 };
+enum { FACES = 6, CHANNELS = 3, MAX_SIZE = 4096, PREFIX = 10, HEADER = 128, MAX_HEADER = 4096, BLOCK = 4096 };
 
 static const char magic[] = "\x93NUMPY";
 
@@ -28,8 +28,7 @@ pags_result pags_sky_create(pags_sky *sky, int size) {
   if (size == 0)
     return PAGS_OK;
   sky->texels = calloc(value_count(size), sizeof *sky->texels);
-  if (!sky->texels)
-    return pags_out_of_memory("a sky of %d texels a side (%.1f MB)", size, (double)value_count(size) * 4e-6);
+  PAGS_CHECK_MEMORY(sky->texels, "a sky of %d texels a side (%.1f MB)", size, (double)value_count(size) * 4e-6);
   sky->size = size;
   return PAGS_OK;
 }
@@ -39,13 +38,11 @@ void pags_sky_destroy(pags_sky *sky) {
   *sky = (pags_sky){0};
 }
 
-/* Finds `'key':` in the text of a Python dictionary and returns what follows it, blanks skipped; NULL: no such
- * key. */
+/* Finds a key, with its quotes and colon, in the text of a Python dictionary and returns what follows it, blanks
+ * skipped; NULL: no such key. */
 static const char *find_entry(const char *header, const char *key) {
-  char quoted[32];
-  snprintf(quoted, sizeof quoted, "'%s':", key);
-  const char *at = strstr(header, quoted);
-  return at ? at + strlen(quoted) + strspn(at + strlen(quoted), " ") : NULL;
+  const char *at = strstr(header, key);
+  return at ? at + strlen(key) + strspn(at + strlen(key), " ") : NULL;
 }
 
 /* Parses the npy header, the text of a Python dictionary of `length` bytes: *size is the number N of texels a side of
@@ -57,8 +54,8 @@ static pags_result read_header(const char *path, const uint8_t *bytes, size_t le
                      length);
   memcpy(header, bytes, length);
   header[length] = 0;
-  const char *type = find_entry(header, "descr"), *order = find_entry(header, "fortran_order");
-  const char *shape = find_entry(header, "shape");
+  const char *type = find_entry(header, "'descr':"), *order = find_entry(header, "'fortran_order':");
+  const char *shape = find_entry(header, "'shape':");
   if (!type || !order || !shape)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'descr', 'fortran_order' and 'shape' in the npy header", path);
   if (strncmp(type, "'<f2'", 5) != 0 || strncmp(order, "False", 5) != 0)
@@ -103,54 +100,42 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, p
 }
 
 pags_result pags_sky_load(const char *path, pags_sky *sky) {
-  uint8_t *bytes;
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
   *sky = (pags_sky){0};
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  pags_result result = decode(path, bytes, size, sky);
-  free(bytes);
+  const pags_result result = decode(path, bytes, size, sky);
   if (result != PAGS_OK)
     pags_sky_destroy(sky);
   return result;
 }
 
-/* Builds the npy header (version 1), byte by byte as NumPy writes it: padded with blanks so that the values begin at
- * a multiple of 64 bytes, the last character a line break. Returns its length. */
-static size_t make_header(int size, uint8_t out[2 * HEADER_ALIGNMENT]) {
-  size_t total = 2 * HEADER_ALIGNMENT;
-  memset(out, ' ', total);
-  memcpy(out, magic, 6);
-  out[6] = 1;
-  out[7] = 0;
-  out[8] = (uint8_t)(total - PREFIX);
-  out[9] = 0;
-  int length = snprintf((char *)out + PREFIX, total - PREFIX,
-                        "{'descr': '<f2', 'fortran_order': False, 'shape': (6, %d, %d, 3), }", size, size);
-  out[PREFIX + length] = ' '; /* overwrites the zero that snprintf put there */
-  out[total - 1] = '\n';
-  return total;
-}
-
 uint64_t pags_sky_file_size(const pags_sky *sky) {
-  uint8_t header[2 * HEADER_ALIGNMENT];
-  return make_header(sky->size, header) + 2 * (uint64_t)18 * (uint64_t)sky->size * (uint64_t)sky->size;
+  return HEADER + 2 * (uint64_t)value_count(sky->size);
 }
 
 pags_result pags_sky_save(const char *path, const pags_sky *sky) {
   assert(sky->size > 0 && sky->texels);
-  uint8_t header[2 * HEADER_ALIGNMENT];
-  size_t length = make_header(sky->size, header);
   pags_file_writer writer;
   PAGS_TRY(pags_file_writer_begin(&writer, path));
-  PAGS_TRY(pags_file_writer_put(&writer, header, length));
+
+  /* The npy header (version 1) as NumPy writes it: padded with blanks so that the values begin at a multiple of 64
+   * bytes, the last character a line break. */
+  char text[96];
+  snprintf(text, sizeof text, "{'descr': '<f2', 'fortran_order': False, 'shape': (6, %d, %d, 3), }", sky->size,
+           sky->size);
+  uint8_t header[HEADER + 1] = {[6] = 1, [8] = HEADER - PREFIX};
+  memcpy(header, magic, 6);
+  snprintf((char *)header + PREFIX, sizeof header - PREFIX, "%-*s\n", HEADER - PREFIX - 1, text);
+  PAGS_TRY(pags_file_writer_put(&writer, header, HEADER));
 
   /* The texels as little-endian float16, in blocks; a value that float16 cannot hold is an error. */
   uint8_t block[2 * BLOCK];
-  size_t count = value_count(sky->size);
+  const size_t count = value_count(sky->size);
   for (size_t first = 0; first < count; first += BLOCK) {
-    size_t n = count - first < BLOCK ? count - first : BLOCK;
+    const size_t n = count - first < BLOCK ? count - first : BLOCK;
     for (size_t i = 0; i < n; i++) {
-      uint16_t half = pags_half_from_float(sky->texels[first + i]);
+      const uint16_t half = pags_half_from_float(sky->texels[first + i]);
       if ((half & 0x7C00) == 0x7C00) {
         pags_file_writer_abort(&writer);
         return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the sky's texel %zu is %g, which float16 can't hold", path,
@@ -161,7 +146,6 @@ pags_result pags_sky_save(const char *path, const pags_sky *sky) {
     }
     PAGS_TRY(pags_file_writer_put(&writer, block, 2 * n));
   }
-
   return pags_file_writer_commit(&writer);
 }
 

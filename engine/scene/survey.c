@@ -50,15 +50,15 @@ static bool take_sample(const pags_gaussians *g, int64_t i, const double pose[12
   int thin = 0;
   for (int k = 0; k < 3; k++) {
     sigma[k] = pags_exp(fmin((double)pags_plane(g, PAGS_SCALE + k)[i], 30));
-    mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
     thin = sigma[k] < sigma[thin] ? k : thin;
   }
+  pags_gaussian_mean(g, i, mean);
   pags_rigid_point(pose, mean, out->mean);
   for (int a = 0; a < 2; a++) {
     const int column = (thin + 1 + a) % 3;
+    const double axis[3] = {r[column], r[3 + column], r[6 + column]};
     out->sigma[a] = sigma[column];
-    for (int k = 0; k < 3; k++)
-      out->axis[a][k] = pose[4 * k] * r[column] + pose[4 * k + 1] * r[3 + column] + pose[4 * k + 2] * r[6 + column];
+    pags_rotate3(pose, axis, out->axis[a]);
   }
   return isfinite(out->mean[0]) && isfinite(out->mean[1]) && isfinite(out->mean[2]);
 }
@@ -70,8 +70,7 @@ static pags_result take_samples(const pags_scene *scene, double least, sample **
   const int64_t every = pags_scene_gaussian_count(scene) / MOST_SAMPLES + 1;
   *out = malloc(((size_t)(pags_scene_gaussian_count(scene) / every) + (size_t)scene->model_count + 1) * sizeof **out);
   *count = 0;
-  if (!*out)
-    return pags_out_of_memory("a survey");
+  PAGS_CHECK_MEMORY(*out, "a survey");
   for (int64_t m = 0; m < scene->model_count; m++) {
     double pose[12];
     bool there = m == 0;
@@ -93,9 +92,8 @@ static pags_result take_samples(const pags_scene *scene, double least, sample **
  * Gaussians farther away are floaters, or the far background of an object. A flat scene or a single point has an extent
  * of at least `reach`. */
 static pags_result bound_samples(const sample *samples, int64_t count, double reach, double lo[3], double hi[3]) {
-  double *values = malloc(((size_t)count + 1) * sizeof *values);
-  if (!values)
-    return pags_out_of_memory("a survey");
+  PAGS_AUTOFREE double *values = malloc(((size_t)count + 1) * sizeof *values);
+  PAGS_CHECK_MEMORY(values, "a survey");
   for (int k = 0; k < 3; k++) {
     for (int64_t i = 0; i < count; i++)
       values[i] = samples[i].mean[k];
@@ -108,23 +106,25 @@ static pags_result bound_samples(const sample *samples, int64_t count, double re
     lo[k] = fmin(lo[k], middle - reach);
     hi[k] = fmax(hi[k], middle + reach);
   }
-  free(values);
   return PAGS_OK;
+}
+
+static int64_t cell_count(const pags_survey *s) {
+  return (int64_t)s->n[0] * s->n[1] * s->n[2];
 }
 
 /* Lays cells over a box, with a margin of two cells. */
 static pags_result lay_cells(const double lo[3], const double hi[3], pags_survey *out) {
   const double longest = fmax(fmax(hi[0] - lo[0], hi[1] - lo[1]), fmax(hi[2] - lo[2], 1e-6));
-  size_t cells = 1;
   out->step = longest / LONGEST;
   for (int k = 0; k < 3; k++) {
     out->n[k] = (int)ceil((hi[k] - lo[k]) / out->step) + 5;
     out->origin[k] = 0.5 * (lo[k] + hi[k] - out->n[k] * out->step);
-    cells *= (size_t)out->n[k];
   }
   free(out->cells);
-  out->cells = calloc(cells, 1);
-  return out->cells ? PAGS_OK : pags_out_of_memory("a survey");
+  out->cells = calloc((size_t)cell_count(out), 1);
+  PAGS_CHECK_MEMORY(out->cells, "a survey");
+  return PAGS_OK;
 }
 
 static int64_t cell_at(const pags_survey *s, const double point[3]) {
@@ -146,10 +146,8 @@ int pags_survey_cell(const pags_survey *survey, const double point[3]) {
 /* Marks the cells that Gaussians cover: a Gaussian's disc of one sigma is divided into patches, each of which covers
  * its share of the cell that it is in. */
 static pags_result mark_solid(const sample *samples, int64_t count, pags_survey *s) {
-  const size_t cells = (size_t)s->n[0] * (size_t)s->n[1] * (size_t)s->n[2];
-  float *cover = calloc(cells, sizeof *cover);
-  if (!cover)
-    return pags_out_of_memory("a survey");
+  PAGS_AUTOFREE float *cover = calloc((size_t)cell_count(s), sizeof *cover);
+  PAGS_CHECK_MEMORY(cover, "a survey");
   for (int64_t i = 0; i < count; i++) {
     const sample *g = &samples[i];
     int half[2];
@@ -168,19 +166,16 @@ static pags_result mark_solid(const sample *samples, int64_t count, pags_survey 
           cover[at] += (float)share;
       }
   }
-  for (size_t i = 0; i < cells; i++)
+  for (int64_t i = 0; i < cell_count(s); i++)
     s->cells[i] = (double)cover[i] > solid_cover ? PAGS_CELL_SOLID : PAGS_CELL_FREE;
-  free(cover);
   return PAGS_OK;
 }
 
 /* The box of the solid cells, a two-hundredth at either end of each axis left out. */
-static pags_result bound_solid(pags_survey *s) {
+static void bound_solid(pags_survey *s) {
   for (int k = 0; k < 3; k++) {
-    int64_t *counts = calloc((size_t)s->n[k], sizeof *counts), all = 0, below = 0, above = 0;
-    if (!counts)
-      return pags_out_of_memory("a survey");
-    for (int64_t i = 0; i < (int64_t)s->n[0] * s->n[1] * s->n[2]; i++)
+    int64_t counts[LONGEST + 6] = {0}, all = 0, below = 0, above = 0; /* of each layer of cells */
+    for (int64_t i = 0; i < cell_count(s); i++)
       if (s->cells[i] == PAGS_CELL_SOLID) {
         const int64_t at[3] = {i % s->n[0], i / s->n[0] % s->n[1], i / s->n[0] / s->n[1]};
         counts[at[k]]++;
@@ -195,9 +190,7 @@ static pags_result bound_solid(pags_survey *s) {
       s->lo[k] = s->origin[k] + first * s->step;
       s->hi[k] = s->origin[k] + (last + 1) * s->step;
     }
-    free(counts);
   }
-  return PAGS_OK;
 }
 
 /* ---- Rooms ---- */
@@ -253,7 +246,7 @@ static bool is_clear(const pags_survey *s, int x, int y, int z) {
 
 /* Keeps the largest connected set of room cells; the others become free. `queue` has room for all cells. */
 static void keep_largest(pags_survey *s, int64_t *queue, uint32_t *label) {
-  const int64_t steps[3] = {1, s->n[0], (int64_t)s->n[0] * s->n[1]}, cells = steps[2] * s->n[2];
+  const int64_t steps[3] = {1, s->n[0], (int64_t)s->n[0] * s->n[1]}, cells = cell_count(s);
   int64_t largest = 0;
   uint32_t labels = 0, kept = 0;
   memset(label, 0, (size_t)cells * sizeof *label);
@@ -291,14 +284,11 @@ static void middle_of(const pags_survey *s, int64_t cell, double out[3]) {
 
 /* Marks the cells of the room, and finds their middle. */
 static pags_result mark_room(pags_survey *s) {
-  const int64_t cells = (int64_t)s->n[0] * s->n[1] * s->n[2];
-  uint32_t *met = calloc((size_t)cells, sizeof *met);
-  int64_t *queue = malloc((size_t)cells * sizeof *queue), count = 0, solid = 0;
-  if (!met || !queue) {
-    free(met);
-    free(queue);
-    return pags_out_of_memory("a survey");
-  }
+  const int64_t cells = cell_count(s);
+  PAGS_AUTOFREE uint32_t *met = calloc((size_t)cells, sizeof *met);
+  PAGS_AUTOFREE int64_t *queue = malloc((size_t)cells * sizeof *queue);
+  int64_t count = 0, solid = 0;
+  PAGS_CHECK_MEMORY(met && queue, "a survey");
   for (int d = 0; d < 27; d++)
     if (d != 13)
       look_along(s, d, met);
@@ -314,28 +304,24 @@ static pags_result mark_room(pags_survey *s) {
     } else if (s->cells[i] == PAGS_CELL_ROOM) {
       middle_of(s, i, p);
       count++;
-      for (int k = 0; k < 3; k++)
-        sum[k] += p[k];
+      pags_add3(sum, p, sum);
     }
   s->surrounded = solid ? (double)count / (double)solid : 0;
   for (int k = 0; k < 3; k++)
     s->middle[k] = count ? sum[k] / (double)count : 0.5 * (s->lo[k] + s->hi[k]);
-  free(met);
-  free(queue);
   return PAGS_OK;
 }
 
 /* Whether the solid cells lie on a ball about the middle of the box. */
 static bool is_round(const pags_survey *s) {
+  const double middle[3] = {0.5 * (s->lo[0] + s->hi[0]), 0.5 * (s->lo[1] + s->hi[1]), 0.5 * (s->lo[2] + s->hi[2])};
   double sum = 0, squares = 0, count = 0;
-  for (int64_t i = 0; i < (int64_t)s->n[0] * s->n[1] * s->n[2]; i++) {
+  for (int64_t i = 0; i < cell_count(s); i++) {
     double p[3];
     if (s->cells[i] != PAGS_CELL_SOLID)
       continue;
     middle_of(s, i, p);
-    for (int k = 0; k < 3; k++)
-      p[k] -= 0.5 * (s->lo[k] + s->hi[k]);
-    const double distance = pags_length3(p);
+    const double distance = pags_distance3(p, middle);
     sum += distance;
     squares += distance * distance;
     count++;
@@ -355,7 +341,7 @@ static pags_result survey(const sample *samples, int64_t count, pags_survey *s) 
     PAGS_TRY(lay_cells(s->lo, s->hi, s));
     PAGS_TRY(mark_solid(samples, count, s));
     if (pass == 0)
-      PAGS_TRY(bound_solid(s));
+      bound_solid(s);
   }
   PAGS_TRY(mark_room(s));
   const double least = fmin(fmin(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
@@ -371,16 +357,14 @@ static pags_result survey(const sample *samples, int64_t count, pags_survey *s) 
 }
 
 pags_result pags_survey_make(const pags_scene *scene, pags_survey *out) {
-  sample *samples;
+  PAGS_AUTOFREE sample *samples = NULL, *fainter = NULL;
   int64_t count;
   *out = (pags_survey){.lo = {-0.5, -0.5, -0.5}, .hi = {0.5, 0.5, 0.5}};
   PAGS_TRY(take_samples(scene, least_opacity, &samples, &count));
-  if (!count) {
-    free(samples);
-    PAGS_TRY(take_samples(scene, 0, &samples, &count));
-  }
-  const pags_result result = count ? survey(samples, count, out) : PAGS_OK;
-  free(samples);
+  const bool faint = !count;
+  if (faint)
+    PAGS_TRY(take_samples(scene, 0, &fainter, &count));
+  const pags_result result = count ? survey(faint ? fainter : samples, count, out) : PAGS_OK;
   if (result != PAGS_OK)
     pags_survey_destroy(out);
   return result;
@@ -391,17 +375,14 @@ int pags_survey_places(const pags_survey *survey, int most, double (*places)[3])
   for (; survey->cells && count < most; count++) {
     double best = count ? 2.25 * survey->step * survey->step : HUGE_VAL, p[3];
     int64_t chosen = -1;
-    for (int64_t i = 0; i < (int64_t)survey->n[0] * survey->n[1] * survey->n[2]; i++) {
+    for (int64_t i = 0; i < cell_count(survey); i++) {
       if (survey->cells[i] != PAGS_CELL_ROOM)
         continue;
       double nearest = HUGE_VAL;
       middle_of(survey, i, p);
-      const double off[3] = {p[0] - survey->middle[0], p[1] - survey->middle[1], p[2] - survey->middle[2]};
-      const double to_middle = pags_dot3(off, off);
-      for (int j = 0; j < count; j++) {
-        const double d[3] = {p[0] - places[j][0], p[1] - places[j][1], p[2] - places[j][2]};
-        nearest = fmin(nearest, pags_dot3(d, d));
-      }
+      const double to_middle = pags_distance_squared3(p, survey->middle);
+      for (int j = 0; j < count; j++)
+        nearest = fmin(nearest, pags_distance_squared3(p, places[j]));
       if (count ? nearest > best : to_middle < best) { /* the first is the one nearest to the middle */
         best = count ? nearest : to_middle;
         chosen = i;

@@ -73,14 +73,12 @@ pags_result pags_unsupported_splats_check(const char *path, const uint8_t *bytes
 }
 
 pags_result pags_unsupported_splats_check_folder(const char *folder) {
-  pags_dir_list list;
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
   PAGS_TRY(pags_dir_list_read(folder, &list));
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)
-    for (int k = 0; k < FORMATS && result == PAGS_OK; k++)
+  for (int64_t i = 0; i < list.count; i++)
+    for (int k = 0; k < FORMATS; k++)
       if (has_name(&formats[k], list.names[i]))
-        result = pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: holds %s, %s, which can't be read; %s", folder, list.names[i],
-                           formats[k].what, formats[k].remedy);
-  pags_dir_list_destroy(&list);
-  return result;
+        return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: holds %s, %s, which can't be read; %s", folder, list.names[i],
+                         formats[k].what, formats[k].remedy);
+  return PAGS_OK;
 }

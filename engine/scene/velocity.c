@@ -10,10 +10,8 @@
 
 void pags_rigid_move(const double m[12], const double velocity[6], double seconds, double out[12]) {
   double turn[3], shift[3], motion[12];
-  for (int k = 0; k < 3; k++) {
-    turn[k] = seconds * velocity[k];
-    shift[k] = seconds * velocity[3 + k];
-  }
+  pags_scale3(seconds, velocity, turn);
+  pags_scale3(seconds, velocity + 3, shift);
   pags_increment_matrix(turn, shift, motion);
   pags_rigid_multiply(m, motion, out);
 }
