@@ -148,7 +148,7 @@ static pags_result check_kind(const pags_driving *driving, const char *folder, c
 static int64_t count_unknown(const pags_label_set *set, const int64_t counts[256]) {
   int64_t unknown = 0;
   for (int id = 1; id < 255; id++)
-    unknown += pags_label_class_numbered(set, id) ? 0 : counts[id];
+    unknown += pags_label_set_has(set, id) ? 0 : counts[id];
   return unknown;
 }
 

@@ -20,7 +20,7 @@
 enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
 
 bool pags_labels_know_sky(const pags_driving *driving) {
-  return pags_label_class_named(driving->rules.labels, "sky") != NULL;
+  return pags_label_class_named(driving->rules.labels, "sky") >= 0;
 }
 
 /* ---- Kinds, classes and boxes ---- */
@@ -45,8 +45,8 @@ static void take_kind(pags_driving *driving, pags_category category) {
   const pags_label_set *set = driving->rules.labels;
   driving->critical.kinds[category] = true;
   for (int i = 0; i < set->count; i++)
-    if (set->classes[i].category == category)
-      driving->critical.classes[set->classes[i].id] |= PAGS_LABEL_CRITICAL;
+    if (pags_label_category(set, set->first + i) == category)
+      driving->critical.classes[set->first + i] |= PAGS_LABEL_CRITICAL;
   take_boxes_of_kind(driving, category);
 }
 
@@ -62,13 +62,6 @@ static int64_t take_boxes(pags_driving *driving, const char *name, int how) {
     count++;
   }
   return count;
-}
-
-static void take_class(pags_driving *driving, const pags_label_class *class) {
-  driving->critical.classes[class->id] |= PAGS_LABEL_CRITICAL;
-  driving->critical.kinds[class->category] = true;
-  if (take_boxes(driving, class->name, PAGS_CRITICAL_WITHOUT_LABELS) == 0 && class->category != PAGS_CATEGORY_OTHER)
-    take_boxes_of_kind(driving, class->category);
 }
 
 /* ---- Reading the list ---- */
@@ -91,8 +84,8 @@ static pags_result unknown_word(const pags_driving *driving, const char *word) {
   const pags_label_set *set = driving->rules.labels;
   phrase known = {classes, sizeof classes, 0}, named = {boxes, sizeof boxes, 0};
   for (int i = 0; i < set->count; i++) {
-    char text[80];
-    snprintf(text, sizeof text, "%d %s", set->classes[i].id, set->classes[i].name);
+    char text[80], name[PAGS_LABEL_NAME];
+    snprintf(text, sizeof text, "%d %s", set->first + i, pags_label_name(set, set->first + i, name));
     add_word(&known, ", ", text);
   }
 
@@ -129,15 +122,22 @@ static pags_result take_list(pags_driving *driving, const char *list) {
     const pags_label_set *set = driving->rules.labels;
     char *end;
     long number = strtol(word, &end, 10);
-    const pags_label_class *class =
-        *word && !*end ? pags_label_class_numbered(set, number) : pags_label_class_named(set, word);
-    pags_category kind = kind_of(word);
-    if (kind != PAGS_CATEGORY_OTHER)
+    const int id =
+        *word && !*end ? (pags_label_set_has(set, number) ? (int)number : -1) : pags_label_class_named(set, word);
+    const pags_category kind = kind_of(word);
+    if (kind != PAGS_CATEGORY_OTHER) {
       take_kind(driving, kind);
-    else if (class)
-      take_class(driving, class);
-    else if (!*word || take_boxes(driving, word, PAGS_CRITICAL_ALWAYS) == 0)
+    } else if (id >= 0) {
+      const pags_category category = pags_label_category(set, id);
+      driving->critical.classes[id] |= PAGS_LABEL_CRITICAL;
+      driving->critical.kinds[category] = true;
+      char name[PAGS_LABEL_NAME];
+      if (take_boxes(driving, pags_label_name(set, id, name), PAGS_CRITICAL_WITHOUT_LABELS) == 0 &&
+          category != PAGS_CATEGORY_OTHER)
+        take_boxes_of_kind(driving, category);
+    } else if (!*word || take_boxes(driving, word, PAGS_CRITICAL_ALWAYS) == 0) {
       return unknown_word(driving, word);
+    }
   }
   return PAGS_OK;
 }
@@ -149,15 +149,12 @@ pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_p
   /* Bits of each class of the label images that don't depend on the list: sky, a class of things that can move, or no
    * class. */
   const pags_label_set *set = driving->rules.labels;
-  const pags_label_class *sky = pags_label_class_named(set, "sky");
-  for (int i = 0; i < set->count; i++)
-    driving->critical.classes[set->classes[i].id] =
-        set->classes[i].category == PAGS_CATEGORY_OTHER ? 0 : PAGS_LABEL_MOVING;
-  for (int id = 0; sky && id < 256; id++)
-    if (!pags_label_class_numbered(set, id))
-      driving->critical.classes[id] = PAGS_LABEL_SKY_UNKNOWN;
-  if (sky)
-    driving->critical.classes[sky->id] = PAGS_LABEL_SKY;
+  const int sky = pags_label_class_named(set, "sky");
+  for (int id = 0; id < 256; id++)
+    driving->critical.classes[id] = !pags_label_set_has(set, id) ? (sky >= 0 ? PAGS_LABEL_SKY_UNKNOWN : 0)
+                                    : id == sky                  ? PAGS_LABEL_SKY
+                                    : pags_label_category(set, id) == PAGS_CATEGORY_OTHER ? 0
+                                                                                          : PAGS_LABEL_MOVING;
 
   if (list)
     PAGS_TRY(take_list(driving, list));
@@ -188,22 +185,14 @@ typedef struct tally {
 
 enum { FROM_LABELS = 4, FROM_DYNAMIC = 2, FROM_BOXES = 1 };
 
-static bool boxes_count(const pags_driving *driving, const pags_parsed_view *view) {
-  for (int64_t i = 0; i < driving->object_count; i++)
-    if (driving->critical.objects[i] > (view->semantic_path ? PAGS_CRITICAL_WITHOUT_LABELS : 0))
-      return true;
-  return false;
-}
-
-static bool labels_count(const pags_driving *driving) {
-  for (int i = 0; i < 256; i++)
-    if (driving->critical.classes[i] & PAGS_LABEL_CRITICAL)
-      return true;
-  return false;
-}
-
 static tally count_views(const pags_driving *driving, const pags_parsed_dataset *parsed) {
   tally t = {0};
+  int box = PAGS_CRITICAL_NOT; /* the most critical one */
+  bool label = false;          /* some class of label images is critical */
+  for (int64_t i = 0; i < driving->object_count; i++)
+    box = driving->critical.objects[i] > box ? driving->critical.objects[i] : box;
+  for (int i = 0; i < 256; i++)
+    label = label || driving->critical.classes[i] & PAGS_LABEL_CRITICAL;
   for (int64_t i = 0; i < parsed->count; i++) {
     const pags_parsed_view *view = &parsed->views[i];
     if (view->missing)
@@ -213,8 +202,9 @@ static tally count_views(const pags_driving *driving, const pags_parsed_dataset 
     t.sky += view->sky_path != NULL;
     t.semantic += view->semantic_path != NULL;
     t.dynamic += view->dynamic_path != NULL;
-    t.critical[(view->semantic_path && labels_count(driving) ? FROM_LABELS : 0) | (dynamic ? FROM_DYNAMIC : 0) |
-               (boxes_count(driving, view) ? FROM_BOXES : 0)]++;
+    const bool boxes = box > (view->semantic_path ? PAGS_CRITICAL_WITHOUT_LABELS : PAGS_CRITICAL_NOT);
+    t.critical[(view->semantic_path && label ? FROM_LABELS : 0) | (dynamic ? FROM_DYNAMIC : 0) |
+               (boxes ? FROM_BOXES : 0)]++;
   }
   return t;
 }
@@ -249,9 +239,10 @@ pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset 
     add_word(&sources, "", count);
   }
   const pags_label_set *set = driving->rules.labels;
-  for (int i = 0; i < set->count && t.semantic > 0; i++)
-    if (driving->critical.classes[set->classes[i].id] & PAGS_LABEL_CRITICAL)
-      add_word(&names, ", ", set->classes[i].name);
+  char name[PAGS_LABEL_NAME];
+  for (int id = set->first; id < set->first + set->count && t.semantic > 0; id++)
+    if (driving->critical.classes[id] & PAGS_LABEL_CRITICAL)
+      add_word(&names, ", ", pags_label_name(set, id, name));
   PAGS_TRY(pags_driving_note(driving, "critical: %s from %s%s%s%s%s",
                              driving->critical.list ? driving->critical.list : "vehicles, pedestrians and cyclists",
                              text, *classes ? "; classes of " : "", *classes ? set->name : "", *classes ? ": " : "",

@@ -8,21 +8,20 @@
 #include "shared_data.h"
 #include "unit/driving_tree.h"
 
-/* Every label set has vehicles, pedestrians and cyclists; its numbers ascend; a class is found by its name and by its
- * number. */
+/* Every label set has vehicles, pedestrians and cyclists; a class is found by its name and by its number. */
 static void label_sets_are_sound(void **state) {
   (void)state;
   for (int i = 0; i < PAGS_LABEL_SETS; i++) {
     const pags_label_set *set = &pags_label_sets[i];
     int kinds[4] = {0};
+    char name[PAGS_LABEL_NAME];
     assert_ptr_equal(pags_label_set_find(set->name), set);
     for (int c = 0; c < set->count; c++) {
-      const pags_label_class *class = &set->classes[c];
-      assert_true(c == 0 || class->id > set->classes[c - 1].id);
-      assert_ptr_equal(pags_label_class_named(set, class->name), class);
-      assert_ptr_equal(pags_label_class_numbered(set, class->id), class);
-      kinds[class->category]++;
+      assert_int_equal(pags_label_class_named(set, pags_label_name(set, set->first + c, name)), set->first + c);
+      assert_true(pags_label_set_has(set, set->first + c));
+      kinds[pags_label_category(set, set->first + c)]++;
     }
+    assert_false(pags_label_set_has(set, set->first - 1) || pags_label_set_has(set, set->first + set->count));
     assert_true(kinds[PAGS_CATEGORY_VEHICLE] > 2 && kinds[PAGS_CATEGORY_PEDESTRIAN] > 0 &&
                 kinds[PAGS_CATEGORY_CYCLIST] > 1);
   }
@@ -35,9 +34,12 @@ static void label_sets_are_sound(void **state) {
 static void label_images_and_boxes_agree(void **state) {
   (void)state;
   const pags_label_set *set = pags_label_set_find("pandaset");
+  char name[PAGS_LABEL_NAME];
+  assert_string_equal(pags_label_name(set, 42, name), "Other Static Object");
+  assert_string_equal(pags_label_name(pags_label_set_find("kitti-360"), 44, name), "unknown object");
   for (int c = 0; c < set->count; c++)
-    if (set->classes[c].category != pags_category_of(set->classes[c].name))
-      fail_msg("%s", set->classes[c].name);
+    if (pags_label_category(set, set->first + c) != pags_category_of(pags_label_name(set, set->first + c, name)))
+      fail_msg("%s", name);
   assert_true(pags_same_word("Medium-sized Truck", "medium_sized truck"));
   assert_false(pags_same_word("car", "cart") || pags_same_word("traffic light", "trafficlight"));
 }
