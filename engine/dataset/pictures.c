@@ -5,6 +5,8 @@
 #include "dataset/pictures.h"
 
 #include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -270,95 +272,89 @@ static const char *layer_of(const pags_parsed_view *view) {
   return view->picture.layer[0] ? view->picture.layer : "what has no layer";
 }
 
-/* Reports how the files of photographs were read where they leave a choice. */
-static void report_files(const pags_parsed_dataset *parsed, const findings *found, pags_image_alpha alpha) {
-  static const char *const rest[] = {"the background colour", "left out of the loss", "black"};
-  if (found->partial.count)
-    PAGS_WARN(
-        "%s: %lld of %lld photographs are EXR files whose data window covers only a part of their display window, the "
-        "rest of which is %s (--image-alpha); the first is %s",
-        parsed->source, found->partial.count, found->views, rest[alpha], found->partial.first->name);
-  if (found->first_layer.count)
-    PAGS_WARN(
-        "%s: %lld of %lld photographs are EXR files in which several layers may be the picture; of %s, %s is used",
-        parsed->source, found->first_layer.count, found->views, found->first_layer.first->name,
-        layer_of(found->first_layer.first));
-  if (found->oblong.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld photographs have pixels that are not square, but cameras whose focal lengths "
-                     "are equal; the first is %s, with pixels of %.4g times their height. If these cameras are of "
-                     "square pixels, store the pictures so, or give both focal lengths",
-                     parsed->source, found->oblong.count, found->views, found->oblong.first->name,
-                     found->oblong.first->picture.pixel_aspect);
-  if (found->stretched.count)
-    pags_log_message(
-        PAGS_LOG_INFO,
-        "%s: %lld of %lld photographs have pixels that are not square, and cameras of square pixels, whose intrinsics "
-        "are scaled across or down; the first is %s, with pixels of %.4g times their height",
-        parsed->source, found->stretched.count, found->views, found->stretched.first->name,
-        found->stretched.first->picture.pixel_aspect);
-  if (found->space.count)
-    pags_log_message(
-        PAGS_LOG_INFO,
-        "%s: %lld of %lld photographs have colours that are not sRGB and are converted to it; those of %s are %s",
-        parsed->source, found->space.count, found->views, found->space.first->name, found->space.first->picture.space);
-  if (found->layer.count)
-    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs are EXR files of several layers; of %s, %s is used",
-                     parsed->source, found->layer.count, found->views, found->layer.first->name,
-                     layer_of(found->layer.first));
+/* The first view of a kind; an empty one if there is none. */
+static const pags_parsed_view *first_of(const tally *t) {
+  static const pags_parsed_view none = {.name = ""};
+  return t->count ? t->first : &none;
 }
 
-/* Reports findings that are no faults, as counts per kind. */
-static void note(const pags_parsed_dataset *parsed, const findings *found, const tally *t, const char *what) {
-  if (t->count)
-    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs %s; the first is %s", parsed->source, t->count,
-                     found->views, what, t->first->name);
+/* Logs "SOURCE: COUNT of ALL " and the text, if there is a view of this kind. */
+PAGS_PRINTF(5, 6)
+static void note(const pags_parsed_dataset *parsed, const findings *found, pags_log_level level, const tally *t,
+                 const char *format, ...) {
+  if (!t->count)
+    return;
+  char text[1024];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  pags_log_message(level, "%s: %lld of %lld %s", parsed->source, t->count, found->views, text);
 }
 
 static void report(const pags_parsed_dataset *parsed, const findings *found, bool asked, pags_image_alpha alpha) {
+  static const char *const rest[] = {"the background colour", "left out of the loss", "black"};
   static const char *const rules[] = {"have an alpha channel and are laid over the background colour",
                                       "have an alpha channel, which is their mask",
                                       "have an alpha channel, which is ignored"};
-  if (found->scaled.count) {
-    const pags_image_facts *p = &found->scaled.first->picture;
-    pags_log_message(asked ? PAGS_LOG_INFO : PAGS_LOG_WARNING,
-                     "%s: %lld of %lld photographs have another size than their cameras, whose intrinsics are scaled; "
-                     "the first is %s, %d x %d for a camera of %d x %d",
-                     parsed->source, found->scaled.count, found->views, found->scaled.first->name, p->width, p->height,
-                     found->lens_width, found->lens_height);
-  }
-  if (found->unclear.count)
-    PAGS_WARN(
-        "%s: %lld of %lld photographs have an EXIF orientation that their size doesn't tell the meaning of, and are "
-        "taken as they are stored; the first is %s (orientation %d). If the cameras are those of upright pictures, "
-        "store them upright",
-        parsed->source, found->unclear.count, found->views, found->unclear.first->name,
-        found->unclear.first->picture.orientation);
-  if (found->aside.count)
-    PAGS_WARN(
-        "%s: %lld of %lld cameras have their principal point at the edge of the picture or outside, the first is that "
-        "of %s, at %.0f,%.0f in %d x %d pixels: intrinsics of pictures of another size? 'w' and 'h' say of which",
-        parsed->source, found->aside.count, found->views, found->aside.first->name, found->aside.first->lens.cx,
-        found->aside.first->lens.cy, found->aside.first->lens.width, found->aside.first->lens.height);
-  note(parsed, found, &found->turned, "are turned by their EXIF orientation, as their cameras are");
-  note(parsed, found, &found->as_stored, "are not turned by their EXIF orientation, as their cameras aren't");
-  report_files(parsed, found, alpha);
-  note(parsed, found, &found->larger,
-       "are EXR files whose data window is larger than their display window, which is used");
-  note(parsed, found, &found->light, "are linear light, encoded for display by the curve of sRGB");
-  note(parsed, found, &found->alpha, rules[alpha]);
+  const pags_log_level warning = PAGS_LOG_WARNING, info = PAGS_LOG_INFO;
+  const pags_parsed_view *first = first_of(&found->scaled);
+  note(parsed, found, asked ? info : warning, &found->scaled,
+       "photographs have another size than their cameras, whose intrinsics are scaled; the first is %s, %d x %d for a "
+       "camera of %d x %d",
+       first->name, first->picture.width, first->picture.height, found->lens_width, found->lens_height);
+  first = first_of(&found->unclear);
+  note(parsed, found, warning, &found->unclear,
+       "photographs have an EXIF orientation that their size doesn't tell the meaning of, and are taken as they are "
+       "stored; the first is %s (orientation %d). If the cameras are those of upright pictures, store them upright",
+       first->name, first->picture.orientation);
+  first = first_of(&found->aside);
+  note(parsed, found, warning, &found->aside,
+       "cameras have their principal point at the edge of the picture or outside, the first is that of %s, at "
+       "%.0f,%.0f in %d x %d pixels: intrinsics of pictures of another size? 'w' and 'h' say of which",
+       first->name, first->lens.cx, first->lens.cy, first->lens.width, first->lens.height);
+  note(parsed, found, info, &found->turned,
+       "photographs are turned by their EXIF orientation, as their cameras are; the first is %s",
+       first_of(&found->turned)->name);
+  note(parsed, found, info, &found->as_stored,
+       "photographs are not turned by their EXIF orientation, as their cameras aren't; the first is %s",
+       first_of(&found->as_stored)->name);
+  note(parsed, found, warning, &found->partial,
+       "photographs are EXR files whose data window covers only a part of their display window, the rest of which is "
+       "%s (--image-alpha); the first is %s",
+       rest[alpha], first_of(&found->partial)->name);
+  first = first_of(&found->first_layer);
+  note(parsed, found, warning, &found->first_layer,
+       "photographs are EXR files in which several layers may be the picture; of %s, %s is used", first->name,
+       layer_of(first));
+  first = first_of(&found->oblong);
+  note(parsed, found, warning, &found->oblong,
+       "photographs have pixels that are not square, but cameras whose focal lengths are equal; the first is %s, with "
+       "pixels of %.4g times their height. If these cameras are of square pixels, store the pictures so, or give both "
+       "focal lengths",
+       first->name, first->picture.pixel_aspect);
+  first = first_of(&found->stretched);
+  note(parsed, found, info, &found->stretched,
+       "photographs have pixels that are not square, and cameras of square pixels, whose intrinsics are scaled across "
+       "or down; the first is %s, with pixels of %.4g times their height",
+       first->name, first->picture.pixel_aspect);
+  first = first_of(&found->space);
+  note(parsed, found, info, &found->space,
+       "photographs have colours that are not sRGB and are converted to it; those of %s are %s", first->name,
+       first->picture.space);
+  first = first_of(&found->layer);
+  note(parsed, found, info, &found->layer, "photographs are EXR files of several layers; of %s, %s is used",
+       first->name, layer_of(first));
+  note(
+      parsed, found, info, &found->larger,
+      "photographs are EXR files whose data window is larger than their display window, which is used; the first is %s",
+      first_of(&found->larger)->name);
+  note(parsed, found, info, &found->light,
+       "photographs are linear light, encoded for display by the curve of sRGB; the first is %s",
+       first_of(&found->light)->name);
+  note(parsed, found, info, &found->alpha, "photographs %s; the first is %s", rules[alpha],
+       first_of(&found->alpha)->name);
 }
-
-static void count_file(const pags_parsed_view *view, findings *found) {
-  const pags_image_facts *p = &view->picture;
-  if (p->window != PAGS_WINDOW_WHOLE)
-    add(p->window == PAGS_WINDOW_LARGER ? &found->larger : &found->partial, view);
-  if (p->colour == PAGS_COLOUR_OTHER)
-    add(&found->space, view);
-  if (p->layer_rule != PAGS_LAYER_ONLY)
-    add(p->layer_rule == PAGS_LAYER_FIRST ? &found->first_layer : &found->layer, view);
-}
-
 pags_result pags_pictures_check(pags_parsed_dataset *parsed, bool asked, pags_image_alpha alpha) {
   findings found = {0};
   for (int64_t i = 0; i < parsed->count; i++) {
@@ -370,19 +366,22 @@ pags_result pags_pictures_check(pags_parsed_dataset *parsed, bool asked, pags_im
     found.views++;
     if (view->picture.colour == PAGS_COLOUR_UNKNOWN)
       return pags_colour_refuse(view->image_path, view->picture.space);
-    count_file(view, &found);
-    if (view->picture.alpha)
+    const pags_image_facts *p = &view->picture;
+    if (p->window != PAGS_WINDOW_WHOLE)
+      add(p->window == PAGS_WINDOW_LARGER ? &found.larger : &found.partial, view);
+    if (p->colour == PAGS_COLOUR_OTHER)
+      add(&found.space, view);
+    if (p->layer_rule != PAGS_LAYER_ONLY)
+      add(p->layer_rule == PAGS_LAYER_FIRST ? &found.first_layer : &found.layer, view);
+    if (p->alpha)
       add(&found.alpha, view);
-    if (view->picture.sample == PAGS_F32)
+    if (p->sample == PAGS_F32)
       add(&found.light, view);
-    if (parsed->driving && view->picture.orientation > 1)
+    if (parsed->driving && p->orientation > 1)
       add(&found.unclear, view);
-  }
-  for (int64_t i = 0; i < parsed->count && !parsed->driving; i++) {
-    const pags_lens *lens = &parsed->views[i].lens;
-    const double x = lens->cx / lens->width, y = lens->cy / lens->height;
-    if (!parsed->views[i].missing && !(x > 0.05 && x < 0.95 && y > 0.05 && y < 0.95))
-      add(&found.aside, &parsed->views[i]);
+    const double x = view->lens.cx / view->lens.width, y = view->lens.cy / view->lens.height;
+    if (!parsed->driving && !(x > 0.05 && x < 0.95 && y > 0.05 && y < 0.95))
+      add(&found.aside, view);
   }
   const int habit = parsed->driving ? 0 : find_habit(parsed);
   for (int64_t i = 0; i < parsed->count && !parsed->driving; i++)
