@@ -68,7 +68,7 @@ KNOWS = {
     "cli/html_report": ENGINE + ["cli/common", "cli/draw", "cli/measure"],
     "cli/scene_html": ENGINE + ["exporters", "cli/common", "cli/draw"],
     "cli/verbs": ENGINE + ["exporters"] + [folder for folder in CLI if folder != "cli/verbs"],
-    "blender_addon": CORE,
+    "blender_addon": CORE + ["engine/dataset"],  # the rules of the driving layout
     "benchmarks": ENGINE + ["exporters", "cli", "tests/reference"],
     "examples": ENGINE + ["exporters"],
     "tests/reference": CORE + ["engine/train"],

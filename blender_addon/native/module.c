@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The Python module `pags`: its functions, types and exceptions, for the add-on and for plain Python. */
-#include "blender_addon/native/job.h"
-
 #include "base/vec3.h"
+#include "blender_addon/native/job.h"
+#include "dataset/driving/reader.h"
 
 static struct PyModuleDef module_definition;
 
@@ -60,6 +60,21 @@ static PyObject *heat(PyObject *module, PyObject *arguments) {
   pags_colormap_heat((float)value, rgb);
   pags_widen3(rgb, color);
   return native_numbers(color, 3);
+}
+
+static PyObject *sweep_format(PyObject *module, PyObject *arguments) {
+  PyObject *folder;
+  pags_rules rules;
+  if (!PyArg_ParseTuple(arguments, "O&:sweep_format", PyUnicode_FSConverter, &folder))
+    return NULL;
+  const pags_result result = pags_sweep_rules_read(PyBytes_AsString(folder), &rules);
+  Py_DECREF(folder);
+  if (result != PAGS_OK)
+    return native_raise(PyModule_GetState(module), result);
+  return Py_BuildValue("i(iii)s", rules.columns, rules.position[0], rules.position[1], rules.position[2],
+                       rules.lidar_world   ? "world"
+                       : rules.lidar_frame ? "laser"
+                                           : "ego");
 }
 
 /* Adds a new reference to the module, and returns it; NULL after a failure. */
@@ -151,6 +166,9 @@ static PyMethodDef methods[] = {
      "axis),\npoint (world, metres), scene (0: the first). placements, others, clips: as for Renderer.submit."},
     {"cryptomatte_hash", native_cryptomatte_hash, METH_VARARGS,
      "cryptomatte_hash($module, name, /)\n--\n\nThe 32-bit hash of a name in a Cryptomatte's manifest."},
+    {"sweep_format", sweep_format, METH_VARARGS,
+     "sweep_format($module, folder, /)\n--\n\nThe format of the sweeps in a driving set: floats per row, indices of x, "
+     "y and z, and their frame: ego, laser or world."},
     {"heat", heat, METH_VARARGS,
      "heat($module, value, /)\n--\n\nThe colour (r, g, b), as a screen shows it, that stands for a number from 0 to 1 "
      "in "

@@ -2,9 +2,8 @@
 """Imports further recorded data on demand: LiDAR sweeps as points that follow the timeline, labelled boxes as wire objects along their tracks, held-out time
 steps as markers of the timeline.
 
-The format of the sweeps' files is that of docs/dataset-layout.md: from dataset.json, else by kind."""
+The engine says what format the files of the sweeps have."""
 
-import json
 import os
 import re
 
@@ -16,17 +15,6 @@ from gpu_extras.batch import batch_for_shader
 
 from . import cameras, curves, jobs, native, overlay, photographs, whereabouts
 
-# Columns of a sweep's row, indices of x y z, and their frame, by kind of data set.
-KINDS = {
-    "waymo": (14, (3, 4, 5), "ego"),
-    "pandaset": (5, (0, 1, 2), "world"),
-    "kitti": (4, (0, 1, 2), "ego"),
-    "nuscenes": (4, (0, 1, 2), "laser"),
-    "argoverse2": (4, (0, 1, 2), "ego"),
-    "nuplan": (6, (0, 1, 2), "ego"),
-    "street-gaussians": (0, (0, 1, 2), "ego"),
-    "pags": (0, (0, 1, 2), "ego"),
-}
 POSES = {"ego": "ego_pose", "laser": "lidar_pose", "world": None}
 MARKER = "held out"
 HEIGHTS = ((0.13, 0.18, 0.55), (0.1, 0.55, 0.6), (0.45, 0.8, 0.3), (0.98, 0.9, 0.15))  # linear colours from low to high
@@ -52,7 +40,10 @@ class Sweeps:
         if self.folder is None:
             searched = f"looked in {', '.join(places)}" if places else "the scene names no data set"
             raise native.SceneError(f"found no folder lidar: {searched}; {photographs.FIELD}")
-        self.columns, self.position, self.frame = self.rules()
+        try:
+            self.columns, self.position, self.frame = native.module.sweep_format(self.folder)
+        except native.module.Error as error:
+            raise native.SceneError(str(error)) from error
         steps = {}
         for view in entry.scene.views:
             if "time" in view:
@@ -67,39 +58,6 @@ class Sweeps:
         self.half = (
             0.75 * float(np.median(np.diff(self.times))) if len(found) > 1 else 0.05
         )  # seconds for which a sweep is shown before and after its time
-
-    def rules(self):
-        path = os.path.join(self.folder, "dataset.json")
-        stated = {}
-        if os.path.isfile(path):
-            try:
-                with open(path, encoding="utf-8") as file:
-                    stated = json.load(file)
-            except ValueError as error:
-                raise native.SceneError(f"{path}: {error}") from error
-        kind = stated.get("kind") or self.kind()
-        if kind not in KINDS:
-            raise native.SceneError(f'{path}: expected "kind" to be one of {", ".join(KINDS)}, found {kind!r}')
-        columns, position, frame = KINDS[kind]
-        names = stated.get("lidar_columns")
-        if names:
-            columns, position = len(names), tuple(names.index(axis) for axis in "xyz" if axis in names)
-        if not columns or len(position) != 3:
-            raise native.SceneError(
-                f'{path}: expected "lidar_columns", the names of a sweep\'s columns with x, y and z among them'
-            )
-        frame = stated.get("lidar_frame") or frame
-        if frame not in POSES:
-            raise native.SceneError(f'{path}: expected "lidar_frame" to be ego, laser or world, found {frame!r}')
-        return columns, position, frame
-
-    def kind(self):
-        """Kind of a data set whose dataset.json states none, as the engine detects it."""
-        if os.path.isfile(os.path.join(self.folder, "track", "track_info.txt")):
-            return "street-gaussians"
-        folder = os.path.join(self.folder, "extrinsics")
-        names = os.listdir(folder) if os.path.isdir(folder) else []
-        return "pandaset" if any(re.fullmatch(r"\d+_\d+\.txt", name) for name in names) else None
 
     def path(self, step):
         return os.path.join(self.folder, "lidar", step + ".bin")

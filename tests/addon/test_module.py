@@ -864,6 +864,40 @@ class Errors(ModuleCase):
 
 
 @unittest.skipIf(os.name == "nt", "of a module for Windows, scripts/cross_report.py lists what it needs")
+class Sweeps(Case):
+    """The rules of the driving layout are the engine's."""
+
+    def format(self, **stated):
+        self.write("set/dataset.json", json.dumps(stated))
+        return pags.sweep_format(self.path("set"))
+
+    def test_kinds(self):
+        self.assertEqual(self.format(kind="kitti"), (4, (0, 1, 2), "ego"))
+        self.assertEqual(self.format(kind="waymo"), (14, (3, 4, 5), "ego"))
+        self.assertEqual(self.format(kind="nuscenes"), (4, (0, 1, 2), "laser"))
+
+    def test_what_is_stated(self):
+        columns = ["y", "x", "z", "intensity"]
+        self.assertEqual(self.format(kind="kitti", lidar_columns=columns), (4, (1, 0, 2), "ego"))
+        self.assertEqual(self.format(kind="nuscenes", lidar_frame="world"), (4, (0, 1, 2), "world"))
+
+    def test_kinds_by_files(self):
+        self.write("set/extrinsics/000_1.txt", "")
+        self.assertEqual(self.format()[0], 5)  # PandaSet's
+        self.write("other/extrinsics/0.txt", "")
+        self.write("other/track/track_info.txt", "")
+        with self.assertRaisesRegex(pags.Error, "lidar_columns"):
+            pags.sweep_format(self.path("other"))
+
+    def test_what_is_refused(self):
+        with self.assertRaisesRegex(pags.Error, "dataset.json.*unheard-of"):
+            self.format(kind="unheard-of")
+        with self.assertRaisesRegex(pags.Error, "dataset.json.*lidar_frame"):
+            self.format(kind="kitti", lidar_frame="moon")
+        with self.assertRaises(TypeError):
+            pags.sweep_format(3)
+
+
 class Linking(Case):
     @unittest.skipIf(SANITIZED, "sanitizers are libraries")
     def test_depends_on_libc_alone(self):

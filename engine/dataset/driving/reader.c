@@ -306,8 +306,8 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_rolling_read(driving, parsed));
   PAGS_TRY(pags_driving_check_motion(driving, parsed));
-  driving->street_tracks =
-      !pags_folder_has(driving->root, "instances/instances_info.json") && pags_street_tracks_exist(driving->root);
+  driving->street_tracks = !pags_folder_has(driving->root, "instances/instances_info.json") &&
+                           pags_folder_has(driving->root, PAGS_STREET_TRACKS);
   PAGS_TRY(driving->street_tracks ? pags_street_tracks_read(driving) : pags_tracks_read(driving));
   for (int64_t i = 0; i < driving->object_count; i++)
     driving->objects[i].time_step = 1 / driving->fps;

@@ -18,6 +18,10 @@ typedef pags_result pags_camera_fact_fn(void *context, int number, const char *n
 pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_files, pags_rules *rules,
                             pags_camera_fact_fn *take, void *context);
 
+/* Reads the rules of a set for programs that read its sweeps themselves. Fails if the columns of a sweep aren't known.
+ */
+pags_result pags_sweep_rules_read(const char *root, pags_rules *rules);
+
 /* Reads the times of the steps and of the exposures from timestamps.json or, without that file, sets the time of
  * frame t to t / fps. Also sets driving->fps. */
 pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed);
@@ -26,8 +30,8 @@ pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed);
 pags_result pags_rolling_read(pags_driving *driving, pags_parsed_dataset *parsed);
 /* Reads the objects with their keyframes at the used time steps from instances/ (tracks.c). */
 pags_result pags_tracks_read(pags_driving *driving);
-/* Whether the set has track/track_info.txt, and reads the objects from it (street_tracks.c). */
-bool pags_street_tracks_exist(const char *root);
+/* Reads the objects from the file of Street Gaussians (street_tracks.c). */
+#define PAGS_STREET_TRACKS "track/track_info.txt"
 pags_result pags_street_tracks_read(pags_driving *driving);
 /* Finds the sweep of each time step in lidar/ and reads its pose. */
 pags_result pags_sweeps_find(pags_driving *driving);

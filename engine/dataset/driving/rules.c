@@ -6,8 +6,11 @@
  * of PandaSet's boxes is +y was measured. A key of dataset.json overrides the default of the kind. */
 #include "dataset/driving/reader.h"
 
+#include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/text.h"
+#include "dataset/driving/pictures.h"
 #include "scene/scene_json.h"
 
 #include <math.h>
@@ -72,7 +75,7 @@ static pags_result choose_kind(const char *root, const char *asked, bool per_fra
                             "kind '%s' is not known; expected " KIND_NAMES ", or pags", name);
   } else if (per_frame_files) {
     kind = find_kind("pandaset");
-  } else if (pags_street_tracks_exist(root)) {
+  } else if (pags_folder_has(root, PAGS_STREET_TRACKS)) {
     kind = find_kind("street-gaussians");
   } else {
     return pags_fail(PAGS_ERROR_FORMAT,
@@ -216,14 +219,41 @@ static pags_result read_rules(const char *root, const char *kind, bool per_frame
   return s->json ? pags_place_from_json(s->json, s->root, &rules->place) : PAGS_OK;
 }
 
+/* Parses dataset.json; s->json is NULL if there is none. */
+static pags_result open_source(const char *root, pags_json **json, source *s) {
+  PAGS_TRY(pags_json_parse_in_folder(root, "dataset.json", json));
+  *s = (source){*json, *json ? pags_json_root(*json) : NULL};
+  return *json ? pags_json_as_object(*json, s->root, "a description of a data set") : PAGS_OK;
+}
+
 pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_files, pags_rules *rules,
                             pags_camera_fact_fn *take, void *context) {
   PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
-  PAGS_TRY(pags_json_parse_in_folder(root, "dataset.json", &json));
-  const source s = {json, json ? pags_json_root(json) : NULL};
-  if (json)
-    PAGS_TRY(pags_json_as_object(json, s.root, "a description of a data set"));
+  source s;
+  PAGS_TRY(open_source(root, &json, &s));
   PAGS_TRY(read_rules(root, kind, per_frame_files, &s, rules));
   PAGS_TRY(read_cameras(&s, "cameras", false, take, context));
   return read_cameras(&s, "lenses", true, take, context);
+}
+
+pags_result pags_sweep_rules_read(const char *root, pags_rules *rules) {
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+  source s;
+  bool per_frame_files = false; /* extrinsics/TTT_C.txt */
+  PAGS_AUTOFREE char *extrinsics = pags_path_join(root, "extrinsics");
+  PAGS_CHECK_MEMORY(extrinsics, "%s", root);
+  if (pags_dir_exists(extrinsics))
+    PAGS_TRY(pags_dir_list_read(extrinsics, &list));
+  for (int64_t i = 0; i < list.count; i++) {
+    const char *at = list.names[i];
+    int number;
+    per_frame_files = per_frame_files || (pags_driving_number(&at, &number) && *at == '_');
+  }
+  PAGS_TRY(open_source(root, &json, &s));
+  PAGS_TRY(read_rules(root, NULL, per_frame_files, &s, rules));
+  if (rules->columns == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s/dataset.json: expected 'lidar_columns', the names of a sweep's columns",
+                     root);
+  return PAGS_OK;
 }

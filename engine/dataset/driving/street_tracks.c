@@ -20,8 +20,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char *const track_file = "track/track_info.txt";
-
 /* Columns of a line, and the longest word of one. */
 enum { COLUMNS = 11, WORD = 64 };
 
@@ -40,10 +38,6 @@ typedef struct rows {
 
 static void rows_destroy(rows *list) {
   free(list->items);
-}
-
-bool pags_street_tracks_exist(const char *root) {
-  return pags_folder_has(root, track_file);
 }
 
 /* ---- Lines ---- */
@@ -179,7 +173,7 @@ pags_result pags_street_tracks_read(pags_driving *driving) {
   PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
   int64_t lone = 0;
-  PAGS_AUTOFREE char *path = pags_path_join(driving->root, track_file);
+  PAGS_AUTOFREE char *path = pags_path_join(driving->root, PAGS_STREET_TRACKS);
   PAGS_CHECK_MEMORY(path, "%s", driving->root);
   PAGS_AUTO(rows_destroy) rows list = {.path = path};
   pags_labels all = {.driving = driving, .source = path};
