@@ -92,6 +92,14 @@ static inline void pags_divide3f(float v[3], float s) {
     v[k] /= s;
 }
 
+/* Scales v to unit length, unless it is 0, and returns the length it had. */
+static inline float pags_normalise3f(float v[3]) {
+  const float length = pags_length3f(v);
+  if (length > 0.0f)
+    pags_divide3f(v, length);
+  return length;
+}
+
 /* Widens the box [lo, hi] to hold the point p. */
 static inline void pags_box_add3(const double p[3], double lo[3], double hi[3]) {
   for (int k = 0; k < 3; k++) {
@@ -120,10 +128,19 @@ static inline void pags_cross3f(const float a[3], const float b[3], float out[3]
   out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* out = R v; `out` is not `v`. For R v + t see pags_rigid_point. */
+/* out = R v; `out` is not `v`. For R v + t in double see pags_rigid_point. */
 static inline void pags_rotate3(const double pose[12], const double v[3], double out[3]) {
   for (int k = 0; k < 3; k++)
     out[k] = pags_dot3(pose + 4 * k, v);
+}
+static inline void pags_rotate3f(const float pose[12], const float v[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = pags_dot3f(pose + 4 * k, v);
+}
+/* out = R p + t; `out` is not `p`. */
+static inline void pags_transform3f(const float pose[12], const float p[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = pags_dot3f(pose + 4 * k, p) + pose[4 * k + 3];
 }
 
 /* out = t */

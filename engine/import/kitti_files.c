@@ -392,16 +392,10 @@ static pags_result make_rigid(const char *path, const char *what, double m[12]) 
   return PAGS_OK;
 }
 
-static void join_rotation(const double r[9], const double t[3], double out[12]) {
-  for (int i = 0; i < 3; i++)
-    pags_copy3(r + 3 * i, out + 4 * i);
-  pags_pose_place(out, t);
-}
-
 static pags_result join_rectified(const char *path, const double rect[9], const double cam_from_velo[12],
                                   double out[12]) {
   double rectified[12];
-  join_rotation(rect, (const double[3]){0}, rectified);
+  pags_pose_make(rect, (const double[3]){0}, rectified);
   pags_rigid_multiply(rectified, cam_from_velo, out);
   return make_rigid(path, "R_rect * Tr_velo_to_cam", out);
 }
@@ -429,7 +423,7 @@ static pags_result read_rigid(const char *folder, const char *name, double out[1
   PAGS_AUTOFREE char *path = pags_path_join(folder, name);
   PAGS_CHECK_MEMORY(path, "%s", folder);
   PAGS_TRY(read_entries(path, entries, 2));
-  join_rotation(r, t, out);
+  pags_pose_make(r, t, out);
   return make_rigid(path, "R", out);
 }
 

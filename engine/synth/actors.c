@@ -3,10 +3,9 @@
  * and cyclists that the ego vehicle meets. Creates their meshes, starts and speeds, and gives their poses over
  * time. */
 #include <math.h>
-#include <string.h>
 
+#include "base/vec3.h"
 #include "maths/maths.h"
-#include "synth/layout.h"
 #include "synth/street.h"
 
 #define PI 3.14159265358979324
@@ -47,7 +46,7 @@ void pags_cast_make(pags_street *street, pags_cast *out) {
 
 static void add_car(pags_street *street, const pags_cast *models, pags_actor actor, int kind) {
   actor.role = PAGS_ROLE_CAR;
-  memcpy(actor.size, models->car_sizes[kind], sizeof actor.size);
+  pags_copy3f(models->car_sizes[kind], actor.size);
   actor.first_placement = street->placement_count;
   actor.placement_count = 1;
   const int number = pags_street_actor(street, &actor);
@@ -57,11 +56,11 @@ static void add_car(pags_street *street, const pags_cast *models, pags_actor act
 
 /* The size of the labelled box is constant and large enough for the swinging limbs at every phase of a stride. */
 void pags_actors_stand(pags_street *street, const pags_person_kind *kind, pags_actor actor) {
-  const int parts = kind->bicycle >= 0 ? RIDER_PARTS : PERSON_PARTS;
+  const bool rides = kind->bicycle >= 0;
+  const int parts = rides ? RIDER_PARTS : PERSON_PARTS;
   const int meshes[RIDER_PARTS] = {kind->body, kind->arm, kind->arm, kind->leg, kind->leg, kind->bicycle};
-  actor.role = kind->bicycle >= 0 ? PAGS_ROLE_CYCLIST : PAGS_ROLE_PEDESTRIAN;
-  memcpy(actor.size, kind->bicycle >= 0 ? (float[3]){1.80f, 0.66f, 1.86f} : (float[3]){1.16f, 0.66f, 1.80f},
-         sizeof actor.size);
+  actor.role = rides ? PAGS_ROLE_CYCLIST : PAGS_ROLE_PEDESTRIAN;
+  pags_copy3f(rides ? (float[3]){1.80f, 0.66f, 1.86f} : (float[3]){1.16f, 0.66f, 1.80f}, actor.size);
   actor.first_placement = street->placement_count;
   actor.placement_count = parts;
   const int number = pags_street_actor(street, &actor);
@@ -105,10 +104,10 @@ typedef struct part {
   int look;         /* any number; modulo the number of models of the kind, chooses the model */
 } part;
 
-static void drive_ahead(pags_street *street, const pags_cast *models, pags_dice *dice, part p, int right) {
+static void drive_ahead(pags_street *street, const pags_cast *models, pags_dice *dice, part p, bool right) {
   const double ahead = (right ? 13.5 : 25.0) + 9.0 * p.index;
   add_car(street, models,
-          (pags_actor){.moving = 1,
+          (pags_actor){.moving = true,
                        .start = {ahead + pags_street_ego_x(street->options, 0.0),
                                  right ? (double)PAGS_RIGHT_LANE : (double)PAGS_EGO_LANE},
                        .speed = right ? 10.2 : 9.8,
@@ -121,20 +120,20 @@ static void drive_ahead(pags_street *street, const pags_cast *models, pags_dice 
 static void drive_towards(pags_street *street, const pags_cast *models, part p) {
   const double speed = 9.0, met = meeting(street, p.index, p.count, 0.45) + 0.3;
   add_car(street, models,
-          (pags_actor){.moving = 1,
+          (pags_actor){.moving = true,
                        .start = {pags_street_ego_x(street->options, met) + speed * met, (double)PAGS_ONCOMING_LANE},
                        .heading = PI,
                        .speed = speed},
           p.look % PAGS_CAR_KINDS);
 }
 
-static void walk(pags_street *street, const pags_cast *models, pags_dice *dice, part p, int left) {
+static void walk(pags_street *street, const pags_cast *models, pags_dice *dice, part p, bool left) {
   const int away = pags_dice_pick(dice, 2);
   const double speed = away ? 1.3 : 1.4, met = meeting(street, p.index, p.count, 0.3), direction = away ? 1.0 : -1.0;
   const double kerb = left ? (double)PAGS_KERB_LEFT : (double)PAGS_KERB_RIGHT;
   const double y = kerb + (left ? 1.0 : -1.0) * (away ? 1.5 : 2.6);
   pags_actors_stand(street, &models->people[p.look % PAGS_PERSON_KINDS],
-                    (pags_actor){.moving = 1,
+                    (pags_actor){.moving = true,
                                  .start = {pags_street_ego_x(street->options, met) + 8.0 - direction * speed * met, y},
                                  .heading = away ? 0.0 : PI,
                                  .speed = speed,
@@ -153,7 +152,7 @@ static void cross(pags_street *street, const pags_cast *models, pags_dice *dice,
       p.index / crossings; /* pedestrians on one crossing walk in up to four files, 0.9 s from each other */
   const double when = fmax(0.0, (x - 45.0) / 10.0) - 0.9 * row; /* time in the middle of the ego lane, seconds */
   pags_actors_stand(street, &models->people[p.look % PAGS_PERSON_KINDS],
-                    (pags_actor){.moving = 1,
+                    (pags_actor){.moving = true,
                                  .start = {x - 1.2 + 0.8 * fmod(row, 4.0), (double)PAGS_EGO_LANE - speed * when},
                                  .heading = 0.5 * PI,
                                  .speed = speed,
@@ -165,37 +164,18 @@ static void ride(pags_street *street, const pags_cast *models, pags_dice *dice, 
   const double speed = 5.5, met = meeting(street, p.index, p.count, 0.7) + 0.25 * street->duration;
   pags_actors_stand(
       street, &models->riders[p.look % PAGS_RIDER_KINDS],
-      (pags_actor){.moving = 1,
+      (pags_actor){.moving = true,
                    .start = {pags_street_ego_x(street->options, met) + 6.0 - speed * met, (double)PAGS_CYCLE_LINE},
                    .speed = speed,
                    .step_rate = 5.0,
                    .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
 }
 
-/* Adds the moving actors, options->objects of them. Their roles are dealt in turn (car ahead, oncoming car,
- * pedestrian, cyclist, ...), so that even a few objects include every kind. */
-static void set_going(pags_street *street, const pags_cast *models) {
-  enum { ROLES = 8 };
-  pags_dice dice = {street->options->seed, STREAM_MOVING, 0};
-  const int objects = street->options->objects, first = pags_dice_pick(&dice, PAGS_CAR_KINDS);
-  for (int i = 0; i < objects; i++) {
-    const int role = i % ROLES, turn = i / ROLES,
-              both = (objects + ROLES - 1 - 1) / ROLES + (objects + ROLES - 1 - 4) / ROLES;
-    const part p = {turn, (objects + ROLES - 1 - role) / ROLES, first + 3 * i}; /* 3: the next in a lane differs */
-    switch (role) {
-      case 0: drive_ahead(street, models, &dice, p, 1); break;
-      case 1: drive_towards(street, models, (part){2 * turn, both, p.look}); break;
-      case 2: walk(street, models, &dice, p, 0); break;
-      case 3: ride(street, models, &dice, p); break;
-      case 4: drive_towards(street, models, (part){2 * turn + 1, both, p.look}); break;
-      case 5: cross(street, models, &dice, p); break;
-      case 6: walk(street, models, &dice, p, 1); break;
-      default: drive_ahead(street, models, &dice, p, 0); break;
-    }
-  }
-}
-
+/* The roles of moving actors, options->objects of them, are dealt in turn (car ahead, oncoming car, pedestrian,
+ * cyclist,
+ * ...), so that even a few objects include every kind. */
 void pags_actors_add(pags_street *street) {
+  enum { ROLES = 8 };
   pags_cast models = {0};
   pags_cast_make(street, &models);
   if (street->failed)
@@ -203,7 +183,23 @@ void pags_actors_add(pags_street *street) {
   pags_dice dice = {street->options->seed, STREAM_PARKED, 0};
   pags_actors_park(street, &dice, &models);
   street->first_moving = street->placement_count;
-  set_going(street, &models);
+  dice = (pags_dice){street->options->seed, STREAM_MOVING, 0};
+  const int objects = street->options->objects, first = pags_dice_pick(&dice, PAGS_CAR_KINDS);
+  const int both = (objects + ROLES - 1 - 1) / ROLES + (objects + ROLES - 1 - 4) / ROLES; /* of oncoming cars */
+  for (int i = 0; i < objects; i++) {
+    const int role = i % ROLES, turn = i / ROLES;
+    const part p = {turn, (objects + ROLES - 1 - role) / ROLES, first + 3 * i}; /* 3: the next in a lane differs */
+    switch (role) {
+      case 0: drive_ahead(street, &models, &dice, p, true); break;
+      case 1: drive_towards(street, &models, (part){2 * turn, both, p.look}); break;
+      case 2: walk(street, &models, &dice, p, false); break;
+      case 3: ride(street, &models, &dice, p); break;
+      case 4: drive_towards(street, &models, (part){2 * turn + 1, both, p.look}); break;
+      case 5: cross(street, &models, &dice, p); break;
+      case 6: walk(street, &models, &dice, p, true); break;
+      default: drive_ahead(street, &models, &dice, p, false); break;
+    }
+  }
 }
 
 /* ---- Poses over time ---- */

@@ -2,8 +2,8 @@
 /* Adds meshes of terraced houses: fronts with windows set back into the wall, doors, shops, balconies and cornices;
  * flat or tiled roofs. Measures and materials are drawn at random for each house. */
 #include <math.h>
-#include <string.h>
 
+#include "base/vec3.h"
 #include "synth/models.h"
 
 /* The measures and materials of the house that is being built. Below, u is metres along the front from its corner, z
@@ -23,11 +23,6 @@ static const float up[3] = {0.0f, 0.0f, 1.0f};
 
 /* ---- Pieces of a front ---- */
 
-static void scaled(const float v[3], float by, float out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = v[k] * by;
-}
-
 /* World position of the point u metres along the front, d metres into the house and z metres up. */
 static void at(const house *h, float u, float d, float z, float out[3]) {
   for (int k = 0; k < 3; k++)
@@ -41,8 +36,8 @@ static void piece(const house *h, float u0, float u1, float z0, float z1, float 
   if (u1 <= u0 || z1 <= z0)
     return;
   at(h, u0, d, z0, corner);
-  scaled(h->plot->along, u1 - u0, along);
-  scaled(up, z1 - z0, rise);
+  pags_scale3f(u1 - u0, h->plot->along, along);
+  pags_scale3f(z1 - z0, up, rise);
   pags_mesh_quad(h->mesh, corner, along, rise, uv, material);
 }
 
@@ -61,9 +56,9 @@ static void block(const house *h, float u0, float u1, float z0, float z1, float 
 static void reveal(const house *h, float u0, float u1, float z0, float z1, float depth) {
   float corner[3], along[3], rise[3], in[3];
   const float uv[2] = {u0 + h->shade, z0};
-  scaled(h->plot->into, depth, in);
-  scaled(up, z1 - z0, rise);
-  scaled(h->plot->along, u1 - u0, along);
+  pags_scale3f(depth, h->plot->into, in);
+  pags_scale3f(z1 - z0, up, rise);
+  pags_scale3f(u1 - u0, h->plot->along, along);
   at(h, u0, 0.0f, z0, corner);
   pags_mesh_quad(h->mesh, corner, in, rise, uv, h->wall);
   pags_mesh_quad(h->mesh, corner, along, in, uv, h->trim);
@@ -89,12 +84,14 @@ static void pane(const house *h, float u0, float u1, float z0, float z1, float d
   pags_mesh_face(h->mesh, corner[0], corner[1], corner[2], corner[3], material);
 }
 
-/* Adds the wall rectangle `wall` (u0, u1, z0, z1) without the opening `hole` (same order) in it. */
-static void wall_around(const house *h, const float wall[4], const float hole[4]) {
+/* Adds the wall rectangle `wall` (u0, u1, z0, z1) without the opening `hole` (same order), `depth` metres deep, in it.
+ */
+static void wall_around(const house *h, const float wall[4], const float hole[4], float depth) {
   piece(h, wall[0], hole[0], wall[2], wall[3], 0.0f, h->wall);
   piece(h, hole[1], wall[1], wall[2], wall[3], 0.0f, h->wall);
   piece(h, hole[0], hole[1], wall[2], hole[2], 0.0f, h->wall);
   piece(h, hole[0], hole[1], hole[3], wall[3], 0.0f, h->wall);
+  reveal(h, hole[0], hole[1], hole[2], hole[3], depth);
 }
 
 static void window_bay(const house *h, float u0, float u1, float z0, float z1) {
@@ -102,8 +99,7 @@ static void window_bay(const house *h, float u0, float u1, float z0, float z1) {
   const float hole[4] = {middle - 0.5f * h->window_width, middle + 0.5f * h->window_width, sill,
                          sill + h->window_height};
   const float wall[4] = {u0, u1, z0, z1};
-  wall_around(h, wall, hole);
-  reveal(h, hole[0], hole[1], hole[2], hole[3], 0.2f);
+  wall_around(h, wall, hole, 0.2f);
   pane(h, hole[0], hole[1], hole[2], hole[3], 0.2f, 1, h->glass);
   block(h, hole[0] - 0.08f, hole[1] + 0.08f, hole[2] - 0.09f, hole[2], 0.1f, h->trim);
   if (h->floors % 2)
@@ -113,8 +109,7 @@ static void window_bay(const house *h, float u0, float u1, float z0, float z1) {
 static void door_bay(const house *h, float u0, float u1, float z1) {
   const float middle = 0.5f * (u0 + u1);
   const float hole[4] = {middle - 0.55f, middle + 0.55f, 0.15f, 2.35f}, wall[4] = {u0, u1, 0.0f, z1};
-  wall_around(h, wall, hole);
-  reveal(h, hole[0], hole[1], hole[2], hole[3], 0.3f);
+  wall_around(h, wall, hole, 0.3f);
   piece(h, hole[0], hole[1], hole[2], 1.95f, 0.3f, h->door);
   pane(h, hole[0], hole[1], 1.95f, hole[3], 0.3f, 1, h->glass);
   block(h, hole[0] - 0.15f, hole[1] + 0.15f, 0.0f, 0.15f, 0.5f, h->trim);
@@ -142,10 +137,9 @@ static void letters(const house *h, float z0, float z1) {
 /* Adds a balcony: a slab with a railing in front of a window. */
 static void balcony(const house *h, float u0, float u1, float z) {
   block(h, u0, u1, z - 0.12f, z, 0.95f, h->trim);
-  for (int i = 0; i < 2; i++) { /* the rails at the sides */
-    const float u = i ? u1 - 0.03f : u0;
-    block(h, u, u + 0.03f, z + 0.95f, z + 1.0f, 0.95f, h->iron);
-  }
+  const float last = u1 - 0.03f;
+  block(h, u0, u0 + 0.03f, z + 0.95f, z + 1.0f, 0.95f, h->iron); /* the rails at the sides */
+  block(h, last, last + 0.03f, z + 0.95f, z + 1.0f, 0.95f, h->iron);
   for (float u = u0; u < u1; u += 0.13f) {
     float foot[3], top[3];
     at(h, u + 0.02f, -0.92f, z, foot);
@@ -168,8 +162,7 @@ static void shop_floor(const house *h) {
     const float u0 = step * (float)i, u1 = u0 + step;
     const float hole[4] = {u0 + 0.18f, u1 - 0.18f, i == h->bays / 2 ? 0.05f : 0.5f, h->ground - 0.85f};
     const float wall[4] = {u0, u1, 0.0f, h->ground};
-    wall_around(h, wall, hole);
-    reveal(h, hole[0], hole[1], hole[2], hole[3], 0.25f);
+    wall_around(h, wall, hole, 0.25f);
     pane(h, hole[0], hole[1], hole[2], hole[3], 0.25f, 2, h->shop_glass);
   }
   block(h, 0.3f, h->plot->width - 0.3f, h->ground - 0.75f, h->ground - 0.2f, 0.12f, h->sign);
@@ -177,22 +170,11 @@ static void shop_floor(const house *h) {
   if (pags_dice_pick(h->dice, 2)) {
     float corner[3], along[3], slope[3];
     at(h, 0.4f, 0.0f, h->ground - 0.85f, corner);
-    scaled(h->plot->along, h->plot->width - 0.8f, along);
+    pags_scale3f(h->plot->width - 0.8f, h->plot->along, along);
     for (int k = 0; k < 3; k++)
       slope[k] = -1.1f * h->plot->into[k] - 0.45f * up[k];
     pags_mesh_quad(h->mesh, corner, along, slope, NULL, h->sign);
   }
-}
-
-static void living_floor(const house *h) {
-  const float step = h->plot->width / (float)h->bays;
-  const int door = pags_dice_pick(h->dice, h->bays);
-  for (int i = 0; i < h->bays; i++)
-    if (i == door)
-      door_bay(h, step * (float)i, step * (float)(i + 1), h->ground);
-    else
-      window_bay(h, step * (float)i, step * (float)(i + 1), 0.0f, h->ground);
-  block(h, 0.0f, h->plot->width, 0.0f, 0.45f, 0.04f, h->trim);
 }
 
 /* ---- Walls and roofs ---- */
@@ -202,9 +184,9 @@ static void outer_walls(const house *h, float top) {
   const pags_plot *plot = h->plot;
   float corner[3], along[3], in[3], rise[3];
   const float uv[2] = {h->shade, 0.0f};
-  scaled(up, top, rise);
-  scaled(plot->into, plot->depth, in);
-  scaled(plot->along, plot->width, along);
+  pags_scale3f(top, up, rise);
+  pags_scale3f(plot->depth, plot->into, in);
+  pags_scale3f(plot->width, plot->along, along);
   at(h, 0.0f, 0.0f, 0.0f, corner);
   pags_mesh_quad(h->mesh, corner, in, rise, uv, h->wall);
   at(h, plot->width, 0.0f, 0.0f, corner);
@@ -213,22 +195,12 @@ static void outer_walls(const house *h, float top) {
   pags_mesh_quad(h->mesh, corner, along, rise, uv, h->wall);
 }
 
-static void flat_roof(const house *h, float top) {
-  const pags_plot *plot = h->plot;
-  float corner[3], along[3], in[3];
-  at(h, 0.0f, 0.0f, top - 0.5f, corner);
-  scaled(plot->along, plot->width, along);
-  scaled(plot->into, plot->depth, in);
-  pags_mesh_quad(h->mesh, corner, along, in, NULL, h->roof);
-  block(h, -0.02f, plot->width + 0.02f, top - 0.12f, top + 0.08f, -0.35f, h->trim);
-}
-
 /* Adds a gable roof whose ridge runs along the front, the gable walls at both sides and a chimney. */
 static void tiled_roof(const house *h, float top) {
   const pags_plot *plot = h->plot;
   const float rise = 0.32f * plot->depth, half = 0.5f * plot->depth;
   float corner[3], along[3], slope[3], apex[3], a[3], b[3];
-  scaled(plot->along, plot->width, along);
+  pags_scale3f(plot->width, plot->along, along);
   for (int side = 0; side < 2; side++) {
     at(h, 0.0f, side ? plot->depth + 0.35f : -0.35f, top - 0.2f, corner);
     for (int k = 0; k < 3; k++)
@@ -300,7 +272,7 @@ void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *di
   h.window_height = pags_dice_between(dice, 1.3f, 1.75f);
   h.shade = pags_dice_between(dice, 0.0f, 900.0f);
   choose_materials(&h, materials);
-  const int shop = pags_dice_pick(dice, 5) < 2, tiled = h.floors <= 3 && pags_dice_pick(dice, 3) < 2;
+  const bool shop = pags_dice_pick(dice, 5) < 2, tiled = h.floors <= 3 && pags_dice_pick(dice, 3) < 2;
   h.ground = shop ? 3.9f : h.storey;
 
   /* Roof material: red tiles on a gable roof, plain grey on a flat one. */
@@ -310,13 +282,20 @@ void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *di
                               .color = {red, tiled ? 0.45f * red : red, tiled ? 0.3f * red : red}};
   h.roof = pags_materials_add(materials, &roof);
 
+  const float step = plot->width / (float)h.bays;
   if (shop)
     shop_floor(&h);
-  else
-    living_floor(&h);
+  else {
+    const int door = pags_dice_pick(dice, h.bays);
+    for (int i = 0; i < h.bays; i++)
+      if (i == door)
+        door_bay(&h, step * (float)i, step * (float)(i + 1), h.ground);
+      else
+        window_bay(&h, step * (float)i, step * (float)(i + 1), 0.0f, h.ground);
+    block(&h, 0.0f, plot->width, 0.0f, 0.45f, 0.04f, h.trim);
+  }
   const int balconies = pags_dice_pick(dice, 3) ? -1 : pags_dice_pick(dice, h.bays); /* their bay; -1: none */
-  const float step = plot->width / (float)h.bays,
-              top = h.ground + h.storey * (float)(h.floors - 1) + (tiled ? 0.2f : 0.9f);
+  const float top = h.ground + h.storey * (float)(h.floors - 1) + (tiled ? 0.2f : 0.9f);
   for (int f = 1; f < h.floors; f++)
     for (int i = 0; i < h.bays; i++) {
       const float z = h.ground + h.storey * (float)(f - 1);
@@ -334,6 +313,12 @@ void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *di
   outer_walls(&h, top);
   if (tiled)
     tiled_roof(&h, top);
-  else
-    flat_roof(&h, top);
+  else {
+    float corner[3], along[3], in[3];
+    at(&h, 0.0f, 0.0f, top - 0.5f, corner);
+    pags_scale3f(plot->width, plot->along, along);
+    pags_scale3f(plot->depth, plot->into, in);
+    pags_mesh_quad(mesh, corner, along, in, NULL, h.roof);
+    block(&h, -0.02f, plot->width + 0.02f, top - 0.12f, top + 0.08f, -0.35f, h.trim);
+  }
 }

@@ -16,9 +16,10 @@
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/rng.h"
+#include "base/text.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 enum { STREAM_DELAY = 1 << 29, STREAM_MOUNT, STREAM_EGO = STREAM_MOUNT + 3, AXES = 3 };
@@ -72,8 +73,7 @@ pags_result pags_street_faults_set(pags_street_faults *out, const char *text) {
   const struct fault *found = NULL;
   for (int i = 0; i < FAULTS; i++) {
     used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", i ? ", " : "", faults[i].name);
-    if (equals && strlen(faults[i].name) == (size_t)(equals - text) &&
-        strncmp(text, faults[i].name, (size_t)(equals - text)) == 0)
+    if (equals && pags_text_is(text, (size_t)(equals - text), faults[i].name))
       found = &faults[i];
   }
   if (!found)
@@ -151,10 +151,8 @@ static void normal3(uint64_t seed, uint64_t stream, uint64_t index, double out[3
 static void disturb(double pose[12], const double turn[3], const double move[3], double degrees, double metres) {
   const double each = 1.0 / sqrt(3.0);
   double angles[3], place[3], motion[12];
-  for (int k = 0; k < AXES; k++) {
-    angles[k] = each * degrees * radians * turn[k];
-    place[k] = each * metres * move[k];
-  }
+  pags_scale3(each * degrees * radians, turn, angles);
+  pags_scale3(each * metres, move, place);
   pags_rigid_from_angles(angles, place, motion);
   pags_rigid_multiply(pose, motion, pose);
 }

@@ -1,30 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The growing list of materials, and the meshes of trees, street lamps, traffic signs and bins. */
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
+#include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 #include "synth/models.h"
 
-enum { MOST_MATERIALS = 65535, LEAVES = 5400 };
+enum { MOST_MATERIALS = 65536, LEAVES = 5400 };
 
 void pags_materials_destroy(pags_materials *materials) {
   free(materials->list);
-  memset(materials, 0, sizeof *materials);
+  *materials = (pags_materials){0};
 }
 
 uint16_t pags_materials_add(pags_materials *materials, const pags_material *material) {
-  if (materials->count == materials->capacity) {
-    const int capacity = materials->capacity ? 2 * materials->capacity : 64;
-    pags_material *list = realloc(materials->list, (size_t)capacity * sizeof *list);
-    if (!list || materials->count >= MOST_MATERIALS) {
-      materials->list = list ? list : materials->list;
-      materials->failed = true;
-      return 0;
-    }
-    materials->list = list;
-    materials->capacity = capacity;
+  if (materials->count >= MOST_MATERIALS ||
+      !pags_grow(&materials->list, materials->count + 1, &materials->capacity, sizeof *material)) {
+    materials->failed = true;
+    return 0;
   }
   materials->list[materials->count] = *material;
   return (uint16_t)materials->count++;
@@ -40,7 +34,7 @@ static void ball_point(pags_dice *dice, float out[3]) {
   do {
     for (int k = 0; k < 3; k++)
       out[k] = pags_dice_between(dice, -1.0f, 1.0f);
-  } while (out[0] * out[0] + out[1] * out[1] + out[2] * out[2] > 1.0f);
+  } while (pags_dot3f(out, out) > 1.0f);
 }
 
 /* A ball of leaves; a crown consists of several. */
@@ -52,19 +46,17 @@ typedef struct clump {
  * with some jitter, so that the crown is shaded like a solid surface. */
 static void add_leaf(pags_mesh *mesh, pags_dice *dice, const clump *part, const float crown[3], int number,
                      uint16_t material) {
-  float at[3], x[3], y[3], normal[3], length = 0.0f;
+  float at[3], x[3], y[3], normal[3];
   ball_point(dice, at);
   ball_point(dice, x);
   ball_point(dice, y);
-  const float push = pags_powf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2] + 1e-6f, -0.3f); /* towards the surface */
+  const float push = pags_powf(pags_dot3f(at, at) + 1e-6f, -0.3f); /* towards the surface */
   const float size = pags_dice_between(dice, 0.10f, 0.19f);
-  for (int k = 0; k < 3; k++) {
-    at[k] = part->center[k] + part->radius * at[k] * push;
-    normal[k] = at[k] - crown[k];
-    length += normal[k] * normal[k];
-  }
   for (int k = 0; k < 3; k++)
-    normal[k] = normal[k] / sqrtf(length + 1e-6f) + 0.5f * x[k];
+    at[k] = part->center[k] + part->radius * at[k] * push;
+  pags_subtract3f(at, crown, normal);
+  pags_divide3f(normal, sqrtf(pags_dot3f(normal, normal) + 1e-6f));
+  pags_add_scaled3f(0.5f, x, normal);
   uint32_t corner[4];
   for (int i = 0; i < 4; i++) {
     float p[3];

@@ -6,9 +6,9 @@
 
 #include <math.h>
 
+#include "base/vec3.h"
 #include "maths/maths.h"
-#include "synth/layout.h"
-#include "synth/noise.h"
+#include "synth/street.h"
 
 /* ---- Filtered pulses and noise ---- */
 
@@ -27,6 +27,23 @@ static float clamp01(float v) {
 
 static float fraction(float v) {
   return v - floorf(v);
+}
+
+/* A hashed random value at an integer position. */
+static float lattice2(int32_t x, int32_t y, uint32_t seed) {
+  uint32_t h = seed + (uint32_t)x * 0x9e3779b1u + (uint32_t)y * 0x85ebca77u;
+  h = (h ^ h >> 15) * 0x2c1b3c6du;
+  h = (h ^ h >> 12) * 0x297a2d39u;
+  return (float)((h ^ h >> 15) >> 8) * 0x1p-24f;
+}
+
+/* Interpolates them by the smoothstep 3 t^2 - 2 t^3. */
+float pags_noise2(float x, float y, uint32_t seed) {
+  const float lowx = floorf(x), lowy = floorf(y), fx = x - lowx, fy = y - lowy;
+  const int32_t i = (int32_t)lowx, j = (int32_t)lowy;
+  const float u = fx * fx * (3.0f - 2.0f * fx), v = fy * fy * (3.0f - 2.0f * fy);
+  return mix(mix(lattice2(i, j, seed), lattice2(i + 1, j, seed), u),
+             mix(lattice2(i, j + 1, seed), lattice2(i + 1, j + 1, seed), u), v);
 }
 
 /* Value noise in the plane with cells of side `size`, in [-1, 1]. It fades to 0, its mean, as the filter width grows
@@ -103,8 +120,7 @@ static void asphalt(const pags_material *m, const pags_markings *markings, const
   const float patch = cell_value(x / 7.0f, y / 3.3f, seed + 2) < 0.12f ? 0.82f : 1.0f; /* darker repairs */
   const float tracks = 0.06f * pags_cosf(3.8080f * (y + 1.65f));                       /* two wheel tracks a lane */
   const float light = patch * (1.0f + 0.16f * coarse + 0.14f * fine + tracks);
-  for (int c = 0; c < 3; c++)
-    color[c] = m->color[c] * light;
+  pags_scale3f(light, m->color, color);
   const float worn = clamp01(0.9f + 0.35f * noise2(x, y, 0.35f, print->x, seed + 3));
   mix_color(color, paint, worn * marking_share(markings, touch, print), color);
 }
@@ -141,8 +157,7 @@ static void plaster(const pags_material *m, const pags_touch *touch, float width
   const float streak = noise2(3.0f * u, 0.4f * v, 0.9f, width, seed + 8), blot = noise2(u, v, 2.9f, width, seed + 9);
   const float grain = noise2(u, v, 0.09f, width, seed + 10);
   const float light = 1.0f + 0.09f * streak + 0.12f * blot + 0.06f * grain;
-  for (int c = 0; c < 3; c++)
-    color[c] = m->color[c] * light;
+  pags_scale3f(light, m->color, color);
 }
 
 static void tiles(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
@@ -151,8 +166,7 @@ static void tiles(const pags_material *m, const pags_touch *touch, float width, 
   const float keep = clamp01(1.5f - w), tone = keep * (cell_value(column, row, seed + 11) - 0.5f);
   const float light =
       1.0f + 0.4f * tone - 0.45f * (pulse_train(row, 0.15f, w) - 0.15f) + keep * 0.25f * (fraction(row) - 0.5f);
-  for (int c = 0; c < 3; c++)
-    color[c] = m->color[c] * light;
+  pags_scale3f(light, m->color, color);
 }
 
 /* A window: curtains, blinds or a dark room behind the panes, chosen by the window's number; `second` is the colour
@@ -185,17 +199,6 @@ static void paint(const pags_material *m, const pags_touch *touch, float width, 
   mix_color(m->color, dark, 0.85f * seam, color);
 }
 
-static void mottled(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
-  const float *p = touch->local;
-  const float t = 0.5f + 0.5f * noise2(p[0] + 0.6f * p[2], p[1] + 0.8f * p[2], m->size, width, seed + 14);
-  mix_color(m->color, m->second, t, color);
-}
-
-/* Each leaf has a random shade between the two colours; u is the leaf's number. */
-static void leaf(const pags_material *m, const pags_touch *touch, uint64_t seed, float color[3]) {
-  mix_color(m->color, m->second, cell_value(touch->uv[0], touch->uv[1], seed + 15), color);
-}
-
 void pags_material_color(const pags_material *material, const pags_markings *markings, const pags_touch *touch,
                          const pags_footprint *footprint, uint64_t seed, float color[3]) {
   const float width = footprint->mean;
@@ -207,9 +210,16 @@ void pags_material_color(const pags_material *material, const pags_markings *mar
     case PAGS_FINISH_TILES: tiles(material, touch, width, seed, color); break;
     case PAGS_FINISH_WINDOW: window(material, touch, width, seed, color); break;
     case PAGS_FINISH_PAINT: paint(material, touch, width, color); break;
-    case PAGS_FINISH_MOTTLED: mottled(material, touch, width, seed, color); break;
-    case PAGS_FINISH_LEAF: leaf(material, touch, seed, color); break;
-    case PAGS_FINISH_PLAIN: mix_color(material->color, material->color, 0.0f, color); break;
+    case PAGS_FINISH_MOTTLED: {
+      const float *p = touch->local, x = p[0] + 0.6f * p[2], y = p[1] + 0.8f * p[2];
+      const float t = 0.5f + 0.5f * noise2(x, y, material->size, width, seed + 14);
+      mix_color(material->color, material->second, t, color);
+      break;
+    }
+    case PAGS_FINISH_LEAF: /* each leaf has a random shade between the two colours; u is the leaf's number */
+      mix_color(material->color, material->second, cell_value(touch->uv[0], touch->uv[1], seed + 15), color);
+      break;
+    case PAGS_FINISH_PLAIN: pags_copy3f(material->color, color); break;
   }
   for (int c = 0; c < 3; c++)
     color[c] = clamp01(color[c]);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Materials of the synthetic street: the reflectance (linear RGB) at the point of a surface where a ray lands. */
+/* Materials of the synthetic street: the reflectance (linear RGB) at the point of a surface where a ray lands; and
+ * noise for the procedural textures of surfaces and clouds. */
 #ifndef PAGS_SYNTH_MATERIAL_H
 #define PAGS_SYNTH_MATERIAL_H
 
@@ -62,5 +63,8 @@ typedef struct pags_footprint {
  * `footprint`. `seed` chooses the random patterns. */
 void pags_material_color(const pags_material *material, const pags_markings *markings, const pags_touch *touch,
                          const pags_footprint *footprint, uint64_t seed, float color[3]);
+
+/* Smooth value noise in [0, 1] at (x, y), with cells of side 1. */
+float pags_noise2(float x, float y, uint32_t seed);
 
 #endif

@@ -3,13 +3,14 @@
 #include "synth/mesh.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
+#include "base/memory.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
 
 #define TWO_PI 6.2831853f
+
+enum { MOST = 1 << 30 }; /* vertices and faces of a mesh */
 
 /* ---- Vertices and faces ---- */
 
@@ -17,67 +18,33 @@ void pags_mesh_destroy(pags_mesh *mesh) {
   free(mesh->vertices);
   free(mesh->faces);
   free(mesh->materials);
-  memset(mesh, 0, sizeof *mesh);
-}
-
-static bool grow_vertices(pags_mesh *mesh) {
-  if (mesh->vertex_count < mesh->vertex_capacity)
-    return true;
-  const int64_t capacity = mesh->vertex_capacity ? 2 * mesh->vertex_capacity : 256;
-  pags_vertex *vertices = capacity < INT32_MAX ? realloc(mesh->vertices, (size_t)capacity * sizeof *vertices) : NULL;
-  if (!vertices) {
-    mesh->failed = true;
-    return false;
-  }
-  mesh->vertices = vertices;
-  mesh->vertex_capacity = capacity;
-  return true;
-}
-
-static bool grow_faces(pags_mesh *mesh) {
-  if (mesh->face_count < mesh->face_capacity)
-    return true;
-  const int64_t capacity = mesh->face_capacity ? 2 * mesh->face_capacity : 256;
-  uint32_t *faces = capacity < INT32_MAX ? realloc(mesh->faces, (size_t)capacity * 4 * sizeof *faces) : NULL;
-  if (faces)
-    mesh->faces = faces;
-  uint16_t *materials = faces ? realloc(mesh->materials, (size_t)capacity * sizeof *materials) : NULL;
-  if (!materials) {
-    mesh->failed = true;
-    return false;
-  }
-  mesh->materials = materials;
-  mesh->face_capacity = capacity;
-  return true;
+  *mesh = (pags_mesh){0};
 }
 
 uint32_t pags_mesh_vertex(pags_mesh *mesh, const float position[3], const float normal[3], float u, float v) {
-  static const float none[3] = {0};
-  if (!grow_vertices(mesh))
+  if (mesh->vertex_count >= MOST ||
+      !pags_grow(&mesh->vertices, mesh->vertex_count + 1, &mesh->vertex_capacity, sizeof *mesh->vertices)) {
+    mesh->failed = true;
     return 0;
+  }
   pags_vertex *out = &mesh->vertices[mesh->vertex_count];
-  memcpy(out->position, position, sizeof out->position);
-  memcpy(out->normal, normal ? normal : none, sizeof out->normal);
-  out->uv[0] = u;
-  out->uv[1] = v;
+  *out = (pags_vertex){.uv = {u, v}};
+  pags_copy3f(position, out->position);
+  if (normal)
+    pags_copy3f(normal, out->normal);
   return (uint32_t)mesh->vertex_count++;
 }
 
 void pags_mesh_face(pags_mesh *mesh, uint32_t a, uint32_t b, uint32_t c, uint32_t d, uint16_t material) {
-  if (mesh->failed || !grow_faces(mesh))
+  const int64_t count = mesh->face_count;
+  int64_t capacity = mesh->face_capacity; /* of both lists */
+  if (mesh->failed || count >= MOST || !pags_grow(&mesh->faces, count + 1, &capacity, 4 * sizeof *mesh->faces) ||
+      !pags_grow(&mesh->materials, count + 1, &mesh->face_capacity, sizeof *mesh->materials)) {
+    mesh->failed = true;
     return;
-  uint32_t *face = mesh->faces + 4 * mesh->face_count;
-  face[0] = a;
-  face[1] = b;
-  face[2] = c;
-  face[3] = d;
+  }
+  memcpy(mesh->faces + 4 * count, (uint32_t[4]){a, b, c, d}, 4 * sizeof *mesh->faces);
   mesh->materials[mesh->face_count++] = material;
-}
-
-static void normalise(float v[3]) {
-  const float length = pags_length3f(v);
-  for (int k = 0; k < 3 && length > 0.0f; k++)
-    v[k] /= length;
 }
 
 /* ---- Quads and boxes ---- */
@@ -102,8 +69,7 @@ void pags_mesh_box(pags_mesh *mesh, const float center[3], const float half[3], 
     for (int side = -1; side <= 1; side += 2) {
       const int next = axis == 2 ? 0 : axis == 0 ? 1 : 0, last = 3 - axis - next;
       float a[3], along[3] = {0}, up[3] = {0};
-      for (int k = 0; k < 3; k++)
-        a[k] = center[k] - half[k];
+      pags_subtract3f(center, half, a);
       a[axis] = center[axis] + (float)side * half[axis];
       along[next] = 2.0f * half[next];
       up[last] = 2.0f * half[last];
@@ -135,26 +101,23 @@ static void end_cap(pags_mesh *mesh, const float center[3], const float x[3], co
 void pags_mesh_tube(pags_mesh *mesh, const float from[3], const float to[3], float radius_from, float radius_to,
                     int sides, uint16_t material) {
   float axis[3], x[3], y[3];
-  for (int k = 0; k < 3; k++)
-    axis[k] = to[k] - from[k];
-  const float height = pags_length3f(axis);
-  normalise(axis);
+  pags_subtract3f(to, from, axis);
+  const float height = pags_normalise3f(axis);
 
   /* x and y: unit vectors perpendicular to the unit vector `axis` and to each other. */
   const float other[3] = {fabsf(axis[2]) > 0.9f ? 1.0f : 0.0f, 0.0f, fabsf(axis[2]) > 0.9f ? 0.0f : 1.0f};
   pags_cross3f(other, axis, x);
-  normalise(x);
+  pags_normalise3f(x);
   pags_cross3f(axis, x, y);
 
   const uint32_t base = (uint32_t)mesh->vertex_count;
   for (int i = 0; i < sides; i++) {
     const float angle = TWO_PI * (float)i / (float)sides;
     float n[3], low[3], high[3];
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 3; k++)
       n[k] = pags_cosf(angle) * x[k] + pags_sinf(angle) * y[k];
-      low[k] = from[k] + radius_from * n[k];
-      high[k] = to[k] + radius_to * n[k];
-    }
+    pags_along3f(from, radius_from, n, low);
+    pags_along3f(to, radius_to, n, high);
     const float u = TWO_PI * radius_from * (float)i / (float)sides;
     pags_mesh_vertex(mesh, low, n, u, 0.0f);
     pags_mesh_vertex(mesh, high, n, u, height);
@@ -180,7 +143,7 @@ void pags_mesh_ellipsoid(pags_mesh *mesh, const float center[3], const float rad
         p[k] = center[k] + radii[k] * unit[k];
         n[k] = unit[k] / radii[k];
       }
-      normalise(n);
+      pags_normalise3f(n);
       pags_mesh_vertex(mesh, p, n, (float)j, (float)i);
     }
   for (int i = 0; i < stacks; i++)
@@ -220,12 +183,10 @@ void pags_mesh_loft(pags_mesh *mesh, int rings, int columns, const float *points
       const float *right = points + 3 * (i * columns + (j + 1) % columns);
       const float *low = points + 3 * (before * columns + j), *high = points + 3 * (after * columns + j);
       float across[3], along[3];
-      for (int k = 0; k < 3; k++) {
-        across[k] = right[k] - left[k];
-        along[k] = high[k] - low[k];
-      }
+      pags_subtract3f(right, left, across);
+      pags_subtract3f(high, low, along);
       pags_cross3f(across, along, normal);
-      normalise(normal);
+      pags_normalise3f(normal);
 
       pags_mesh_vertex(mesh, points + 3 * (i * columns + j), normal, (float)j, (float)i);
     }

@@ -4,13 +4,29 @@
 #ifndef PAGS_SYNTH_MODELS_H
 #define PAGS_SYNTH_MODELS_H
 
-#include "synth/dice.h"
+#include "base/rng.h"
 #include "synth/material.h"
 
+/* A counter on one stream of the engine's random numbers (base/rng.h). The builders of the synthetic scenes draw from
+ * it one number after another. */
+typedef struct pags_dice {
+  uint64_t seed, stream, count;
+} pags_dice;
+
+/* Uniform in [lo, hi). */
+static inline float pags_dice_between(pags_dice *dice, float lo, float hi) {
+  return lo + (hi - lo) * (float)pags_rng_uniform(dice->seed, dice->stream, dice->count++);
+}
+
+/* A uniformly drawn integer in 0 .. count - 1. */
+static inline int pags_dice_pick(pags_dice *dice, int count) {
+  return (int)pags_rng_below(dice->seed, dice->stream, dice->count++, (uint64_t)count);
+}
 typedef struct pags_materials {
   pags_material *list;
-  int count, capacity;
-  bool failed; /* out of memory, or more than 65,535 materials */
+  int count;
+  int64_t capacity;
+  bool failed; /* out of memory, or more than 65,536 materials */
 } pags_materials;
 
 void pags_materials_destroy(pags_materials *materials);

@@ -4,8 +4,6 @@
  * The points are sorted into a grid of cells. Each triangle of the street, posed at the given time, visits the cells
  * that its bounding box, enlarged by the reach, touches, and lowers the distances of the points in them. */
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/file.h"
 #include "base/json.h"
@@ -19,13 +17,13 @@ struct pags_street_truth {
   pags_street street;
 };
 
-/* ---- The options of a street in truth/street.json ---- */
+PAGS_DEFINE_AUTO(pags_street_truth, pags_street_truth_close)
 
-static const char *const truth_file = "truth/street.json";
+/* ---- The options of a street in truth/street.json ---- */
 
 pags_result pags_street_write_truth(const pags_street *street, const char *path) {
   const pags_street_options *o = street->options;
-  pags_json_writer json;
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer json;
   pags_json_writer_init(&json, 1);
   pags_json_begin_object(&json, NULL);
   pags_json_put_integer(&json, "frames", o->frames);
@@ -36,32 +34,28 @@ pags_result pags_street_write_truth(const pags_street *street, const char *path)
     pags_json_put_bool(&json, "lively", true);
   pags_faults_to_json(&json, &o->faults);
   pags_json_end_object(&json);
-  const pags_result result = pags_json_writer_save(&json, path);
-  pags_json_writer_destroy(&json);
-  return result;
+  return pags_json_writer_save(&json, path);
 }
 
-static pags_result read_options(const char *path, pags_street_options *out) {
-  pags_json *json;
+pags_result pags_street_read_truth(const char *folder, pags_street_options *out, bool *found) {
   double frames, fps, objects, seed;
   bool lively = false;
-  PAGS_TRY(pags_json_parse_file(path, &json));
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  *out = pags_street_options_default();
+  *found = false;
+  PAGS_TRY(pags_json_parse_in_folder(folder, "truth/street.json", &json));
+  *found = json;
+  if (!json)
+    return PAGS_OK;
   const pags_json_value *root = pags_json_root(json);
-  pags_result result = pags_json_number(json, root, "frames", &frames);
-  if (result == PAGS_OK)
-    result = pags_json_number(json, root, "fps", &fps);
-  if (result == PAGS_OK)
-    result = pags_json_number(json, root, "objects", &objects);
-  if (result == PAGS_OK)
-    result = pags_json_number(json, root, "seed", &seed);
-  if (result == PAGS_OK)
-    result = pags_json_bool_or(json, root, "lively", false, &lively);
-  pags_json_destroy(json);
-  PAGS_TRY(result);
+  PAGS_TRY(pags_json_number(json, root, "frames", &frames));
+  PAGS_TRY(pags_json_number(json, root, "fps", &fps));
+  PAGS_TRY(pags_json_number(json, root, "objects", &objects));
+  PAGS_TRY(pags_json_number(json, root, "seed", &seed));
+  PAGS_TRY(pags_json_bool_or(json, root, "lively", false, &lively));
   if (!(frames >= 2 && frames <= 10000 && fps >= 0.1 && fps <= 1000 && objects >= 0 && objects <= 64 && seed >= 0 &&
         seed < 0x1p53))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: a number lies outside of what a street can have", path);
-  *out = pags_street_options_default();
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: a number lies outside of what a street can have", pags_json_path(json));
   out->frames = (int)frames;
   out->fps = fps;
   out->objects = (int)objects;
@@ -70,41 +64,24 @@ static pags_result read_options(const char *path, pags_street_options *out) {
   return PAGS_OK;
 }
 
-pags_result pags_street_read_truth(const char *folder, pags_street_options *out, int *found) {
-  *found = 0;
-  *out = pags_street_options_default();
-  char *path = pags_path_join(folder, truth_file);
-  if (!path)
-    return pags_out_of_memory(NULL);
-  *found = pags_file_exists(path);
-  const pags_result result = *found ? read_options(path, out) : PAGS_OK;
-  free(path);
-  return result;
-}
-
 pags_result pags_street_truth_open(const char *folder, pags_street_truth **out) {
   *out = NULL;
   pags_street_options options;
-  int found;
+  bool found;
   PAGS_TRY(pags_street_read_truth(folder, &options, &found));
   if (!found)
     return PAGS_OK;
-  pags_street_truth *truth = calloc(1, sizeof *truth);
-  if (!truth)
-    return pags_out_of_memory("a street");
+  PAGS_AUTO(pags_street_truth_close_auto) pags_street_truth *truth = calloc(1, sizeof *truth);
+  PAGS_CHECK_MEMORY(truth, "a street");
   truth->options = options;
-  const pags_result result = pags_street_build(&truth->options, &truth->street);
-  if (result == PAGS_OK)
-    *out = truth;
-  else
-    pags_street_truth_close(truth);
-  return result;
+  PAGS_TRY(pags_street_build(&truth->options, &truth->street));
+  *out = pags_take(&truth);
+  return PAGS_OK;
 }
 
 void pags_street_truth_close(pags_street_truth *truth) {
-  if (!truth)
-    return;
-  pags_street_destroy(&truth->street);
+  if (truth)
+    pags_street_destroy(&truth->street);
   free(truth);
 }
 
@@ -117,6 +94,11 @@ typedef struct grid {
   int64_t *start; /* cell c holds order[start[c]] .. order[start[c + 1] - 1] */
   int32_t *order; /* point indices sorted by cell; points outside of the grid are left out */
 } grid;
+
+static void free_grid(grid *g) {
+  free(g->start);
+  free(g->order);
+}
 
 enum { LEAST_HEIGHT = -10, MOST_HEIGHT = 60, HALF_WIDTH = 120, MARGIN = 50 };
 static const float cell_side = 1.0f; /* metres */
@@ -142,8 +124,7 @@ static pags_result make_grid(const pags_street *street, const float *points, int
   const int64_t cells = g->size[0] * g->size[1] * g->size[2];
   g->start = calloc((size_t)cells + 2, sizeof *g->start);
   g->order = malloc((size_t)(count > 0 ? count : 1) * sizeof *g->order);
-  if (!g->start || !g->order)
-    return pags_out_of_memory("%lld points", (long long)count);
+  PAGS_CHECK_MEMORY(g->start && g->order, "%lld points", (long long)count);
   for (int64_t i = 0; i < count; i++) /* counted at cell + 2: start[cell] is right after filling */
     if (cell_of(g, points + 3 * i) >= 0)
       g->start[cell_of(g, points + 3 * i) + 2]++;
@@ -161,29 +142,21 @@ static pags_result make_grid(const pags_street *street, const float *points, int
  * nearest edge. */
 static float to_triangle(const float p[3], const float corner[3][3]) {
   float edge[3][3], from[3][3], normal[3], nearest = INFINITY;
-  for (int i = 0; i < 3; i++)
-    for (int k = 0; k < 3; k++) {
-      edge[i][k] = corner[(i + 1) % 3][k] - corner[i][k];
-      from[i][k] = p[k] - corner[i][k];
-    }
-  for (int k = 0; k < 3; k++)
-    normal[k] = edge[0][(k + 1) % 3] * edge[1][(k + 2) % 3] - edge[0][(k + 2) % 3] * edge[1][(k + 1) % 3];
-  int inside = 1;
+  for (int i = 0; i < 3; i++) {
+    pags_subtract3f(corner[(i + 1) % 3], corner[i], edge[i]);
+    pags_subtract3f(p, corner[i], from[i]);
+  }
+  pags_cross3f(edge[0], edge[1], normal);
+  bool inside = true;
   for (int i = 0; i < 3; i++) {
     /* Squared distance to edge i, the segment from corner i along edge[i]; from[i] = point - corner i. */
     const float length = pags_dot3f(edge[i], edge[i]);
-    float t = length > 0.0f ? pags_dot3f(from[i], edge[i]) / length : 0.0f, sum = 0.0f;
+    float t = length > 0.0f ? pags_dot3f(from[i], edge[i]) / length : 0.0f, off[3], side[3];
     t = t > 0.0f ? t < 1.0f ? t : 1.0f : 0.0f;
-    for (int k = 0; k < 3; k++) {
-      const float d = from[i][k] - t * edge[i][k];
-      sum += d * d;
-    }
-    const float along = sum;
-
-    float side[3];
-    for (int k = 0; k < 3; k++)
-      side[k] = edge[i][(k + 1) % 3] * from[i][(k + 2) % 3] - edge[i][(k + 2) % 3] * from[i][(k + 1) % 3];
-    nearest = along < nearest ? along : nearest;
+    pags_along3f(from[i], -t, edge[i], off);
+    const float square = pags_dot3f(off, off);
+    nearest = square < nearest ? square : nearest;
+    pags_cross3f(edge[i], from[i], side);
     inside = inside && pags_dot3f(side, normal) >= 0.0f;
   }
   const float area = pags_dot3f(normal, normal), height = pags_dot3f(from[0], normal);
@@ -211,42 +184,32 @@ static void visit(const grid *g, const float corner[3][3], float *nearest) {
       }
 }
 
-static void place_vertex(const float m[12], const float p[3], float out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
-}
-
-static void visit_placement(const grid *g, const pags_mesh *mesh, const float pose[12], float *nearest) {
-  for (int64_t f = 0; f < mesh->face_count; f++) {
-    float quad[4][3], corner[3][3];
-    for (int i = 0; i < 4; i++)
-      place_vertex(pose, mesh->vertices[mesh->faces[4 * f + i]].position, quad[i]);
-    for (int half = 0; half < 2; half++) {
-      memcpy(corner[0], quad[0], sizeof quad[0]);
-      memcpy(corner[1], quad[1 + half], sizeof quad[0]);
-      memcpy(corner[2], quad[2 + half], sizeof quad[0]);
-      visit(g, (const float(*)[3])corner, nearest);
-    }
-  }
-}
-
 pags_result pags_street_truth_distances(pags_street_truth *truth, double time, const float *points, int64_t count,
                                         double reach, float *critical, float *other) {
   pags_street *street = &truth->street;
-  grid g;
-  pags_result result = make_grid(street, points, count, (float)reach, &g);
+  PAGS_AUTO(free_grid) grid g = {0};
   for (int64_t i = 0; i < count; i++)
     critical[i] = other[i] = INFINITY;
+  PAGS_TRY(make_grid(street, points, count, (float)reach, &g));
   pags_street_set_time(street, time);
-  for (int i = 0; result == PAGS_OK && i < street->placement_count; i++) {
+  for (int i = 0; i < street->placement_count; i++) {
     const pags_stage_placement *p = &street->placements[i];
-    visit_placement(&g, &street->meshes[p->mesh], p->pose, p->actor >= 0 ? critical : other);
+    const pags_mesh *mesh = &street->meshes[p->mesh];
+    for (int64_t f = 0; f < mesh->face_count; f++) {
+      float quad[4][3], corner[3][3];
+      for (int c = 0; c < 4; c++)
+        pags_transform3f(p->pose, mesh->vertices[mesh->faces[4 * f + c]].position, quad[c]);
+      for (int half = 0; half < 2; half++) {
+        pags_copy3f(quad[0], corner[0]);
+        pags_copy3f(quad[1 + half], corner[1]);
+        pags_copy3f(quad[2 + half], corner[2]);
+        visit(&g, (const float(*)[3])corner, p->actor >= 0 ? critical : other);
+      }
+    }
   }
   for (int64_t i = 0; i < count; i++) {
     critical[i] = sqrtf(critical[i]);
     other[i] = sqrtf(other[i]);
   }
-  free(g.start);
-  free(g.order);
-  return result;
+  return PAGS_OK;
 }

@@ -1,17 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The unlabelled, static part of the street: ground, houses on both sides and across its end, trees, lamps, signs and
- * bins. */
+/* Builds the synthetic street from its options: its extent, then its unlabelled, static part (ground, houses on both
+ * sides and across its end, trees, lamps, signs and bins), then parked and moving objects (actors.c). */
 #include <math.h>
 
-#include "synth/layout.h"
+#include "base/memory.h"
 #include "synth/street.h"
 
 enum { STREAM_HOUSES = 1, STREAM_TREES, STREAM_PLANTS };
-
-/* Adds the horizontal rectangle [x0, x1] x [y0, y1] at height z. */
-static void level(pags_mesh *mesh, float x0, float x1, float y0, float y1, float z, uint16_t material) {
-  pags_mesh_quad(mesh, (float[3]){x0, y0, z}, (float[3]){x1 - x0, 0, 0}, (float[3]){0, y1 - y0, 0}, NULL, material);
-}
 
 pags_ground pags_ground_make(pags_materials *materials) {
   return (pags_ground){.asphalt = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_ASPHALT,
@@ -35,7 +30,7 @@ pags_ground pags_ground_make(pags_materials *materials) {
 }
 
 void pags_ground_pave(pags_mesh *mesh, float x0, float x1, float y0, float y1, float z, uint16_t material) {
-  level(mesh, x0, x1, y0, y1, z, material);
+  pags_mesh_quad(mesh, (float[3]){x0, y0, z}, (float[3]){x1 - x0, 0, 0}, (float[3]){0, y1 - y0, 0}, NULL, material);
 }
 
 void pags_ground_kerb(pags_mesh *mesh, const pags_ground *ground, float x0, float x1, int left) {
@@ -43,18 +38,19 @@ void pags_ground_kerb(pags_mesh *mesh, const pags_ground *ground, float x0, floa
   const float out = left ? 1.0f : -1.0f, h = PAGS_KERB_HEIGHT;
   pags_mesh_box(mesh, (float[3]){0.5f * (x0 + x1), kerb + 0.08f * out, 0.5f * h},
                 (float[3]){0.5f * (x1 - x0), 0.08f, 0.5f * h}, ground->stone);
-  level(mesh, x0, x1, kerb + 0.16f * out, front, h, ground->slabs);
+  pags_ground_pave(mesh, x0, x1, kerb + 0.16f * out, front, h, ground->slabs);
 }
 
 static void add_ground(pags_street *street, pags_mesh *mesh) {
   const float x0 = street->begin_x - 30.0f, x1 = street->end_x + 12.0f;
   const pags_ground ground = pags_ground_make(&street->materials);
-  level(mesh, x0, x1, PAGS_KERB_RIGHT, PAGS_KERB_LEFT, 0.0f, ground.asphalt);
-  level(mesh, street->end_x, x1, -60.0f, 60.0f, 0.001f, ground.asphalt);
+  pags_ground_pave(mesh, x0, x1, PAGS_KERB_RIGHT, PAGS_KERB_LEFT, 0.0f, ground.asphalt);
+  pags_ground_pave(mesh, street->end_x, x1, -60.0f, 60.0f, 0.001f, ground.asphalt);
   for (int left = 0; left < 2; left++) {
     const float front = left ? PAGS_FRONT_LEFT : PAGS_FRONT_RIGHT;
     pags_ground_kerb(mesh, &ground, x0, street->end_x, left);
-    level(mesh, x0, street->end_x, front, front + (left ? 45.0f : -45.0f), PAGS_KERB_HEIGHT - 0.01f, ground.grass);
+    pags_ground_pave(mesh, x0, street->end_x, front, front + (left ? 45.0f : -45.0f), PAGS_KERB_HEIGHT - 0.01f,
+                     ground.grass);
   }
 }
 
@@ -100,18 +96,6 @@ static void plant_kerb(pags_street *street, pags_dice *dice, const pags_planting
   }
 }
 
-/* Places two signs at each zebra crossing, one for either direction of traffic. */
-static void add_crossing_signs(pags_street *street, int sign) {
-  const float spacing = street->markings.spacing;
-  float x = street->markings.first_crossing;
-  while (x - spacing > street->begin_x)
-    x -= spacing;
-  for (; x < street->end_x; x += spacing) {
-    pags_street_place(street, sign, -1, x - 2.9f, PAGS_KERB_RIGHT - 0.45f, PAGS_KERB_HEIGHT, 0.0f, 1.0f);
-    pags_street_place(street, sign, -1, x + 2.9f, PAGS_KERB_LEFT + 0.45f, PAGS_KERB_HEIGHT, 3.14159265f, 1.0f);
-  }
-}
-
 void pags_planting_make(pags_street *street, pags_dice *dice, pags_planting *out) {
   for (int i = 0; i < PAGS_TREE_KINDS; i++) {
     out->trees[i] = pags_street_mesh(street);
@@ -130,10 +114,20 @@ void pags_planting_make(pags_street *street, pags_dice *dice, pags_planting *out
 void pags_planting_add(pags_street *street, pags_dice *dice, const pags_planting *kinds) {
   plant_kerb(street, dice, kinds, 0);
   plant_kerb(street, dice, kinds, 1);
-  add_crossing_signs(street, kinds->signs[1]);
+
+  /* Two signs at each zebra crossing, one for either direction of traffic. */
+  const float spacing = street->markings.spacing;
+  const int sign = kinds->signs[1];
+  float x = street->markings.first_crossing;
+  while (x - spacing > street->begin_x)
+    x -= spacing;
+  for (; x < street->end_x; x += spacing) {
+    pags_street_place(street, sign, -1, x - 2.9f, PAGS_KERB_RIGHT - 0.45f, PAGS_KERB_HEIGHT, 0.0f, 1.0f);
+    pags_street_place(street, sign, -1, x + 2.9f, PAGS_KERB_LEFT + 0.45f, PAGS_KERB_HEIGHT, 3.14159265f, 1.0f);
+  }
 }
 
-void pags_scenery_add(pags_street *street) {
+static void add_scenery(pags_street *street) {
   pags_dice dice = {street->options->seed, STREAM_HOUSES, 0};
   const int ground = pags_street_mesh(street);
   pags_planting kinds;
@@ -159,4 +153,16 @@ void pags_scenery_add(pags_street *street) {
   pags_planting_make(street, &dice, &kinds);
   dice = (pags_dice){street->options->seed, STREAM_PLANTS, 0};
   pags_planting_add(street, &dice, &kinds);
+}
+
+pags_result pags_street_build(const pags_street_options *options, pags_street *street) {
+  *street = (pags_street){.options = options, .begin_x = -45.0f};
+  street->duration = (options->frames - 1) / options->fps;
+  street->end = pags_street_ego_x(options, street->duration);
+  street->end_x = (float)street->end + 130.0f;
+  street->markings = (pags_markings){.first_crossing = (float)street->end + 22.0f, .spacing = 84.0f};
+  add_scenery(street);
+  pags_actors_add(street);
+  PAGS_CHECK_MEMORY(pags_street_is_complete(street), "a street of %d frames", options->frames);
+  return PAGS_OK;
 }

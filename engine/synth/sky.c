@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A procedural sky: a clear blue gradient, a glow about the sun and fair-weather clouds in a flat layer above. */
-#include "synth/sky.h"
-
 #include <math.h>
 
+#include "base/vec3.h"
 #include "maths/maths.h"
-#include "synth/noise.h"
+#include "synth/view.h"
 
 const float pags_sun[3] = {-0.42f, 0.50f, 0.7573639f}; /* behind the car on its left, 49 degrees high */
 const float pags_sun_light[3] = {1.42f, 1.30f, 1.10f};
@@ -34,7 +33,7 @@ void pags_sky_color(const float direction[3], uint64_t seed, float color[3]) {
   static const float zenith[3] = {0.13f, 0.29f, 0.66f}, horizon[3] = {0.62f, 0.72f, 0.84f},
                      cloud[3] = {0.93f, 0.93f, 0.95f};
   const float up = direction[2] > 0.0f ? direction[2] : 0.0f, t = pags_powf(1.0f - up, 3.0f);
-  const float cosine = direction[0] * pags_sun[0] + direction[1] * pags_sun[1] + direction[2] * pags_sun[2];
+  const float cosine = pags_dot3f(direction, pags_sun);
   const float glow = cosine > 0.0f ? 0.5f * pags_powf(cosine, 40.0f) : 0.0f;
   const float share = direction[2] > 0.0f ? 0.85f * clouds(direction, seed) : 0.0f;
   for (int c = 0; c < 3; c++)

@@ -4,11 +4,9 @@
 #include "synth/stage.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/embree.h"
-#include "base/memory.h"
+#include "base/vec3.h"
 
 struct pags_stage {
   const pags_mesh *meshes;
@@ -22,12 +20,17 @@ struct pags_stage {
 
 /* ---- Building the scenes ---- */
 
-static pags_result build(pags_stage *stage) {
+pags_result pags_stage_create(const pags_mesh *meshes, int mesh_count, const pags_stage_placement *placements,
+                              int placement_count, pags_stage **out) {
+  *out = NULL;
+  PAGS_AUTO(pags_stage_destroy_auto) pags_stage *stage = calloc(1, sizeof *stage);
+  PAGS_CHECK_MEMORY(stage, "the ray tracer");
+  *stage = (pags_stage){
+      .meshes = meshes, .placements = placements, .mesh_count = mesh_count, .placement_count = placement_count};
   stage->device = pags_embree_device();
   stage->parts = calloc((size_t)stage->mesh_count + 1, sizeof(RTCScene));
   stage->instances = calloc((size_t)stage->placement_count + 1, sizeof(RTCGeometry));
-  if (!stage->parts || !stage->instances)
-    return pags_out_of_memory("the ray tracer");
+  PAGS_CHECK_MEMORY(stage->parts && stage->instances, "the ray tracer");
   if (!stage->device)
     return pags_embree_failed(NULL);
   for (int i = 0; i < stage->mesh_count; i++) {
@@ -62,23 +65,9 @@ static pags_result build(pags_stage *stage) {
     rtcSetGeometryTimeStepCount(instance, 1);
     rtcAttachGeometryByID(stage->scene, instance, (unsigned)i);
   }
-  return pags_stage_commit(stage, 0, stage->placement_count);
-}
-
-pags_result pags_stage_create(const pags_mesh *meshes, int mesh_count, const pags_stage_placement *placements,
-                              int placement_count, pags_stage **out) {
-  *out = NULL;
-  pags_stage *stage = calloc(1, sizeof *stage);
-  if (!stage)
-    return pags_out_of_memory("the ray tracer");
-  *stage = (pags_stage){
-      .meshes = meshes, .placements = placements, .mesh_count = mesh_count, .placement_count = placement_count};
-  const pags_result result = build(stage);
-  if (result == PAGS_OK)
-    *out = stage;
-  else
-    pags_stage_destroy(stage);
-  return result;
+  PAGS_TRY(pags_stage_commit(stage, 0, stage->placement_count));
+  *out = pags_take(&stage);
+  return PAGS_OK;
 }
 
 void pags_stage_destroy(pags_stage *stage) {
@@ -132,17 +121,10 @@ static void load_rays(const pags_rays *rays, float from, float to, struct RTCRay
   }
 }
 
-static void turn(const float pose[12], const float v[3], float out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = pose[4 * k] * v[0] + pose[4 * k + 1] * v[1] + pose[4 * k + 2] * v[2];
-}
-
 /* Normalises n and flips it, if needed, so that it points against `direction`, towards the ray's origin. */
 static void face_ray(float n[3], const float direction[3]) {
-  const float length = sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-  const float towards = n[0] * direction[0] + n[1] * direction[1] + n[2] * direction[2] > 0.0f ? -1.0f : 1.0f;
-  for (int k = 0; k < 3; k++)
-    n[k] *= towards / (length > 0.0f ? length : 1.0f);
+  const float length = pags_length3f(n), towards = pags_dot3f(n, direction) > 0.0f ? -1.0f : 1.0f;
+  pags_scale3f(towards / (length > 0.0f ? length : 1.0f), n, n);
 }
 
 /* Fills `out` for lane i of a traced packet; the point is left to the caller. */
@@ -160,7 +142,7 @@ static void fill_touch(const pags_stage *stage, const struct RTCRayHit8 *ray, in
 
   /* Weights of the quad's corners. Embree splits a quad into the triangles of corners 0 1 3 and 2 3 1; in the second
    * one, u and v count backwards from 1. */
-  const int second = ray->hit.u[i] + ray->hit.v[i] > 1.0f;
+  const bool second = ray->hit.u[i] + ray->hit.v[i] > 1.0f;
   weight[0] = second ? 0.0f : 1.0f - ray->hit.u[i] - ray->hit.v[i];
   weight[1] = second ? 1.0f - ray->hit.v[i] : ray->hit.u[i];
   weight[2] = second ? ray->hit.u[i] + ray->hit.v[i] - 1.0f : 0.0f;
@@ -168,16 +150,14 @@ static void fill_touch(const pags_stage *stage, const struct RTCRayHit8 *ray, in
 
   for (int c = 0; c < 4; c++) {
     const pags_vertex *vertex = &mesh->vertices[mesh->faces[4 * face + (uint32_t)c]];
-    for (int k = 0; k < 3; k++) {
-      out->local[k] += weight[c] * vertex->position[k];
-      smooth[k] += weight[c] * vertex->normal[k];
-    }
+    pags_add_scaled3f(weight[c], vertex->position, out->local);
+    pags_add_scaled3f(weight[c], vertex->normal, smooth);
     out->uv[0] += weight[c] * vertex->uv[0];
     out->uv[1] += weight[c] * vertex->uv[1];
   }
-  const bool has_smooth = smooth[0] * smooth[0] + smooth[1] * smooth[1] + smooth[2] * smooth[2] > 0.01f;
-  turn(placement->pose, flat, out->flat);
-  turn(placement->pose, has_smooth ? smooth : flat, out->normal);
+  const bool has_smooth = pags_dot3f(smooth, smooth) > 0.01f;
+  pags_rotate3f(placement->pose, flat, out->flat);
+  pags_rotate3f(placement->pose, has_smooth ? smooth : flat, out->normal);
   face_ray(out->flat, direction);
   face_ray(out->normal, direction);
 }
@@ -204,8 +184,7 @@ unsigned pags_stage_trace(const pags_stage *stage, const pags_rays *rays, pags_t
     if (valid[i] && ray.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID) {
       met |= 1u << i;
       fill_touch(stage, &ray, i, rays->direction[i], &touches[i]);
-      for (int k = 0; k < 3; k++)
-        touches[i].point[k] = rays->origin[i][k] + touches[i].distance * rays->direction[i][k];
+      pags_along3f(rays->origin[i], touches[i].distance, rays->direction[i], touches[i].point);
     }
   return met;
 }

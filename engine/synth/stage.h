@@ -5,6 +5,7 @@
 
 #include <pags/base.h>
 
+#include "base/memory.h"
 #include "synth/mesh.h"
 
 enum { PAGS_PACKET = 8 };
@@ -40,7 +41,8 @@ typedef struct pags_stage pags_stage;
  * placements' poses again. */
 pags_result pags_stage_create(const pags_mesh *meshes, int mesh_count, const pags_stage_placement *placements,
                               int placement_count, pags_stage **out);
-void pags_stage_destroy(pags_stage *stage);
+void pags_stage_destroy(pags_stage *stage); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_stage, pags_stage_destroy)
 /* Takes over the current poses of placements first .. first + count - 1. Must not run while rays are traced. */
 pags_result pags_stage_commit(pags_stage *stage, int first, int count);
 

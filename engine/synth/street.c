@@ -3,33 +3,15 @@
  * vehicle. */
 #include "synth/street.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
-#include "synth/layout.h"
 
 #define TWO_PI 6.283185307179586
 
-/* Makes room for one more element of `size` bytes in a list; returns false when out of memory. */
-static bool grow(void **list, int count, int *capacity, size_t size) {
-  if (count < *capacity)
-    return true;
-  const int wider = *capacity ? 2 * *capacity : 64;
-  void *bigger = wider < INT32_MAX / 2 ? realloc(*list, (size_t)wider * size) : NULL;
-  if (!bigger)
-    return false;
-  *list = bigger;
-  *capacity = wider;
-  return true;
-}
-
 int pags_street_mesh(pags_street *street) {
-  void *list = street->meshes;
-  if (!grow(&list, street->mesh_count, &street->mesh_capacity, sizeof(pags_mesh)))
+  if (!pags_grow(&street->meshes, street->mesh_count + 1, &street->mesh_capacity, sizeof *street->meshes))
     street->failed = true;
-  street->meshes = list;
   if (street->failed)
     return 0;
   street->meshes[street->mesh_count] = (pags_mesh){0};
@@ -37,10 +19,9 @@ int pags_street_mesh(pags_street *street) {
 }
 
 int pags_street_place(pags_street *street, int mesh, int actor, float x, float y, float z, float yaw, float scale) {
-  void *list = street->placements;
-  if (!grow(&list, street->placement_count, &street->placement_capacity, sizeof(pags_stage_placement)))
+  if (!pags_grow(&street->placements, street->placement_count + 1, &street->placement_capacity,
+                 sizeof *street->placements))
     street->failed = true;
-  street->placements = list;
   if (street->failed)
     return 0;
   const float c = scale * pags_cosf(yaw), s = scale * pags_sinf(yaw);
@@ -50,14 +31,19 @@ int pags_street_place(pags_street *street, int mesh, int actor, float x, float y
 }
 
 int pags_street_actor(pags_street *street, const pags_actor *actor) {
-  void *list = street->actors;
-  if (!grow(&list, street->actor_count, &street->actor_capacity, sizeof(pags_actor)))
+  if (!pags_grow(&street->actors, street->actor_count + 1, &street->actor_capacity, sizeof *street->actors))
     street->failed = true;
-  street->actors = list;
   if (street->failed)
     return 0;
   street->actors[street->actor_count] = *actor;
   return street->actor_count++;
+}
+
+bool pags_street_is_complete(const pags_street *street) {
+  bool failed = street->failed || street->materials.failed;
+  for (int i = 0; i < street->mesh_count; i++)
+    failed |= street->meshes[i].failed;
+  return !failed;
 }
 
 void pags_street_destroy(pags_street *street) {
@@ -67,7 +53,7 @@ void pags_street_destroy(pags_street *street) {
   free(street->placements);
   free(street->actors);
   pags_materials_destroy(&street->materials);
-  memset(street, 0, sizeof *street);
+  *street = (pags_street){0};
 }
 
 /* How the ego vehicle's way at 10 m/s and its place in the lane vary: waves of metres, their radians a second, and the

@@ -9,13 +9,31 @@
 
 #include "synth/models.h"
 
+/* The cross-section of the street: positions y in metres, 0 on the middle line, positive to its left. Traffic keeps
+ * to the right. The ego vehicle drives in the left one of its two lanes, so that a camera shifted by three metres to
+ * the right is still over a lane. */
+#define PAGS_EGO_LANE (-1.65f)
+#define PAGS_LANE_EDGE (-3.3f)
+#define PAGS_RIGHT_LANE (-4.6f) /* cars in the right lane drive here, clear of cyclists */
+#define PAGS_CYCLE_LINE (-6.3f)
+#define PAGS_ONCOMING_LANE 1.65f
+#define PAGS_PARKING_LEFT 3.3f
+#define PAGS_PARKING_RIGHT (-6.6f)
+#define PAGS_PARKING_BAY 6.0f /* length of one bay along x */
+#define PAGS_KERB_LEFT 5.5f
+#define PAGS_KERB_RIGHT (-8.8f)
+#define PAGS_KERB_HEIGHT 0.13f
+#define PAGS_FRONT_LEFT 9.2f /* where the house plots begin, behind the pavement */
+#define PAGS_FRONT_RIGHT (-12.5f)
+#define PAGS_ZEBRA 4.0f /* length of a crossing along x */
+
 typedef enum pags_role { PAGS_ROLE_CAR, PAGS_ROLE_PEDESTRIAN, PAGS_ROLE_CYCLIST } pags_role;
 
 /* A labelled object. A moving one goes straight ahead; a sine of amplitude `sway` added to its path makes its speed
  * vary. */
 typedef struct pags_actor {
   pags_role role;
-  int moving;
+  bool moving;
   float size[3];                 /* length, width and height of its labelled box, metres */
   double start[2];               /* x, y of its middle at time 0, metres */
   double heading;                /* radians, 0 = along +x */
@@ -37,13 +55,22 @@ typedef struct pags_street {
   pags_stage_placement *placements; /* scenery first, then parked actors', then moving actors' */
   pags_actor *actors;               /* parked ones first */
   int mesh_count, placement_count, actor_count;
-  int mesh_capacity, placement_capacity, actor_capacity;
+  int64_t mesh_capacity, placement_capacity, actor_capacity;
   int first_moving; /* index of the first placement whose pose changes with time; all after it do, too */
   bool failed;      /* out of memory */
 } pags_street;
 
 pags_result pags_street_build(const pags_street_options *options, pags_street *street);
 void pags_street_destroy(pags_street *street);
+/* Whether nothing is missing for want of memory. */
+bool pags_street_is_complete(const pags_street *street);
+
+/* Checks that an option of the synthetic scenes lies within its range; the error message names the option. */
+static inline pags_result pags_synth_in_range(const char *name, double value, double lo, double hi) {
+  if (value >= lo && value <= hi)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT, "%s is %.12g, expected %.12g..%.12g", name, value, lo, hi);
+}
 
 /* For the functions that build a street: append an empty mesh, a placement or an actor and return its index (0 when
  * out of memory, which sets `failed`). `yaw` is in radians about z. */
@@ -51,13 +78,11 @@ int pags_street_mesh(pags_street *street);
 int pags_street_place(pags_street *street, int mesh, int actor, float x, float y, float z, float yaw, float scale);
 int pags_street_actor(pags_street *street, const pags_actor *actor);
 
-/* Adds ground, houses, trees and street furniture (scenery.c). */
-void pags_scenery_add(pags_street *street);
 /* Adds parked and moving objects (actors.c). */
 void pags_actors_add(pags_street *street);
 
-/* The building blocks of these two functions, which town.c uses as well. They build along x, with the middle line of
- * the street at y = 0. */
+/* The building blocks of streets, which town.c uses as well. They build along x, with the middle line of the street at
+ * y = 0. */
 typedef struct pags_ground {
   uint16_t asphalt, slabs, stone, grass; /* numbers of materials */
 } pags_ground;

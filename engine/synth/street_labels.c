@@ -3,15 +3,12 @@
  * JSON files are written by dataset/driving/writer_json.c. */
 #include "synth/street_labels.h"
 
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/rng.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "dataset/driving/writer.h"
 #include "maths/maths.h"
 #include "synth/faults.h"
@@ -44,7 +41,7 @@ void pags_street_number(pags_street *street) {
 /* Makes the track of a labelled actor: its box in each frame in which it is near the ego vehicle. Unless `exact`, the
  * boxes of moving actors get the noise of the options; parked cars get none, since an annotator draws one box for all
  * frames. */
-static bool make_track(const pags_street *street, const pags_actor *actor, bool exact, pags_layout_track *out) {
+static pags_result make_track(const pags_street *street, const pags_actor *actor, bool exact, pags_layout_track *out) {
   static const char *const classes[] = {"Car", "Pedestrian", "Cyclist"};
   static const char *const words[] = {"car", "pedestrian", "cyclist"};
   const pags_street_options *o = street->options;
@@ -52,72 +49,64 @@ static bool make_track(const pags_street *street, const pags_actor *actor, bool 
   object->id = pags_text_format("%s_%s_%03d", actor->moving ? "moving" : "parked", words[actor->role], actor->number);
   object->class_name = pags_text_copy(classes[actor->role]);
   object->keyframes = calloc((size_t)o->frames, sizeof *object->keyframes);
-  if (!object->id || !object->class_name || !object->keyframes)
-    return false;
-  for (int k = 0; k < 3; k++)
-    object->size[k] = (double)actor->size[k];
+  PAGS_CHECK_MEMORY(object->id && object->class_name && object->keyframes, "the tracks of a street");
+  pags_widen3(actor->size, object->size);
   for (int f = 0; f < o->frames; f++) {
     if (!labelled(street, actor, f))
       continue;
     pags_keyframe *keyframe = &object->keyframes[object->keyframe_count++];
     keyframe->frame = f;
-    pags_actor_pose(actor, frame_time(street, f), keyframe->world_from_object);
+    double *box = keyframe->world_from_object;
+    pags_actor_pose(actor, frame_time(street, f), box);
     if (!exact && actor->moving && (o->pose_noise > 0.0 || o->yaw_noise > 0.0)) {
       /* Label noise of a box: normal errors of x, y and yaw, independent from frame to frame. */
       double move[2], turn[2];
       const uint64_t stream = STREAM_POSE_NOISE + 2 * (uint64_t)actor->number;
       pags_rng_normal2(o->seed, stream, (uint64_t)f, move);
       pags_rng_normal2(o->seed, stream + 1, (uint64_t)f, turn);
-      const double yaw = pags_atan2(keyframe->world_from_object[4], keyframe->world_from_object[0]) +
-                         turn[0] * o->yaw_noise * 0.017453292519943295;
+      const double yaw = pags_atan2(box[4], box[0]) + turn[0] * o->yaw_noise * 0.017453292519943295;
       const double c = pags_cos(yaw), s = pags_sin(yaw);
-      memcpy(keyframe->world_from_object,
-             (double[12]){c, -s, 0, keyframe->world_from_object[3] + o->pose_noise * move[0], s, c, 0,
-                          keyframe->world_from_object[7] + o->pose_noise * move[1], 0, 0, 1,
-                          keyframe->world_from_object[11]},
-             12 * sizeof *keyframe->world_from_object);
+      const double turned[9] = {c, -s, 0, s, c, 0, 0, 0, 1};
+      const double at[3] = {box[3] + o->pose_noise * move[0], box[7] + o->pose_noise * move[1], box[11]};
+      pags_pose_make(turned, at, box);
     }
   }
-  return true;
+  return PAGS_OK;
 }
 
-static void destroy_tracks(pags_layout_track *tracks, int64_t count) {
-  for (int64_t i = 0; i < count; i++)
-    pags_layout_track_destroy(&tracks[i]);
-  free(tracks);
+typedef struct track_list {
+  pags_layout_track *items;
+  int64_t count;
+} track_list;
+
+static void destroy_tracks(track_list *list) {
+  for (int64_t i = 0; i < list->count; i++)
+    pags_layout_track_destroy(&list->items[i]);
+  free(list->items);
 }
 
-/* Makes the tracks of all labelled actors, in the order of their numbers. */
-static pags_result make_tracks(const pags_street *street, bool exact, pags_layout_track **out, int64_t *count) {
-  pags_layout_track *tracks = calloc((size_t)street->actor_count + 1, sizeof *tracks);
-  bool made = tracks != NULL;
-  *count = 0;
-  for (int i = 0; made && i < street->actor_count; i++)
+/* Writes instances_info.json to a folder, with the tracks of all labelled actors in the order of their numbers, and
+ * frame_instances.json, if `frames`, which has no noise. */
+static pags_result write_instances(const pags_street *street, const char *folder, bool exact, bool frames) {
+  PAGS_AUTO(destroy_tracks) track_list list = {.items = calloc((size_t)street->actor_count + 1, sizeof *list.items)};
+  PAGS_CHECK_MEMORY(list.items, "the tracks of a street");
+  for (int i = 0; i < street->actor_count; i++)
     if (street->actors[i].number >= 0)
-      made = make_track(street, &street->actors[i], exact, &tracks[(*count)++]);
-  *out = tracks;
-  if (made)
-    return PAGS_OK;
-  destroy_tracks(tracks, *count);
-  return pags_out_of_memory("the tracks of a street");
+      PAGS_TRY(make_track(street, &street->actors[i], exact, &list.items[list.count++]));
+  PAGS_AUTOFREE char *info = pags_path_join(folder, "instances_info.json");
+  PAGS_AUTOFREE char *by_frame = pags_path_join(folder, "frame_instances.json");
+  PAGS_CHECK_MEMORY(info && by_frame, "%s", folder);
+  PAGS_TRY(pags_layout_write_instances(info, list.items, list.count));
+  return frames ? pags_layout_write_frame_instances(by_frame, list.items, list.count, street->options->frames)
+                : PAGS_OK;
 }
 
-pags_result pags_street_write_instances(const pags_street *street, const char *path, int exact) {
-  pags_layout_track *tracks;
-  int64_t count;
-  PAGS_TRY(make_tracks(street, exact, &tracks, &count));
-  const pags_result result = pags_layout_write_instances(path, tracks, count);
-  destroy_tracks(tracks, count);
-  return result;
-}
-
-pags_result pags_street_write_frame_instances(const pags_street *street, const char *path) {
-  pags_layout_track *tracks;
-  int64_t count;
-  PAGS_TRY(make_tracks(street, true, &tracks, &count));
-  const pags_result result = pags_layout_write_frame_instances(path, tracks, count, street->options->frames);
-  destroy_tracks(tracks, count);
-  return result;
+pags_result pags_street_write_instances(const pags_street *street, const char *folder) {
+  PAGS_AUTOFREE char *labelled = pags_path_join(folder, "instances");
+  PAGS_AUTOFREE char *exact = pags_path_join(folder, "truth/instances");
+  PAGS_CHECK_MEMORY(labelled && exact, "%s", folder);
+  PAGS_TRY(write_instances(street, labelled, false, true));
+  return write_instances(street, exact, true, false);
 }
 
 /* Describes the street (cameras, frames, LiDAR columns) for the writer of the driving data set layout. */
@@ -148,26 +137,21 @@ pags_result pags_street_write_timestamps(const pags_street *street, const char *
   pags_layout_camera cameras[3];
   const pags_layout_info info = info_of(street, cameras);
   const int64_t exposures = info.frame_count * info.camera_count;
-  double *frames = malloc((size_t)info.frame_count * sizeof *frames);
-  pags_layout_exposure *exposure = malloc((size_t)exposures * sizeof *exposure);
-  pags_result result = frames && exposure ? PAGS_OK : pags_out_of_memory("the times of a street");
-  if (result == PAGS_OK) {
-    for (int64_t i = 0; i < exposures; i++) {
-      exposure[i] = pags_layout_exposure_unknown();
-      exposure[i].time = frame_time(street, (int)(i / info.camera_count));
-      if (street->options->faults.rolling > 0.0) {
-        exposure[i].trigger = exposure[i].time - 0.5 * street->options->faults.rolling;
-        exposure[i].readout = exposure[i].time + 0.5 * street->options->faults.rolling;
-        exposure[i].shutter = 0.0;
-      }
+  PAGS_AUTOFREE double *frames = malloc((size_t)info.frame_count * sizeof *frames);
+  PAGS_AUTOFREE pags_layout_exposure *exposure = malloc((size_t)exposures * sizeof *exposure);
+  PAGS_CHECK_MEMORY(frames && exposure, "the times of a street");
+  for (int64_t i = 0; i < exposures; i++) {
+    exposure[i] = pags_layout_exposure_unknown();
+    exposure[i].time = frame_time(street, (int)(i / info.camera_count));
+    if (street->options->faults.rolling > 0.0) {
+      exposure[i].trigger = exposure[i].time - 0.5 * street->options->faults.rolling;
+      exposure[i].readout = exposure[i].time + 0.5 * street->options->faults.rolling;
+      exposure[i].shutter = 0.0;
     }
-    for (int64_t f = 0; f < info.frame_count; f++)
-      frames[f] = frame_time(street, (int)f);
-    result = pags_layout_write_times(path, &info, &(pags_layout_times){.frames = frames, .exposures = exposure});
   }
-  free(frames);
-  free(exposure);
-  return result;
+  for (int64_t f = 0; f < info.frame_count; f++)
+    frames[f] = frame_time(street, (int)f);
+  return pags_layout_write_times(path, &info, &(pags_layout_times){.frames = frames, .exposures = exposure});
 }
 
 pags_result pags_street_write_description(const pags_street *street, const char *path) {

@@ -7,9 +7,8 @@
 
 /* Gives a number to each actor that is labelled in some frame, because it is within 90 m of the ego vehicle there. */
 void pags_street_number(pags_street *street);
-/* Writes instances_info.json, the boxes of all objects by frame: exact, or with the noise of the options. */
-pags_result pags_street_write_instances(const pags_street *street, const char *path, int exact);
-pags_result pags_street_write_frame_instances(const pags_street *street, const char *path);
+/* Writes the boxes of all objects: instances/, with the noise of the options, and truth/instances/, exact. */
+pags_result pags_street_write_instances(const pags_street *street, const char *folder);
 pags_result pags_street_write_timestamps(const pags_street *street, const char *path);
 pags_result pags_street_write_description(const pags_street *street, const char *path);
 /* Writes a 4x4 matrix, one row a line. */
@@ -18,8 +17,8 @@ pags_result pags_street_write_pose(const char *path, const double pose[12]);
 pags_result pags_street_write_intrinsics(const char *path, const pags_camera *camera, double k1);
 
 /* truth/street.json holds the options from which the same street can be built again. Reading takes the data set's
- * folder; without such a file *found is 0 and `out` the default options. */
+ * folder; without such a file *found is false and `out` the default options. */
 pags_result pags_street_write_truth(const pags_street *street, const char *path);
-pags_result pags_street_read_truth(const char *folder, pags_street_options *out, int *found);
+pags_result pags_street_read_truth(const char *folder, pags_street_options *out, bool *found);
 
 #endif

@@ -8,14 +8,10 @@
 #include "synth/surface.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/memory.h"
 #include "base/rng.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
-#include "synth/layout.h"
 #include "synth/size_tables.h"
 #include "synth/view.h"
 
@@ -34,14 +30,6 @@ enum { TRIES = 48, BLOCK = 4096, CHUNK = 64 };
 
 #define EYE_HEIGHT 1.6f
 #define SH_C0 ((float)PAGS_SH_C0)
-
-/* Scales v to unit length and returns the length it had. */
-static float normalise(float v[3]) {
-  const float length = sqrtf(pags_dot3f(v, v));
-  for (int k = 0; k < 3 && length > 0.0f; k++)
-    v[k] /= length;
-  return length;
-}
 
 static const pags_vertex *corner_of(const pags_mesh *mesh, int64_t face, int corner) {
   return &mesh->vertices[mesh->faces[4 * face + corner]];
@@ -79,26 +67,11 @@ static double density_of(const pags_material *material) {
  * quads and for triangles, whose last corner is repeated. */
 static double face_weight(const pags_street *town, const pags_mesh *mesh, int64_t face) {
   float first[3], second[3], normal[3];
-  for (int k = 0; k < 3; k++) {
-    first[k] = corner_of(mesh, face, 2)->position[k] - corner_of(mesh, face, 0)->position[k];
-    second[k] = corner_of(mesh, face, 3)->position[k] - corner_of(mesh, face, 1)->position[k];
-  }
+  pags_subtract3f(corner_of(mesh, face, 2)->position, corner_of(mesh, face, 0)->position, first);
+  pags_subtract3f(corner_of(mesh, face, 3)->position, corner_of(mesh, face, 1)->position, second);
   pags_cross3f(first, second, normal);
   const pags_material *material = &town->materials.list[mesh->materials[face]];
-  return 0.5 * (double)sqrtf(pags_dot3f(normal, normal)) * density_of(material) / PAGS_TRAINED_DENSITY;
-}
-
-static pags_result add_up_mesh(const pags_street *town, int index, pags_surface *out) {
-  const pags_mesh *mesh = &town->meshes[index];
-  double sum = 0.0;
-  if (out->face_area[index])
-    return PAGS_OK;
-  out->face_area[index] = malloc((size_t)(mesh->face_count + 1) * sizeof(double));
-  if (!out->face_area[index])
-    return pags_out_of_memory("the faces of a town");
-  for (int64_t f = 0; f < mesh->face_count; f++)
-    out->face_area[index][f] = sum += face_weight(town, mesh, f);
-  return PAGS_OK;
+  return 0.5 * (double)pags_length3f(normal) * density_of(material) / PAGS_TRAINED_DENSITY;
 }
 
 pags_result pags_surface_create(const pags_street *town, const pags_town_plan *plan, const pags_stage *stage,
@@ -106,14 +79,20 @@ pags_result pags_surface_create(const pags_street *town, const pags_town_plan *p
   *out = (pags_surface){.town = town, .plan = plan, .stage = stage};
   out->placement_area = malloc((size_t)(town->placement_count + 1) * sizeof(double));
   out->face_area = calloc((size_t)town->mesh_count + 1, sizeof *out->face_area);
-  if (!out->placement_area || !out->face_area)
-    return pags_out_of_memory("the faces of a town");
+  PAGS_CHECK_MEMORY(out->placement_area && out->face_area, "the faces of a town");
   for (int i = 0; i < town->placement_count; i++) {
     const pags_stage_placement *p = &town->placements[i];
-    const int64_t faces = town->meshes[p->mesh].face_count;
-    PAGS_TRY(add_up_mesh(town, p->mesh, out));
+    const pags_mesh *mesh = &town->meshes[p->mesh];
+    const int64_t faces = mesh->face_count;
+    double **areas = &out->face_area[p->mesh], sum = 0.0;
+    if (!*areas) {
+      *areas = malloc((size_t)(faces + 1) * sizeof(double));
+      PAGS_CHECK_MEMORY(*areas, "the faces of a town");
+      for (int64_t f = 0; f < faces; f++)
+        (*areas)[f] = sum += face_weight(town, mesh, f);
+    }
     const double scale2 = (double)(p->pose[0] * p->pose[0] + p->pose[4] * p->pose[4] + p->pose[8] * p->pose[8]);
-    out->placement_area[i] = out->area += faces ? scale2 * out->face_area[p->mesh][faces - 1] : 0.0;
+    out->placement_area[i] = out->area += faces ? scale2 * (*areas)[faces - 1] : 0.0;
   }
   return PAGS_OK;
 }
@@ -154,11 +133,6 @@ typedef struct facet {
   bool triangle;
 } facet;
 
-static void to_world(const float pose[12], const float p[3], float out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = pose[4 * k] * p[0] + pose[4 * k + 1] * p[1] + pose[4 * k + 2] * p[2] + pose[4 * k + 3];
-}
-
 static facet choose_facet(const pags_surface *s, double share) {
   const double value = share * s->area;
   const int64_t place = find(s->placement_area, s->town->placement_count, value);
@@ -174,14 +148,12 @@ static facet choose_facet(const pags_surface *s, double share) {
                .triangle = mesh->faces[4 * face + 2] == mesh->faces[4 * face + 3]};
   float other[3];
   for (int c = 0; c < 4; c++)
-    to_world(p->pose, corner_of(mesh, face, c)->position, out.corner[c]);
-  for (int k = 0; k < 3; k++) {
-    out.edge[k] = out.corner[1][k] - out.corner[0][k];
-    other[k] = out.corner[out.triangle ? 2 : 3][k] - out.corner[0][k];
-  }
-  out.length = normalise(out.edge);
+    pags_transform3f(p->pose, corner_of(mesh, face, c)->position, out.corner[c]);
+  pags_subtract3f(out.corner[1], out.corner[0], out.edge);
+  pags_subtract3f(out.corner[out.triangle ? 2 : 3], out.corner[0], other);
+  out.length = pags_normalise3f(out.edge);
   pags_cross3f(out.edge, other, out.normal);
-  out.width = normalise(out.normal);
+  out.width = pags_normalise3f(out.normal);
   pags_cross3f(out.normal, out.edge, out.side);
   return out;
 }
@@ -209,18 +181,6 @@ typedef struct spot {
 /* Cumulative distribution function of the standard normal distribution. */
 static double share_below(double z) {
   return 0.5 * pags_erfc(-z * 0.70710678118654752);
-}
-
-/* Draws the log scales of the longest and the middle axis and the logit of opacity jointly from the table. The
- * standard normal deviates `draw` and `other`, combined by the table's correlations, choose the quantiles (Gaussian
- * copula). */
-static void choose_quantiles(const pags_size_table *table, const double draw[2], const double other[2], float *ln_long,
-                             float *ln_middle, float *logit) {
-  const double a = (double)table->opacity_with_long, b = (double)table->opacity_with_middle;
-  *ln_long = quantile(table->ln_long, share_below(draw[0]));
-  *ln_middle = *ln_long + quantile(table->ln_middle_by_long, share_below(draw[1]));
-  *logit =
-      quantile(table->logit_opacity, share_below(a * draw[0] + b * draw[1] + sqrt(1.0 - a * a - b * b) * other[0]));
 }
 
 /* Maps a uniform `share` to a fraction of a side that stays 0.7 sigma away from both ends, so that the borders of
@@ -253,19 +213,16 @@ static void choose_point(const pags_surface *s, spot *out, uint64_t a, uint64_t 
                         .material = f->mesh->materials[f->face]};
   for (int c = 0; c < 4; c++) {
     const pags_vertex *vertex = corner_of(f->mesh, f->face, c);
-    for (int k = 0; k < 3; k++) {
-      touch->point[k] += weight[c] * f->corner[c][k];
-      touch->local[k] += weight[c] * vertex->position[k];
-      smooth[k] += weight[c] * vertex->normal[k];
-    }
+    pags_add_scaled3f(weight[c], f->corner[c], touch->point);
+    pags_add_scaled3f(weight[c], vertex->position, touch->local);
+    pags_add_scaled3f(weight[c], vertex->normal, smooth);
     touch->uv[0] += weight[c] * vertex->uv[0];
     touch->uv[1] += weight[c] * vertex->uv[1];
   }
-  memcpy(touch->flat, f->normal, sizeof touch->flat);
-  for (int k = 0; k < 3; k++)
-    touch->normal[k] = pags_dot3f(f->placement->pose + 4 * k, smooth);
-  if (normalise(touch->normal) < 0.1f)
-    memcpy(touch->normal, f->normal, sizeof touch->normal);
+  pags_copy3f(f->normal, touch->flat);
+  pags_rotate3f(f->placement->pose, smooth, touch->normal);
+  if (pags_normalise3f(touch->normal) < 0.1f)
+    pags_copy3f(f->normal, touch->normal);
 }
 
 static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot *out) {
@@ -278,10 +235,17 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
   const facet *f = &out->face;
   const pags_size_table *table = table_of(f->material->label);
   double draw[2], other[2];
-  float ln_long, ln_middle;
   pags_rng_normal2(seed, a + DRAW_SIZE, row, draw);
   pags_rng_normal2(seed, a + DRAW_SHAPE, row, other);
-  choose_quantiles(table, draw, other, &ln_long, &ln_middle, &out->logit);
+
+  /* The log scales of the longest and the middle axis and the logit of opacity are drawn jointly: the standard normal
+   * deviates, combined by the table's correlations, choose the quantiles (Gaussian copula). */
+  const double with_long = (double)table->opacity_with_long, with_middle = (double)table->opacity_with_middle;
+  const double own = sqrt(1.0 - with_long * with_long - with_middle * with_middle);
+  const float ln_long = quantile(table->ln_long, share_below(draw[0]));
+  const float ln_middle = ln_long + quantile(table->ln_middle_by_long, share_below(draw[1]));
+  out->logit =
+      quantile(table->logit_opacity, share_below(with_long * draw[0] + with_middle * draw[1] + own * other[0]));
   const bool small = fminf(f->length, f->width) < 3.0f, swap = small && f->width > f->length;
   const float turn = small ? 0.0f : 6.2831853f * (float)pags_rng_uniform(seed, a + DRAW_TURN, row);
   const float c = pags_cosf(turn), d = pags_sinf(turn);
@@ -325,22 +289,19 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
     eyes[i][2] = EYE_HEIGHT;
   }
 
-  for (int i = 0; i < PAGS_PACKET; i++)
-    for (int k = 0; k < 3; k++) { /* the point lies at ray distance 1 */
-      rays.origin[i][k] = eyes[i][k];
-      rays.direction[i][k] = touch->point[k] - eyes[i][k];
-    }
+  for (int i = 0; i < PAGS_PACKET; i++) { /* the point lies at ray distance 1 */
+    pags_copy3f(eyes[i], rays.origin[i]);
+    pags_subtract3f(touch->point, eyes[i], rays.direction[i]);
+  }
   pags_touch met[PAGS_PACKET];
   const unsigned hit = pags_stage_trace(s->stage, &rays, met);
   for (int i = 0; i < PAGS_PACKET; i++) {
     if (hit >> i & 1u && met[i].distance < 0.999f)
       continue;
     const float away = -pags_dot3f(touch->flat, rays.direction[i]) < 0.0f ? -1.0f : 1.0f;
-    for (int k = 0; k < 3; k++)
-      touch->flat[k] *= away;
+    pags_scale3f(away, touch->flat, touch->flat);
     const float facing = pags_dot3f(touch->normal, touch->flat) < 0.0f ? -1.0f : 1.0f;
-    for (int k = 0; k < 3; k++)
-      touch->normal[k] *= facing;
+    pags_scale3f(facing, touch->normal, touch->normal);
     return true;
   }
   return false;
@@ -357,11 +318,6 @@ double pags_surface_seen(const pags_surface *surface, int tries) {
   return surface->area * seen / tries;
 }
 
-float pags_surface_srgb(float linear) {
-  const float v = linear <= 0.0f ? 0.0f : linear >= 1.0f ? 1.0f : linear;
-  return v <= 0.0031308f ? 12.92f * v : 1.055f * pags_powf(v, 1.0f / 2.4f) - 0.055f;
-}
-
 static void put_row(const pags_surface *s, const spot *at, pags_gaussians *g, int64_t row) {
   const uint64_t seed = s->town->options->seed;
   double sheen[2], offset[2], r[9], q[4];
@@ -375,7 +331,7 @@ static void put_row(const pags_surface *s, const spot *at, pags_gaussians *g, in
   float light[3];
   pags_street_shade(s->town, s->stage, &at->touch, &print, light);
   for (int c = 0; c < 3; c++)
-    srgb[c] = pags_surface_srgb(light[c]);
+    srgb[c] = pags_display_srgb(light[c]);
 
   pags_rng_normal2(seed, DRAW_SHEEN, (uint64_t)row, sheen);
   pags_rng_normal2(seed, DRAWS + DRAW_SHEEN, (uint64_t)row, offset);

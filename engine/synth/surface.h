@@ -30,7 +30,4 @@ double pags_surface_seen(const pags_surface *surface, int tries);
 pags_result pags_surface_sample(const pags_surface *surface, pags_gaussians *gaussians, pags_tasks *tasks,
                                 pags_progress_fn *progress, void *user);
 
-/* Converts a linear value, clamped to 0..1, to display-referred sRGB. */
-float pags_surface_srgb(float linear);
-
 #endif

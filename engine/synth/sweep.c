@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Simulates a spinning LiDAR: 32 beams one above another, from 22 degrees below the horizon to 8 above, densest at 3
  * degrees below. All rays of a sweep leave at the frame's time. */
-#include "synth/sweep.h"
-
 #include <math.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "maths/maths.h"
+#include "synth/view.h"
 
 enum { BEAMS = 32, STREAM_RANGE = 1 << 20 };
 #define TWO_PI 6.283185307179586
@@ -18,7 +18,7 @@ typedef struct sweep_job {
   int frame;
   int64_t columns;
   double ego[12];
-  float *points; /* 4 floats for each ray, as in sweep.h; intensity -1: no return */
+  float *points; /* 4 floats for each ray, as pags_sweep_trace gives them; intensity -1: no return */
 } sweep_job;
 
 static const double sensor[3] = {1.1, 0.0, 1.95}; /* position in the ego frame, metres */
@@ -32,14 +32,13 @@ static void set_point(const sweep_job *job, int64_t ray, const double direction[
   pags_rng_normal2(job->street->options->seed, STREAM_RANGE + (uint64_t)job->frame, (uint64_t)ray, noise);
   const double range = fmax((double)touch->distance + job->street->options->lidar_noise * noise[0], 0.1);
   const pags_material *material = &job->street->materials.list[touch->material];
-  double facing = 0.0;
-  for (int k = 0; k < 3; k++) {
-    out[k] = (float)(sensor[k] + range * direction[k]);
-    facing += (double)touch->flat[k] * (job->ego[4 * k] * direction[0] + job->ego[4 * k + 1] * direction[1] +
-                                        job->ego[4 * k + 2] * direction[2]);
-  }
+  double at[3], way[3], flat[3];
+  pags_along3(sensor, range, direction, at);
+  pags_narrow3(at, out);
+  pags_rotate3(job->ego, direction, way);
+  pags_widen3(touch->flat, flat);
   const double grey = (double)(material->color[0] + material->color[1] + material->color[2]) / 3.0;
-  out[3] = (float)(grey * fabs(facing));
+  out[3] = (float)(grey * fabs(pags_dot3(flat, way)));
 }
 
 static void trace_rays(void *context, int64_t begin, int64_t end, int worker) {
@@ -49,8 +48,7 @@ static void trace_rays(void *context, int64_t begin, int64_t end, int worker) {
   for (int64_t first = begin * PAGS_PACKET; first < end * PAGS_PACKET && first < most; first += PAGS_PACKET) {
     double directions[PAGS_PACKET][3];
     pags_touch touches[PAGS_PACKET];
-    pags_rays rays;
-    memset(&rays, 0, sizeof rays);
+    pags_rays rays = {0};
     for (int i = 0; i < PAGS_PACKET && first + i < most; i++) {
       /* Unit direction in the ego frame. Each sweep's azimuths are shifted by 0.618 of a column against the last
        * one's, so that successive sweeps fill each other's gaps. */
@@ -64,11 +62,11 @@ static void trace_rays(void *context, int64_t begin, int64_t end, int worker) {
       directions[i][1] = -pags_cos(high) * pags_sin(around);
       directions[i][2] = pags_sin(high);
 
-      for (int r = 0; r < 3; r++) {
-        const double *m = job->ego + 4 * r;
-        rays.origin[i][r] = (float)(m[0] * sensor[0] + m[1] * sensor[1] + m[2] * sensor[2] + m[3]);
-        rays.direction[i][r] = (float)(m[0] * directions[i][0] + m[1] * directions[i][1] + m[2] * directions[i][2]);
-      }
+      double origin[3], direction[3];
+      pags_rigid_point(job->ego, sensor, origin);
+      pags_rotate3(job->ego, directions[i], direction);
+      pags_narrow3(origin, rays.origin[i]);
+      pags_narrow3(direction, rays.direction[i]);
       rays.active |= 1u << i;
     }
     const unsigned met = pags_stage_trace(job->stage, &rays, touches);

@@ -3,11 +3,8 @@
  * people. */
 #include "synth/town.h"
 
-#include <math.h>
-#include <string.h>
-
 #include "base/memory.h"
-#include "synth/layout.h"
+#include "base/vec3.h"
 
 enum { STREAM_HOUSES = 101, STREAM_KINDS, STREAM_PLANTS, STREAM_PARKED, STREAM_PEOPLE };
 
@@ -33,12 +30,11 @@ static void add_row(pags_street *town, pags_mesh *mesh, pags_dice *dice, pags_pl
   const float length = to - from;
   const int houses = length > 18.0f ? (int)(length / 11.5f) : 1;
   float origin[3], at = from;
-  memcpy(origin, plot.base, sizeof origin);
+  pags_copy3f(plot.base, origin);
   for (int i = 0; i < houses; i++) {
     const float left = to - at, share = left / (float)(houses - i);
     plot.width = i + 1 < houses ? share * pags_dice_between(dice, 0.8f, 1.2f) : left;
-    for (int k = 0; k < 3; k++)
-      plot.base[k] = origin[k] + at * plot.along[k];
+    pags_along3f(origin, at, plot.along, plot.base);
     pags_building_add(mesh, &town->materials, dice, &plot);
     at += plot.width;
   }
@@ -67,21 +63,12 @@ static void add_people(pags_street *town, pags_dice *dice, const pags_cast *mode
     const pags_person_kind *kind = rides ? &models->riders[pags_dice_pick(dice, PAGS_RIDER_KINDS)]
                                          : &models->people[pags_dice_pick(dice, PAGS_PERSON_KINDS)];
     pags_actors_stand(town, kind,
-                      (pags_actor){.moving = 1,
+                      (pags_actor){.moving = true,
                                    .start = {(double)pags_dice_between(dice, 1.0f, length - 1.0f), (double)y},
                                    .heading = rides || pags_dice_pick(dice, 2) ? 0.0 : PI,
                                    .ground = rides ? 0.0 : (double)PAGS_KERB_HEIGHT,
                                    .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
   }
-}
-
-/* Moves the placements and actors from the given indices on, which were built for a street at y = 0, to the one at
- * `y`. */
-static void shift(pags_street *town, int placement, int actor, float y) {
-  for (int i = placement; i < town->placement_count; i++)
-    town->placements[i].pose[7] += y;
-  for (int i = actor; i < town->actor_count; i++)
-    town->actors[i].start[1] += (double)y;
 }
 
 static void add_all(pags_street *town, const pags_town_plan *plan) {
@@ -130,7 +117,12 @@ static void add_all(pags_street *town, const pags_town_plan *plan) {
     pags_planting_add(town, &plants, &planting);
     pags_actors_park(town, &parked, &models);
     add_people(town, &people, &models, town->end_x);
-    shift(town, placement, actor, (float)s * pags_town_pitch());
+
+    /* What was built for a street at y = 0 moves to this one. */
+    for (int i = placement; i < town->placement_count; i++)
+      town->placements[i].pose[7] += y;
+    for (int i = actor; i < town->actor_count; i++)
+      town->actors[i].start[1] += (double)y;
   }
   pags_street_set_time(town, 0.0);
 }
@@ -140,8 +132,6 @@ pags_result pags_town_build(const pags_street_options *options, const pags_town_
   town->markings =
       (pags_markings){.first_crossing = pags_town_lane_x(plan, 0), .spacing = plan->block + PAGS_TOWN_LANE};
   add_all(town, plan);
-  bool failed = town->failed || town->materials.failed;
-  for (int i = 0; i < town->mesh_count; i++)
-    failed |= town->meshes[i].failed;
-  return failed ? pags_out_of_memory("a town of %d blocks", (plan->streets + 1) * plan->columns) : PAGS_OK;
+  PAGS_CHECK_MEMORY(pags_street_is_complete(town), "a town of %d blocks", (plan->streets + 1) * plan->columns);
+  return PAGS_OK;
 }

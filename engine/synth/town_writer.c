@@ -3,20 +3,15 @@
  * writes the scene with its sky and camera views. */
 #include <math.h>
 #include <pags/scene.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/file.h"
 #include "base/lock.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "scene/scene_json.h"
-#include "synth/layout.h"
-#include "synth/range.h"
 #include "synth/size_tables.h"
-#include "synth/sky.h"
 #include "synth/surface.h"
+#include "synth/view.h"
 
 enum { CAMERAS = 3, SKY_SIZE = 256, PROBES = 6000, FITS = 3 };
 #define SHORTEST_BLOCK 12.0 /* metres; room for one house */
@@ -95,19 +90,15 @@ static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn
 
   /* The views: three cameras at each position of the drive. */
   scene->views = calloc((size_t)m->options->frames * CAMERAS, sizeof *scene->views);
-  if (!scene->views)
-    return pags_out_of_memory("the views of a town");
+  PAGS_CHECK_MEMORY(scene->views, "the views of a town");
   for (int i = 0; i < m->options->frames * CAMERAS; i++) {
     pags_scene_view *view = &scene->views[scene->view_count];
-    char name[32];
     *view = (pags_scene_view){.camera = camera_at(m, i / CAMERAS, i % CAMERAS),
                               .sensor = i % CAMERAS,
                               .frame = i / CAMERAS,
                               .gain = {1, 1, 1}};
-    snprintf(name, sizeof name, "%03d_%d.png", i / CAMERAS, i % CAMERAS);
-    view->name = pags_text_copy(name);
-    if (!view->name)
-      return pags_out_of_memory("the views of a town");
+    view->name = pags_text_format("%03d_%d.png", i / CAMERAS, i % CAMERAS);
+    PAGS_CHECK_MEMORY(view->name, "the views of a town");
     scene->view_count++;
   }
 
@@ -129,20 +120,18 @@ static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn
 
         pags_sky_color(direction, m->options->seed, texel);
         for (int c = 0; c < 3; c++)
-          texel[c] = pags_surface_srgb(texel[c]);
+          texel[c] = pags_display_srgb(texel[c]);
       }
 
   /* The background model with all Gaussians. */
   scene->models = calloc(1, sizeof *scene->models);
-  if (!scene->models)
-    return pags_out_of_memory("a town");
+  PAGS_CHECK_MEMORY(scene->models, "a town");
   scene->model_count = 1;
   pags_model *model = &scene->models[0];
   const int64_t count = (int64_t)((double)m->options->gaussians * m->options->density + 0.5);
   model->name = pags_text_copy("background");
   model->file = pags_text_copy("background.ply");
-  if (!model->name || !model->file)
-    return pags_out_of_memory("a town");
+  PAGS_CHECK_MEMORY(model->name && model->file, "a town");
   PAGS_TRY(pags_gaussians_create(&model->gaussians, count, 1));
   PAGS_TRY(pags_gaussians_add_s_sem(&model->gaussians));
   return pags_surface_sample(&m->surface, &model->gaussians, tasks, progress, user);
@@ -150,10 +139,6 @@ static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn
 
 pags_result pags_synth_town(const char *folder, const pags_town_options *options, pags_tasks *tasks,
                             pags_progress_fn *progress, void *user, pags_town_facts *facts) {
-  town_maker maker = {.options = options};
-  pags_scene scene = {0};
-  bool empty = true;
-
   /* Ranges of the options. */
   PAGS_TRY(pags_synth_in_range("gaussians", (double)options->gaussians, 1000, 2e8));
   PAGS_TRY(pags_synth_in_range("density", options->density, 0.05, 20));
@@ -162,17 +147,17 @@ pags_result pags_synth_town(const char *folder, const pags_town_options *options
   PAGS_TRY(pags_synth_in_range("height", options->height, 16, 8192));
   PAGS_TRY(pags_synth_in_range("frames", options->frames, 1, 10000));
 
-  pags_lock *lock;
+  PAGS_AUTO(pags_lock_release_auto) pags_lock *lock = NULL;
+  PAGS_AUTO(raze) town_maker maker = {.options = options};
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
+  bool empty = true;
   PAGS_TRY(pags_lock_folder(folder, &lock));
-  pags_result result = pags_dir_is_empty(folder, &empty);
-  if (result == PAGS_OK && !empty && !options->overwrite)
-    result = pags_fail(PAGS_ERROR_IO, "%s: expected an empty or a new folder", folder);
-  if (result == PAGS_OK)
-    result = make_scene(&maker, tasks, progress, user, &scene);
-  if (result == PAGS_OK)
-    result = pags_scene_write(folder, &scene);
-  if (result == PAGS_OK && facts) {
-    /* What was made, for the caller's report. */
+  PAGS_TRY(pags_dir_is_empty(folder, &empty));
+  if (!empty && !options->overwrite)
+    return pags_fail(PAGS_ERROR_IO, "%s: expected an empty or a new folder", folder);
+  PAGS_TRY(make_scene(&maker, tasks, progress, user, &scene));
+  PAGS_TRY(pags_scene_write(folder, &scene));
+  if (facts)
     *facts = (pags_town_facts){.gaussians = pags_scene_gaussian_count(&scene),
                                .streets = maker.plan.streets,
                                .blocks = (maker.plan.streets + 1) * maker.plan.columns,
@@ -180,9 +165,5 @@ pags_result pags_synth_town(const char *folder, const pags_town_options *options
                                .breadth = (double)(maker.plan.streets - 1) * (double)pags_town_pitch() +
                                           (double)(PAGS_FRONT_LEFT - PAGS_FRONT_RIGHT) + (double)PAGS_TOWN_BLOCK_DEPTH,
                                .square_metres = maker.seen};
-  }
-  pags_scene_destroy(&scene);
-  raze(&maker);
-  pags_lock_release(lock);
-  return result;
+  return PAGS_OK;
 }

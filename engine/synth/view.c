@@ -6,12 +6,10 @@
 #include "synth/view.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "base/vec3.h"
 #include "maths/maths.h"
 #include "synth/faults.h"
-#include "synth/sky.h"
 
 /* ---- Cameras and jobs ---- */
 
@@ -34,21 +32,16 @@ typedef struct draw_job {
  */
 static bool camera_ray(const draw_job *job, const pags_street_view *view, double x, double y, float direction[3]) {
   const pags_camera *camera = &view->camera;
-  const double *m = camera->world_from_camera;
-  double own[3] = {(x - camera->cx) / camera->fx, (y - camera->cy) / camera->fy, 1.0};
+  double world[3], own[3] = {(x - camera->cx) / camera->fx, (y - camera->cy) / camera->fy, 1.0};
   const bool seen = view->sensor < 0 || pags_faults_ray(job->street->options, camera, x, y, own);
-  for (int k = 0; k < 3; k++)
-    direction[k] = (float)(m[4 * k] * own[0] + m[4 * k + 1] * own[1] + m[4 * k + 2] * own[2]);
+  pags_rotate3(camera->world_from_camera, own, world);
+  pags_narrow3(world, direction);
   return seen;
 }
 
-/* Converts a linear value, clamped to 0..1, to display-referred sRGB, raised to a power and rounded to a byte. */
-static uint8_t encode_srgb(float linear, float power) {
+float pags_display_srgb(float linear) {
   const float v = linear <= 0.0f ? 0.0f : linear >= 1.0f ? 1.0f : linear;
-  float s = v <= 0.0031308f ? 12.92f * v : 1.055f * pags_powf(v, 1.0f / 2.4f) - 0.055f;
-  if (power != 1.0f)
-    s = pags_powf(s, power);
-  return (uint8_t)(s * 255.0f + 0.5f);
+  return v <= 0.0031308f ? 12.92f * v : 1.055f * pags_powf(v, 1.0f / 2.4f) - 0.055f;
 }
 
 /* ---- Light, reflection and shading ---- */
@@ -71,14 +64,12 @@ static void light_rays(const draw_job *job, const pags_touch *touches, unsigned 
       continue;
     const pags_touch *touch = &touches[i];
     const float *way = ways[step * i];
-    const int leaf = job->street->materials.list[touch->material].finish == PAGS_FINISH_LEAF;
+    const bool leaf = job->street->materials.list[touch->material].finish == PAGS_FINISH_LEAF;
     const float gap = 4e-4f + 2e-5f * (fabsf(touch->point[0]) + fabsf(touch->point[1]));
     if (!leaf && pags_dot3f(touch->flat, way) <= 0.0f)
       continue;
-    for (int k = 0; k < 3; k++) {
-      out->origin[i][k] = touch->point[k] + (leaf ? 0.15f * way[k] : gap * touch->flat[k]);
-      out->direction[i][k] = way[k];
-    }
+    pags_along3f(touch->point, leaf ? 0.15f : gap, leaf ? way : touch->flat, out->origin[i]);
+    pags_copy3f(way, out->direction[i]);
     out->active |= 1u << i;
   }
 }
@@ -96,13 +87,10 @@ static void mirror(const pags_material *material, const pags_touch *touch, const
   const float facing = -pags_dot3f(unit, touch->normal), away = 1.0f - (facing > 0.0f ? facing : 0.0f);
   const float share = material->gloss + 0.5f * (1.0f - material->gloss) * away * away * away * away * away;
   float direction[3];
-  for (int k = 0; k < 3; k++)
-    direction[k] = unit[k] + 2.0f * facing * touch->normal[k];
+  pags_along3f(unit, 2.0f * facing, touch->normal, direction);
   pags_sky_mirrored(direction, seed, out->mirrored);
-  for (int c = 0; c < 3; c++) {
-    out->reflectance[c] *= 1.0f - share;
-    out->mirrored[c] *= share;
-  }
+  pags_scale3f(1.0f - share, out->reflectance, out->reflectance);
+  pags_scale3f(share, out->mirrored, out->mirrored);
 }
 
 /* Returns the footprint on the surface of a sample that is `side` wide at distance 1 and is seen along the unit
@@ -118,7 +106,7 @@ static pags_footprint footprint_of(const pags_touch *touch, const float unit[3],
 /* Sets `light` to the light on a surface point. `sunny`: no shadow ray to the sun is blocked; `open`: nor is the one
  * along the sky direction `way`, else that direction brings light bounced off houses. Leaves are lit from both
  * sides. */
-static void light_on(const pags_touch *touch, int leaf, int sunny, int open, const float way[3], float light[3]) {
+static void light_on(const pags_touch *touch, bool leaf, bool sunny, bool open, const float way[3], float light[3]) {
   static const float above[3] = {0.45f, 0.52f, 0.65f}, bounced[3] = {0.17f, 0.155f, 0.135f},
                      below[3] = {0.16f, 0.15f, 0.14f};
   float sun = pags_dot3f(touch->normal, pags_sun), sky = pags_dot3f(touch->normal, way);
@@ -144,18 +132,12 @@ static lighting find_light(const draw_job *job, const pags_touch *touches, unsig
   return out;
 }
 
-static void add_haze(float distance, float color[3]) {
-  static const float haze[3] = {0.62f, 0.68f, 0.75f};
-  const float clear = pags_expf(-distance / 900.0f);
-  for (int c = 0; c < 3; c++)
-    color[c] = color[c] * clear + haze[c] * (1.0f - clear);
-}
-
 /* Adds to `sum` the colours of the packet's samples that hit a surface, times the share `bright` of their light. An odd
  * sample reuses the reflectance of the even one before it if both lie on one face. Textures are filtered over half a
  * pixel's width. */
 static void add_surfaces(const draw_job *job, const pags_camera *camera, float bright, const pags_rays *rays,
                          const pags_touch *touches, unsigned met, float sum[3]) {
+  static const float haze[3] = {0.62f, 0.68f, 0.75f};
   const lighting light = find_light(job, touches, met);
   surface seen = {{0}, {0}};
   for (int i = 0; i < PAGS_PACKET; i++) {
@@ -163,28 +145,29 @@ static void add_surfaces(const draw_job *job, const pags_camera *camera, float b
     float color[3];
     if (!(met >> i & 1u))
       continue;
+    const pags_material *material = &job->street->materials.list[touch->material];
+    const float length = pags_length3f(rays->direction[i]);
     const bool borrowed =
         i & 1 && met >> (i - 1) & 1u && touch->face == touch[-1].face && touch->placement == touch[-1].placement;
     if (!borrowed) {
       /* Evaluate the material at this sample. */
-      float side = (float)(0.5 / camera->fx);
-      const pags_material *material = &job->street->materials.list[touch->material];
-      const float length = sqrtf(pags_dot3f(rays->direction[i], rays->direction[i]));
-      const float unit[3] = {rays->direction[i][0] / length, rays->direction[i][1] / length,
-                             rays->direction[i][2] / length};
-      const pags_footprint footprint = footprint_of(touch, unit, side);
+      float unit[3];
+      pags_copy3f(rays->direction[i], unit);
+      pags_divide3f(unit, length);
+      const pags_footprint footprint = footprint_of(touch, unit, (float)(0.5 / camera->fx));
       seen = (surface){{0}, {0}};
       pags_material_color(material, &job->street->markings, touch, &footprint, job->seed, seen.reflectance);
       if (material->gloss > 0.0f)
         mirror(material, touch, unit, job->seed, &seen);
     }
-    const int leaf = job->street->materials.list[touch->material].finish == PAGS_FINISH_LEAF;
+    const bool leaf = material->finish == PAGS_FINISH_LEAF;
     light_on(touch, leaf, light.sunny >> i & 1u, light.open >> i & 1u, sky_ways[i], color);
-    for (int c = 0; c < 3; c++)
+    const float clear = pags_expf(-(touch->distance * length) / 900.0f);
+    for (int c = 0; c < 3; c++) {
       color[c] = color[c] * seen.reflectance[c] + seen.mirrored[c];
-    add_haze(touch->distance * sqrtf(pags_dot3f(rays->direction[i], rays->direction[i])), color);
-    for (int c = 0; c < 3; c++)
-      sum[c] += bright * color[c] < 1.0f ? bright * color[c] : 1.0f;
+      color[c] = bright * (color[c] * clear + haze[c] * (1.0f - clear));
+      sum[c] += color[c] < 1.0f ? color[c] : 1.0f;
+    }
   }
 }
 
@@ -194,7 +177,7 @@ void pags_street_shade(const pags_street *street, const pags_stage *stage, const
                        const pags_footprint *footprint, float color[3]) {
   const draw_job job = {.street = street, .stage = stage, .seed = street->options->seed};
   const pags_material *material = &street->materials.list[touch->material];
-  const int leaf = material->finish == PAGS_FINISH_LEAF;
+  const bool leaf = material->finish == PAGS_FINISH_LEAF;
   const float towards[3] = {-touch->normal[0], -touch->normal[1], -touch->normal[2]};
   pags_touch copies[PAGS_PACKET], texture = *touch;
   surface seen = {{0}, {0}};
@@ -202,11 +185,11 @@ void pags_street_shade(const pags_street *street, const pags_stage *stage, const
     copies[i] = *touch;
   const lighting light = find_light(&job, copies, (1u << PAGS_PACKET) - 1u);
   if (material->finish == PAGS_FINISH_ASPHALT || material->finish == PAGS_FINISH_PAVING)
-    memcpy(texture.point, touch->local, sizeof texture.point); /* a town's streets share one mesh */
+    pags_copy3f(touch->local, texture.point); /* a town's streets share one mesh */
   pags_material_color(material, &street->markings, &texture, footprint, job.seed, seen.reflectance);
   if (material->gloss > 0.0f)
     mirror(material, touch, towards, job.seed, &seen);
-  memcpy(color, seen.mirrored, sizeof seen.mirrored);
+  pags_copy3f(seen.mirrored, color);
   for (int i = 0; i < PAGS_PACKET; i++) {
     float share[3];
     light_on(touch, leaf, light.sunny >> i & 1u, light.open >> i & 1u, sky_ways[i], share);
@@ -235,8 +218,8 @@ static int lattice_step(int n) {
 }
 
 static void draw_pixel(const draw_job *job, const pags_street_view *view, int x, int y, pags_rays *rays) {
-  const int samples = job->street->options->samples;
   const pags_street_options *o = job->street->options;
+  const int samples = o->samples;
   const float bright = view->sensor < 0 ? 1.0f : pags_faults_vignette(o, x + 0.5, y + 0.5);
   const float power = view->sensor < 0 ? 1.0f : pags_faults_response(o, view->sensor);
   uint8_t *out = view->rgb + 3 * ((int64_t)y * view->camera.width + x);
@@ -262,17 +245,18 @@ static void draw_pixel(const draw_job *job, const pags_street_view *view, int x,
       for (int i = 0; i < PAGS_PACKET; i++)
         if (sky >> i & 1u) {
           count += 1.0f;
-          for (int k = 0; k < 3; k++)
-            mean[k] += rays->direction[i][k];
+          pags_add3f(mean, rays->direction[i], mean);
         }
-      const float length = sqrtf(pags_dot3f(mean, mean));
-      pags_sky_color((float[3]){mean[0] / length, mean[1] / length, mean[2] / length}, job->seed, color);
+      pags_normalise3f(mean);
+      pags_sky_color(mean, job->seed, color);
       for (int c = 0; c < 3; c++)
         sum[c] += count * (bright * color[c] < 1.0f ? bright * color[c] : 1.0f);
     }
   }
-  for (int c = 0; c < 3; c++)
-    out[c] = encode_srgb(sum[c] / (float)samples, power);
+  for (int c = 0; c < 3; c++) {
+    const float value = pags_display_srgb(sum[c] / (float)samples);
+    out[c] = (uint8_t)((power == 1.0f ? value : pags_powf(value, power)) * 255.0f + 0.5f);
+  }
 }
 
 /* Fills pixels [first, end) of row y of the view's depth, labels and actors from rays through the pixels' centres,
@@ -307,11 +291,11 @@ static void draw_blocks(void *context, int64_t begin, int64_t end, int worker) {
     const int block = (int)(b % job->blocks);
     const int left = w->x[0] + COLUMNS * (block % job->across), top = w->y[0] + ROWS * (block / job->across);
     const int right = left + COLUMNS < w->x[1] ? left + COLUMNS : w->x[1];
-    pags_rays rays;
-    memset(&rays, 0, sizeof rays);
+    pags_rays rays = {0};
+    double eye[3];
+    pags_pose_position(view->camera.world_from_camera, eye);
     for (int i = 0; i < PAGS_PACKET; i++)
-      for (int k = 0; k < 3; k++)
-        rays.origin[i][k] = (float)view->camera.world_from_camera[4 * k + 3];
+      pags_narrow3(eye, rays.origin[i]);
     for (int y = top; y < top + ROWS && y < w->y[1]; y++) {
       for (int x = left; x < right; x++)
         draw_pixel(job, view, x, y, &rays);
@@ -336,17 +320,6 @@ pags_result pags_street_draw(const pags_street *street, const pags_stage *stage,
 
 /* ---- Exposures ---- */
 
-/* The pixels of a line that a shutter reads at one time. */
-static pags_street_window window_of(const pags_street_options *o, int line) {
-  pags_street_window window = {.x = {0, o->width}, .y = {0, o->height}};
-  if (o->faults.rolling > 0.0) {
-    int *side = pags_faults_reads_rows(o) ? window.y : window.x;
-    side[0] = line;
-    side[1] = line + 1;
-  }
-  return window;
-}
-
 pags_result pags_street_expose(pags_street *street, pags_stage *stage, int frame, pags_street_view *views,
                                pags_tasks *tasks) {
   const pags_street_options *o = street->options;
@@ -354,7 +327,13 @@ pags_result pags_street_expose(pags_street *street, pags_stage *stage, int frame
   const int lines = pags_faults_lines(o), together = o->faults.delay > 0.0 ? 1 : o->cameras;
   for (int first = 0; first < o->cameras; first += together) { /* cameras that expose at one time */
     for (int line = 0; line < lines; line++) {
-      const pags_street_window window = window_of(o, line);
+      /* The pixels of a line that a shutter reads at one time. */
+      pags_street_window window = {.x = {0, o->width}, .y = {0, o->height}};
+      if (rolls) {
+        int *side = pags_faults_reads_rows(o) ? window.y : window.x;
+        side[0] = line;
+        side[1] = line + 1;
+      }
       for (int c = first; c < first + together; c++) {
         views[c].sensor = c;
         views[c].camera = pags_faults_camera(o, frame, c, rolls ? line : -1);

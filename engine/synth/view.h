@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures of the synthetic street, with the exact depth, semantic class and object of each pixel. */
+/* Pictures of the synthetic street, with the exact depth, semantic class and object of each pixel; its sky; and its
+ * LiDAR, by the same ray tracer. Linear RGB. */
 #ifndef PAGS_SYNTH_VIEW_H
 #define PAGS_SYNTH_VIEW_H
 
@@ -38,5 +39,27 @@ pags_result pags_street_expose(pags_street *street, pags_stage *stage, int frame
  * mesh's own frame instead of the world. Several threads may call this at once. */
 void pags_street_shade(const pags_street *street, const pags_stage *stage, const pags_touch *touch,
                        const pags_footprint *footprint, float color[3]);
+
+/* Converts a linear value, clamped to 0..1, to display-referred sRGB. */
+float pags_display_srgb(float linear);
+
+/* ---- Sky and sun ---- */
+
+extern const float pags_sun[3];       /* unit vector towards the sun */
+extern const float pags_sun_light[3]; /* the factor on the reflectance of a surface that faces the sun */
+
+/* Sets `color` to the sky's colour in a unit direction: gradient, clouds, glow about the sun. */
+void pags_sky_color(const float direction[3], uint64_t seed, float color[3]);
+/* Sets `color` to what a mirror shows in a unit direction, without tracing a ray: sky above, dark house fronts near
+ * the horizon, road below. */
+void pags_sky_mirrored(const float direction[3], uint64_t seed, float color[3]);
+
+/* ---- LiDAR ---- */
+
+/* Traces one sweep of the LiDAR with objects where the stage has them. Writes 4 floats a point (x, y, z in the ego
+ * frame, metres; intensity 0..1) to `points`, which has room for street->options->lidar_points points, and returns
+ * the number of points. */
+int64_t pags_sweep_trace(const pags_street *street, const pags_stage *stage, int frame, pags_tasks *tasks,
+                         float *points);
 
 #endif
