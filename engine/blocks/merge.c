@@ -5,17 +5,14 @@
 #include <pags/blocks.h>
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include <pags/scene.h>
 
 #include "base/file.h"
 #include "base/lock.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "blocks/cells.h"
-#include "blocks/trained.h"
 #include "maths/maths.h"
 #include "scene/scene_json.h"
 
@@ -69,10 +66,9 @@ static double how_seen(const pags_scene *head, const pags_object *object) {
       continue;
     const double *p = keyframe->world_from_object;
     pags_rigid_inverse(view->camera.world_from_camera, inverse);
-    for (int k = 0; k < 3; k++)
-      at[k] = inverse[4 * k] * p[3] + inverse[4 * k + 1] * p[7] + inverse[4 * k + 2] * p[11] + inverse[4 * k + 3];
+    pags_rigid_point(inverse, (const double[3]){p[3], p[7], p[11]}, at);
     if (pags_camera_bends(&view->camera)) {
-      const double away = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
+      const double away = pags_dot3(at, at);
       double pixel[2];
       if (away > 0.01 && pags_camera_project(&view->camera, at, pixel, NULL) && pixel[0] >= 0 &&
           pixel[0] < view->camera.width && pixel[1] >= 0 && pixel[1] < view->camera.height)
@@ -87,11 +83,6 @@ static double how_seen(const pags_scene *head, const pags_object *object) {
   return sum;
 }
 
-static int64_t find_object(const pags_scene *scene, const char *id) {
-  const pags_scene_object *found = pags_scene_find_object(scene, id);
-  return found ? found - scene->objects : scene->object_count;
-}
-
 /* Lists every object once, with its track as the block has it that sees most of it: of those with a model, if one
  * has. */
 static pags_result list_objects(merger *m) {
@@ -101,21 +92,19 @@ static pags_result list_objects(merger *m) {
   m->out.objects = calloc((size_t)room + 1, sizeof *m->out.objects);
   m->objects = calloc((size_t)room + 1, sizeof *m->objects);
   m->numbers = calloc((size_t)m->trained.count + 1, sizeof *m->numbers);
-  if (!m->out.objects || !m->objects || !m->numbers)
-    return pags_out_of_memory("%lld objects", (long long)room);
+  PAGS_CHECK_MEMORY(m->out.objects && m->objects && m->numbers, "%lld objects", (long long)room);
   for (int b = 0; b < m->split.count; b++) {
     pags_scene *head = &m->trained.heads[b];
     m->numbers[b] = calloc((size_t)head->object_count + 1, sizeof *m->numbers[b]);
-    if (!m->numbers[b])
-      return pags_out_of_memory("%lld objects", (long long)head->object_count);
+    PAGS_CHECK_MEMORY(m->numbers[b], "%lld objects", (long long)head->object_count);
     for (int64_t i = 0; i < head->object_count; i++) {
-      const int64_t j = find_object(&m->out, head->objects[i].record.id);
-      const bool fresh = j == m->out.object_count, modelled = head->objects[i].model >= 0;
+      const pags_scene_object *const found = pags_scene_find_object(&m->out, head->objects[i].record.id);
+      const int64_t j = found ? found - m->out.objects : m->out.object_count++;
+      const bool modelled = head->objects[i].model >= 0;
       merged_object *object = &m->objects[j];
       const double seen = how_seen(head, &head->objects[i].record);
       m->numbers[b][i] = (int32_t)j;
-      m->out.object_count += fresh;
-      if (!fresh && (object->modelled > modelled || (object->modelled == modelled && object->seen >= seen)))
+      if (found && (object->modelled > modelled || (object->modelled == modelled && object->seen >= seen)))
         continue;
       *object = (merged_object){.owner = b, .seen = seen, .modelled = modelled, .cell = -1};
       const pags_scene_object keep = m->out.objects[j]; /* the records change places, so that each has one owner */
@@ -124,19 +113,18 @@ static pags_result list_objects(merger *m) {
       head->objects[i].record = keep.record;
     }
   }
-  return PAGS_OK;
-}
 
-/* Finds the cell of every parked object: that of the mean of its labels. */
-static void place_objects(merger *m) {
+  /* Find the cell of every parked object: that of the mean of its labels. */
   for (int64_t j = 0; j < m->out.object_count; j++) {
     const pags_object *object = &m->out.objects[j].record;
     double middle[3] = {0, 0, 0};
     for (int64_t k = 0; k < object->keyframe_count; k++)
       for (int a = 0; a < 3; a++)
         middle[a] += object->keyframes[k].world_from_object[4 * a + 3] / (double)object->keyframe_count;
-    m->objects[j].cell = object->moving || object->keyframe_count == 0 ? -1 : pags_cells_find(&m->cells, middle);
+    if (!object->moving && object->keyframe_count > 0)
+      m->objects[j].cell = pags_cells_find(&m->cells, middle);
   }
+  return PAGS_OK;
 }
 
 /* Lists the views, each as the block has it whose own it is. */
@@ -145,8 +133,7 @@ static pags_result list_views(merger *m) {
   for (int b = 0; b < m->split.count; b++)
     room += m->trained.heads[b].view_count;
   m->out.views = calloc((size_t)room + 1, sizeof *m->out.views);
-  if (!m->out.views)
-    return pags_out_of_memory("%lld views", (long long)room);
+  PAGS_CHECK_MEMORY(m->out.views, "%lld views", (long long)room);
   for (int b = 0; b < m->split.count; b++) {
     const struct pags_block_range *range = &m->split.ranges[b];
     pags_scene *head = &m->trained.heads[b];
@@ -164,31 +151,30 @@ static pags_result list_views(merger *m) {
 /* Takes what all blocks have in common from the first, and finds the origin: theirs if they have the same, else the
  * mean of theirs in whole metres. */
 static pags_result describe(merger *m) {
-  pags_scene *out = &m->out, *first = &m->trained.heads[0];
-  out->up = first->up;
-  out->antialiased = first->antialiased;
-  out->seed = first->seed;
-  out->iterations = first->iterations;
-  out->fps = first->fps;
-  out->place = first->place;
-  out->image_alpha = first->image_alpha;
-  out->time_begin = first->time_begin;
-  out->time_end = first->time_end;
-  memcpy(out->background, first->background, sizeof out->background);
-  out->dataset = pags_text_copy(m->split.recording);
-  out->config = pags_text_copy(first->config);
-  if (!out->dataset || !out->config)
-    return pags_out_of_memory("a scene");
+  const pags_scene *first = &m->trained.heads[0];
+  m->out = (pags_scene){.up = first->up,
+                        .antialiased = first->antialiased,
+                        .seed = first->seed,
+                        .iterations = first->iterations,
+                        .fps = first->fps,
+                        .place = first->place,
+                        .image_alpha = first->image_alpha,
+                        .time_begin = first->time_begin,
+                        .time_end = first->time_end,
+                        .dataset = pags_text_copy(m->split.recording),
+                        .config = pags_text_copy(first->config)};
+  pags_scene *out = &m->out;
+  pags_copy3f(first->background, out->background);
+  PAGS_CHECK_MEMORY(out->dataset && out->config, "a scene");
   bool same = true;
   double sum[3] = {0, 0, 0};
   for (int b = 0; b < m->split.count; b++) {
     const pags_scene *head = &m->trained.heads[b];
     out->time_begin = fmin(out->time_begin, head->time_begin);
     out->time_end = fmax(out->time_end, head->time_end);
-    for (int k = 0; k < 3; k++) {
+    pags_add3(sum, head->origin, sum);
+    for (int k = 0; k < 3; k++)
       same &= head->origin[k] == first->origin[k];
-      sum[k] += head->origin[k];
-    }
   }
   for (int k = 0; k < 3; k++)
     out->origin[k] = same ? first->origin[k] : pags_round(sum[k] / m->split.count);
@@ -223,7 +209,9 @@ static void sift(void *context, int64_t begin, int64_t end, int worker) {
  * scene's origin and its numbers of objects. */
 static pags_result append(merger *m, int block, const double origin[3], const pags_gaussians *from,
                           const int64_t *index, int64_t count) {
-  pags_gaussians *to = &m->groups[from->sh_degree], rows;
+  const int64_t all = m->trained.heads[block].object_count;
+  pags_gaussians *to = &m->groups[from->sh_degree];
+  PAGS_AUTO(pags_gaussians_destroy) pags_gaussians rows = {0};
   if (to->stride == 0)
     PAGS_TRY(pags_gaussians_create_like(to, 0, from));
   if (to->count + count > to->stride)
@@ -236,59 +224,54 @@ static pags_result append(merger *m, int block, const double origin[3], const pa
   PAGS_TRY(pags_gaussians_create_like(&rows, count, from));
   pags_gaussians_gather(from, index, count, &rows);
   for (int64_t i = 0; i < count; i++) {
-    const int64_t at = to->count + i, all = m->trained.heads[block].object_count;
+    const int64_t at = to->count + i;
+    const int32_t id = rows.object_id ? rows.object_id[i] : -1;
     for (int p = 0; p < pags_plane_count(from->sh_degree); p++)
       pags_plane(to, p)[at] = pags_plane(&rows, p)[i];
     for (int k = 0; k < 3; k++)
       pags_plane(to, PAGS_MEAN + k)[at] = (float)((double)pags_plane(&rows, k)[i] + (origin[k] - m->out.origin[k]));
     if (to->s_sem)
       to->s_sem[at] = rows.s_sem ? rows.s_sem[i] : 0.0F;
-    const int32_t id = rows.object_id ? rows.object_id[i] : -1;
     if (to->object_id)
       to->object_id[at] = id >= 0 && id < all ? m->numbers[block][id] : -1;
   }
   to->count += count;
-  pags_gaussians_destroy(&rows);
   return PAGS_OK;
 }
 
 /* Keeps the Gaussians of one of a block's background models that lie in its cell. */
 static pags_result take_background(merger *m, int block, const double origin[3], const pags_gaussians *from) {
-  sieve s = {m, from, origin, block, malloc((size_t)from->count + 1)};
-  int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index), count = 0;
-  pags_result result = s.kept && index ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)from->count);
-  if (result == PAGS_OK && !pags_parallel_for(m->tasks, from->count, ROWS, sift, &s))
-    result = pags_fail(PAGS_CANCELLED, "merging was cancelled");
-  for (int64_t i = 0; result == PAGS_OK && i < from->count; i++)
-    if (s.kept[i])
+  PAGS_AUTOFREE uint8_t *kept = malloc((size_t)from->count + 1);
+  PAGS_AUTOFREE int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
+  int64_t count = 0;
+  PAGS_CHECK_MEMORY(kept && index, "%lld Gaussians", (long long)from->count);
+  if (!pags_parallel_for(m->tasks, from->count, ROWS, sift, &(sieve){m, from, origin, block, kept}))
+    return pags_fail(PAGS_CANCELLED, "merging was cancelled");
+  for (int64_t i = 0; i < from->count; i++)
+    if (kept[i])
       index[count++] = i;
-  if (result == PAGS_OK && count > 0)
-    result = append(m, block, origin, from, index, count);
   m->facts->ghosts += from->count - count;
-  free(s.kept);
-  free(index);
-  return result;
+  return count > 0 ? append(m, block, origin, from, index, count) : PAGS_OK;
 }
 
 /* Adds a model to the merged scene; the Gaussians change their owner. */
 static pags_result add_model(merger *m, const char *name, char *file, pags_gaussians *g) {
-  pags_model *model = &m->out.models[m->out.model_count];
+  pags_model *model = &m->out.models[m->out.model_count++];
   *model = (pags_model){.name = pags_text_copy(name), .file = file, .gaussians = *g};
   *g = (pags_gaussians){0};
-  m->out.model_count++;
-  return model->name && model->file ? PAGS_OK : pags_out_of_memory("a model");
+  PAGS_CHECK_MEMORY(model->name && model->file, "a model");
+  return PAGS_OK;
 }
 
 /* Takes a block's share: the background in its cell and the models of the objects that it owns. */
 static pags_result take_block(merger *m, int block) {
-  pags_scene scene;
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
   PAGS_TRY(pags_scene_load(m->trained.folders[block], &scene));
-  pags_result result = PAGS_OK;
-  bool *of_object = calloc((size_t)scene.model_count + 1, sizeof *of_object);
-  if (!of_object || scene.object_count != m->trained.heads[block].object_count)
-    result = of_object ? pags_fail(PAGS_ERROR_FORMAT, "%s: changed while it was read", m->trained.folders[block])
-                       : pags_out_of_memory("%lld models", (long long)scene.model_count);
-  for (int64_t i = 0; result == PAGS_OK && i < scene.object_count; i++) {
+  PAGS_AUTOFREE bool *of_object = calloc((size_t)scene.model_count + 1, sizeof *of_object);
+  PAGS_CHECK_MEMORY(of_object, "%lld models", (long long)scene.model_count);
+  if (scene.object_count != m->trained.heads[block].object_count)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: changed while it was read", m->trained.folders[block]);
+  for (int64_t i = 0; i < scene.object_count; i++) {
     const int64_t j = m->numbers[block][i], model = scene.objects[i].model;
     if (model < 0)
       continue;
@@ -296,20 +279,18 @@ static pags_result take_block(merger *m, int block) {
     if (m->objects[j].owner != block)
       continue;
     m->out.objects[j].model = m->out.model_count;
-    result = add_model(m, m->out.objects[j].record.id, pags_scene_model_file(&m->out, m->out.objects[j].record.id),
-                       &scene.models[model].gaussians);
+    PAGS_TRY(add_model(m, m->out.objects[j].record.id, pags_scene_model_file(&m->out, m->out.objects[j].record.id),
+                       &scene.models[model].gaussians));
     m->facts->object_models++;
   }
-  for (int64_t i = 0; result == PAGS_OK && i < scene.model_count; i++)
+  for (int64_t i = 0; i < scene.model_count; i++)
     if (!of_object[i])
-      result = take_background(m, block, scene.origin, &scene.models[i].gaussians);
+      PAGS_TRY(take_background(m, block, scene.origin, &scene.models[i].gaussians));
   if (m->out.sky.size == 0) {
     m->out.sky = scene.sky;
     scene.sky = (pags_sky){0};
   }
-  free(of_object);
-  pags_scene_destroy(&scene);
-  return result;
+  return PAGS_OK;
 }
 
 /* ---- The whole ---- */
@@ -323,8 +304,7 @@ static pags_result add_background(merger *m) {
   pags_scene *out = &m->out;
   const int64_t objects = out->model_count;
   pags_model *models = calloc((size_t)(objects + groups), sizeof *models);
-  if (!models)
-    return pags_out_of_memory("%lld models", (long long)(objects + groups));
+  PAGS_CHECK_MEMORY(models, "%lld models", (long long)(objects + groups));
   memcpy(models + groups, out->models, (size_t)objects * sizeof *models);
   free(out->models);
   out->models = models;
@@ -333,9 +313,9 @@ static pags_result add_background(merger *m) {
   for (int d = DEGREES - 1; d >= 0 && result == PAGS_OK; d--) {
     if (m->groups[d].count == 0 && !(d == 0 && out->model_count == 0))
       continue;
-    char *name = out->model_count == 0 ? pags_text_copy("background") : pags_text_format("background-sh%d", d);
+    PAGS_AUTOFREE char *name =
+        out->model_count == 0 ? pags_text_copy("background") : pags_text_format("background-sh%d", d);
     result = name ? add_model(m, name, pags_text_format("%s.ply", name), &m->groups[d]) : pags_out_of_memory("a model");
-    free(name);
   }
   out->model_count = objects + groups;
   for (int64_t j = 0; j < out->object_count; j++)
@@ -349,11 +329,9 @@ static pags_result merge(merger *m, const char *folder, const char *output, pags
   PAGS_TRY(pags_cells_create(&m->split, &m->cells));
   PAGS_TRY(describe(m));
   PAGS_TRY(list_objects(m));
-  place_objects(m);
   PAGS_TRY(list_views(m));
   m->out.models = calloc((size_t)m->out.object_count + 1, sizeof *m->out.models);
-  if (!m->out.models)
-    return pags_out_of_memory("%lld models", (long long)m->out.object_count);
+  PAGS_CHECK_MEMORY(m->out.models, "%lld models", (long long)m->out.object_count);
   for (int b = 0; b < m->split.count; b++) {
     if (progress && !progress(user, (double)b / m->split.count, "merging blocks"))
       return pags_fail(PAGS_CANCELLED, "merging was cancelled");
@@ -371,15 +349,11 @@ static pags_result merge(merger *m, const char *folder, const char *output, pags
 
 pags_result pags_merge(const char *folder, const char *output, pags_tasks *tasks, pags_progress_fn *progress,
                        void *user, pags_merge_facts *facts) {
-  merger m = {.tasks = tasks, .facts = facts};
+  PAGS_AUTO(pags_lock_release_auto) pags_lock *lock = NULL;
+  PAGS_AUTO(destroy) merger m = {.tasks = tasks, .facts = facts};
   *facts = (pags_merge_facts){0};
-  pags_lock *lock;
   PAGS_TRY(pags_lock_folder(output, &lock));
-  const pags_result result =
-      pags_folder_has(output, "scene.json")
-          ? pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds a scene already; give another folder, or remove it", output)
-          : merge(&m, folder, output, progress, user);
-  destroy(&m);
-  pags_lock_release(lock);
-  return result;
+  if (pags_folder_has(output, "scene.json"))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds a scene already; give another folder, or remove it", output);
+  return merge(&m, folder, output, progress, user);
 }

@@ -4,9 +4,6 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/json.h"
@@ -32,9 +29,9 @@ static pags_result allocate(pags_blocks *split, int64_t stands, int count) {
   split->ranges = calloc((size_t)count + 1, sizeof *split->ranges);
   split->frames = calloc((size_t)stands + 1, sizeof *split->frames);
   split->stands = calloc((size_t)stands + 1, sizeof *split->stands);
-  return split->ranges && split->frames && split->stands
-             ? PAGS_OK
-             : pags_out_of_memory("%d blocks of %lld time steps", count, (long long)stands);
+  PAGS_CHECK_MEMORY(split->ranges && split->frames && split->stands, "%d blocks of %lld time steps", count,
+                    (long long)stands);
+  return PAGS_OK;
 }
 
 /* ---- The cut ---- */
@@ -55,19 +52,8 @@ static void find_stands(const pags_dataset *dataset, pags_blocks *split) {
   split->stand_count = at + 1;
 }
 
-/* Computes how far along the drive each time step is, metres. */
-static void measure(const pags_blocks *split, double *along) {
-  along[0] = 0;
-  for (int64_t i = 1; i < split->stand_count; i++) {
-    double step[3];
-    for (int k = 0; k < 3; k++)
-      step[k] = split->stands[i][k] - split->stands[i - 1][k];
-    along[i] = along[i - 1] + pags_length3(step);
-  }
-}
-
 /* Gives block b the time steps from b / count of the drive to (b + 1) / count as its own, and those within the overlap
- * of either end besides. */
+ * of either end besides. `along`: how far along the drive each time step is, metres. */
 static void share_out(pags_blocks *split, const double *along) {
   for (int b = 0; b < split->count; b++) {
     const double from = split->block * b, to = b + 1 < split->count ? split->block * (b + 1) : (double)INFINITY;
@@ -86,12 +72,20 @@ static void share_out(pags_blocks *split, const double *along) {
   }
 }
 
-/* Checks that every block has a time step of its own and a view to train on. */
-static pags_result check_blocks(const pags_dataset *dataset, const pags_blocks *split) {
+/* Checks that every block has a time step of its own and a view to train on, and names the split. */
+static pags_result check_and_name(const pags_dataset *dataset, pags_blocks *split) {
+  const int64_t views = pags_dataset_view_count(dataset);
+  uint64_t hash = PAGS_HASH_OF_NOTHING;
+  for (int64_t i = 0; i < views; i++) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    hash = pags_hash_bytes(hash, view->name, strlen(view->name) + 1);
+    hash = pags_hash_bytes(hash, &view->test, sizeof view->test);
+    hash = pags_hash_bytes(hash, view->camera.world_from_camera, sizeof view->camera.world_from_camera);
+  }
   for (int b = 0; b < split->count; b++) {
     const struct pags_block_range *range = &split->ranges[b];
     int64_t training = 0;
-    for (int64_t i = 0; i < pags_dataset_view_count(dataset) && range->own_first >= 0; i++) {
+    for (int64_t i = 0; i < views && range->own_first >= 0; i++) {
       const pags_view *view = pags_dataset_view(dataset, i);
       training += !view->test && view->frame >= range->own_first && view->frame <= range->own_last;
     }
@@ -101,21 +95,10 @@ static pags_result check_blocks(const pags_dataset *dataset, const pags_blocks *
           "%s: block %d of %d would begin %.1f m along the drive and have no photograph of its own to train "
           "on; expected longer blocks than %.1f m",
           pags_dataset_path(dataset), b, split->count, split->block * b, split->block);
+    hash = pags_hash_bytes(hash, range, sizeof *range);
   }
-  return PAGS_OK;
-}
-
-static void name_split(const pags_dataset *dataset, pags_blocks *split) {
-  uint64_t hash = PAGS_HASH_OF_NOTHING;
-  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
-    const pags_view *view = pags_dataset_view(dataset, i);
-    hash = pags_hash_bytes(hash, view->name, strlen(view->name) + 1);
-    hash = pags_hash_bytes(hash, &view->test, sizeof view->test);
-    hash = pags_hash_bytes(hash, view->camera.world_from_camera, sizeof view->camera.world_from_camera);
-  }
-  for (int b = 0; b < split->count; b++)
-    hash = pags_hash_bytes(hash, &split->ranges[b], sizeof split->ranges[b]);
   snprintf(split->id, sizeof split->id, "%08x%08x", (unsigned)(hash >> 32), (unsigned)(hash & 0xffffffffu));
+  return PAGS_OK;
 }
 
 pags_result pags_blocks_plan(const pags_dataset *dataset, double length, double overlap, pags_blocks *split) {
@@ -133,40 +116,30 @@ pags_result pags_blocks_plan(const pags_dataset *dataset, double length, double 
   const int64_t views = pags_dataset_view_count(dataset);
   PAGS_TRY(allocate(split, views, 0));
   find_stands(dataset, split);
-  double *along = malloc((size_t)views * sizeof *along);
+  PAGS_AUTOFREE double *along = malloc((size_t)views * sizeof *along);
   split->recording = pags_text_copy(path);
-  if (!along || !split->recording) {
-    free(along);
-    return pags_out_of_memory("%s", path);
-  }
-  measure(split, along);
+  PAGS_CHECK_MEMORY(along && split->recording, "%s", path);
+  along[0] = 0;
+  for (int64_t i = 1; i < split->stand_count; i++)
+    along[i] = along[i - 1] + pags_distance3(split->stands[i], split->stands[i - 1]);
   split->length = along[split->stand_count - 1];
   const double count = fmax(1, ceil(split->length / length - 1e-9));
-  pags_result result = PAGS_OK;
   if (count > MOST_BLOCKS)
-    result = pags_fail(PAGS_ERROR_LIMIT, "%s: %.0f m in blocks of %g m would be %.0f blocks; expected at most %d", path,
-                       split->length, length, count, MOST_BLOCKS);
-  struct pags_block_range *ranges =
-      result == PAGS_OK ? realloc(split->ranges, ((size_t)count + 1) * sizeof *ranges) : NULL;
-  if (ranges) {
-    split->ranges = ranges;
-    split->count = (int)count;
-    split->block = split->length / count;
-    share_out(split, along);
-    result = check_blocks(dataset, split);
-    name_split(dataset, split);
-  } else if (result == PAGS_OK) {
-    result = pags_out_of_memory("%s", path);
-  }
-  free(along);
-  return result;
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: %.0f m in blocks of %g m would be %.0f blocks; expected at most %d", path,
+                     split->length, length, count, MOST_BLOCKS);
+  struct pags_block_range *ranges = realloc(split->ranges, ((size_t)count + 1) * sizeof *ranges);
+  PAGS_CHECK_MEMORY(ranges, "%s", path);
+  split->ranges = ranges;
+  split->count = (int)count;
+  split->block = split->length / count;
+  share_out(split, along);
+  return check_and_name(dataset, split);
 }
 
 /* ---- split.json ---- */
 
 pags_result pags_blocks_save(const pags_blocks *split, const char *folder) {
-  pags_json_writer w;
-  pags_json_writer_init(&w, 1);
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer w = {.indent = 1};
   pags_json_begin_object(&w, NULL);
   pags_json_put_integer(&w, "version", VERSION);
   pags_json_put_string(&w, "split", split->id);
@@ -189,11 +162,7 @@ pags_result pags_blocks_save(const pags_blocks *split, const char *folder) {
         &w, NULL, (double[]){split->frames[i], split->stands[i][0], split->stands[i][1], split->stands[i][2]}, 4);
   pags_json_end_array(&w);
   pags_json_end_object(&w);
-  char *path = pags_path_join(folder, PAGS_SPLIT_FILE);
-  pags_result result = path ? pags_json_writer_save(&w, path) : pags_out_of_memory("%s", folder);
-  pags_json_writer_destroy(&w);
-  free(path);
-  return result;
+  return pags_json_writer_save_in_folder(&w, folder, PAGS_SPLIT_FILE);
 }
 
 static pags_result read_range(const pags_json *json, const pags_json_value *block, struct pags_block_range *out) {
@@ -260,16 +229,11 @@ static pags_result read_root(const pags_json *json, pags_blocks *split) {
 
 pags_result pags_blocks_load(const char *folder, pags_blocks *split) {
   *split = (pags_blocks){0};
-  if (!pags_folder_has(folder, PAGS_SPLIT_FILE))
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_TRY(pags_json_parse_in_folder(folder, PAGS_SPLIT_FILE, &json));
+  if (!json)
     return pags_fail(PAGS_ERROR_IO, "%s: has no %s; expected a folder that pags split wrote", folder, PAGS_SPLIT_FILE);
-  char *path = pags_path_join(folder, PAGS_SPLIT_FILE);
-  pags_json *json = NULL;
-  pags_result result = path ? pags_json_parse_file(path, &json) : pags_out_of_memory("%s", folder);
-  if (result == PAGS_OK)
-    result = read_root(json, split);
-  pags_json_destroy(json);
-  free(path);
-  return result;
+  return read_root(json, split);
 }
 
 /* ---- The blocks ---- */
@@ -287,10 +251,9 @@ pags_result pags_blocks_write(const pags_blocks *split, const char *folder, cons
                               .last = range->last,
                               .own_first = range->own_first,
                               .own_last = range->own_last};
-    char *path = pags_text_format("%s/%03d", folder, b);
-    pags_result result = path ? pags_block_write(path, &block, options) : pags_out_of_memory("%s", folder);
-    free(path);
-    PAGS_TRY(result);
+    PAGS_AUTOFREE char *path = pags_text_format("%s/%03d", folder, b);
+    PAGS_CHECK_MEMORY(path, "%s", folder);
+    PAGS_TRY(pags_block_write(path, &block, options));
   }
   return PAGS_OK;
 }

@@ -1,14 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reads what the blocks of a split were trained to, and refuses what can't be merged (trained.h). */
-#include "blocks/trained.h"
-
-#include <stdlib.h>
-#include <string.h>
-
+/* Reads what the blocks of a split were trained to, and refuses what can't be merged (cells.h). */
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "blocks/cells.h"
 #include "dataset/block.h"
 #include "scene/scene_json.h"
 
@@ -29,37 +25,26 @@ static pags_result check_block(const pags_blocks *split, int b, const char *fold
   if (!head->block)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: trained on %s, not on a block; expected block %d of %s, trained by itself",
                      folder, head->dataset ? head->dataset : "an unknown data set", b, split->recording);
-  pags_json *json;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   const char *id = "";
   int64_t number = -1;
   PAGS_TRY(pags_json_parse_text(folder, head->block, strlen(head->block), &json));
-  pags_result result = pags_json_string(json, pags_json_root(json), "split", &id);
-  if (result == PAGS_OK)
-    result = pags_json_integer(json, pags_json_root(json), "number", 0, INT32_MAX, &number);
-  if (result == PAGS_OK && strcmp(id, split->id) != 0)
-    result = pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: trained on a block of another split (%.16s, here it is %s); train this split's block %d",
-                       folder, id, split->id, b);
-  if (result == PAGS_OK && number != b)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: the scene of block %lld; expected that of block %d", folder,
-                       (long long)number, b);
-  pags_json_destroy(json);
-  return result;
+  PAGS_TRY(pags_json_string(json, pags_json_root(json), "split", &id));
+  PAGS_TRY(pags_json_integer(json, pags_json_root(json), "number", 0, INT32_MAX, &number));
+  if (strcmp(id, split->id) != 0)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: trained on a block of another split (%.16s, here it is %s); train this split's block %d",
+                     folder, id, split->id, b);
+  if (number != b)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the scene of block %lld; expected that of block %d", folder,
+                     (long long)number, b);
+  return PAGS_OK;
 }
 
 static pags_result parse_config(const char *folder, const pags_scene *head, pags_json **json) {
   if (!head->config)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: its scene.json doesn't say how it was trained ('config')", folder);
   return pags_json_parse_text(folder, head->config, strlen(head->config), json);
-}
-
-static pags_result check_finished(const char *folder, const pags_scene *head, const pags_json *config) {
-  int64_t iterations;
-  PAGS_TRY(pags_json_integer(config, pags_json_root(config), "iterations", 1, INT64_MAX, &iterations));
-  if (head->iterations >= iterations)
-    return PAGS_OK;
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: stopped after step %lld of %lld; go on with the same command and --resume",
-                   folder, (long long)head->iterations, (long long)iterations);
 }
 
 /* ---- Comparison of scenes ---- */
@@ -82,18 +67,13 @@ static pags_result compare_configs(const char *const folders[2], const pags_json
   return PAGS_OK;
 }
 
-static const pags_scene_view *view_of(const pags_scene *head, int sensor) {
-  for (int64_t i = 0; i < head->view_count; i++)
-    if (head->views[i].sensor == sensor)
-      return &head->views[i];
-  return NULL;
-}
-
 static pags_result compare_sizes(const char *const folders[2], const pags_scene *first, const pags_scene *head) {
   for (int64_t i = 0; i < head->view_count; i++) {
     const pags_camera *mine = &head->views[i].camera;
-    const pags_scene_view *other = view_of(first, head->views[i].sensor);
-    if (other && (mine->width != other->camera.width || mine->height != other->camera.height))
+    const pags_scene_view *other = first->views, *const end = first->views + first->view_count;
+    while (other < end && other->sensor != head->views[i].sensor)
+      other++;
+    if (other < end && (mine->width != other->camera.width || mine->height != other->camera.height))
       return pags_fail(
           PAGS_ERROR_FORMAT,
           "%s: camera %d has %d x %d pixels, but %d x %d in %s; train all blocks with the same --downscale", folders[1],
@@ -102,21 +82,21 @@ static pags_result compare_sizes(const char *const folders[2], const pags_scene 
   return PAGS_OK;
 }
 
+/* Checks that a block was trained to the end, in the same way as the first. */
 static pags_result compare_with_first(const pags_trained *trained, int b) {
   const char *const folders[2] = {trained->folders[0], trained->folders[b]};
-  pags_json *configs[2] = {NULL, NULL};
-  pags_result result = parse_config(folders[0], &trained->heads[0], &configs[0]);
-  if (result == PAGS_OK)
-    result = parse_config(folders[1], &trained->heads[b], &configs[1]);
-  if (result == PAGS_OK)
-    result = check_finished(folders[1], &trained->heads[b], configs[1]);
-  if (result == PAGS_OK)
-    result = compare_configs(folders, (const pags_json *const[]){configs[0], configs[1]});
-  if (result == PAGS_OK)
-    result = compare_sizes(folders, &trained->heads[0], &trained->heads[b]);
-  pags_json_destroy(configs[0]);
-  pags_json_destroy(configs[1]);
-  return result;
+  const pags_scene *const head = &trained->heads[b];
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *first = NULL;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *config = NULL;
+  int64_t iterations;
+  PAGS_TRY(parse_config(folders[0], &trained->heads[0], &first));
+  PAGS_TRY(parse_config(folders[1], head, &config));
+  PAGS_TRY(pags_json_integer(config, pags_json_root(config), "iterations", 1, INT64_MAX, &iterations));
+  if (head->iterations < iterations)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: stopped after step %lld of %lld; go on with the same command and --resume",
+                     folders[1], (long long)head->iterations, (long long)iterations);
+  PAGS_TRY(compare_configs(folders, (const pags_json *const[]){first, config}));
+  return compare_sizes(folders, &trained->heads[0], head);
 }
 
 /* ---- All scenes ---- */
@@ -125,12 +105,9 @@ static pags_result compare_with_first(const pags_trained *trained, int b) {
 static pags_result check_present(const pags_blocks *split, const char *folder, const pags_trained *trained) {
   int lacking = 0, first = -1;
   for (int b = 0; b < split->count; b++) {
-    char *block = pags_text_format("%s/%03d", folder, b);
-    const bool there = block && pags_folder_has(block, PAGS_BLOCK_FILE);
-    free(block);
-    if (!block)
-      return pags_out_of_memory("%s", folder);
-    if (!there)
+    PAGS_AUTOFREE char *block = pags_text_format("%s/%03d", folder, b);
+    PAGS_CHECK_MEMORY(block, "%s", folder);
+    if (!pags_folder_has(block, PAGS_BLOCK_FILE))
       return pags_fail(PAGS_ERROR_FORMAT,
                        "%s/%03d: block %d of %d is missing; give the command of pags split again, which puts it back",
                        folder, b, b, split->count);
@@ -146,29 +123,22 @@ static pags_result check_present(const pags_blocks *split, const char *folder, c
       folder, lacking, split->count, first, trained->folders[first], folder, first, trained->folders[first]);
 }
 
-static pags_result load_head(const char *folder, pags_scene *head) {
-  pags_scene_files files = {0};
-  char *path = pags_path_join(folder, "scene.json");
-  pags_result result = path ? pags_scene_json_read(path, head, &files) : pags_out_of_memory("%s", folder);
-  free(files.counts);
-  free(files.sky);
-  free(path);
-  return result;
-}
-
 pags_result pags_trained_load(const pags_blocks *split, const char *folder, pags_trained *trained) {
   const size_t count = (size_t)split->count;
   *trained = (pags_trained){.folders = calloc(count, sizeof *trained->folders),
                             .heads = calloc(count, sizeof *trained->heads)};
-  if (!trained->folders || !trained->heads)
-    return pags_out_of_memory("%d blocks", split->count);
+  PAGS_CHECK_MEMORY(trained->folders && trained->heads, "%d blocks", split->count);
   trained->count = split->count;
-  for (int b = 0; b < split->count; b++)
-    if (!(trained->folders[b] = pags_text_format("%s/%03d/scene", folder, b)))
-      return pags_out_of_memory("%d blocks", split->count);
+  for (int b = 0; b < split->count; b++) {
+    trained->folders[b] = pags_text_format("%s/%03d/scene", folder, b);
+    PAGS_CHECK_MEMORY(trained->folders[b], "%d blocks", split->count);
+  }
   PAGS_TRY(check_present(split, folder, trained));
   for (int b = 0; b < split->count; b++) {
-    PAGS_TRY(load_head(trained->folders[b], &trained->heads[b]));
+    PAGS_AUTOFREE char *path = pags_path_join(trained->folders[b], "scene.json");
+    PAGS_AUTO(pags_scene_files_destroy) pags_scene_files files = {0};
+    PAGS_CHECK_MEMORY(path, "%s", trained->folders[b]);
+    PAGS_TRY(pags_scene_json_read(path, &trained->heads[b], &files));
     PAGS_TRY(check_block(split, b, trained->folders[b], &trained->heads[b]));
     PAGS_TRY(compare_with_first(trained, b));
   }

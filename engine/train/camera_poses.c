@@ -11,9 +11,6 @@
 #include "train/camera_poses.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
@@ -29,74 +26,61 @@ enum { SPEED_SPAN = 2 };
 
 /* ---- The corrections ---- */
 
-/* Sets the items of all views and counts time steps and cameras. */
-static void list_items(pags_camera_poses *p, const pags_dataset *dataset) {
+int64_t pags_camera_poses_items(const pags_camera_poses *p) {
+  return p->count > 0 ? p->steps + 2 * p->sensors : 0;
+}
+
+/* Numbers the time steps and the cameras of all views, these in the order in which they appear. */
+static void number_items(pags_camera_poses *p, const pags_dataset *dataset) {
   int frame = 0;
   for (int64_t i = 0; i < p->count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     p->steps += i == 0 || p->alone || view->frame != frame; /* views are sorted by frame */
     frame = view->frame;
     p->step_of[i] = (int32_t)p->steps - 1;
-    int64_t s = 0, same = -1; /* the camera's number in the order in which they appear */
-    for (int64_t j = 0; j < i && same < 0; j++) {
-      same = pags_dataset_view(dataset, j)->sensor == view->sensor ? p->sensor_of[j] : -1;
-      s = p->sensor_of[j] + 1 > s ? p->sensor_of[j] + 1 : s;
-    }
-    p->sensor_of[i] = (int32_t)(same >= 0 ? same : s);
-    p->sensors = p->sensor_of[i] + 1 > p->sensors ? p->sensor_of[i] + 1 : p->sensors;
+    p->sensor_of[i] = (int32_t)p->sensors;
+    for (int64_t j = 0; j < i && p->sensor_of[i] == p->sensors; j++)
+      if (pags_dataset_view(dataset, j)->sensor == view->sensor)
+        p->sensor_of[i] = p->sensor_of[j];
+    p->sensors += p->sensor_of[i] == p->sensors;
   }
-}
-
-int64_t pags_camera_poses_items(const pags_camera_poses *p) {
-  return p->count > 0 ? p->steps + 2 * p->sensors : 0;
-}
-
-/* Sets the mean speed of a view's camera between its photographs some time steps before and after. */
-static void find_speed(pags_camera_poses *p, const pags_dataset *dataset, int64_t view) {
-  int64_t before = view, after = view;
-  for (int64_t i = 0; i < p->count; i++) {
-    const int32_t away = p->step_of[i] - p->step_of[view];
-    if (p->sensor_of[i] != p->sensor_of[view] || away < -SPEED_SPAN || away > SPEED_SPAN)
-      continue;
-    before = i < before ? i : before;
-    after = i > after ? i : after;
-  }
-  const pags_camera *a = &pags_dataset_view(dataset, before)->camera, *b = &pags_dataset_view(dataset, after)->camera;
-  if (b->time > a->time)
-    pags_rigid_velocity(a->world_from_camera, pags_dataset_view(dataset, view)->camera.world_from_camera,
-                        b->world_from_camera, b->time - a->time, p->speeds[view]);
 }
 
 pags_result pags_camera_poses_create(pags_camera_poses *p, const pags_dataset *dataset) {
   const int64_t count = pags_dataset_view_count(dataset);
-  const double *origin = pags_dataset_origin(dataset);
-  *p = (pags_camera_poses){
-      .holdout = pags_holdout_test_begin(), .count = count, .alone = pags_dataset_fps(dataset) <= 0.0};
-  p->step_of = calloc((size_t)count, sizeof *p->step_of);
-  p->sensor_of = calloc((size_t)count, sizeof *p->sensor_of);
+  *p = (pags_camera_poses){.holdout = pags_holdout_test_begin(),
+                           .count = count,
+                           .alone = pags_dataset_fps(dataset) <= 0.0,
+                           .step_of = calloc((size_t)count, sizeof *p->step_of),
+                           .sensor_of = calloc((size_t)count, sizeof *p->sensor_of)};
   if (p->step_of && p->sensor_of) {
-    list_items(p, dataset);
+    number_items(p, dataset);
     p->items = calloc((size_t)pags_camera_poses_items(p), sizeof *p->items);
     p->speeds = calloc((size_t)count, sizeof *p->speeds);
     p->places = calloc((size_t)p->steps, sizeof *p->places);
     p->turns = calloc((size_t)p->sensors, sizeof *p->turns);
   }
-  if (!p->items || !p->speeds || !p->places || !p->turns) {
-    pags_camera_poses_destroy(p);
-    return pags_out_of_memory("the poses of %lld cameras", (long long)count);
-  }
+  PAGS_CHECK_MEMORY(p->items && p->speeds && p->places && p->turns, "the poses of %lld cameras", (long long)count);
   for (int64_t i = count; i-- > 0;) {
-    const double *m = pags_dataset_view(dataset, i)->camera.world_from_camera;
-    int64_t alike = 0;
-    for (int64_t j = i; j >= 0 && p->step_of[j] == p->step_of[i]; j--)
-      alike++;
-    for (int64_t j = i + 1; j < count && p->step_of[j] == p->step_of[i]; j++)
-      alike++;
-    for (int k = 0; k < 3; k++) {
-      p->places[p->step_of[i]][k] += (m[4 * k + 3] - origin[k]) / (double)alike;
-      memcpy(p->turns[p->sensor_of[i]] + 3 * k, m + 4 * k, 3 * sizeof *m);
+    /* Views of the same time step, and the camera's views some time steps before and after, between which its mean
+     * speed counts. */
+    const double *const m = pags_dataset_view(dataset, i)->camera.world_from_camera;
+    int64_t alike = 0, before = i, after = i;
+    for (int64_t j = 0; j < count; j++) {
+      const int32_t away = p->step_of[j] - p->step_of[i];
+      alike += away == 0;
+      if (p->sensor_of[j] != p->sensor_of[i] || away < -SPEED_SPAN || away > SPEED_SPAN)
+        continue;
+      before = j < before ? j : before;
+      after = j > after ? j : after;
     }
-    find_speed(p, dataset, i);
+    for (int k = 0; k < 3; k++) {
+      p->places[p->step_of[i]][k] += (m[4 * k + 3] - pags_dataset_origin(dataset)[k]) / (double)alike;
+      pags_copy3(m + 4 * k, p->turns[p->sensor_of[i]] + 3 * k);
+    }
+    const pags_camera *a = &pags_dataset_view(dataset, before)->camera, *b = &pags_dataset_view(dataset, after)->camera;
+    if (b->time > a->time)
+      pags_rigid_velocity(a->world_from_camera, m, b->world_from_camera, b->time - a->time, p->speeds[i]);
   }
   return PAGS_OK;
 }
@@ -142,22 +126,28 @@ pags_camera pags_camera_poses_view(const pags_camera_poses *p, const pags_datase
   pags_camera camera = pags_dataset_view(dataset, view)->camera;
   if (p->count == 0)
     return camera;
-  double motion[12], value[6], own[6], *m = camera.world_from_camera;
+  double motion[12], value[6], own[6], place[3], *m = camera.world_from_camera;
   const pags_camera_part *part = &p->items[p->steps + p->sensor_of[view]];
   for (int k = 0; k < 6; k++)
     own[k] = part->value[k] + part[p->sensors].value[0] * p->speeds[view][k];
-  const double *place = p->places[p->step_of[view]];
-  const double *origin = pags_dataset_origin(dataset);
   pags_increment_matrix(own, own + 3, motion);
   pags_rigid_multiply(m, motion, m);
   step_value(p, dataset, p->step_of[view], value);
   pags_increment_matrix(value, value + 3, motion);
-  for (int k = 0; k < 3; k++)
-    m[4 * k + 3] -= origin[k] + place[k];
+  pags_add3(pags_dataset_origin(dataset), p->places[p->step_of[view]], place);
+  pags_pose_subtract(m, place);
   pags_rigid_multiply(motion, m, m);
   for (int k = 0; k < 3; k++)
-    m[4 * k + 3] += origin[k] + place[k];
+    m[4 * k + 3] += place[k];
   return camera;
+}
+
+void pags_camera_poses_correction(const pags_view *view, const pags_camera *corrected, double out[6]) {
+  double inverse[12], motion[12];
+  pags_rigid_inverse(view->camera.world_from_camera, inverse);
+  pags_rigid_multiply(inverse, corrected->world_from_camera, motion);
+  pags_increment_rotation(motion, out);
+  pags_pose_position(motion, out + 3);
 }
 
 /* ---- Training ---- */
@@ -165,6 +155,8 @@ pags_camera pags_camera_poses_view(const pags_camera_poses *p, const pags_datase
 /* Sets the mean of the time steps' corrections that photographs have moved, and that of all cameras' in the world's
  * axes, and of their delays to zero. */
 static void hold_means(pags_camera_poses *p) {
+  pags_camera_part *const of_cameras = p->items + p->steps, *const delays = of_cameras + p->sensors;
+  const double sensors = (double)p->sensors;
   double mean[6] = {0.0}, moved = 0.0, world[6] = {0.0}, delay = 0.0;
   for (int64_t i = 0; i < p->steps; i++) {
     moved += p->items[i].moments.count > 0;
@@ -174,40 +166,44 @@ static void hold_means(pags_camera_poses *p) {
   for (int64_t i = 0; i < p->steps; i++)
     for (int k = 0; k < 6 && p->items[i].moments.count > 0; k++)
       p->items[i].value[k] -= mean[k] / moved;
-  for (int64_t s = 0; s < p->sensors; s++)
-    delay += p->items[p->steps + p->sensors + s].value[0] / (double)p->sensors;
-  for (int64_t s = 0; s < p->sensors; s++)
-    p->items[p->steps + p->sensors + s].value[0] -= delay;
-  for (int64_t s = 0; s < p->sensors; s++)
+  for (int64_t s = 0; s < p->sensors; s++) {
+    delay += delays[s].value[0] / sensors;
     for (int k = 0; k < 6; k++)
-      world[k] += pags_dot3(p->turns[s] + 3 * (k % 3), p->items[p->steps + s].value + k / 3 * 3);
-  for (int64_t s = 0; s < p->sensors; s++)
+      world[k] += pags_dot3(p->turns[s] + 3 * (k % 3), of_cameras[s].value + k / 3 * 3);
+  }
+  for (int64_t s = 0; s < p->sensors; s++) {
+    delays[s].value[0] -= delay;
     for (int k = 0; k < 6; k++) {
       const double *turn = p->turns[s] + k % 3; /* a column */
-      p->items[p->steps + s].value[k] -=
-          (turn[0] * world[k / 3 * 3] + turn[3] * world[k / 3 * 3 + 1] + turn[6] * world[k / 3 * 3 + 2]) /
-          (double)p->sensors;
+      of_cameras[s].value[k] -=
+          (turn[0] * world[k / 3 * 3] + turn[3] * world[k / 3 * 3 + 1] + turn[6] * world[k / 3 * 3 + 2]) / sensors;
     }
+  }
+}
+
+void pags_camera_gradient(const double m[12], const double origin[3], const double by_world[6], double out[6]) {
+  const double at[3] = {m[3] - origin[0], m[7] - origin[1], m[11] - origin[2]}, *const push = by_world + 3;
+  double about[3];
+  pags_cross3(push, at, about);
+  for (int k = 0; k < 3; k++)
+    about[k] += by_world[k];
+  for (int k = 0; k < 3; k++) {
+    out[k] = -(m[k] * about[0] + m[4 + k] * about[1] + m[8 + k] * about[2]);
+    out[3 + k] = -(m[k] * push[0] + m[4 + k] * push[1] + m[8 + k] * push[2]);
+  }
 }
 
 void pags_camera_poses_gradient(const pags_camera_poses *p, const pags_dataset *dataset, int64_t view,
                                 const double by_world[6], double by_step[6], double by_sensor[6], double *by_delay) {
   const pags_camera camera = pags_camera_poses_view(p, dataset, view);
-  const double *origin = pags_dataset_origin(dataset), *m = camera.world_from_camera;
-  const double *turn = by_world, *push = by_world + 3, *place = p->places[p->step_of[view]];
-  const double at[3] = {m[3] - origin[0], m[7] - origin[1], m[11] - origin[2]};
-  double about_place[3], about_camera[3];
-  pags_cross3(push, place, about_place);
-  pags_cross3(push, at, about_camera);
+  const double *push = by_world + 3;
+  double about_place[3];
+  pags_cross3(push, p->places[p->step_of[view]], about_place);
   for (int k = 0; k < 3; k++) {
-    by_step[k] = -(turn[k] + about_place[k]);
+    by_step[k] = -(by_world[k] + about_place[k]);
     by_step[3 + k] = -push[k];
-    about_camera[k] += turn[k];
   }
-  for (int k = 0; k < 3; k++) {
-    by_sensor[k] = -(m[k] * about_camera[0] + m[4 + k] * about_camera[1] + m[8 + k] * about_camera[2]);
-    by_sensor[3 + k] = -(m[k] * push[0] + m[4 + k] * push[1] + m[8 + k] * push[2]);
-  }
+  pags_camera_gradient(camera.world_from_camera, pags_dataset_origin(dataset), by_world, by_sensor);
   *by_delay = pags_dot3(by_sensor, p->speeds[view]) + pags_dot3(by_sensor + 3, p->speeds[view] + 3);
 }
 

@@ -47,8 +47,17 @@ void pags_camera_poses_destroy(pags_camera_poses *poses);
  * out, gets what lies between its neighbours in time; in a capture nothing. */
 pags_camera pags_camera_poses_view(const pags_camera_poses *poses, const pags_dataset *dataset, int64_t view);
 
+/* What a view's corrected camera does after the recorded pose, in that camera's frame: a rotation vector, then a
+ * translation. */
+void pags_camera_poses_correction(const pags_view *view, const pags_camera *corrected, double out[6]);
+
 /* Number of items. */
 int64_t pags_camera_poses_items(const pags_camera_poses *poses);
+
+/* The gradient by a motion (rotation, translation) of a camera in its own frame, from that by a motion of everything in
+ * the world about `origin`. */
+void pags_camera_gradient(const double world_from_camera[12], const double origin[3], const double by_world[6],
+                          double out[6]);
 
 /* The loss's gradients by the parts of a view's time step and of its camera, and by the delay, from that by a motion
  * (rotation, translation) of everything in the world about the data set's origin. Exact where the correction is zero.

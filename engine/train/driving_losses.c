@@ -17,8 +17,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "simd/kernels.h"
 #include "train/photometric_loss.h"
@@ -71,8 +69,7 @@ static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *v
   pags_arena *const arena = pags_tasks_arena(tasks, 0);
   const pags_arena_mark mark = pags_arena_save(arena);
   t->sums = pags_arena_alloc(arena, (size_t)t->photo->height, sizeof *t->sums);
-  if (!t->sums)
-    return pags_out_of_memory("the loss of a picture %d pixels high", t->photo->height);
+  PAGS_CHECK_MEMORY(t->sums, "the loss of a picture %d pixels high", t->photo->height);
   const bool done = pags_parallel_for(tasks, t->photo->height, 16, sum_rows, t);
   double sum = 0.0;
   for (int y = 0; done && y < t->photo->height; y++)
@@ -204,8 +201,7 @@ static pags_result add_depth(pags_tasks *tasks, depth_job *d, double share, doub
   d->error = pags_arena_alloc(arena, (size_t)d->count, sizeof *d->error);
   d->key = pags_arena_alloc(arena, (size_t)d->count, sizeof *d->key);
   d->found = pags_arena_alloc(arena, (size_t)blocks, sizeof *d->found);
-  if (!d->at || !d->error || !d->key || !d->found)
-    return pags_out_of_memory("%lld depth samples", (long long)d->count);
+  PAGS_CHECK_MEMORY(d->at && d->error && d->key && d->found, "%lld depth samples", (long long)d->count);
   if (!pags_parallel_for(tasks, d->count, HIT, find_hits, d))
     return pags_fail(PAGS_CANCELLED, "cancelled");
   int64_t found = 0;

@@ -3,9 +3,6 @@
 #include "train/exposure.h"
 
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-
 #include "base/log.h"
 #include "base/memory.h"
 #include "maths/maths.h"
@@ -23,19 +20,16 @@ static int64_t camera_of(const pags_dataset *dataset, int64_t view) {
 }
 
 pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset) {
-  *exposures = (pags_exposures){.count = pags_dataset_view_count(dataset), .sensors = 1};
+  *exposures =
+      (pags_exposures){.count = pags_dataset_view_count(dataset), .sensors = 1, .mean = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0}};
   for (int64_t i = 0; i < exposures->count; i++) {
-    int64_t camera = camera_of(dataset, i);
+    const int64_t camera = camera_of(dataset, i);
     exposures->sensors = camera < exposures->sensors ? exposures->sensors : camera + 1;
   }
   exposures->items = calloc((size_t)(exposures->count + exposures->sensors), sizeof(pags_exposure));
-  if (!exposures->items)
-    return pags_out_of_memory("exposures of %lld views", (long long)exposures->count);
-  for (int c = 0; c < 3; c++)
-    exposures->mean[c] = 1.0;
+  PAGS_CHECK_MEMORY(exposures->items, "exposures of %lld views", (long long)exposures->count);
   for (int64_t i = 0; i < exposures->count; i++)
-    for (int c = 0; c < 3; c++)
-      exposures->items[i].value[c] = 1.0;
+    memcpy(exposures->items[i].value, exposures->mean, sizeof exposures->mean);
   return PAGS_OK;
 }
 
@@ -90,22 +84,20 @@ bool pags_exposures_follow_names(const pags_exposures *exposures, const pags_dat
   return from_middle < from_mean;
 }
 
-static bool move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
-  double direction[6];
-  if (!pags_adam6_step(&e->moments, gradient, config, direction))
-    return false;
-  for (int k = 0; k < 6; k++)
-    e->value[k] -= rate * direction[k];
-  return true;
-}
-
-int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
-                          const double gradient[6], const pags_schedule *schedule, int64_t step) {
+bool pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
+                           const double gradient[6], const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
-  double t = fmin((double)step / (double)schedule->length, 1.0),
-         rate = c->exposure.exposure_rate * pags_pow(final_share, t);
-  int moved = move(&exposures->items[view], gradient, c, rate) &&
-              move(&exposures->items[exposures->count + camera_of(dataset, view)], gradient, c, rate);
+  const double t = fmin((double)step / (double)schedule->length, 1.0),
+               rate = c->exposure.exposure_rate * pags_pow(final_share, t);
+  pags_exposure *const parts[2] = {&exposures->items[view],
+                                   &exposures->items[exposures->count + camera_of(dataset, view)]};
+  bool moved = true;
+  for (int part = 0; part < 2 && moved; part++) {
+    double direction[6];
+    moved = pags_adam6_step(&parts[part]->moments, gradient, c, direction);
+    for (int k = 0; k < 6 && moved; k++)
+      parts[part]->value[k] -= rate * direction[k];
+  }
 
   /* Subtract the deviation of the mean exposure over the training views from every camera's part. */
   double mean[6] = {0.0}, value[6];
@@ -121,7 +113,6 @@ int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset
   for (int64_t i = exposures->count; i < exposures->count + exposures->sensors; i++)
     for (int k = 0; k < 6; k++)
       exposures->items[i].value[k] -= mean[k] / (double)(training > 0 ? training : 1) - exposures->mean[k];
-
   return moved;
 }
 

@@ -49,9 +49,9 @@ void pags_exposures_between(const pags_exposures *exposures, const pags_dataset 
                             double value[6]);
 
 /* One Adam step for one view's part and its camera's part, after which the means over the training views are set back
- * to `mean`. Returns 0 if the gradient isn't finite; then no part takes a step. */
-int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
-                          const double gradient[6], const pags_schedule *schedule, int64_t step);
+ * to `mean`. Returns false if the gradient isn't finite; then no part takes a step. */
+bool pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
+                           const double gradient[6], const pags_schedule *schedule, int64_t step);
 
 /* In a static set, after a third of the run: drops exposures that differ too little to matter, and logs what was
  * decided. Does nothing at other steps and for driving sets. */

@@ -8,15 +8,12 @@
 #include "train/camera_poses.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
 #include "base/psnr.h"
-#include "base/vec3.h"
 #include "maths/maths.h"
 #include "port/port.h"
-#include "train/adam.h"
+#include "train/gradient_store.h"
 
 enum { STEPS = 40 };
 /* How far a step moves the middle of the picture, px: of the first and of the last step, log-linear between. */
@@ -41,26 +38,11 @@ static void destroy(fit *f) {
   free(f->by_pose);
 }
 
-static pags_result create(fit *f, const pags_part *parts, int part_count) {
-  f->before = calloc((size_t)part_count + 1, sizeof *f->before);
-  for (int i = 0; f->before && i < part_count; i++) {
-    f->before[i] = f->clusters;
-    f->clusters += parts[i].clusters->count;
-  }
-  f->by_pose = calloc((size_t)f->clusters + 1, sizeof *f->by_pose);
-  return f->before && f->by_pose ? PAGS_OK : pags_out_of_memory("%lld gradients of a pose", (long long)f->clusters);
-}
-
 static pags_result reserve(fit *f, const pags_picture *picture) {
   const int64_t floats = (int64_t)picture->stride * ((picture->height + 15) / 16 * 16);
-  if (f->floats == floats)
-    return PAGS_OK;
-  for (int c = 0; c < 3; c++) {
-    f->plane[c] = pags_port_aligned_alloc(64, (size_t)floats * sizeof(float)); /* the stride is one of 64 bytes */
-    if (!f->plane[c])
-      return pags_out_of_memory("gradients of a picture of %d x %d", picture->width, picture->height);
-    memset(f->plane[c], 0, (size_t)floats * sizeof(float));
-  }
+  for (int c = 0; c < 3 && f->floats != floats; c++)
+    PAGS_CHECK_MEMORY(pags_floats_renew(&f->plane[c], floats), "gradients of a picture of %d x %d", picture->width,
+                      picture->height);
   f->floats = floats;
   return PAGS_OK;
 }
@@ -112,22 +94,14 @@ static double mean_depth(const pags_picture *picture) {
 /* The gradient by a motion of the camera in its own frame. */
 static pags_result camera_gradient(fit *f, pags_frame *frame, const pags_camera *camera, const double origin[3],
                                    double out[6]) {
-  const double *const m = camera->world_from_camera;
   const pags_picture_gradient gradient = {.rgb = {f->plane[0], f->plane[1], f->plane[2]}};
-  double by_world[6] = {0.0}, about[3];
+  double by_world[6] = {0.0};
   memset(f->by_pose, 0, (size_t)f->clusters * sizeof *f->by_pose);
   PAGS_TRY(pags_frame_backward(frame, &gradient, receive, f, NULL));
   for (int i = 0; i < f->part_count; i++)
     for (int64_t c = 0; c < f->parts[i].clusters->count; c++)
       pags_pose_gradient_by_world(f->parts[i].world_from_model, f->by_pose[f->before[i] + c], by_world);
-  const double *const push = by_world + 3, at[3] = {m[3] - origin[0], m[7] - origin[1], m[11] - origin[2]};
-  pags_cross3(push, at, about);
-  for (int k = 0; k < 3; k++)
-    about[k] += by_world[k];
-  for (int k = 0; k < 3; k++) {
-    out[k] = -(m[k] * about[0] + m[4 + k] * about[1] + m[8 + k] * about[2]);
-    out[3 + k] = -(m[k] * push[0] + m[4 + k] * push[1] + m[8 + k] * push[2]);
-  }
+  pags_camera_gradient(camera->world_from_camera, origin, by_world, out);
   return PAGS_OK;
 }
 
@@ -174,7 +148,7 @@ static pags_result run(fit *f, pags_frame *frame, const pags_frame_options *opti
 pags_result pags_fit_pose(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
                           const pags_frame_options *options, pags_touch_fn *touch, void *user, const pags_photo *photo,
                           pags_fitted_pose *out) {
-  fit f = {.parts = parts, .part_count = part_count, .photo = photo};
+  PAGS_AUTO(destroy) fit f = {.parts = parts, .part_count = part_count, .photo = photo};
   pags_frame_options drawn = *options;
   for (int c = 0; c < 3; c++) {
     f.gain[c] = options->exposed ? (double)options->gain[c] : 1.0;
@@ -185,9 +159,12 @@ pags_result pags_fit_pose(pags_frame *frame, const pags_part *parts, int part_co
   drawn.order = PAGS_ORDER_DEPTH;
   drawn.keep_for_backward = drawn.depth_sum = 1;
   *out = (pags_fitted_pose){.camera = *camera, .given = (double)NAN, .fitted = (double)NAN};
-  pags_result result = create(&f, parts, part_count);
-  if (result == PAGS_OK)
-    result = run(&f, frame, &drawn, touch, user, out);
-  destroy(&f);
-  return result;
+  f.before = calloc((size_t)part_count + 1, sizeof *f.before);
+  for (int i = 0; f.before && i < part_count; i++) {
+    f.before[i] = f.clusters;
+    f.clusters += parts[i].clusters->count;
+  }
+  f.by_pose = calloc((size_t)f.clusters + 1, sizeof *f.by_pose);
+  PAGS_CHECK_MEMORY(f.before && f.by_pose, "%lld gradients of a pose", (long long)f.clusters);
+  return run(&f, frame, &drawn, touch, user, out);
 }

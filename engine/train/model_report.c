@@ -3,23 +3,15 @@
 #include "train/stages.h"
 
 #include <math.h>
-#include <stdlib.h>
 
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"
 #include "base/vec3.h"
 
-static const char *why_object(const pags_train_state *s, const pags_object *o, int64_t model) {
-  if (!o->moving)
-    return "parked: part of the background";
-  if (model < 0)
-    return s->schedule.config.objects.objects ? "moves, but nothing was found to start from" : "objects switched off";
-  return "moves";
-}
-
 static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t object) {
   const pags_object *o = &s->tracks.objects[object];
+  const bool asked = s->schedule.config.objects.objects;
   int64_t model = -1;
   for (int64_t i = 1; i < s->model_count; i++)
     if (s->models[i].object == object)
@@ -27,7 +19,11 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
   pags_json_begin_object(w, NULL);
   pags_json_put_string(w, "id", o->id);
   pags_json_put_bool(w, "modelled", model >= 0);
-  pags_json_put_string(w, "why", why_object(s, o, model));
+  pags_json_put_string(w, "why",
+                       !o->moving   ? "parked: part of the background"
+                       : model >= 0 ? "moves"
+                       : asked      ? "moves, but nothing was found to start from"
+                                    : "objects switched off");
   if (model >= 0) {
     const pags_train_model *m = &s->models[model];
 
@@ -38,20 +34,15 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
       const pags_keyframe *n = &o->keyframes[k];
       if (!n->trained)
         continue;
-      metres += sqrt(n->translation[0] * n->translation[0] + n->translation[1] * n->translation[1] +
-                     n->translation[2] * n->translation[2]);
-      radians +=
-          sqrt(n->rotation[0] * n->rotation[0] + n->rotation[1] * n->rotation[1] + n->rotation[2] * n->rotation[2]);
+      metres += pags_length3(n->translation);
+      radians += pags_length3(n->rotation);
       keyframes++;
     }
     pags_json_put_number(w, "mean_shift_metres", keyframes > 0 ? metres / (double)keyframes : 0.0);
     pags_json_put_number(w, "mean_turn_degrees", keyframes > 0 ? radians / (double)keyframes * 57.29577951308232 : 0.0);
 
     pags_json_put_bool(w, "fourier", m->gaussians.fourier != NULL);
-    if (isfinite(m->fourier_gain))
-      pags_json_put_number(w, "fourier_promised_db", m->fourier_gain);
-    else
-      pags_json_put_null(w, "fourier_promised_db");
+    pags_json_put_number(w, "fourier_promised_db", m->fourier_gain); /* null before it is decided */
   }
   pags_json_end_object(w);
 }
@@ -79,12 +70,10 @@ static void put_cameras(pags_json_writer *w, const pags_dataset *dataset, const 
   put_holdout_test(w, &p->holdout);
   for (int64_t i = 0; i < p->count; i++) {
     const pags_camera camera = pags_camera_poses_view(p, dataset, i);
-    double inverse[12], motion[12], turn[3];
-    pags_rigid_inverse(pags_dataset_view(dataset, i)->camera.world_from_camera, inverse);
-    pags_rigid_multiply(inverse, camera.world_from_camera, motion);
-    pags_increment_rotation(motion, turn);
-    metres += sqrt(motion[3] * motion[3] + motion[7] * motion[7] + motion[11] * motion[11]) / (double)p->count;
-    radians += pags_length3(turn) / (double)p->count;
+    double correction[6];
+    pags_camera_poses_correction(pags_dataset_view(dataset, i), &camera, correction);
+    metres += pags_length3(correction + 3) / (double)p->count;
+    radians += pags_length3(correction) / (double)p->count;
   }
   if (p->count > 0) {
     pags_json_put_number(w, p->alone ? "mean_shift" : "mean_shift_metres", metres); /* a capture has units of its own */
@@ -149,10 +138,8 @@ static void put_drive(pags_json_writer *w, const pags_dataset *dataset, const pa
 }
 
 pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *s, char **text) {
-  pags_json_writer w;
-  pags_json_writer_init(&w, 0);
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer w = {0};
   pags_json_begin_object(&w, NULL);
-
   if (pags_dataset_fps(dataset) > 0.0)
     put_drive(&w, dataset, s);
   else {
@@ -161,16 +148,7 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
     put_cameras(&w, dataset, s);
   }
   pags_json_end_object(&w);
-  pags_result result = pags_json_writer_finish(&w);
-  *text = NULL;
-  if (result == PAGS_OK) {
-    *text = malloc(w.size + 1);
-    result = *text ? PAGS_OK : pags_out_of_memory("the notes of a scene");
-  }
-  for (size_t i = 0; *text && i < w.size; i++)
-    (*text)[i] = w.data[i];
-  if (*text)
-    (*text)[w.size] = 0;
-  pags_json_writer_destroy(&w);
-  return result;
+  PAGS_TRY(pags_json_writer_finish(&w));
+  *text = pags_take(&w.data);
+  return PAGS_OK;
 }

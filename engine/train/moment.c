@@ -4,7 +4,6 @@
 #include <assert.h>
 #include <pags/compose.h>
 #include <pags/train.h>
-#include <stdlib.h>
 
 #include "base/memory.h"
 #include "train/run.h"
@@ -16,14 +15,14 @@ pags_result pags_train_moment_compose(pags_train_moment *moment, pags_compositio
   assert(!t->described);
   *out = NULL;
   pags_state_flush(&t->state, t->tasks);
-  PAGS_TRY(pags_output_describe(t->dataset, &t->state, &t->described));
-  const pags_clusters **clusters = malloc((size_t)(models > 0 ? models : 1) * sizeof *clusters);
+  PAGS_AUTOFREE const pags_clusters **clusters = malloc((size_t)(models > 0 ? models : 1) * sizeof *clusters);
   pags_result result = clusters ? PAGS_OK : pags_out_of_memory("%lld models", (long long)models);
   for (int64_t i = 0; clusters && i < models; i++)
     clusters[i] = &t->state.models[i].clusters;
   if (result == PAGS_OK)
+    result = pags_output_describe(t->dataset, &t->state, &t->described);
+  if (result == PAGS_OK)
     result = pags_composition_borrow(pags_described_scene(t->described), clusters, out);
-  free(clusters);
   if (result != PAGS_OK)
     pags_train_moment_release(moment, NULL);
   return result;

@@ -7,21 +7,15 @@
 
 #include <pags/gaussians.h>
 
-/* Returns the place of an update in a step: 0 for Gaussians, 1 for poses, 2 for exposures. */
-static int stage_of(const pags_nonfinite_row *o) {
-  return o->kind == PAGS_NONFINITE_EXPOSURE ? 2 : o->kind == PAGS_NONFINITE_POSE;
-}
-
 static bool comes_before(const pags_nonfinite_row *a, const pags_nonfinite_row *b) {
-  if (a->step != b->step)
-    return a->step < b->step;
-  if (stage_of(a) != stage_of(b))
-    return stage_of(a) < stage_of(b);
-  if (a->object != b->object)
-    return a->object < b->object;
-  if (a->row != b->row)
-    return a->row < b->row;
-  return a->plane < b->plane;
+  /* Gaussians come first in a step, then poses, then exposures. */
+  static const int stage[] = {[PAGS_NONFINITE_POSE] = 1, [PAGS_NONFINITE_EXPOSURE] = 2, [PAGS_NONFINITE_CAMERA] = 0};
+  const int64_t left[] = {a->step, stage[a->kind], a->object, a->row, a->plane};
+  const int64_t right[] = {b->step, stage[b->kind], b->object, b->row, b->plane};
+  int k = 0;
+  while (k < 4 && left[k] == right[k])
+    k++;
+  return left[k] < right[k];
 }
 
 /* Calls are so rare that a spin lock is good enough. The result is a sum and a minimum of integers, so it doesn't
@@ -35,47 +29,38 @@ void pags_nonfinite_note(pags_nonfinite *nonfinite, int64_t count, const pags_no
   atomic_flag_clear_explicit(&nonfinite->busy, memory_order_release);
 }
 
-static void name_plane(int plane, char text[48]) {
+void pags_nonfinite_describe(const pags_nonfinite *nonfinite, const char *name, char text[PAGS_GUARD_TEXT]) {
   static const char *const names[PAGS_SH] = {"mean x",       "mean y",       "mean z",       "ln sigma 1",
                                              "ln sigma 2",   "ln sigma 3",   "quaternion w", "quaternion x",
                                              "quaternion y", "quaternion z", "opacity logit"};
   static const char *const channels[3] = {"red", "green", "blue"};
-  if (plane < PAGS_SH)
-    snprintf(text, 48, "%s", names[plane]);
-  else if (plane < PAGS_MAX_PLANES)
-    snprintf(text, 48, "colour term %d of %s", (plane - PAGS_SH) / 3, channels[(plane - PAGS_SH) % 3]);
-  else
-    snprintf(text, 48, "Fourier term %d of %s", 1 + (plane - PAGS_MAX_PLANES) / 3,
-             channels[(plane - PAGS_MAX_PLANES) % 3]);
-}
-
-void pags_nonfinite_describe(const pags_nonfinite *nonfinite, const char *name, char text[PAGS_GUARD_TEXT]) {
   const pags_nonfinite_row *o = &nonfinite->first;
+  const long long row = o->row, step = o->step;
+  const bool gaussian = o->kind == PAGS_NONFINITE_GRADIENT || o->kind == PAGS_NONFINITE_PARAMETER;
   char plane[48] = "", model[96] = "the background";
   if (o->object >= 0)
     snprintf(model, sizeof model, "object '%.64s'", name ? name : "");
-  if (o->kind == PAGS_NONFINITE_GRADIENT || o->kind == PAGS_NONFINITE_PARAMETER)
-    name_plane(o->plane, plane);
+  const bool fourier = o->plane >= PAGS_MAX_PLANES;
+  const int term = o->plane - (fourier ? PAGS_MAX_PLANES : PAGS_SH);
+  if (gaussian && o->plane < PAGS_SH)
+    snprintf(plane, sizeof plane, "%s", names[o->plane]);
+  else if (gaussian)
+    snprintf(plane, sizeof plane, "%s term %d of %s", fourier ? "Fourier" : "colour", fourier + term / 3,
+             channels[term % 3]);
   switch ((pags_nonfinite_kind)o->kind) {
     case PAGS_NONFINITE_GRADIENT:
-      snprintf(text, PAGS_GUARD_TEXT, "the gradient by %s of row %lld of %s at step %lld", plane, (long long)o->row,
-               model, (long long)o->step);
-      break;
     case PAGS_NONFINITE_PARAMETER:
-      snprintf(text, PAGS_GUARD_TEXT, "%s of row %lld of %s at step %lld", plane, (long long)o->row, model,
-               (long long)o->step);
+      snprintf(text, PAGS_GUARD_TEXT, "%s%s of row %lld of %s at step %lld",
+               o->kind == PAGS_NONFINITE_GRADIENT ? "the gradient by " : "", plane, row, model, step);
       break;
     case PAGS_NONFINITE_POSE:
-      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the pose of %s at its keyframe %lld at step %lld", model,
-               (long long)o->row, (long long)o->step);
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the pose of %s at its keyframe %lld at step %lld", model, row,
+               step);
       break;
     case PAGS_NONFINITE_EXPOSURE:
-      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the exposure of view %lld at step %lld", (long long)o->row,
-               (long long)o->step);
-      break;
     case PAGS_NONFINITE_CAMERA:
-      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the camera pose of view %lld at step %lld", (long long)o->row,
-               (long long)o->step);
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the %s of view %lld at step %lld",
+               o->kind == PAGS_NONFINITE_EXPOSURE ? "exposure" : "camera pose", row, step);
       break;
   }
 }

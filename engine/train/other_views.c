@@ -3,10 +3,9 @@
 #include "train/stages.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "scene/scene_json.h"
 
@@ -37,21 +36,16 @@ static char *compare(const pags_view *now, const pags_scene_view *then) {
   return turn > 1e-6 ? pags_text_format("the camera of %s is turned", now->name) : NULL;
 }
 
-static const pags_scene_view *find_view(const pags_scene *scene, const char *name) {
-  for (int64_t i = 0; i < scene->view_count; i++)
-    if (!strcmp(scene->views[i].name, name))
-      return &scene->views[i];
-  return NULL;
-}
-
 static char *compare_all(const pags_scene *scene, const pags_dataset *dataset) {
   const int64_t count = pags_dataset_view_count(dataset);
   if (count != scene->view_count)
     return pags_text_format("it has %lld views now, not %lld", (long long)count, (long long)scene->view_count);
   for (int64_t i = 0; i < count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
-    const pags_scene_view *then = find_view(scene, view->name);
-    char *text = then ? compare(view, then) : pags_text_format("%s is new", view->name);
+    const pags_scene_view *then = scene->views, *const end = then + count;
+    while (then < end && strcmp(then->name, view->name) != 0)
+      then++;
+    char *text = then < end ? compare(view, then) : pags_text_format("%s is new", view->name);
     if (text)
       return text;
   }
@@ -59,14 +53,9 @@ static char *compare_all(const pags_scene *scene, const pags_dataset *dataset) {
 }
 
 char *pags_other_views(const char *folder, const pags_dataset *dataset) {
-  char *path = pags_path_join(folder, "scene.json"), *text = NULL;
-  pags_scene scene = {0};
-  pags_scene_files files = {0};
-  if (path && pags_file_exists(path) && pags_scene_json_read(path, &scene, &files) == PAGS_OK)
-    text = compare_all(&scene, dataset);
-  free(files.counts);
-  free(files.sky);
-  pags_scene_destroy(&scene);
-  free(path);
-  return text;
+  PAGS_AUTOFREE char *path = pags_path_join(folder, "scene.json");
+  PAGS_AUTO(pags_scene_destroy) pags_scene scene = {0};
+  PAGS_AUTO(pags_scene_files_destroy) pags_scene_files files = {0};
+  const bool is_read = path && pags_file_exists(path) && pags_scene_json_read(path, &scene, &files) == PAGS_OK;
+  return is_read ? compare_all(&scene, dataset) : NULL;
 }

@@ -12,6 +12,7 @@
 #include <pags/train.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "train/driving_losses.h"
 #include "train/state.h"
 
@@ -56,9 +57,11 @@ pags_result pags_output_scene(const pags_output *output, const pags_dataset *dat
 pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene);
 /* The current scene of a run, which borrows the run's Gaussians, and its clusters by model. */
 typedef struct pags_described pags_described;
+/* *out must be destroyed on failure, too. */
 pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, pags_described **out);
 const pags_scene *pags_described_scene(const pags_described *described);
 void pags_described_destroy(pags_described *described); /* NULL is allowed */
+PAGS_DEFINE_AUTO(pags_described, pags_described_destroy)
 /* Computes the number of bytes that pags_output_scene would write now, for the limit on the scene's size; without the
  * PLYs and the data set's path in scene.json. */
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes);

@@ -4,9 +4,6 @@
 #include "train/photometric_loss.h"
 
 #include <assert.h>
-#include <stdbool.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "simd/kernels.h"
 
@@ -79,7 +76,8 @@ static void run_blocks(void *context, int64_t begin, int64_t end, int worker) {
 static void add_up(const loss_job *job, int64_t counted, pags_photometric_loss *out) {
   const double ssim_weight = job->how->ssim_weight;
   const int height = job->photo->height;
-  double total[PAGS_LOSS_SUMS] = {0.0}, by_exposure[6] = {0.0};
+  double total[PAGS_LOSS_SUMS] = {0.0};
+  *out = (pags_photometric_loss){.counted = counted};
   for (int begin = 0; begin < height; begin += SUMMED)
     for (int c = 0; c < 3; c++) {
       double some[PAGS_LOSS_SUMS] = {0.0};
@@ -88,11 +86,9 @@ static void add_up(const loss_job *job, int64_t counted, pags_photometric_loss *
           some[k] += job->sums[(int64_t)c * height + y][k];
       for (int k = 0; k < PAGS_LOSS_SUMS; k++)
         total[k] += some[k];
-      by_exposure[c] += some[PAGS_LOSS_BY_GAIN];
-      by_exposure[3 + c] += some[PAGS_LOSS_BY_OFFSET];
+      out->by_exposure[c] += some[PAGS_LOSS_BY_GAIN];
+      out->by_exposure[3 + c] += some[PAGS_LOSS_BY_OFFSET];
     }
-  *out = (pags_photometric_loss){.counted = counted};
-  memcpy(out->by_exposure, by_exposure, sizeof by_exposure);
   if (counted) {
     const double values = 3.0 * (double)counted;
     out->l1 = total[PAGS_LOSS_L1] / values;
@@ -103,16 +99,12 @@ static void add_up(const loss_job *job, int64_t counted, pags_photometric_loss *
   }
 }
 
-/* The number of rows with which each worker gets a band of one channel, within the limits. */
-static int rows_of_band(int height, int workers) {
-  const int bands = workers / 3 > 1 ? workers / 3 : 1, rows = (height + bands - 1) / bands;
-  return rows < LEAST_ROWS ? LEAST_ROWS : rows > MOST_ROWS ? MOST_ROWS : rows;
-}
-
 static pags_result evaluate(loss_job *job, pags_photometric_loss *out) {
   const double ssim_weight = job->how->ssim_weight;
-  const int height = job->photo->height;
-  job->band = rows_of_band(height, pags_tasks_workers(job->tasks));
+  const int height = job->photo->height, workers = pags_tasks_workers(job->tasks);
+  /* Each worker gets a band of one channel, within the limits. */
+  const int bands = workers / 3 > 1 ? workers / 3 : 1, rows = (height + bands - 1) / bands;
+  job->band = rows < LEAST_ROWS ? LEAST_ROWS : rows > MOST_ROWS ? MOST_ROWS : rows;
   const int64_t blocks = 3 * (((int64_t)height + job->band - 1) / job->band), counted = pags_photo_counted(job->photo);
   if (counted) {
     job->l1_scale = (float)((1.0 - ssim_weight) / (3.0 * (double)counted));
@@ -121,13 +113,11 @@ static pags_result evaluate(loss_job *job, pags_photometric_loss *out) {
   pags_arena *const arena = pags_tasks_arena(job->tasks, 0);
   job->sums = pags_arena_alloc(arena, 3 * (size_t)height, sizeof *job->sums);
   job->done = pags_arena_alloc(arena, (size_t)blocks, sizeof *job->done);
-  if (!job->sums || !job->done)
-    return pags_out_of_memory("the loss of a picture %d pixels high", height);
+  PAGS_CHECK_MEMORY(job->sums && job->done, "the loss of a picture %d pixels high", height);
   if (!pags_parallel_for(job->tasks, blocks, 1, run_blocks, job))
     return pags_fail(PAGS_CANCELLED, "cancelled");
   for (int64_t b = 0; b < blocks; b++)
-    if (!job->done[b])
-      return pags_out_of_memory("the loss of a picture %d pixels wide", job->photo->width);
+    PAGS_CHECK_MEMORY(job->done[b], "the loss of a picture %d pixels wide", job->photo->width);
   add_up(job, counted, out);
   return PAGS_OK;
 }

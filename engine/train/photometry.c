@@ -6,9 +6,6 @@
 #include "train/photometry.h"
 
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
 #include "maths/maths.h"
 #include "simd/kernels.h"
@@ -37,8 +34,7 @@ pags_result pags_photometry_create(pags_photometry *p, const pags_dataset *datas
     p->count = number >= p->count ? number + 1 : p->count;
   }
   p->parts = calloc((size_t)p->count + 1, sizeof *p->parts);
-  if (!p->parts)
-    return pags_out_of_memory("the light of %lld cameras", (long long)p->count);
+  PAGS_CHECK_MEMORY(p->parts, "the light of %lld cameras", (long long)p->count);
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     if (view->sensor >= 0)
@@ -52,24 +48,16 @@ void pags_photometry_destroy(pags_photometry *p) {
   *p = (pags_photometry){.holdout = p->holdout};
 }
 
-/* Shares w of the curve's pieces. */
-static void shares_of(const double slopes[PIECES], double shares[PIECES]) {
-  double sum = 0.0;
-  for (int i = 0; i < PIECES; i++)
-    sum += shares[i] = pags_exp(slopes[i]);
-  for (int i = 0; i < PIECES; i++)
-    shares[i] /= sum;
-}
-
 pags_photometric pags_photometry_of_sensor(const pags_photometry *p, int sensor) {
   pags_photometric light = {.vignette = {0.0}};
-  double shares[PIECES], at = 0.0;
+  double shares[PIECES], sum = 0.0, at = 0.0;
   if (sensor < 0 || sensor >= p->count)
     return light;
   memcpy(light.vignette, p->parts[sensor].vignette, sizeof light.vignette);
-  shares_of(p->parts[sensor].slopes, shares);
+  for (int i = 0; i < PIECES; i++)
+    sum += shares[i] = pags_exp(p->parts[sensor].slopes[i]);
   for (int i = 0; i < PIECES - 1; i++) {
-    at += shares[i];
+    at += shares[i] / sum; /* w of the curve's pieces */
     light.response[i] = at - (i + 1) / (double)PIECES;
   }
   return light;
@@ -144,19 +132,19 @@ pags_result pags_photometry_back(pags_tasks *tasks, const pags_photometric *ligh
   light_job job;
   memset(out, 0, sizeof *out);
   PAGS_TRY(prepare(light, camera, picture, gradient, &job));
-  job.rows = malloc((size_t)picture->height * sizeof *job.rows);
-  if (!job.rows)
-    return pags_out_of_memory("the light of a picture of %d rows", picture->height);
-  const bool done = pags_parallel_for(tasks, picture->height, GRAIN, light_rows, &job);
-  for (int y = 0; done && y < picture->height; y++) {
+  PAGS_AUTOFREE pags_photometric_gradient *rows = malloc((size_t)picture->height * sizeof *rows);
+  PAGS_CHECK_MEMORY(rows, "the light of a picture of %d rows", picture->height);
+  job.rows = rows;
+  if (!pags_parallel_for(tasks, picture->height, GRAIN, light_rows, &job))
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  for (int y = 0; y < picture->height; y++) {
     for (int k = 0; k < RINGS; k++)
-      out->vignette[k] += job.rows[y].vignette[k];
+      out->vignette[k] += rows[y].vignette[k];
     for (int i = 0; i < PIECES; i++)
       out->slopes[i] +=
-          job.rows[y].slopes[i] * (pags_photometric_curve_point(light, i + 1) - pags_photometric_curve_point(light, i));
+          rows[y].slopes[i] * (pags_photometric_curve_point(light, i + 1) - pags_photometric_curve_point(light, i));
   }
-  free(job.rows);
-  return done ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
+  return PAGS_OK;
 }
 
 /* ---- Training ---- */
@@ -164,16 +152,16 @@ pags_result pags_photometry_back(pags_tasks *tasks, const pags_photometric *ligh
 /* Sets to zero: the mean of each camera's vignette over the picture, which is a gain; the mean of the slopes of each
  * camera, which changes nothing; and that of each piece over the cameras, which the scene's colours make up for. */
 static void hold_means(pags_photometry *p) {
-  for (int64_t s = 0; s < p->count; s++) {
+  for (pags_photometry_part *part = p->parts; part < p->parts + p->count; part++) {
     double mean = 0.0, bright = 0.0;
     for (int k = 0; k < RINGS; k++)
-      bright += p->parts[s].share[k] * p->parts[s].vignette[k];
+      bright += part->share[k] * part->vignette[k];
     for (int k = 0; k < RINGS; k++)
-      p->parts[s].vignette[k] -= bright;
+      part->vignette[k] -= bright;
     for (int i = 0; i < PIECES; i++)
-      mean += p->parts[s].slopes[i] / PIECES;
+      mean += part->slopes[i] / PIECES;
     for (int i = 0; i < PIECES; i++)
-      p->parts[s].slopes[i] -= mean;
+      part->slopes[i] -= mean;
   }
   for (int i = 0; i < PIECES; i++) {
     double mean = 0.0, seen = 0.0;

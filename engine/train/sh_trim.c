@@ -3,12 +3,10 @@
 #include "train/sh_trim.h"
 
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 enum { TRIM_GRAIN = 256, MOST_DEGREE = 3 };
@@ -29,8 +27,7 @@ pags_sh_view pags_sh_view_make(const pags_camera *camera, const double world_fro
                                double near_plane, double low_pass) {
   double local[12], camera_from_world[12], camera_from_model[12], model_from_camera[12];
   memcpy(local, camera->world_from_camera, sizeof local);
-  for (int k = 0; k < 3; k++)
-    local[4 * k + 3] -= origin[k];
+  pags_pose_subtract(local, origin);
   pags_rigid_inverse(local, camera_from_world);
   pags_rigid_multiply(camera_from_world, world_from_model, camera_from_model);
   pags_rigid_inverse(camera_from_model, model_from_camera);
@@ -54,21 +51,20 @@ pags_sh_view pags_sh_view_make(const pags_camera *camera, const double world_fro
   return v;
 }
 
+/* ---- One Gaussian ---- */
+
 /* Returns whether a Gaussian at `p` whose sigmas are at most `sigma` may show in the view. Conservative. */
 static bool may_show(const pags_sh_view *v, const float p[3], float sigma) {
   if (v->bends)
     return true;
-  float z = v->r[6] * p[0] + v->r[7] * p[1] + v->r[8] * p[2] + v->t[2];
+  const float z = pags_dot3f(v->r + 6, p) + v->t[2];
   if (!(z > v->near_plane))
     return false;
-  float x = v->r[0] * p[0] + v->r[1] * p[1] + v->r[2] * p[2] + v->t[0];
-  float y = v->r[3] * p[0] + v->r[4] * p[1] + v->r[5] * p[2] + v->t[1];
-  float u = v->fx * x / z + v->cx, w = v->fy * y / z + v->cy;
-  float extent_x = v->reach_x * sigma / z + v->low, extent_y = v->reach_y * sigma / z + v->low;
+  const float x = pags_dot3f(v->r, p) + v->t[0], y = pags_dot3f(v->r + 3, p) + v->t[1];
+  const float u = v->fx * x / z + v->cx, w = v->fy * y / z + v->cy;
+  const float extent_x = v->reach_x * sigma / z + v->low, extent_y = v->reach_y * sigma / z + v->low;
   return u > -extent_x && u < v->width + extent_x && w > -extent_y && w < v->height + extent_y;
 }
-
-/* ---- One Gaussian ---- */
 
 /* Real spherical harmonics of degrees 1 to 3 at a unit vector, with the signs of INRIA's 3DGS program. The constants
  * are sqrt((2l + 1) (l - |m|)! / (4 pi (l + |m|)!)), times sqrt 2 where m isn't 0, multiplied out. basis[0] isn't
@@ -118,10 +114,9 @@ static void find_ranges(const pags_gaussians *g, const pags_sh_view *views, int6
   for (int64_t i = 0; i < view_count; i++) {
     if (!may_show(&views[i], p, sigma))
       continue;
-    float d[3] = {p[0] - views[i].eye[0], p[1] - views[i].eye[1], p[2] - views[i].eye[2]};
-    float inverse = 1.0f / sqrtf(fmaxf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2], 1e-30f));
-    for (int k = 0; k < 3; k++)
-      d[k] *= inverse;
+    float d[3];
+    pags_subtract3f(p, views[i].eye, d);
+    pags_scale3f(1.0f / sqrtf(fmaxf(pags_dot3f(d, d), 1e-30f)), d, d);
 
     /* Extend the ranges by this view's direction, summing the terms from the highest degree down. */
     float basis[16];
@@ -142,7 +137,7 @@ static void find_ranges(const pags_gaussians *g, const pags_sh_view *views, int6
  * of their range in the constant term, half of the range is left, channel by channel. */
 static bool fits(const row_ranges *ranges, int degree, double error) {
   for (int c = 0; c < 3; c++) {
-    float lo = ranges->lo[degree][c], hi = ranges->hi[degree][c];
+    const float lo = ranges->lo[degree][c], hi = ranges->hi[degree][c];
     if (lo < hi && !(0.5 * ((double)hi - (double)lo) <= error))
       return false;
   }
@@ -154,19 +149,20 @@ void pags_sh_trim_rows(pags_gaussians *g, const pags_sh_view *views, int64_t vie
   for (int64_t row = first; row < last; row++) {
     row_ranges ranges;
     find_ranges(g, views, view_count, row, &ranges);
-    for (int degree = 0; degree < g->sh_degree; degree++)
-      if (fits(&ranges, degree, error)) {
-        /* Move the middle of the range to the constant term and clear the terms beyond the degree. */
-        for (int c = 0; c < 3; c++) {
-          float lo = ranges.lo[degree][c], hi = ranges.hi[degree][c];
-          if (lo <= hi)
-            pags_plane(g, PAGS_SH + c)[row] += (float)(0.5 * ((double)lo + (double)hi) / PAGS_SH_C0);
-        }
-        for (int k = 3 * pags_sh_coefficients(degree); k < 3 * pags_sh_coefficients(g->sh_degree); k++)
-          pags_plane(g, PAGS_SH + k)[row] = 0.0f;
+    int degree = 0;
+    while (degree < g->sh_degree && !fits(&ranges, degree, error))
+      degree++;
+    if (degree == g->sh_degree)
+      continue;
 
-        break;
-      }
+    /* Move the middle of the range to the constant term and clear the terms beyond the degree. */
+    for (int c = 0; c < 3; c++) {
+      const float lo = ranges.lo[degree][c], hi = ranges.hi[degree][c];
+      if (lo <= hi)
+        pags_plane(g, PAGS_SH + c)[row] += (float)(0.5 * ((double)lo + (double)hi) / PAGS_SH_C0);
+    }
+    for (int k = 3 * pags_sh_coefficients(degree); k < 3 * pags_sh_coefficients(g->sh_degree); k++)
+      pags_plane(g, PAGS_SH + k)[row] = 0.0f;
   }
 }
 
@@ -181,57 +177,45 @@ typedef struct trim_context {
 
 static void trim_block(void *context, int64_t begin, int64_t end, int worker) {
   const trim_context *c = context;
-  int64_t last = end * TRIM_GRAIN < c->g->count ? end * TRIM_GRAIN : c->g->count;
   (void)worker;
-  pags_sh_trim_rows(c->g, c->views, c->view_count, c->error, begin * TRIM_GRAIN, last);
+  pags_sh_trim_rows(c->g, c->views, c->view_count, c->error, begin, end);
 }
 
 /* Lists the training views at whose time the model exists. */
 static int64_t list_views(const pags_trainer *t, const pags_train_model *m, pags_sh_view *views) {
-  static const double still[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   const pags_train_config *c = &t->state.schedule.config;
   const double *origin = pags_dataset_origin(t->dataset);
   int64_t count = 0;
   for (int64_t i = 0; i < t->view_count; i++) {
     const pags_camera camera = pags_camera_poses_view(&t->state.cameras, t->dataset, t->views[i]);
-    double pose[12];
-    memcpy(pose, still, sizeof pose);
+    double pose[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     if (m->object >= 0) {
       if (!pags_object_pose(&t->state.tracks.objects[m->object], camera.time, pose))
         continue;
-      for (int k = 0; k < 3; k++)
-        pose[4 * k + 3] -= origin[k];
+      pags_pose_subtract(pose, origin);
     }
     views[count++] = pags_sh_view_make(&camera, pose, origin, c->picture.near_plane, c->picture.low_pass);
   }
   return count;
 }
 
-static int64_t add_degrees(const pags_gaussians *g, int64_t degrees[4]) {
-  for (int64_t i = 0; i < g->count; i++)
-    degrees[pags_gaussians_row_degree(g, i)]++;
-  return g->count;
-}
-
 pags_result pags_sh_trim(pags_trainer *t) {
   pags_train_state *s = &t->state;
-  double error = s->schedule.config.size_limit.sh_error / 255.0;
+  const double error = s->schedule.config.size_limit.sh_error / 255.0;
   int64_t degrees[4] = {0}, count = 0;
   if (error <= 0.0 || s->schedule.config.color.sh_degree == 0)
     return PAGS_OK;
-  pags_sh_view *views = malloc((size_t)(t->view_count > 0 ? t->view_count : 1) * sizeof *views);
-  if (!views)
-    return pags_out_of_memory("%lld views", (long long)t->view_count);
+  PAGS_AUTOFREE pags_sh_view *views = malloc((size_t)(t->view_count > 0 ? t->view_count : 1) * sizeof *views);
+  PAGS_CHECK_MEMORY(views, "%lld views", (long long)t->view_count);
   for (int64_t i = 0; i < s->model_count; i++) {
-    trim_context context = {&s->models[i].gaussians, views, list_views(t, &s->models[i], views), error};
-    int64_t blocks = (context.g->count + TRIM_GRAIN - 1) / TRIM_GRAIN;
-    if (!pags_parallel_for(t->tasks, blocks, 1, trim_block, &context)) {
-      free(views);
+    pags_gaussians *const g = &s->models[i].gaussians;
+    trim_context context = {g, views, list_views(t, &s->models[i], views), error};
+    if (!pags_parallel_for(t->tasks, g->count, TRIM_GRAIN, trim_block, &context))
       return pags_fail(PAGS_CANCELLED, "cancelled");
-    }
-    count += add_degrees(context.g, degrees);
+    for (int64_t row = 0; row < g->count; row++)
+      degrees[pags_gaussians_row_degree(g, row)]++;
+    count += g->count;
   }
-  free(views);
   pags_log_message(PAGS_LOG_INFO, "colour: of %lld Gaussians, %lld keep degree 0, %lld 1, %lld 2, %lld 3",
                    (long long)count, (long long)degrees[0], (long long)degrees[1], (long long)degrees[2],
                    (long long)degrees[3]);

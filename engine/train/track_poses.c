@@ -3,12 +3,10 @@
 #include "train/track_poses.h"
 
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 /* The learning rates at the schedule's end as a share of the first. They fall log-linearly, as those of Gaussians'
@@ -17,35 +15,25 @@ static const double final_share = 0.1;
 static const double reference_visits = 100.0; /* visits of each photograph in a run that need no correction of the
                                                  rates: about 30 000 steps over 300 photographs */
 
-static pags_result copy_object(const pags_object *from, pags_object *to, pags_adam6 **moments) {
-  *to = *from;
-  size_t keyframes = (size_t)(from->keyframe_count > 0 ? from->keyframe_count : 1);
-  to->id = pags_text_copy(from->id);
-  to->class_name = pags_text_copy(from->class_name);
-  to->keyframes = malloc(keyframes * sizeof *to->keyframes);
-  *moments = calloc(keyframes, sizeof **moments);
-  if (!to->id || !to->class_name || !to->keyframes || !*moments)
-    return pags_out_of_memory("a track of %lld keyframes", (long long)from->keyframe_count);
-  memcpy(to->keyframes, from->keyframes, (size_t)from->keyframe_count * sizeof *to->keyframes);
-  return PAGS_OK;
-}
-
 pags_result pags_track_poses_create(pags_track_poses *tracks, const pags_dataset *dataset) {
-  int64_t count = pags_dataset_object_count(dataset);
-  size_t room = (size_t)(count > 0 ? count : 1);
+  const int64_t count = pags_dataset_object_count(dataset);
+  const size_t room = (size_t)(count > 0 ? count : 1);
   *tracks = (pags_track_poses){.objects = calloc(room, sizeof *tracks->objects),
                                .moments = calloc(room, sizeof *tracks->moments)};
-  if (!tracks->objects || !tracks->moments) {
-    pags_track_poses_destroy(tracks);
-    return pags_out_of_memory("%lld tracks", (long long)count);
-  }
+  PAGS_CHECK_MEMORY(tracks->objects && tracks->moments, "%lld tracks", (long long)count);
   for (int64_t i = 0; i < count; i++) {
+    const pags_object *const from = pags_dataset_object(dataset, i);
+    const size_t keyframes = (size_t)(from->keyframe_count > 0 ? from->keyframe_count : 1);
+    pags_object *const to = &tracks->objects[i];
+    *to = *from;
+    to->id = pags_text_copy(from->id);
+    to->class_name = pags_text_copy(from->class_name);
+    to->keyframes = malloc(keyframes * sizeof *to->keyframes);
+    tracks->moments[i] = calloc(keyframes, sizeof *tracks->moments[i]);
     tracks->count = i + 1;
-    pags_result result = copy_object(pags_dataset_object(dataset, i), &tracks->objects[i], &tracks->moments[i]);
-    if (result != PAGS_OK) {
-      pags_track_poses_destroy(tracks);
-      return result;
-    }
+    PAGS_CHECK_MEMORY(to->id && to->class_name && to->keyframes && tracks->moments[i], "a track of %lld keyframes",
+                      (long long)from->keyframe_count);
+    memcpy(to->keyframes, from->keyframes, (size_t)from->keyframe_count * sizeof *to->keyframes);
   }
   return PAGS_OK;
 }
@@ -65,13 +53,6 @@ int64_t pags_track_poses_keyframe(const pags_object *object, int frame) {
     if (object->keyframes[k].frame == frame)
       return k;
   return -1;
-}
-
-/* Returns the factor on the learning rates, 0.25 to 4. A keyframe takes one step per visit of one of its photographs,
- * so a run that is short or has many photographs must take longer steps to move a pose as far. */
-static double hurry(const pags_schedule *schedule) {
-  double visits = (double)(schedule->length * schedule->batch) / (double)schedule->views;
-  return fmin(fmax(reference_visits / visits, 0.25), 4.0);
 }
 
 /* Keeps the mean of a track's increments: the step `gone` that one keyframe was moved by is divided by the number of
@@ -97,10 +78,13 @@ bool pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t k
   pags_keyframe *k = &tracks->objects[object].keyframes[keyframe];
   double turn[12], zero[3] = {0.0, 0.0, 0.0}, g[6], direction[6];
   pags_increment_matrix(k->rotation, zero, turn);
-  memcpy(g, gradient, sizeof g);
-  for (int i = 0; i < 3; i++)
-    g[3 + i] = turn[4 * i] * gradient[3] + turn[4 * i + 1] * gradient[4] + turn[4 * i + 2] * gradient[5];
-  double t = fmin((double)step / (double)schedule->length, 1.0), fall = pags_pow(final_share, t) * hurry(schedule);
+  pags_copy3(gradient, g);
+  pags_rotate3(turn, gradient + 3, g + 3);
+  /* A keyframe takes one step per visit of one of its photographs, so a run that is short or has many photographs must
+   * take longer steps to move a pose as far. */
+  const double visits = (double)(schedule->length * schedule->batch) / (double)schedule->views;
+  const double hurry = fmin(fmax(reference_visits / visits, 0.25), 4.0);
+  const double fall = pags_pow(final_share, fmin((double)step / (double)schedule->length, 1.0)) * hurry;
   if (!pags_adam6_step(&tracks->moments[object][keyframe], g, c, direction))
     return false;
   for (int i = 0; i < 3; i++) {

@@ -18,7 +18,7 @@ typedef struct pags_track_poses {
   pags_adam6 **moments; /* per object: Adam's moments, one per keyframe */
 } pags_track_poses;
 
-/* Copies the data set's objects; increments are zero. */
+/* Copies the data set's objects; increments are zero. Must be destroyed on failure, too. */
 pags_result pags_track_poses_create(pags_track_poses *tracks, const pags_dataset *dataset);
 void pags_track_poses_destroy(pags_track_poses *tracks);
 

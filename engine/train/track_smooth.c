@@ -14,14 +14,13 @@
  * stay as they are. Rotations are smoothed as rotation vectors relative to the first keyframe, which is exact for
  * rotations about one axis, such as the yaw of an object on a road. Only trained keyframes are used. */
 #include <math.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include <pags/camera.h>
 
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 #include "train/track_poses.h"
 
@@ -100,46 +99,31 @@ static void solve(const run *r, double (*x)[CHANNELS], int begin, int end) {
   }
 }
 
-/* Returns the trace of the inverse of A, computed column by column. */
-static double trace(run *r) {
-  double sum = 0.0;
-  for (int64_t k = 0; k < r->count; k++) {
-    for (int64_t i = 0; i < r->count; i++)
-      r->smooth[i][0] = i == k;
-    solve(r, r->smooth, 0, 1);
-    sum += r->smooth[k][0];
-  }
-  return sum;
-}
-
 /* ---- Choosing the strength ---- */
 
 static void score_run(run *r, scores *s) {
   s->labels += (double)r->count;
   for (int i = 0; i < STRENGTHS; i++) {
     factor(r, strength(i));
-    s->freedom[i] += (double)r->count - trace(r);
+
+    /* The trace of the inverse of A, column by column. */
+    double trace = 0.0;
+    for (int64_t k = 0; k < r->count; k++) {
+      for (int64_t j = 0; j < r->count; j++)
+        r->smooth[j][0] = j == k;
+      solve(r, r->smooth, 0, 1);
+      trace += r->smooth[k][0];
+    }
+    s->freedom[i] += (double)r->count - trace;
+
     memcpy(r->smooth, r->label, (size_t)r->count * sizeof *r->smooth);
     solve(r, r->smooth, 0, CHANNELS);
     for (int64_t k = 0; k < r->count; k++)
       for (int c = 0; c < CHANNELS; c++) {
-        double rest = r->label[k][c] - r->smooth[k][c];
+        const double rest = r->label[k][c] - r->smooth[k][c];
         s->rest[i][c / 3] += rest * rest;
       }
   }
-}
-
-static int best_strength(const scores *s, int kind) {
-  int best = 0;
-  double least = INFINITY;
-  for (int i = 0; i < STRENGTHS; i++) {
-    double score = s->labels * s->rest[i][kind] / (s->freedom[i] * s->freedom[i]);
-    if (score < least) {
-      least = score;
-      best = i;
-    }
-  }
-  return best;
 }
 
 /* ---- Labels and increments ---- */
@@ -151,30 +135,15 @@ static void rotation_from(const double first[12], const double m[12], const doub
   pags_rigid_inverse(first, back);
   pags_rigid_multiply(back, m, relative);
   pags_increment_rotation(relative, least);
-  double angle = sqrt(least[0] * least[0] + least[1] * least[1] + least[2] * least[2]);
-  double turn = angle > 1e-12 ? 6.283185307179586 / angle : 0.0;
+  const double angle = pags_length3(least), turn = angle > 1e-12 ? 6.283185307179586 / angle : 0.0;
   for (int n = -2; n <= 2; n++) { /* the same rotation, n whole turns further */
-    double apart = 0.0, v[3];
-    for (int i = 0; i < 3; i++) {
-      v[i] = least[i] * (1.0 + n * turn);
-      apart += (v[i] - before[i]) * (v[i] - before[i]);
-    }
+    double v[3];
+    pags_scale3(1.0 + n * turn, least, v);
+    const double apart = pags_distance_squared3(v, before);
     if (apart < best) {
       best = apart;
-      memcpy(out, v, sizeof v);
+      pags_copy3(v, out);
     }
-  }
-}
-
-static void fill_labels(run *r) {
-  const double *first = r->object->keyframes[r->keyframes[0]].world_from_object;
-  double before[3] = {0.0, 0.0, 0.0};
-  for (int64_t i = 0; i < r->count; i++) {
-    const double *m = r->object->keyframes[r->keyframes[i]].world_from_object;
-    rotation_from(first, m, before, r->label[i]);
-    memcpy(before, r->label[i], sizeof before);
-    for (int k = 0; k < 3; k++)
-      r->label[i][3 + k] = m[4 * k + 3] - first[4 * k + 3];
   }
 }
 
@@ -186,20 +155,20 @@ static void smooth_run(run *r, const int best[KINDS]) {
   }
 
   /* Compute each keyframe's increment from the label to the smoothed pose. */
-  double first[12], zero[3] = {0.0, 0.0, 0.0};
+  double first[12], place[3], zero[3] = {0.0, 0.0, 0.0};
   memcpy(first, r->object->keyframes[r->keyframes[0]].world_from_object, sizeof first);
+  pags_pose_position(first, place);
   for (int64_t i = 0; i < r->count; i++) {
     pags_keyframe *keyframe = &r->object->keyframes[r->keyframes[i]];
-    double turn[12], pose[12], back[12], increment[12];
+    double turn[12], pose[12], back[12], increment[12], position[3];
     pags_increment_matrix(r->smooth[i], zero, turn);
     pags_rigid_multiply(first, turn, pose);
-    for (int k = 0; k < 3; k++)
-      pose[4 * k + 3] = first[4 * k + 3] + r->smooth[i][3 + k];
+    pags_add3(place, r->smooth[i] + 3, position);
+    pags_pose_place(pose, position);
     pags_rigid_inverse(keyframe->world_from_object, back);
     pags_rigid_multiply(back, pose, increment);
     pags_increment_rotation(increment, keyframe->rotation);
-    for (int k = 0; k < 3; k++)
-      keyframe->translation[k] = increment[4 * k + 3];
+    pags_pose_position(increment, keyframe->translation);
   }
 }
 
@@ -214,6 +183,14 @@ typedef struct run_list {
   int64_t used; /* keyframes taken from the arrays */
 } run_list;
 
+static void destroy(run_list *list) {
+  free(list->items);
+  free(list->keyframes);
+  free(list->label);
+  free(list->smooth);
+  free(list->band);
+}
+
 static void list_runs(run_list *list, pags_object *o) {
   int64_t *keyframes = list->keyframes + list->used, count = 0;
   for (int64_t k = 0; k < o->keyframe_count; k++)
@@ -223,10 +200,11 @@ static void list_runs(run_list *list, pags_object *o) {
     return;
 
   /* The median spacing of the keyframes' times; `smooth` serves as scratch. */
+  double *const apart = list->smooth[list->used];
   for (int64_t i = 1; i < count; i++)
-    (&list->smooth[list->used][0])[i - 1] = o->keyframes[keyframes[i]].time - o->keyframes[keyframes[i - 1]].time;
-  pags_sort_doubles(&list->smooth[list->used][0], count - 1);
-  double spacing = (&list->smooth[list->used][0])[(count - 1) / 2];
+    apart[i - 1] = o->keyframes[keyframes[i]].time - o->keyframes[keyframes[i - 1]].time;
+  pags_sort_doubles(apart, count - 1);
+  const double spacing = apart[(count - 1) / 2];
 
   for (int64_t begin = 0, i = 1; i <= count; i++) {
     if (i < count && o->keyframes[keyframes[i]].time - o->keyframes[keyframes[i - 1]].time <= longest_gap * spacing)
@@ -240,45 +218,49 @@ static void list_runs(run_list *list, pags_object *o) {
   list->used += count;
 }
 
-static pags_result list_all(run_list *list, pags_track_poses *tracks) {
+pags_result pags_tracks_smooth(pags_track_poses *tracks) {
   size_t keyframes = 1;
   for (int64_t i = 0; i < tracks->count; i++)
     keyframes += (size_t)tracks->objects[i].keyframe_count;
-  *list = (run_list){.items = malloc(keyframes / LEAST_KEYFRAMES * sizeof(run) + sizeof(run)),
-                     .keyframes = malloc(keyframes * sizeof *list->keyframes),
-                     .label = malloc(keyframes * sizeof *list->label),
-                     .smooth = malloc(keyframes * sizeof *list->smooth),
-                     .band = malloc(keyframes * sizeof *list->band)};
-  if (!list->items || !list->keyframes || !list->label || !list->smooth || !list->band)
-    return pags_out_of_memory("tracks of %zu keyframes", keyframes);
+  PAGS_AUTO(destroy)
+  run_list list = {.items = malloc(keyframes / LEAST_KEYFRAMES * sizeof(run) + sizeof(run)),
+                   .keyframes = malloc(keyframes * sizeof *list.keyframes),
+                   .label = malloc(keyframes * sizeof *list.label),
+                   .smooth = malloc(keyframes * sizeof *list.smooth),
+                   .band = malloc(keyframes * sizeof *list.band)};
+  PAGS_CHECK_MEMORY(list.items && list.keyframes && list.label && list.smooth && list.band, "tracks of %zu keyframes",
+                    keyframes);
   for (int64_t i = 0; i < tracks->count; i++)
     if (tracks->objects[i].moving)
-      list_runs(list, &tracks->objects[i]);
-  return PAGS_OK;
-}
+      list_runs(&list, &tracks->objects[i]);
 
-pags_result pags_tracks_smooth(pags_track_poses *tracks) {
-  run_list list;
-  pags_result result = list_all(&list, tracks);
-  if (result == PAGS_OK) {
-    /* Score all strengths over all runs, then smooth with the best. */
-    scores s = {0};
-    for (int64_t i = 0; i < list.count; i++) {
-      fill_labels(&list.items[i]);
-      score_run(&list.items[i], &s);
+  /* Score all strengths over all runs, then smooth with the best. */
+  scores s = {0};
+  for (run *r = list.items; r < list.items + list.count; r++) {
+    const double *first = r->object->keyframes[r->keyframes[0]].world_from_object;
+    const double *before = (const double[3]){0.0, 0.0, 0.0};
+    for (int64_t i = 0; i < r->count; before = r->label[i++]) {
+      const double *m = r->object->keyframes[r->keyframes[i]].world_from_object;
+      rotation_from(first, m, before, r->label[i]);
+      for (int k = 0; k < 3; k++)
+        r->label[i][3 + k] = m[4 * k + 3] - first[4 * k + 3];
     }
-    const int best[KINDS] = {best_strength(&s, ROTATION), best_strength(&s, TRANSLATION)};
-    for (int64_t i = 0; i < list.count; i++)
-      smooth_run(&list.items[i], best);
-    if (list.count > 0)
-      pags_log_message(PAGS_LOG_INFO, "labels of moving objects jitter by about %.3f m and %.2f degrees: smoothed",
-                       sqrt(s.rest[best[TRANSLATION]][TRANSLATION] / s.freedom[best[TRANSLATION]]),
-                       sqrt(s.rest[best[ROTATION]][ROTATION] / s.freedom[best[ROTATION]]) * 57.29577951308232);
+    score_run(r, &s);
   }
-  free(list.items);
-  free(list.keyframes);
-  free(list.label);
-  free(list.smooth);
-  free(list.band);
-  return result;
+  int best[KINDS] = {0};
+  for (int kind = 0; kind < KINDS; kind++) {
+    double least = INFINITY;
+    for (int i = 0; i < STRENGTHS; i++) {
+      const double score = s.labels * s.rest[i][kind] / (s.freedom[i] * s.freedom[i]);
+      best[kind] = score < least ? i : best[kind];
+      least = score < least ? score : least;
+    }
+  }
+  for (int64_t i = 0; i < list.count; i++)
+    smooth_run(&list.items[i], best);
+  if (list.count > 0)
+    pags_log_message(PAGS_LOG_INFO, "labels of moving objects jitter by about %.3f m and %.2f degrees: smoothed",
+                     sqrt(s.rest[best[TRANSLATION]][TRANSLATION] / s.freedom[best[TRANSLATION]]),
+                     sqrt(s.rest[best[ROTATION]][ROTATION] / s.freedom[best[ROTATION]]) * 57.29577951308232);
+  return PAGS_OK;
 }

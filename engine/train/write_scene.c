@@ -4,15 +4,12 @@
 #include "train/output.h"
 
 #include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include <pags/scene.h>
 
-#include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 #include "scene/scene_json.h"
 #include "train/config.h"
 #include "train/stages.h"
@@ -21,7 +18,7 @@
 struct pags_described {
   pags_scene scene;
   char config[PAGS_CONFIG_TEXT];
-  int by_degree;           /* 1: PLYs have only the SH degrees that their Gaussians need */
+  bool by_degree;          /* PLYs have only the SH degrees that their Gaussians need */
   pags_gaussians parts[4]; /* with by_degree: the background's Gaussians, by degree */
 };
 
@@ -34,27 +31,19 @@ static char *borrow(const char *text) {
 pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
   scene->view_count = pags_dataset_view_count(dataset);
   scene->views = calloc((size_t)(scene->view_count > 0 ? scene->view_count : 1), sizeof *scene->views);
-  if (!scene->views)
-    return pags_out_of_memory("%lld views", (long long)scene->view_count);
+  PAGS_CHECK_MEMORY(scene->views, "%lld views", (long long)scene->view_count);
   const bool between = pags_dataset_fps(dataset) <= 0 && pags_exposures_follow_names(&state->exposures, dataset);
   for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
-    scene->views[i] = (pags_scene_view){.name = borrow(view->name),
-                                        .camera = pags_camera_poses_view(&state->cameras, dataset, i),
-                                        .test = view->test,
-                                        .sensor = view->sensor,
-                                        .photometric = pags_photometry_of_sensor(&state->photometry, view->sensor),
-                                        .frame = view->frame};
-
-    if (state->cameras.count > 0) {
-      /* The correction is what follows the recorded pose. */
-      double inverse[12], motion[12];
-      pags_rigid_inverse(view->camera.world_from_camera, inverse);
-      pags_rigid_multiply(inverse, scene->views[i].camera.world_from_camera, motion);
-      pags_increment_rotation(motion, scene->views[i].correction);
-      for (int k = 0; k < 3; k++)
-        scene->views[i].correction[3 + k] = motion[4 * k + 3];
-    }
+    pags_scene_view *const v = &scene->views[i];
+    *v = (pags_scene_view){.name = borrow(view->name),
+                           .camera = pags_camera_poses_view(&state->cameras, dataset, i),
+                           .test = view->test,
+                           .sensor = view->sensor,
+                           .photometric = pags_photometry_of_sensor(&state->photometry, view->sensor),
+                           .frame = view->frame};
+    if (state->cameras.count > 0)
+      pags_camera_poses_correction(view, &v->camera, v->correction);
 
     /* The exposure of the view; those of a driving set's held-out views are interpolated below. */
     double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
@@ -62,13 +51,13 @@ pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train
       pags_exposures_value(&state->exposures, dataset, i, value);
     else if (between)
       pags_exposures_between(&state->exposures, dataset, i, value);
-    memcpy(scene->views[i].gain, value, sizeof scene->views[i].gain);
-    memcpy(scene->views[i].offset, value + 3, sizeof scene->views[i].offset);
+    pags_copy3(value, v->gain);
+    pags_copy3(value + 3, v->offset);
 
     if (!state->schedule.config.picture.rolling_shutter)
-      scene->views[i].camera.shutter = (pags_shutter){0};
+      v->camera.shutter = (pags_shutter){0};
 
-    double time = view->camera.time;
+    const double time = view->camera.time;
     if (!isfinite(time))
       continue;
     scene->time_begin = i == 0 ? time : fmin(scene->time_begin, time);
@@ -84,11 +73,11 @@ pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train
 
 /* Adds a model to the scene. If `file` is NULL, its file is named after `name`, the object's name. */
 static pags_result add_model(pags_scene *scene, const char *name, const char *file, const pags_gaussians *g) {
-  pags_model *model = &scene->models[scene->model_count];
-  *model = (pags_model){.name = borrow(name), .gaussians = *g};
-  model->file = file ? pags_text_copy(file) : pags_scene_model_file(scene, name);
-  scene->model_count++;
-  return model->file ? PAGS_OK : pags_out_of_memory("the name of a model");
+  pags_model *model = &scene->models[scene->model_count++];
+  *model = (pags_model){
+      .name = borrow(name), .file = file ? pags_text_copy(file) : pags_scene_model_file(scene, name), .gaussians = *g};
+  PAGS_CHECK_MEMORY(model->file, "the name of a model");
+  return PAGS_OK;
 }
 
 static pags_result add_background(const pags_train_state *state, pags_described *d) {
@@ -101,39 +90,23 @@ static pags_result add_background(const pags_train_state *state, pags_described 
 
   /* Split the background's rows by the degree they need, highest first, since all rows of a PLY have the same
    * degree. */
-  int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
-  pags_result result = index ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  for (int degree = g->sh_degree; degree >= 0 && result == PAGS_OK; degree--) {
+  PAGS_AUTOFREE int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
+  PAGS_CHECK_MEMORY(index, "%lld Gaussians", (long long)g->count);
+  for (int degree = g->sh_degree; degree >= 0; degree--) {
     int64_t rows = 0;
     for (int64_t i = 0; i < g->count; i++)
       if (pags_gaussians_row_degree(g, i) == degree)
         index[rows++] = i;
     if (rows == 0 && (degree > 0 || count > 0))
       continue;
-    pags_gaussians *part = &d->parts[count++];
-    result = pags_gaussians_create_like(part, rows, g);
-    if (result == PAGS_OK)
-      pags_gaussians_gather(g, index, rows, part);
+    pags_gaussians *part = &d->parts[count];
+    PAGS_TRY(pags_gaussians_create_like(part, rows, g));
+    pags_gaussians_gather(g, index, rows, part);
     part->sh_degree = degree; /* the planes of higher degrees come last and hold zeros */
-  }
-  free(index);
-  PAGS_TRY(result);
-
-  for (int i = 0; i < count; i++) {
-    const int degree = d->parts[i].sh_degree;
-    PAGS_TRY(i == 0 ? add_model(&d->scene, "background", "background.ply", &d->parts[i])
-                    : add_model(&d->scene, names[degree], files[degree], &d->parts[i]));
+    PAGS_TRY(count++ == 0 ? add_model(&d->scene, "background", "background.ply", part)
+                          : add_model(&d->scene, names[degree], files[degree], part));
   }
   return PAGS_OK;
-}
-
-static int highest_degree(const pags_gaussians *g) {
-  int most = 0;
-  for (int64_t i = 0; i < g->count && most < g->sh_degree; i++) {
-    int degree = pags_gaussians_row_degree(g, i);
-    most = degree > most ? degree : most;
-  }
-  return most;
 }
 
 /* Lists the models of the scene, whose Gaussians remain the state's; only the file names (and the background's parts
@@ -141,14 +114,17 @@ static int highest_degree(const pags_gaussians *g) {
 static pags_result list_models(const pags_train_state *state, pags_described *d) {
   pags_scene *scene = &d->scene;
   scene->models = calloc((size_t)state->model_count + 3, sizeof *scene->models);
-  if (!scene->models)
-    return pags_out_of_memory("%lld models", (long long)state->model_count);
+  PAGS_CHECK_MEMORY(scene->models, "%lld models", (long long)state->model_count);
   PAGS_TRY(add_background(state, d));
   for (int64_t i = 1; i < state->model_count; i++) {
     const pags_train_model *m = &state->models[i];
     pags_gaussians g = m->gaussians;
-    if (d->by_degree)
-      g.sh_degree = highest_degree(&g);
+    int highest = d->by_degree ? 0 : g.sh_degree;
+    for (int64_t row = 0; row < g.count && highest < g.sh_degree; row++) {
+      const int degree = pags_gaussians_row_degree(&g, row);
+      highest = degree > highest ? degree : highest;
+    }
+    g.sh_degree = highest;
     scene->objects[m->object].model = scene->model_count;
     PAGS_TRY(add_model(scene, state->tracks.objects[m->object].id, NULL, &g));
   }
@@ -190,17 +166,14 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
                         .fps = pags_dataset_fps(dataset),
                         .place = pags_dataset_place(dataset),
                         .sky = state->sky.sky};
-  for (int k = 0; k < 3; k++) {
-    scene->origin[k] = pags_dataset_origin(dataset)[k];
-    scene->background[k] = (float)config->picture.background[k];
-  }
+  pags_copy3(pags_dataset_origin(dataset), scene->origin);
+  pags_narrow3(config->picture.background, scene->background);
   PAGS_TRY(pags_output_list_views(dataset, state, scene));
 
   /* The objects. */
   scene->object_count = state->tracks.count;
   scene->objects = calloc((size_t)(scene->object_count > 0 ? scene->object_count : 1), sizeof *scene->objects);
-  if (!scene->objects)
-    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
+  PAGS_CHECK_MEMORY(scene->objects, "%lld objects", (long long)scene->object_count);
   for (int64_t i = 0; i < scene->object_count; i++)
     scene->objects[i] = (pags_scene_object){.record = state->tracks.objects[i],
                                             .model = -1,
@@ -216,20 +189,13 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
   return pags_model_report_write(dataset, state, &scene->notes);
 }
 
-/* Creates the description of the current scene. */
+/* Creates the description of the current scene. It must be destroyed on failure, too. */
 static pags_result create(const pags_dataset *dataset, const pags_train_state *state, bool by_degree,
                           pags_described **out) {
-  pags_described *d = calloc(1, sizeof *d);
-  *out = NULL;
-  if (!d)
-    return pags_out_of_memory("the description of a scene");
-  d->by_degree = by_degree;
-  const pags_result result = describe(dataset, state, d);
-  if (result == PAGS_OK)
-    *out = d;
-  else
-    pags_described_destroy(d);
-  return result;
+  *out = calloc(1, sizeof **out);
+  PAGS_CHECK_MEMORY(*out, "the description of a scene");
+  (*out)->by_degree = by_degree;
+  return describe(dataset, state, *out);
 }
 
 pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, pags_described **out) {
@@ -241,22 +207,19 @@ const pags_scene *pags_described_scene(const pags_described *d) {
 }
 
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
-  pags_described *d;
+  PAGS_AUTO(pags_described_destroy_auto) pags_described *d = NULL;
   PAGS_TRY(create(dataset, state, state->schedule.config.size_limit.sh_error > 0.0, &d));
-  const pags_result result = pags_scene_write(output->folder, &d->scene);
-  pags_described_destroy(d);
-  return result;
+  return pags_scene_write(output->folder, &d->scene);
 }
 
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes) {
-  pags_described *d;
+  PAGS_AUTO(pags_described_destroy_auto) pags_described *d = NULL;
   PAGS_TRY(create(dataset, state, false, &d));
   d->scene.dataset = d->scene.colmap = d->scene.image_folder =
       NULL; /* paths must not decide how many Gaussians a run has */
   for (int64_t i = 0; i < d->scene.model_count; i++)
     d->scene.models[i].gaussians.count = state->models[i].total; /* of which only the digits count here */
-  const pags_result result = pags_scene_json_size(&d->scene, bytes);
+  PAGS_TRY(pags_scene_json_size(&d->scene, bytes));
   *bytes += d->scene.sky.size > 0 ? pags_sky_file_size(&d->scene.sky) : 0;
-  pags_described_destroy(d);
-  return result;
+  return PAGS_OK;
 }
