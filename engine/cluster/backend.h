@@ -1,26 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a transport is made of: functions that move a transfer's parts, and what all kinds of transports count. */
+/* What a transport is made of: functions that move parts, and what all kinds of transports count. */
 #ifndef PAGS_CLUSTER_BACKEND_H
 #define PAGS_CLUSTER_BACKEND_H
 
 #include "cluster/transport.h"
 
-/* One rank's side of one collective call: what goes to each rank and what comes from it. */
-struct pags_transfer {
-  int ranks;
-  struct pags_part {
-    const char *send;
-    char *receive;
-    int64_t send_bytes, receive_bytes; /* 0: nothing; also of this rank itself, whose part is copied at once */
-  } *parts;
-  void *state; /* the backend's */
-};
-
+/* One rank's side of one collective call: what goes to a rank and what comes from it. */
+typedef struct pags_part {
+  const char *send;
+  char *receive;
+  int64_t send_bytes, receive_bytes; /* 0: nothing; also of this rank itself, whose part is copied at once */
+} pags_part;
 typedef struct pags_backend {
-  /* Starts moving; `transfer->parts` and the buffers stay until `finish`, which waits and releases the state. After a
-   * failed `begin` there is nothing to finish. */
-  pags_result (*begin)(pags_transport *transport, pags_transfer *transfer);
-  pags_result (*finish)(pags_transport *transport, pags_transfer *transfer);
+  /* Moves a part to and one from each rank; returns once they are there. */
+  pags_result (*move)(pags_transport *transport, const pags_part *parts);
   void (*tell)(pags_transport *transport, int64_t done, bool ends_early);
   void (*hear)(const pags_transport *transport, int64_t *done, bool *ends_early);
   void (*give_up)(pags_transport *transport, pags_result result, const char *message);

@@ -16,8 +16,6 @@
 #include <stdbool.h>
 
 typedef struct pags_transport pags_transport;
-typedef struct pags_transfer pags_transfer;
-
 enum { PAGS_RANKS_MOST = 4096 };
 
 int pags_transport_rank(const pags_transport *transport);  /* 0 .. ranks - 1 */
@@ -30,13 +28,6 @@ int pags_transport_ranks(const pags_transport *transport); /* >= 1 */
  * empty may be NULL. */
 pags_result pags_transport_exchange(pags_transport *transport, const void *send, const int64_t *send_bytes,
                                     void *receive, const int64_t *receive_bytes);
-
-/* The same in two halves, between which the parts travel while the caller computes: the buffers, not the counts, must
- * stay untouched until `finish`. Several may be under way; they are finished in any order, each once, and `finish`
- * frees `transfer` in any case (NULL is allowed). After a failed `begin` *transfer is NULL. */
-pags_result pags_transport_exchange_begin(pags_transport *transport, const void *send, const int64_t *send_bytes,
-                                          void *receive, const int64_t *receive_bytes, pags_transfer **transfer);
-pags_result pags_transport_exchange_finish(pags_transport *transport, pags_transfer *transfer);
 
 /* Copies `bytes` of root's data to every rank. */
 pags_result pags_transport_broadcast(pags_transport *transport, int root, void *data, int64_t bytes);
@@ -87,8 +78,8 @@ pags_transport_counters pags_transport_counted(const pags_transport *transport);
 /* Seconds of silence after which a rank is given up: the environment variable PAGS_WATCHDOG, by default 60. */
 double pags_transport_watchdog(void);
 
-/* Ends this rank's part. `failed`: without waiting for the others. NULL is allowed. Nothing may be under way unless
- * `failed`. With MPI, a failure ends the process with code 1, and mpirun ends the rest. */
+/* Ends this rank's part. `failed`: without waiting for the others. NULL is allowed. With MPI, a failure ends the
+ * process with code 1, and mpirun ends the rest. */
 void pags_transport_destroy(pags_transport *transport, bool failed);
 
 /* Whether this process was started by mpirun or srun as one of several or as a single rank of MPI. */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The transport over MPI. One thread of each process, the progress thread, makes all calls of MPI. Messages so travel
- * while the rank's own thread computes, which MPI alone doesn't guarantee. Between two polls the progress thread
- * sleeps; MPI's own waiting would keep a processor busy.
+/* The transport over MPI. One thread of each process, the progress thread, makes all calls of MPI. It
+ * sends heartbeats while the rank's own thread computes. Between two polls the progress thread sleeps; MPI's own
+ * waiting would keep a processor busy.
  *
  * Every quarter of a second the progress thread sends a heartbeat to every other rank, with the progress that
  * pags_transport_tell reported. A rank that sends no heartbeat for the time of the watchdog is given up: its process is
@@ -26,13 +26,8 @@
 
 /* Number of ranks according to the launcher; 0: unknown. */
 static int find_started_ranks(void) {
-  static const char *const names[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"};
-  for (int i = 0; i < 2; i++) {
-    const char *text = getenv(names[i]);
-    if (text)
-      return (int)strtol(text, NULL, 10);
-  }
-  return 0;
+  const char *const open_mpi = getenv("OMPI_COMM_WORLD_SIZE"), *const text = open_mpi ? open_mpi : getenv("PMI_SIZE");
+  return text ? (int)strtol(text, NULL, 10) : 0;
 }
 
 bool pags_transport_started_by_mpi(void) {
@@ -74,19 +69,19 @@ typedef struct peer {
   heartbeat last;
 } peer;
 
-/* A transfer that is pending, in the order of the begins. */
+/* A transfer that is pending, in the order of the calls. */
 typedef struct request {
   struct request *next;
   int tag;
   int64_t count; /* messages: for each rank its chunks sent, then its chunks received */
+  int64_t left;  /* pieces that aren't over */
+  bool done;
   struct piece {
     pags_mpi_request request;
     char *data;
     int bytes, rank;
     bool receives, over;
-  } *pieces;
-  int64_t left; /* pieces that aren't over */
-  bool done;
+  } pieces[];
 } request;
 
 typedef struct mpi_transport {
@@ -342,66 +337,40 @@ static void *run_progress(void *argument) {
 
 /* ---- The rank's own thread ---- */
 
-static int64_t count_chunks(int64_t bytes) {
-  return (bytes + CHUNK - 1) / CHUNK;
-}
-
 static void add_pieces(request *work, char *data, int64_t bytes, int rank, bool receives) {
   for (int64_t at = 0; at < bytes; at += CHUNK)
     work->pieces[work->count++] = (struct piece){
         .data = data + at, .bytes = (int)(bytes - at < CHUNK ? bytes - at : CHUNK), .rank = rank, .receives = receives};
 }
 
-static pags_result begin(pags_transport *transport, pags_transfer *transfer) {
+static pags_result move(pags_transport *transport, const pags_part *parts) {
   mpi_transport *self = (mpi_transport *)transport;
   int64_t count = 0;
-  for (int rank = 0; rank < transfer->ranks; rank++)
-    count += count_chunks(transfer->parts[rank].send_bytes) + count_chunks(transfer->parts[rank].receive_bytes);
-  request *work = calloc(1, sizeof *work);
-  if (work)
-    work->pieces = calloc((size_t)count + 1, sizeof *work->pieces);
-  if (!work || !work->pieces) {
-    free(work);
-    return pags_out_of_memory("messages to %d ranks", transfer->ranks);
-  }
-  for (int rank = 0; rank < transfer->ranks; rank++) {
-    const struct pags_part *part = &transfer->parts[rank];
-    add_pieces(work, part->receive, part->receive_bytes, rank, true);
-    add_pieces(work, (char *)part->send, part->send_bytes, rank, false);
+  for (int rank = 0; rank < transport->ranks; rank++)
+    count += (parts[rank].send_bytes + CHUNK - 1) / CHUNK + (parts[rank].receive_bytes + CHUNK - 1) / CHUNK;
+  request *work = calloc(1, sizeof *work + (size_t)count * sizeof *work->pieces);
+  PAGS_CHECK_MEMORY(work, "messages to %d ranks", transport->ranks);
+  for (int rank = 0; rank < transport->ranks; rank++) {
+    add_pieces(work, parts[rank].receive, parts[rank].receive_bytes, rank, true);
+    add_pieces(work, (char *)parts[rank].send, parts[rank].send_bytes, rank, false);
   }
   assert(work->count == count);
   work->left = count;
   work->tag = (int)(self->number++ % TAGS);
-  transfer->state = work;
   pthread_mutex_lock(&self->lock);
-  const bool broken = self->broken[0] != '\0';
-  if (!broken) {
+  const bool submits = !self->broken[0];
+  if (submits) {
     work->next = self->submitted;
     self->submitted = work;
   }
   pthread_cond_broadcast(&self->changed);
-  pthread_mutex_unlock(&self->lock);
-  if (!broken)
-    return PAGS_OK;
-  free(work->pieces);
-  free(work);
-  return pags_fail(PAGS_ERROR_IO, "%s", self->broken);
-}
-
-static pags_result finish(pags_transport *transport, pags_transfer *transfer) {
-  mpi_transport *self = (mpi_transport *)transport;
-  request *work = transfer->state;
-  pthread_mutex_lock(&self->lock);
   while (!work->done && !self->broken[0])
     pags_port_condition_wait(&self->changed, &self->lock, 1);
   const bool done = work->done;
   pthread_mutex_unlock(&self->lock);
-  if (!done)
-    /* The progress thread may still use it. It is freed by the end of the process, soon. */
-    return pags_fail(PAGS_ERROR_IO, "%s", self->broken);
-  free(work->pieces);
-  free(work);
-  return PAGS_OK;
+  if (done || !submits) /* else the progress thread may still use it; it is freed by the end of the process, soon */
+    free(work);
+  return done ? PAGS_OK : pags_fail(PAGS_ERROR_IO, "%s", self->broken);
 }
 
 static void tell(pags_transport *transport, int64_t done, bool ends_early) {
@@ -478,7 +447,7 @@ static void destroy(pags_transport *transport, bool failed) {
 /* ---- Joining ---- */
 
 pags_result pags_transport_create_mpi(pags_transport **transport) {
-  static const pags_backend backend = {begin, finish, tell, hear, give_up, speaks, destroy};
+  static const pags_backend backend = {move, tell, hear, give_up, speaks, destroy};
   *transport = NULL;
   const int started = find_started_ranks();
   if (started == 1)
@@ -495,8 +464,7 @@ pags_result pags_transport_create_mpi(pags_transport **transport) {
   if (!getenv("OMPI_MCA_mpi_yield_when_idle"))
     pags_port_set_environment("OMPI_MCA_mpi_yield_when_idle", "0");
   mpi_transport *self = calloc(1, sizeof *self);
-  if (!self)
-    return pags_out_of_memory("messages");
+  PAGS_CHECK_MEMORY(self, "messages");
   *self = (mpi_transport){
       .base.backend = &backend, .mpi = module.table, .watchdog = pags_transport_watchdog(), .silent = -1};
   pthread_mutex_init(&self->lock, NULL);

@@ -114,10 +114,7 @@ static const char *exchange_load(pags_transport *transport, void *user) {
   for (int other = 0; other < 3; other++)
     bytes[other] = other == rank ? 0 : l->bytes;
   double since = pags_clock_ms();
-  pags_transfer *transfer;
-  if (pags_transport_exchange_begin(transport, sent, bytes, received[rank], bytes, &transfer) != PAGS_OK)
-    return pags_error_message();
-  if (pags_transport_exchange_finish(transport, transfer) != PAGS_OK)
+  if (pags_transport_exchange(transport, sent, bytes, received[rank], bytes) != PAGS_OK)
     return pags_error_message();
   l->took_ms[rank] = pags_clock_lap_ms(&since);
   l->waited_ms[rank] = pags_transport_counted(transport).waited_ms;

@@ -64,43 +64,42 @@ static pags_result fail_parted(threads_transport *self) {
   return result;
 }
 
-static pags_result begin(pags_transport *transport, pags_transfer *transfer) {
+static pags_result begin(pags_transport *transport, const pags_part *parts, moving *state) {
   threads_transport *self = (threads_transport *)transport;
   hub *shared = self->hub;
   if (self->broken)
     return fail_parted(self);
-  moving *state = transfer->state = malloc(sizeof *state);
-  message **messages = calloc((size_t)transfer->ranks, sizeof *messages);
-  bool memory = state && messages;
-  for (int rank = 0; memory && rank < transfer->ranks; rank++) {
-    const int64_t bytes = transfer->parts[rank].send_bytes;
+  const int ranks = transport->ranks;
+  message **messages = calloc((size_t)ranks, sizeof *messages);
+  bool memory = messages != NULL;
+  for (int rank = 0; memory && rank < ranks; rank++) {
+    const int64_t bytes = parts[rank].send_bytes;
     if (!bytes)
       continue;
     messages[rank] = malloc(sizeof **messages + (size_t)bytes);
     memory = messages[rank] != NULL;
     if (memory)
-      memcpy(messages[rank]->data, transfer->parts[rank].send, (size_t)bytes);
+      memcpy(messages[rank]->data, parts[rank].send, (size_t)bytes);
   }
   if (!memory) {
-    for (int rank = 0; messages && rank < transfer->ranks; rank++)
+    for (int rank = 0; messages && rank < ranks; rank++)
       free(messages[rank]);
     free(messages);
-    free(state);
-    return pags_out_of_memory("messages to %d ranks", transfer->ranks);
+    return pags_out_of_memory("messages to %d ranks", ranks);
   }
   state->number = self->number++;
   pthread_mutex_lock(&shared->lock);
   const double now = pags_clock_ms();
   seat *own = &shared->seats[transport->rank];
   state->sent_ms = now;
-  for (int rank = 0; rank < transfer->ranks; rank++) {
+  for (int rank = 0; rank < ranks; rank++) {
     if (!messages[rank])
       continue;
     seat *other = &shared->seats[rank];
     message *sent = messages[rank];
     sent->from = transport->rank;
     sent->number = state->number;
-    sent->bytes = transfer->parts[rank].send_bytes;
+    sent->bytes = parts[rank].send_bytes;
     sent->arrives_ms = now;
     if (shared->bytes_a_ms > 0) {
       double begins = own->sends_until_ms > other->receives_until_ms ? own->sends_until_ms : other->receives_until_ms;
@@ -134,7 +133,7 @@ static void wait_until(hub *shared, double until_ms) {
     pags_port_condition_wait(&shared->changed, &shared->lock, left * 1e-3);
 }
 
-static pags_result receive(threads_transport *self, int from, int64_t number, struct pags_part *part) {
+static pags_result receive(threads_transport *self, int from, int64_t number, const pags_part *part) {
   hub *shared = self->hub;
   seat *own = &shared->seats[self->base.rank];
   const double give_up_ms = pags_clock_ms() + shared->watchdog * 1e3;
@@ -160,17 +159,15 @@ static pags_result receive(threads_transport *self, int from, int64_t number, st
                                                   self->base.ranks, (long long)bytes, (long long)part->receive_bytes);
 }
 
-static pags_result finish(pags_transport *transport, pags_transfer *transfer) {
+static pags_result move(pags_transport *transport, const pags_part *parts) {
   threads_transport *self = (threads_transport *)transport;
-  const moving state = *(moving *)transfer->state;
-  free(transfer->state);
-  if (self->broken)
-    return fail_parted(self);
+  moving state;
+  PAGS_TRY(begin(transport, parts, &state));
   pags_result result = PAGS_OK;
   pthread_mutex_lock(&self->hub->lock);
-  for (int rank = 0; result == PAGS_OK && rank < transfer->ranks; rank++)
-    if (transfer->parts[rank].receive_bytes)
-      result = receive(self, rank, state.number, &transfer->parts[rank]);
+  for (int rank = 0; result == PAGS_OK && rank < transport->ranks; rank++)
+    if (parts[rank].receive_bytes)
+      result = receive(self, rank, state.number, &parts[rank]);
   if (result == PAGS_OK)
     wait_until(self->hub, state.sent_ms);
   self->broken = result != PAGS_OK;
@@ -240,7 +237,7 @@ static void destroy(pags_transport *transport, bool failed) {
 
 pags_result pags_transport_create_threads(int ranks, double bytes_a_second, double watchdog,
                                           pags_transport **transports) {
-  static const pags_backend backend = {begin, finish, tell, hear, give_up, speaks, destroy};
+  static const pags_backend backend = {move, tell, hear, give_up, speaks, destroy};
   assert(ranks >= 1 && ranks <= PAGS_RANKS_MOST && bytes_a_second >= 0 && watchdog > 0);
   for (int rank = 0; rank < ranks; rank++)
     transports[rank] = NULL;

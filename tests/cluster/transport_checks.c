@@ -71,10 +71,10 @@ static bool check(const pags_transport *transport, int round, buffers *in) {
 }
 
 static bool exchanges(pags_transport *transport) {
-  enum { ROUNDS = 9, TOGETHER = 3 };
+  enum { ROUNDS = 18 };
   const pags_transport_counters before = pags_transport_counted(transport);
   int64_t sent = 0;
-  for (int round = 0; round < ROUNDS; round++) { /* one after the other */
+  for (int round = 0; round < ROUNDS; round++) {
     buffers b;
     if (!fill(transport, round, &b))
       return false;
@@ -85,21 +85,6 @@ static bool exchanges(pags_transport *transport) {
       return false;
   }
   EXPECT(pags_transport_counted(transport).bytes_sent - before.bytes_sent == sent);
-  for (int round = 0; round < ROUNDS; round += TOGETHER) { /* several under way, finished in the other order */
-    buffers b[TOGETHER];
-    pags_transfer *transfers[TOGETHER];
-    for (int k = 0; k < TOGETHER; k++) {
-      if (!fill(transport, round + k, &b[k]))
-        return false;
-      EXPECT(pags_transport_exchange_begin(transport, b[k].send, b[k].send_bytes, b[k].receive, b[k].receive_bytes,
-                                           &transfers[k]) == PAGS_OK);
-    }
-    for (int k = TOGETHER - 1; k >= 0; k--) {
-      EXPECT(pags_transport_exchange_finish(transport, transfers[k]) == PAGS_OK);
-      if (!check(transport, round + k, &b[k]))
-        return false;
-    }
-  }
   return true;
 }
 
