@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The program pags: prints the general help, or finds the verb and runs it. */
-#include "base/lock.h"
 #include "cli/common/ranks.h"
 #include "cli/verbs/verbs.h"
 #include "port/port.h"
@@ -8,9 +7,6 @@
 
 #include <build_facts.h>
 #include <locale.h>
-#include <pags/base.h>
-#include <stdio.h>
-#include <string.h>
 
 const char pags_program_name[] = "pags";
 

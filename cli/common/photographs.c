@@ -3,9 +3,6 @@
  * and checking that their cameras agree. */
 #include "cli/common/photographs.h"
 
-#include <math.h>
-#include <string.h>
-
 #include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
@@ -129,27 +126,6 @@ static pags_result choose_views(const pags_scene *scene, bool given, pags_photog
   return photographs->count ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: has no views", path);
 }
 
-static pags_result open_dataset(const pags_scene *scene, const char *path, pags_dataset_options options, bool given,
-                                double *downscale, pags_dataset **out) {
-  *downscale = options.downscale;
-  if (!scene->view_count)
-    return pags_dataset_open(path, &options, out);
-  options.downscale = 1;
-  options.split_every = scene->fps > 0 ? options.split_every : 0; /* the scene stores which views are held out */
-  options.undistort = 1;
-  for (int64_t i = 0; i < scene->view_count; i++)
-    if (pags_camera_bends(&scene->views[i].camera))
-      options.undistort = 0; /* as in training */
-  options.allow_missing = 1; /* the scene's own views decide which photographs are needed */
-  PAGS_TRY(pags_dataset_open(path, &options, out));
-  PAGS_TRY(scene_downscale(scene, *out, given, &options.downscale));
-  *downscale = options.downscale;
-  if (options.downscale == 1)
-    return PAGS_OK;
-  pags_dataset_close(*out);
-  return pags_dataset_open(path, &options, out);
-}
-
 pags_dataset_options pags_photographs_options(const pags_scene *scene, const char *dataset,
                                               const pags_dataset_options *options) {
   pags_dataset_options chosen = *options;
@@ -164,11 +140,30 @@ pags_dataset_options pags_photographs_options(const pags_scene *scene, const cha
 
 pags_result pags_photographs_open(const pags_scene *scene, const char *dataset, const pags_dataset_options *options,
                                   pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
+  const char *path = dataset ? dataset : scene->dataset;
+  const bool given = dataset != NULL;
+  pags_dataset_options chosen = *options;
+  PAGS_AUTO(pags_photographs_close) pags_photographs opened = {.downscale = options->downscale};
   *out = (pags_photographs){0};
-  PAGS_AUTO(pags_photographs_close) pags_photographs opened = {0};
-  PAGS_TRY(open_dataset(scene, dataset ? dataset : scene->dataset, *options, dataset != NULL, &opened.downscale,
-                        &opened.dataset));
-  PAGS_TRY(choose_views(scene, dataset != NULL, &opened));
+  if (scene->view_count) {
+    chosen.downscale = 1;
+    chosen.split_every = scene->fps > 0 ? chosen.split_every : 0; /* the scene stores which views are held out */
+    chosen.undistort = 1;
+    for (int64_t i = 0; i < scene->view_count; i++)
+      if (pags_camera_bends(&scene->views[i].camera))
+        chosen.undistort = 0; /* as in training */
+    chosen.allow_missing = 1; /* the scene's own views decide which photographs are needed */
+  }
+  PAGS_TRY(pags_dataset_open(path, &chosen, &opened.dataset));
+  if (scene->view_count) {
+    PAGS_TRY(scene_downscale(scene, opened.dataset, given, &opened.downscale));
+    chosen.downscale = opened.downscale;
+    if (opened.downscale != 1) {
+      pags_dataset_close(opened.dataset);
+      PAGS_TRY(pags_dataset_open(path, &chosen, &opened.dataset));
+    }
+  }
+  PAGS_TRY(choose_views(scene, given, &opened));
   PAGS_TRY(pags_photo_cache_create(opened.dataset, tasks, image_cache, &opened.photos));
   *out = opened;
   opened = (pags_photographs){0};

@@ -4,10 +4,6 @@
 
 #include <math.h>
 #include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "base/memory.h"
 
 enum { KEY_WIDTH = 16, INDENT = 2 };
 

@@ -5,7 +5,6 @@
 #include <strings.h>
 
 #include "base/file.h"
-#include "base/memory.h"
 #include "base/text.h"
 #include "base/vec3.h"
 

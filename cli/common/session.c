@@ -3,17 +3,12 @@
  * exit code; checks that outputs can be written before the work starts. */
 #include "cli/common/session.h"
 
-#include "cli/common/progress.h"
 #include "cli/common/ranks.h"
 
 #include <errno.h>
-#include <pthread.h>
 #include <stdarg.h>
-#include <stdlib.h>
-#include <string.h>
 #include "base/file.h"
 #include "base/log.h"
-#include "base/memory.h"
 #include "base/text.h"
 #include "port/port.h"
 

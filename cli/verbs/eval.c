@@ -9,10 +9,8 @@
 #include "cli/measure/view_scores.h"
 #include "cli/verbs/verbs.h"
 
-#include <pags/compose.h>
 #include <pags/eval.h>
 #include "base/log.h"
-#include "base/memory.h"
 #include "base/psnr.h"
 #include "base/text.h"
 #include "base/vec3.h"

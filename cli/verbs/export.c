@@ -6,10 +6,8 @@
 
 #include <math.h>
 #include <pags/export.h>
-#include <string.h>
 #include <strings.h>
 #include "base/file.h"
-#include "base/memory.h"
 
 typedef struct export_arguments {
   pags_session session;

@@ -4,11 +4,8 @@
 #include "cli/verbs/verbs.h"
 
 #include <pags/import.h>
-#include <string.h>
 
 #include "base/file.h"
-#include "base/json.h"
-#include "base/memory.h"
 #include "base/text.h"
 #include "port/port.h"
 

@@ -5,11 +5,8 @@
 #include "cli/verbs/verbs.h"
 
 #include <errno.h>
-#include <pags/dataset.h>
 #include <pags/image.h>
 #include <pags/scene.h>
-#include <pags/train.h>
-#include <string.h>
 #include <strings.h>
 #include "base/file.h"
 #include "base/log.h"

@@ -10,9 +10,7 @@
 #include "cli/verbs/verbs.h"
 
 #include <pags/packed.h>
-#include <string.h>
 #include "base/log.h"
-#include "base/memory.h"
 
 typedef struct render_arguments {
   pags_session session;

@@ -3,9 +3,7 @@
 #include "cli/html_report/html_report.h"
 #include "cli/verbs/verbs.h"
 
-#include <string.h>
 #include "base/file.h"
-#include "base/memory.h"
 #include "base/text.h"
 
 typedef struct report_arguments {

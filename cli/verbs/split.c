@@ -3,13 +3,9 @@
  * scene of the whole drive, from which all blocks take their sky and mean exposure. */
 #include "cli/verbs/verbs.h"
 
-#include <math.h>
 #include <pags/blocks.h>
 #include <pags/train.h>
-#include <string.h>
 #include "base/file.h"
-#include "base/memory.h"
-#include "base/text.h"
 #include "port/port.h"
 
 enum {

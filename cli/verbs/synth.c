@@ -4,8 +4,6 @@
 #include "cli/verbs/verbs.h"
 
 #include <pags/synth.h>
-#include <stdio.h>
-#include <string.h>
 
 /* Options of both kinds are stored here; make_street and make_town copy them into the kind's own options. -1: the
  * default of the kind. */

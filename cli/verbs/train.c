@@ -9,10 +9,8 @@
 #include <assert.h>
 #include <ctype.h>
 #include <pags/train.h>
-#include <string.h>
 #include "base/file.h"
 #include "base/log.h"
-#include "base/memory.h"
 #include "base/text.h"
 #include "base/vec3.h"
 #include "port/port.h"
@@ -261,15 +259,13 @@ static int show_progress(void *user, const pags_train_progress *now) {
   return go_on;
 }
 
-/* Sums of all ranks; of the peaks the largest. */
+/* Sums of the bytes and photographs of all ranks; the largest of their peaks. */
 static rank_share add_up(const train_arguments *arguments) {
   rank_share sum = {0};
   for (const rank_share *one = arguments->shares; one < arguments->shares + arguments->share_count; one++) {
     sum.bytes_sent += one->bytes_sent;
     sum.peak_rss_bytes = one->peak_rss_bytes > sum.peak_rss_bytes ? one->peak_rss_bytes : sum.peak_rss_bytes;
-    sum.ms_processor += one->ms_processor;
     sum.traffic.views += one->traffic.views;
-    sum.traffic.splats += one->traffic.splats;
     sum.traffic.bytes_there += one->traffic.bytes_there;
     sum.traffic.bytes_back += one->traffic.bytes_back;
   }

@@ -6,7 +6,6 @@
 #include "cli/view/server.h"
 
 #include <pags/packed.h>
-#include <string.h>
 #include "base/file.h"
 #include "frame/owners.h"
 

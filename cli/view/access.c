@@ -4,19 +4,8 @@
 
 #include <stdio.h>
 #include <string.h>
-
-static char to_lower(char c) {
-  return c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : c;
-}
-
-/* Compares ASCII text without case. */
-static bool same_name(const char *text, const char *name) {
-  while (*text && to_lower(*text) == to_lower(*name)) {
-    text++;
-    name++;
-  }
-  return !*text && !*name;
-}
+#include <strings.h>
+#include "base/text.h"
 
 static pags_result allow(pags_access *access, const char *name, size_t length, int port) {
   if (!length || length > PAGS_ACCESS_NAME - 8)
@@ -32,10 +21,6 @@ static pags_result allow(pags_access *access, const char *name, size_t length, i
   else
     snprintf(host, PAGS_ACCESS_NAME, "%.*s", (int)length, name);
   return PAGS_OK;
-}
-
-bool pags_access_is_loopback(const char *address) {
-  return !strncmp(address, "127.", 4) || !strcmp(address, "::1") || !strcmp(address, "localhost");
 }
 
 pags_result pags_access_create(pags_access *access, const unsigned char random[PAGS_ACCESS_TOKEN_BYTES],
@@ -54,7 +39,7 @@ pags_result pags_access_create(pags_access *access, const unsigned char random[P
   } else if (strcmp(bound, "0.0.0.0")) {
     PAGS_TRY(allow(access, bound, strlen(bound), port));
   }
-  if (pags_access_is_loopback(bound))
+  if (pags_text_starts(bound, "127.") || !strcmp(bound, "::1") || !strcmp(bound, "localhost"))
     PAGS_TRY(allow(access, "localhost", strlen("localhost"), port));
   for (const char *at = given; at;) {
     const char *comma = strchr(at, ',');
@@ -70,7 +55,7 @@ pags_result pags_access_create(pags_access *access, const unsigned char random[P
 
 bool pags_access_allows_host(const pags_access *access, const char *host) {
   for (int i = 0; i < access->host_count; i++)
-    if (same_name(host, access->hosts[i]))
+    if (!strcasecmp(host, access->hosts[i]))
       return true;
   return false;
 }

@@ -28,9 +28,6 @@ typedef struct pags_access {
 pags_result pags_access_create(pags_access *access, const unsigned char random[PAGS_ACCESS_TOKEN_BYTES],
                                const char *bound, int port, const char *given);
 
-/* Whether an address is a loopback address. */
-bool pags_access_is_loopback(const char *address);
-
 /* Whether the Host header names an accepted host. This stops DNS rebinding: another site's name that resolves to this
  * machine is refused. */
 bool pags_access_allows_host(const pags_access *access, const char *host);

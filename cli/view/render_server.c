@@ -4,7 +4,6 @@
 
 #include <math.h>
 #include "base/clock.h"
-#include "base/memory.h"
 #include "port/port.h"
 
 enum {
@@ -205,15 +204,18 @@ static void serve_picture(pags_render_server *server, int number) {
   const uint64_t id = s->id;
   const bool photograph = look.channel == PAGS_VIEW_PHOTOGRAPH || look.channel == PAGS_VIEW_DIFFERENCE;
   const bool sharp = !s->fresh || photograph; /* photographs always are */
-  const pags_renderer_quality quality = {
-      .step = sharp ? 0 : s->controller.step, .sharp = sharp, .percent = sharp ? SHARP_PERCENT : s->percent};
+  const int step = s->controller.step;        /* a look that requires full quality ignores it */
+  const pags_renderer_quality quality = {.step = sharp || look.full || !look.early_z ? 0 : step,
+                                         .sharp = sharp,
+                                         .percent = sharp ? SHARP_PERCENT : s->percent};
   pags_view_message message = {0};
-  pags_renderer_facts facts;
   s->fresh = false;
   server->drawing = sharp ? number : -1;
   pags_tasks_reset(server->settings.tasks);
   pthread_mutex_unlock(&server->lock);
-  pags_result result = pags_renderer_draw(server->settings.renderer, &look, &quality, &message, &facts);
+  const double begun = pags_clock_ms();
+  pags_result result = pags_renderer_draw(server->settings.renderer, &look, &quality, &message);
+  const double took = pags_clock_ms() - begun;
   const bool refused = result != PAGS_OK && result != PAGS_CANCELLED;
   if (refused)
     result = pags_renderer_error_message(pags_error_message(), look.serial, &message);
@@ -229,8 +231,8 @@ static void serve_picture(pags_render_server *server, int number) {
     reply(s, &message);
     return;
   }
-  if (!sharp && facts.step == quality.step) /* a look that requires full quality says nothing about the step */
-    pags_deadline_controller_tell(&s->controller, facts.ms);
+  if (!sharp && quality.step == step)
+    pags_deadline_controller_tell(&s->controller, took);
   s->picture = message;
   s->sent_serial = look.serial;
   s->in_flight = true;

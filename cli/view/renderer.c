@@ -5,13 +5,10 @@
 #include "cli/common/photographs.h"
 #include "cli/draw/picture.h"
 
-#include <assert.h>
 #include <math.h>
 #include <pags/eval.h>
 #include <pags/image.h>
 #include <pags/pick.h>
-#include "base/clock.h"
-#include "base/memory.h"
 #include "base/psnr.h"
 #include "base/vec3.h"
 #include "image/formats.h"
@@ -237,9 +234,9 @@ static pags_result send_picture(const pags_view_look *look, const pags_image *im
 /* ---- Pictures ---- */
 
 static pags_result draw_scene(pags_renderer *renderer, const pags_view_look *look, const pags_renderer_quality *quality,
-                              pags_view_message *out, pags_deadline_result *drawn) {
+                              pags_view_message *out) {
   pags_frame_options options = pags_composition_options(renderer->settings.composition);
-  const int step = look->full || !look->early_z ? 0 : quality->step;
+  pags_deadline_result drawn;
   PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   pags_picture picture;
   int count;
@@ -249,10 +246,10 @@ static pags_result draw_scene(pags_renderer *renderer, const pags_view_look *loo
     options.early_z = PAGS_EARLY_Z_OFF;
   if (look->channel == PAGS_VIEW_SIZE)
     measure_sizes(renderer, count);
-  PAGS_TRY(pags_deadline_render_step(renderer->deadline, step, renderer->parts, count, &look->camera, &options,
-                                     &picture, drawn));
+  PAGS_TRY(pags_deadline_render_step(renderer->deadline, quality->step, renderer->parts, count, &look->camera, &options,
+                                     &picture, &drawn));
   PAGS_TRY(to_image(renderer, &picture, look->channel, &image));
-  return send_picture(look, &image, quality->percent, quality->sharp, drawn, (double)NAN, out);
+  return send_picture(look, &image, quality->percent, quality->sharp, &drawn, (double)NAN, out);
 }
 
 /* ---- Photographs ---- */
@@ -291,12 +288,13 @@ static pags_result draw_view(pags_renderer *renderer, const pags_view_look *look
 }
 
 static pags_result compare(pags_renderer *renderer, const pags_view_look *look, const pags_photograph *photograph,
-                           const pags_scene_view *view, pags_view_message *out, pags_deadline_result *drawn) {
+                           const pags_scene_view *view, pags_view_message *out) {
   enum { QUALITY = 92, TIMES = 3 };
   const pags_image *photo = &photograph->image;
   PAGS_AUTO(pags_image_destroy) pags_image picture = {0}, shown = {0};
+  pags_deadline_result drawn;
   double psnr;
-  PAGS_TRY(draw_view(renderer, look, view, photo->width, photo->height, &picture, drawn));
+  PAGS_TRY(draw_view(renderer, look, view, photo->width, photo->height, &picture, &drawn));
   PAGS_TRY(pags_eval_psnr(&picture, photo, photograph->mask, &psnr));
   PAGS_TRY(pags_image_create(&shown, photo->width, photo->height, 3, PAGS_U8));
   const float *a = picture.data, *b = photo->data;
@@ -304,11 +302,10 @@ static pags_result compare(pags_renderer *renderer, const pags_view_look *look, 
   const size_t samples = 3 * (size_t)photo->width * (size_t)photo->height;
   for (size_t i = 0; i < samples; i++)
     to[i] = to_byte(look->channel == PAGS_VIEW_PHOTOGRAPH ? b[i] : TIMES * fabsf(a[i] - b[i]));
-  return send_picture(look, &shown, QUALITY, true, drawn, pags_psnr_capped(psnr), out);
+  return send_picture(look, &shown, QUALITY, true, &drawn, pags_psnr_capped(psnr), out);
 }
 
-static pags_result draw_photograph(pags_renderer *renderer, const pags_view_look *look, pags_view_message *out,
-                                   pags_deadline_result *drawn) {
+static pags_result draw_photograph(pags_renderer *renderer, const pags_view_look *look, pags_view_message *out) {
   const pags_scene *scene = pags_composition_scene(renderer->settings.composition);
   pags_photographs *photographs = &renderer->photographs;
   PAGS_AUTO(pags_photograph_destroy) pags_photograph photograph = {0};
@@ -322,21 +319,13 @@ static pags_result draw_photograph(pags_renderer *renderer, const pags_view_look
   if (i == photographs->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the data set has no photograph of it", view->name);
   PAGS_TRY(pags_photographs_read(photographs, i, &photograph));
-  return compare(renderer, look, &photograph, view, out, drawn);
+  return compare(renderer, look, &photograph, view, out);
 }
 
 pags_result pags_renderer_draw(pags_renderer *renderer, const pags_view_look *look,
-                               const pags_renderer_quality *quality, pags_view_message *out,
-                               pags_renderer_facts *facts) {
-  pags_deadline_result drawn = {0};
-  const double begun = pags_clock_ms();
-  *facts = (pags_renderer_facts){0};
-  if (look->channel == PAGS_VIEW_PHOTOGRAPH || look->channel == PAGS_VIEW_DIFFERENCE)
-    PAGS_TRY(draw_photograph(renderer, look, out, &drawn));
-  else
-    PAGS_TRY(draw_scene(renderer, look, quality, out, &drawn));
-  *facts = (pags_renderer_facts){.ms = pags_clock_ms() - begun, .step = drawn.step};
-  return PAGS_OK;
+                               const pags_renderer_quality *quality, pags_view_message *out) {
+  const bool photograph = look->channel == PAGS_VIEW_PHOTOGRAPH || look->channel == PAGS_VIEW_DIFFERENCE;
+  return photograph ? draw_photograph(renderer, look, out) : draw_scene(renderer, look, quality, out);
 }
 
 /* ---- Picking ---- */

@@ -51,15 +51,10 @@ typedef struct pags_renderer_quality {
   int percent; /* JPEG quality, 1..100 */
 } pags_renderer_quality;
 
-typedef struct pags_renderer_facts {
-  double ms; /* drawing and encoding */
-  int step;  /* step used; 0 if the look requires full quality */
-} pags_renderer_facts;
-
-/* Renders a look. PAGS_CANCELLED if the tasks were cancelled; errors of reading photographs. */
+/* Renders a look; photographs always in full quality. PAGS_CANCELLED if the tasks were cancelled; errors of reading
+ * photographs. */
 pags_result pags_renderer_draw(pags_renderer *renderer, const pags_view_look *look,
-                               const pags_renderer_quality *quality, pags_view_message *out,
-                               pags_renderer_facts *facts);
+                               const pags_renderer_quality *quality, pags_view_message *out);
 
 /* Finds the Gaussian and object at a pixel of a look. */
 pags_result pags_renderer_pick(pags_renderer *renderer, const pags_view_look *look, double x, double y, int64_t serial,

@@ -5,7 +5,6 @@
 
 #include <math.h>
 #include "base/file.h"
-#include "base/memory.h"
 #include "port/port.h"
 
 enum { POINTS = 1024, HELD = 256, WORST = 6, SAID = 160 };
@@ -36,11 +35,17 @@ struct pags_run_status {
 
 /* ---- Curves ---- */
 
+/* Keeps every other of `count` items; returns their number. */
+static int halve(void *items, size_t size, int count) {
+  char *const bytes = items;
+  for (size_t i = 0; i < (size_t)count / 2; i++)
+    memcpy(bytes + i * size, bytes + (2 * i + 1) * size, size);
+  return count / 2;
+}
+
 static void add_point(pags_run_status *status, const double point[COLUMNS]) {
   if (status->count == POINTS) {
-    for (int i = 0; i < POINTS / 2; i++)
-      memcpy(status->points[i], status->points[2 * i + 1], sizeof status->points[i]);
-    status->count = POINTS / 2;
+    status->count = halve(status->points, sizeof status->points[0], POINTS);
     status->every *= 2;
     status->edition++;
   }
@@ -48,11 +53,8 @@ static void add_point(pags_run_status *status, const double point[COLUMNS]) {
 }
 
 static void add_held_out(pags_run_status *status, int64_t step, double psnr) {
-  if (status->held_count == HELD) {
-    for (int i = 0; i < HELD / 2; i++)
-      status->held[i] = status->held[2 * i + 1];
-    status->held_count = HELD / 2;
-  }
+  if (status->held_count == HELD)
+    status->held_count = halve(status->held, sizeof status->held[0], HELD);
   status->held[status->held_count++] = (held_out){step, psnr};
 }
 

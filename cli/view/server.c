@@ -7,9 +7,6 @@
 
 #include <libwebsockets.h>
 #include <stdatomic.h>
-#include <stdlib.h>
-#include <string.h>
-#include "base/memory.h"
 
 enum {
   CONNECTIONS = 900,   /* maximum number: many idle connections are needed to block others; each costs 8 kB */

@@ -9,10 +9,8 @@
 
 #include <math.h>
 #include <pthread.h>
-#include <stdlib.h>
 #include "base/clock.h"
 #include "base/log.h"
-#include "base/memory.h"
 
 enum { CREDIT_MS = 100, CLIENTS = 8, BUDGET_MS = 40, GOODBYE_SECONDS = 3 };
 
