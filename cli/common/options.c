@@ -126,21 +126,15 @@ static bool parse_int64(const char *text, int64_t *value) {
 /* A size in bytes, "512M": a number below 9.2e18. */
 static bool parse_size(const char *text, double *value) {
   const char *end;
-  double unit = 1;
   if (!parse_real(text, &end, value) || *value < 0)
     return false;
-  switch (toupper((unsigned char)*end)) {
-    case 'K': unit = 1024.0; break;
-    case 'M': unit = 1048576.0; break;
-    case 'G': unit = 1073741824.0; break;
-    case 'T': unit = 1099511627776.0; break;
-    default: break;
-  }
-  if (unit > 1)
+  const char *units = "KMGT", *unit = *end ? strchr(units, toupper((unsigned char)*end)) : NULL;
+  if (unit) {
+    *value = ldexp(*value, 10 * (int)(unit - units + 1));
     end++;
-  if (unit > 1 && (*end == 'i' || *end == 'B')) /* 2GiB and 2GB: both mean powers of 1024 */
-    end += end[0] == 'i' && end[1] == 'B' ? 2 : 1;
-  *value *= unit;
+    if (*end == 'i' || *end == 'B') /* 2GiB and 2GB: both mean powers of 1024 */
+      end += end[0] == 'i' && end[1] == 'B' ? 2 : 1;
+  }
   return !*end && *value < 9.2e18;
 }
 

@@ -207,10 +207,6 @@ static pags_result export_page(export_arguments *arguments, pags_scene *scene, c
 
 /* ---- The verb ---- */
 
-static bool is_gltf(const char *path) {
-  return !strcasecmp(pags_path_extension(path), ".glb") || !strcasecmp(pags_path_extension(path), ".gltf");
-}
-
 static bool is_page(const char *path) {
   return !strcasecmp(pags_path_extension(path), ".html");
 }
@@ -222,8 +218,8 @@ static bool is_usd(const char *path) {
 static int check(void *user, const pags_parsed *parsed) {
   export_arguments *arguments = user;
   const pags_verb *verb = parsed->verb;
-  const char *to = parsed->positionals[1];
-  const bool gltf = is_gltf(to);
+  const char *to = parsed->positionals[1], *extension = pags_path_extension(to);
+  const bool gltf = !strcasecmp(extension, ".glb") || !strcasecmp(extension, ".gltf");
   if (!gltf && !is_usd(to) && !is_page(to) && !pags_export_is_splat(to))
     return pags_usage_error(verb,
                             "expected a file name ending in .glb, .gltf, .ply, .spz, .sog, .splat, .pagsz, .usda, "

@@ -211,26 +211,6 @@ static bool begins_as(const unsigned char *head, const magic kinds[MAGICS]) {
   return false;
 }
 
-/* Whether a file starts like a picture of a common format, or has the extension of another one (BMP, HDR, ...). */
-static bool is_image(const char *path, const unsigned char *head) {
-  return begins_as(head, images) || (!memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4)) ||
-         pags_is_picture_name(pags_path_name(path));
-}
-
-/* A checkpoint of several ranks names its shards (train/shards.h). */
-static pags_result describe_shards(pags_report *report, const pags_json *json) {
-  const pags_json_value *const root = pags_json_root(json), *shards;
-  int64_t step, models;
-  PAGS_TRY(pags_json_integer(json, root, "step", 0, INT64_MAX, &step));
-  PAGS_TRY(pags_json_integer(json, root, "models", 1, INT32_MAX, &models));
-  PAGS_TRY(pags_json_array(json, root, "shards", &shards));
-  pags_report_text(report, "kind", "checkpoint");
-  pags_report_count(report, "models", models);
-  pags_report_count(report, "shards", shards->count);
-  pags_report_count(report, "step", step);
-  return PAGS_OK;
-}
-
 /* A JSON file is a transforms file (a data set) if its frames have matrices; a camera or path file if it has sizes and
  * frames or focal lengths, or is one of INRIA or nerfstudio; a splat file if it is the meta.json of a SOG or a glTF;
  * else the data set's reader names it. */
@@ -239,8 +219,18 @@ static pags_result describe_json(pags_report *report, info_arguments *arguments,
   PAGS_TRY(pags_json_parse_file(path, &json));
   const pags_json_value *root = pags_json_root(json), *frames = pags_json_member(root, "frames");
   const pags_json_value *const format = pags_json_member(root, "format");
-  if (format && format->type == PAGS_JSON_STRING && !strcmp(format->text, "pags-checkpoint-shards"))
-    return describe_shards(report, json);
+  if (format && format->type == PAGS_JSON_STRING && !strcmp(format->text, "pags-checkpoint-shards")) {
+    const pags_json_value *shards; /* of a checkpoint of several ranks (train/shards.h) */
+    int64_t step, models;
+    PAGS_TRY(pags_json_integer(json, root, "step", 0, INT64_MAX, &step));
+    PAGS_TRY(pags_json_integer(json, root, "models", 1, INT32_MAX, &models));
+    PAGS_TRY(pags_json_array(json, root, "shards", &shards));
+    pags_report_text(report, "kind", "checkpoint");
+    pags_report_count(report, "models", models);
+    pags_report_count(report, "shards", shards->count);
+    pags_report_count(report, "step", step);
+    return PAGS_OK;
+  }
   if (frames && frames->first && pags_json_member(frames->first, "transform_matrix"))
     return describe_dataset(report, arguments, path);
   if ((pags_json_member(root, "means") && pags_json_member(root, "quats")) ||
@@ -314,7 +304,8 @@ static pags_result describe(pags_report *report, info_arguments *arguments, cons
   if (pags_dir_exists(path))
     return is_scene_folder(path) ? describe_scene(report, arguments, path) : describe_dataset(report, arguments, path);
   PAGS_TRY(read_head(path, head, &got));
-  if (is_image(path, head))
+  if (begins_as(head, images) || (!memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4)) ||
+      pags_is_picture_name(pags_path_name(path))) /* the extension, for other formats (BMP, HDR, ...) */
     return describe_image(report, arguments, path);
   if (!memcmp(head, "PAGSRUN", 7))
     return describe_checkpoint(report, arguments, path);

@@ -40,25 +40,6 @@ static char *folder_of(const char *path) {
                                                                                : pags_text_copy(path);
 }
 
-static pags_result write_json(const pags_html_report_settings *settings, const pags_html_report_facts *facts,
-                              const char *output) {
-  pags_json_writer json = pags_session_json_begin();
-  pags_json_put_string(&json, "report", output);
-  pags_json_begin_array(&json, "scenes");
-  for (int k = 0; k < settings->count; k++) {
-    pags_json_begin_object(&json, NULL);
-    pags_json_put_string(&json, "scene", settings->scenes[k]);
-    pags_json_put_integer(&json, "views", facts[k].views);
-    pags_json_put_integer(&json, "measured", facts[k].measured);
-    pags_json_put_integer(&json, "pictures", facts[k].pictures);
-    pags_json_put_number(&json, "psnr", facts[k].psnr);
-    pags_json_put_number(&json, "ssim", facts[k].ssim);
-    pags_json_end_object(&json);
-  }
-  pags_json_end_array(&json);
-  return pags_session_json(settings->session, &json);
-}
-
 static int check(void *user, const pags_parsed *parsed) {
   const report_arguments *arguments = user;
   const pags_option_rule rules[] = {{"colmap", arguments->dataset != NULL, "--dataset"}, {0}};
@@ -103,7 +84,21 @@ static pags_result run(void *user, const pags_parsed *parsed) {
     pags_say(session, "%s: %lld of %lld views measured, %lld shown\n", settings.scenes[k], (long long)facts[k].measured,
              (long long)facts[k].views, (long long)facts[k].pictures);
   pags_say(session, "%s\n", output);
-  return write_json(&settings, facts, output);
+  pags_json_writer json = pags_session_json_begin();
+  pags_json_put_string(&json, "report", output);
+  pags_json_begin_array(&json, "scenes");
+  for (int k = 0; k < count; k++) {
+    pags_json_begin_object(&json, NULL);
+    pags_json_put_string(&json, "scene", settings.scenes[k]);
+    pags_json_put_integer(&json, "views", facts[k].views);
+    pags_json_put_integer(&json, "measured", facts[k].measured);
+    pags_json_put_integer(&json, "pictures", facts[k].pictures);
+    pags_json_put_number(&json, "psnr", facts[k].psnr);
+    pags_json_put_number(&json, "ssim", facts[k].ssim);
+    pags_json_end_object(&json);
+  }
+  pags_json_end_array(&json);
+  return pags_session_json(session, &json);
 }
 
 static const pags_verb verb = {

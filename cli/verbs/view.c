@@ -56,14 +56,6 @@ static int check(void *user, const pags_parsed *parsed) {
   return PAGS_EXIT_OK;
 }
 
-/* Writes the address and port as JSON once the server listens. */
-static pags_result write_json(const view_arguments *arguments, const pags_server *server) {
-  pags_json_writer json = pags_session_json_begin();
-  pags_json_put_string(&json, "url", pags_server_url(server));
-  pags_json_put_integer(&json, "port", pags_server_port(server));
-  return pags_session_json(&arguments->session, &json);
-}
-
 static pags_result run(void *user, const pags_parsed *parsed) {
   const view_arguments *arguments = user;
   const char *path = parsed->positionals[0];
@@ -96,7 +88,10 @@ static pags_result run(void *user, const pags_parsed *parsed) {
                                                       .hosts = arguments->hosts,
                                                       .clients = arguments->clients},
                               &server));
-  PAGS_TRY(write_json(arguments, server));
+  pags_json_writer json = pags_session_json_begin();
+  pags_json_put_string(&json, "url", pags_server_url(server));
+  pags_json_put_integer(&json, "port", pags_server_port(server));
+  PAGS_TRY(pags_session_json(&arguments->session, &json));
   pags_interrupt_install(NULL);
   pags_say(&arguments->session, "%s: %lld Gaussians. Open\n  %s\nCtrl-C ends it.\n", path,
            (long long)pags_composition_gaussian_count(composition), pags_server_url(server));

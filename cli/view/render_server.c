@@ -91,18 +91,6 @@ static void reply(session *s, pags_view_message *message) {
   *message = (pags_view_message){0};
 }
 
-/* Handles GOT: allows the next picture and adapts the JPEG quality to the connection. */
-static void acknowledge(session *s, int64_t serial) {
-  if (!s->in_flight || s->picture.bytes || serial != s->sent_serial)
-    return;
-  const double took = pags_clock_ms() - s->sent_ms;
-  s->in_flight = false;
-  if (took > line_ms)
-    s->percent = s->percent - 10 > LEAST_PERCENT ? s->percent - 10 : LEAST_PERCENT;
-  else if (took < line_ms / 2)
-    s->percent = s->percent + 5 < MOST_PERCENT ? s->percent + 5 : MOST_PERCENT;
-}
-
 void pags_render_server_request(pags_render_server *server, int number, const pags_view_request *request) {
   PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&server->lock);
   session *s = &server->sessions[number];
@@ -113,11 +101,17 @@ void pags_render_server_request(pags_render_server *server, int number, const pa
     s->looked_ms = pags_clock_ms();
     if (server->drawing == number)
       pags_tasks_cancel(server->settings.tasks);
-  } else if (request->kind == PAGS_VIEW_GOT) {
-    acknowledge(s, request->serial);
-  } else {
+  } else if (request->kind == PAGS_VIEW_PICK) {
     s->picks = true;
     s->pick = *request;
+  } else if (s->in_flight && !s->picture.bytes && request->serial == s->sent_serial) {
+    /* Allow the next picture and adapt the JPEG quality to the connection. */
+    const double took = pags_clock_ms() - s->sent_ms;
+    s->in_flight = false;
+    if (took > line_ms)
+      s->percent = s->percent - 10 > LEAST_PERCENT ? s->percent - 10 : LEAST_PERCENT;
+    else if (took < line_ms / 2)
+      s->percent = s->percent + 5 < MOST_PERCENT ? s->percent + 5 : MOST_PERCENT;
   }
   pthread_cond_signal(&server->changed);
 }

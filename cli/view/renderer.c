@@ -28,20 +28,15 @@ struct pags_renderer {
 
 /* ---- Start and end ---- */
 
-static pags_result reserve_ids(pags_renderer *renderer, int64_t count) {
+pags_result pags_renderer_set_scene(pags_renderer *renderer, pags_composition *composition) {
+  const int64_t count = pags_composition_gaussian_count(composition);
   int64_t rooms[3] = {renderer->id_room, renderer->id_room, renderer->id_room};
+  renderer->settings.composition = NULL;
   PAGS_CHECK_MEMORY(pags_grow(&renderer->priority_of, count + 1, &rooms[0], sizeof *renderer->priority_of) &&
                         pags_grow(&renderer->object_of, count + 1, &rooms[1], sizeof *renderer->object_of) &&
                         pags_grow(&renderer->size_of, count + 1, &rooms[2], sizeof *renderer->size_of),
                     "the channels of %lld Gaussians", (long long)count);
   renderer->id_room = rooms[0];
-  return PAGS_OK;
-}
-
-pags_result pags_renderer_set_scene(pags_renderer *renderer, pags_composition *composition) {
-  const int64_t count = pags_composition_gaussian_count(composition);
-  renderer->settings.composition = NULL;
-  PAGS_TRY(reserve_ids(renderer, count));
   memset(renderer->priority_of, 0, (size_t)count * sizeof *renderer->priority_of);
   memset(renderer->object_of, 0, (size_t)count * sizeof *renderer->object_of);
   pags_composition_priorities(composition, renderer->priority_of);

@@ -173,21 +173,6 @@ static void put_worst(const pags_run_status *status, pags_json_writer *json) {
   pags_json_end_array(json);
 }
 
-static void put_curves(const pags_run_status *status, pags_json_writer *json, const pags_view_request *request) {
-  const bool known = request->edition == status->edition && request->from <= status->count;
-  const int from = known ? (int)request->from : 0;
-  pags_json_put_integer(json, "edition", status->edition);
-  pags_json_put_integer(json, "from", from);
-  pags_json_begin_array(json, "points");
-  for (int i = from; i < status->count; i++)
-    pags_json_put_numbers(json, NULL, status->points[i], COLUMNS);
-  pags_json_end_array(json);
-  pags_json_begin_array(json, "heldOut");
-  for (int i = 0; i < status->held_count; i++)
-    pags_json_put_numbers(json, NULL, (double[]){(double)status->held[i].step, status->held[i].psnr}, 2);
-  pags_json_end_array(json);
-}
-
 pags_result pags_run_status_answer(pags_run_status *status, const pags_view_request *request, pags_view_message *out) {
   pags_json_writer json;
   pags_json_writer_init(&json, 0);
@@ -216,8 +201,20 @@ pags_result pags_run_status_answer(pags_run_status *status, const pags_view_requ
   pags_json_put_bool(&json, "saving", status->checkpoint);
   pags_json_put_string(&json, "said", status->said);
   put_worst(status, &json);
-  if (request->kind == PAGS_VIEW_RUN)
-    put_curves(status, &json, request);
+  if (request->kind == PAGS_VIEW_RUN) {
+    const bool known = request->edition == status->edition && request->from <= status->count;
+    const int from = known ? (int)request->from : 0;
+    pags_json_put_integer(&json, "edition", status->edition);
+    pags_json_put_integer(&json, "from", from);
+    pags_json_begin_array(&json, "points");
+    for (int i = from; i < status->count; i++)
+      pags_json_put_numbers(&json, NULL, status->points[i], COLUMNS);
+    pags_json_end_array(&json);
+    pags_json_begin_array(&json, "heldOut");
+    for (int i = 0; i < status->held_count; i++)
+      pags_json_put_numbers(&json, NULL, (double[]){(double)status->held[i].step, status->held[i].psnr}, 2);
+    pags_json_end_array(&json);
+  }
   return pags_view_message_of(&json, out);
 }
 
