@@ -70,6 +70,15 @@ static const uint8_t v_compress4[16][16] __attribute__((aligned(16))) = {
 #error "compile kernels through simd/CMakeLists.txt, which names the ISA"
 #endif
 
+#if !defined(PAGS_FUSED) || defined(PAGS_ISA_SCALAR)
+static inline vf v_fma(vf x, vf y, vf z) {
+  return v_add(v_mul(x, y), z);
+}
+static inline vf v_fnma(vf x, vf y, vf z) {
+  return v_sub(z, v_mul(x, y));
+}
+#endif
+
 /* Loads four rows of four floats, `stride` floats apart. */
 static inline vf v_load_4x4(const float *p, int64_t stride) {
   return v_load_fours(p, p + stride, p + 2 * stride, p + 3 * stride);

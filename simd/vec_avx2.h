@@ -57,13 +57,6 @@ static inline vf v_fma(vf x, vf y, vf z) {
 static inline vf v_fnma(vf x, vf y, vf z) {
   return (vf){_mm256_fnmadd_ps(x.a, y.a, z.a), _mm256_fnmadd_ps(x.b, y.b, z.b)};
 }
-#else
-static inline vf v_fma(vf x, vf y, vf z) {
-  return v_add(v_mul(x, y), z);
-}
-static inline vf v_fnma(vf x, vf y, vf z) {
-  return v_sub(z, v_mul(x, y));
-}
 #endif
 static inline vf v_abs(vf x) {
   const __m256 s = _mm256_set1_ps(-0.0f);

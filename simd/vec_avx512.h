@@ -46,13 +46,6 @@ static inline vf v_fma(vf a, vf b, vf c) {
 static inline vf v_fnma(vf a, vf b, vf c) {
   return _mm512_fnmadd_ps(a, b, c);
 }
-#else
-static inline vf v_fma(vf a, vf b, vf c) {
-  return _mm512_add_ps(_mm512_mul_ps(a, b), c);
-}
-static inline vf v_fnma(vf a, vf b, vf c) {
-  return _mm512_sub_ps(c, _mm512_mul_ps(a, b));
-}
 #endif
 static inline vf v_abs(vf a) {
   return _mm512_abs_ps(a);

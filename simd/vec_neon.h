@@ -60,13 +60,6 @@ static inline vf v_fma(vf x, vf y, vf z) {
 static inline vf v_fnma(vf x, vf y, vf z) {
   V_DO(vf, vfmsq_f32(z.r[k], x.r[k], y.r[k]));
 }
-#else
-static inline vf v_fma(vf x, vf y, vf z) {
-  return v_add(v_mul(x, y), z);
-}
-static inline vf v_fnma(vf x, vf y, vf z) {
-  return v_sub(z, v_mul(x, y));
-}
 #endif
 static inline vf v_abs(vf x) {
   V_DO(vf, vabsq_f32(x.r[k]));

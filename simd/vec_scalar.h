@@ -50,12 +50,6 @@ static inline vf v_min(vf x, vf y) {
 static inline vf v_max(vf x, vf y) {
   V_DO(vf, x.l[k] > y.l[k] ? x.l[k] : y.l[k]);
 }
-static inline vf v_fma(vf x, vf y, vf z) {
-  V_DO(vf, x.l[k] * y.l[k] + z.l[k]);
-}
-static inline vf v_fnma(vf x, vf y, vf z) {
-  V_DO(vf, z.l[k] - x.l[k] * y.l[k]);
-}
 static inline vf v_abs(vf x) {
   V_DO(vf, fabsf(x.l[k]));
 }

@@ -22,52 +22,41 @@ enum { PATH_BYTES = 4096 };
 /* Reads a limit of one group from its folder `group` and lowers *limit to it. */
 typedef void limit_fn(const char *group, uint64_t *limit);
 
-/* Reads the first line of group/name. */
-static bool read_line(const char *group, const char *name, char *line, int size) {
-  char path[PATH_BYTES];
-  int length = snprintf(path, sizeof path, "%s/%s", group, name);
-  if (length < 0 || length >= (int)sizeof path)
-    return false;
-  FILE *file = fopen(path, "r");
+/* Reads up to two numbers from the first line of group/name; returns how many there are. */
+static int read_numbers(const char *group, const char *name, int64_t numbers[2]) {
+  char path[PATH_BYTES], line[128];
+  const int length = snprintf(path, sizeof path, "%s/%s", group, name);
+  FILE *file = length > 0 && length < (int)sizeof path ? fopen(path, "r") : NULL;
   if (!file)
-    return false;
-  bool found = fgets(line, size, file) != NULL;
+    return 0;
+  const bool found = fgets(line, sizeof line, file) != NULL;
   fclose(file);
-  return found;
-}
-
-static void lower(uint64_t *limit, uint64_t value) {
-  if (value < *limit)
-    *limit = value;
+  return found ? sscanf(line, "%" SCNd64 " %" SCNd64, &numbers[0], &numbers[1]) : 0;
 }
 
 /* Lowers *limit to a CPU quota in whole threads, rounded up: with a quota of 1.5 processors, two threads get more
  * done than one. */
 static void lower_to_quota(uint64_t *limit, int64_t quota, int64_t period) {
-  if (quota > 0 && period > 0)
-    lower(limit, (uint64_t)(quota / period) + (quota % period != 0));
+  const uint64_t threads = quota > 0 && period > 0 ? (uint64_t)(quota / period) + (quota % period != 0) : *limit;
+  *limit = threads < *limit ? threads : *limit;
 }
 
 static void cpu_limit_v2(const char *group, uint64_t *limit) {
-  char line[128];
-  int64_t quota, period;
-  if (read_line(group, "cpu.max", line, sizeof line) && sscanf(line, "%" SCNd64 " %" SCNd64, &quota, &period) == 2)
-    lower_to_quota(limit, quota, period);
+  int64_t numbers[2];
+  if (read_numbers(group, "cpu.max", numbers) == 2)
+    lower_to_quota(limit, numbers[0], numbers[1]);
 }
 
 static void cpu_limit_v1(const char *group, uint64_t *limit) {
-  char line[128];
-  int64_t quota, period;
-  if (read_line(group, "cpu.cfs_quota_us", line, sizeof line) && sscanf(line, "%" SCNd64, &quota) == 1 &&
-      read_line(group, "cpu.cfs_period_us", line, sizeof line) && sscanf(line, "%" SCNd64, &period) == 1)
-    lower_to_quota(limit, quota, period);
+  int64_t quota[2], period[2];
+  if (read_numbers(group, "cpu.cfs_quota_us", quota) > 0 && read_numbers(group, "cpu.cfs_period_us", period) > 0)
+    lower_to_quota(limit, quota[0], period[0]);
 }
 
 static void memory_limit_from(const char *group, const char *name, uint64_t *limit) {
-  char line[128];
-  uint64_t bytes;
-  if (read_line(group, name, line, sizeof line) && sscanf(line, "%" SCNu64, &bytes) == 1)
-    lower(limit, bytes);
+  int64_t bytes[2];
+  if (read_numbers(group, name, bytes) > 0 && (uint64_t)bytes[0] < *limit)
+    *limit = (uint64_t)bytes[0];
 }
 
 /* memory.high counts as a limit, too, since the kernel throttles a group that exceeds it until it makes no

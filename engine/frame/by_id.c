@@ -18,16 +18,6 @@ typedef struct shape {
   float alpha_min; /* that of all parts; 0 if they differ */
 } shape;
 
-static void widen(shape *s, const pags_part *part) {
-  const pags_gaussians *g = part->gaussians;
-  s->sh_degree = g->sh_degree > s->sh_degree ? g->sh_degree : s->sh_degree;
-  s->s_sem |= g->s_sem || (part->packed && part->packed->has_s_sem);
-  s->object_id |= g->object_id != NULL;
-  s->fourier |= g->fourier != NULL;
-  s->alpha_min = !s->any || s->alpha_min == g->alpha_min ? g->alpha_min : 0;
-  s->any = true;
-}
-
 static void copy_part(const pags_part *part, pags_gaussians *out) {
   const pags_gaussians *g = part->gaussians;
   row_scratch geometry, colours;
@@ -66,8 +56,15 @@ pags_result pags_composition_gaussians(pags_composition *composition, pags_gauss
   *out = (pags_gaussians){0};
   for (int64_t object = -1; object < objects; object++) {
     PAGS_TRY(object_parts(composition, object, &parts, &count));
-    for (int p = 0; p < count; p++)
-      widen(&s, &parts[p]);
+    for (int p = 0; p < count; p++) {
+      const pags_gaussians *g = parts[p].gaussians;
+      s.sh_degree = g->sh_degree > s.sh_degree ? g->sh_degree : s.sh_degree;
+      s.s_sem |= g->s_sem || (parts[p].packed && parts[p].packed->has_s_sem);
+      s.object_id |= g->object_id != NULL;
+      s.fourier |= g->fourier != NULL;
+      s.alpha_min = !s.any || s.alpha_min == g->alpha_min ? g->alpha_min : 0;
+      s.any = true;
+    }
   }
   PAGS_TRY(pags_gaussians_create(&all, pags_composition_gaussian_count(composition), s.sh_degree));
   all.alpha_min = s.alpha_min;

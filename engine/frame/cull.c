@@ -72,6 +72,21 @@ static void reach_blocks(interval reach, float size, uint16_t *first, uint16_t *
   *end = (uint16_t)(hi < blocks ? hi > 0.0f ? hi : 0.0f : blocks);
 }
 
+/* The values of an affine function over a box: middle plus or minus reach. `size` bounds its terms. */
+typedef struct spread {
+  float middle, reach, size;
+} spread;
+
+static spread row_spread(const float row[3], float shift, float moved, const float centre[3], const float half[3]) {
+  spread s = {shift, moved, fabsf(shift) + moved};
+  for (int b = 0; b < 3; b++) {
+    s.middle += row[b] * centre[b];
+    s.reach += fabsf(row[b]) * half[b];
+    s.size += fabsf(row[b]) * (fabsf(centre[b]) + half[b]);
+  }
+  return s;
+}
+
 /* The largest motion and velocity of the means of a box along the camera's axes while the picture is read. */
 static void motion_bound(const pags_scan *s, const float centre[3], const float half[3], float moved[3],
                          float speed[3]) {
@@ -79,14 +94,8 @@ static void motion_bound(const pags_scan *s, const float centre[3], const float 
   for (int a = 0; a < 3; a++) {
     float most[2]; /* of |c1|, of |c2| */
     for (int i = 0; i < 2; i++) {
-      float middle = shift[i][a], reach = 0.0f, size = fabsf(shift[i][a]);
-      for (int b = 0; b < 3; b++) {
-        const float r = turn[i][3 * a + b];
-        middle += r * centre[b];
-        reach += fabsf(r) * half[b];
-        size += fabsf(r) * (fabsf(centre[b]) + half[b]);
-      }
-      most[i] = fabsf(middle) + reach + 4e-6f * size;
+      const spread c = row_spread(turn[i] + 3 * a, shift[i][a], 0.0f, centre, half);
+      most[i] = fabsf(c.middle) + c.reach + 4e-6f * c.size;
     }
     moved[a] = most[0] + most[1];
     speed[a] = most[0] + 2.0f * most[1];
@@ -129,17 +138,11 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
   if (v->scan)
     motion_bound(v->scan, centre, half, moved, speed);
   for (int a = 0; a < 3; a++) {
-    float middle = v->t[a], reach = moved[a], size = fabsf(v->t[a]) + moved[a];
-    for (int b = 0; b < 3; b++) {
-      const float r = v->r[3 * a + b];
-      middle += r * centre[b];
-      reach += fabsf(r) * half[b];
-      size += fabsf(r) * (fabsf(centre[b]) + half[b]);
-    }
-    const float slack =
-        4e-6f * size + 1e-20f; /* six roundings of 2^-24 each, here and in the kernel, on terms of at most `size` */
-    lo[a] = middle - reach - slack;
-    hi[a] = middle + reach + slack;
+    const spread s = row_spread(v->r + 3 * a, v->t[a], moved[a], centre, half);
+    /* Six roundings of 2^-24 each, here and in the kernel, on terms of at most `size`. */
+    const float slack = 4e-6f * s.size + 1e-20f;
+    lo[a] = s.middle - s.reach - slack;
+    hi[a] = s.middle + s.reach + slack;
   }
   if (c->frame->lens)
     return pags_frame_lens_misses(c->frame->lens, v, lo, hi, k->sigma[i] * c->stretch, c->reach_max, bound);
@@ -205,17 +208,11 @@ static void cull_blocks(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-typedef struct touch_context {
-  pags_frame *frame;
-  pags_touch_fn *touch;
-  void *user;
-} touch_context;
-
 static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
-  const touch_context *const c = context;
+  const pags_frame *const f = context;
   for (int64_t i = begin; i < end; i++)
-    if (!c->frame->clusters[i].turned)
-      c->touch(c->user, c->frame->clusters[i].part, c->frame->clusters[i].cluster, worker);
+    if (!f->clusters[i].turned)
+      f->touch(f->touch_user, f->clusters[i].part, f->clusters[i].cluster, worker);
 }
 
 static float largest_square(float a, float b) {
@@ -305,11 +302,10 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
   return PAGS_OK;
 }
 
-pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user) {
+pags_result pags_stage_touch(pags_frame *frame) {
   frame->stats.loaded = frame->stats.in_view;
-  if (!touch)
+  if (!frame->touch)
     return PAGS_OK;
-  touch_context t = {frame, touch, user};
   pags_tasks_mark(frame->tasks, NULL, "touch");
-  return pags_frame_for(frame, frame->cluster_count, 4, touch_block, &t);
+  return pags_frame_for(frame, frame->cluster_count, 4, touch_block, frame);
 }

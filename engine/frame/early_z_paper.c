@@ -18,8 +18,6 @@ enum { SIDE = 4, LEVELS = 16 }; /* 4x4-pixel blocks on a tile's side; pyramid le
 
 typedef struct paper {
   pags_frame *frame;
-  pags_touch_fn *touch;
-  void *user;
   uint8_t *loaded;      /* per cluster: projected */
   uint8_t *hidden;      /* per cluster: 1 where all of it lies behind the occluders' depth */
   int32_t *dropped;     /* per cluster: number of projected members that lie behind the occluders' depth */
@@ -36,8 +34,8 @@ typedef struct paper {
 /* Reads and projects cluster i, and finds the tiles of its members. */
 static void load(const paper *p, int64_t i, int worker) {
   const view_cluster *const c = p->frame->clusters + i;
-  if (p->touch)
-    p->touch(p->user, c->part, c->cluster, worker);
+  if (p->frame->touch)
+    p->frame->touch(p->frame->touch_user, c->part, c->cluster, worker);
   pags_frame_project_cluster(p->frame, c, true, p->reaches + c->base);
   p->loaded[i] = 1;
 }
@@ -188,33 +186,30 @@ static pags_result draw_occluders(paper *p) {
   return PAGS_OK;
 }
 
-pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, void *user) {
-  paper p = {.frame = frame, .touch = touch, .user = user};
-  const double t0 = pags_clock_ms();
+pags_result pags_frame_early_z_paper(pags_frame *frame) {
+  paper p = {.frame = frame};
+  double since = pags_clock_ms();
   PAGS_TRY(allocate(&p));
-  PAGS_TRY(draw_occluders(&p));
-  const double t1 = pags_clock_ms();
-  PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 8, choose_members, &p));
-
+  PAGS_TRY(draw_occluders(&p)); /* which sets back the statistics */
   pags_frame_stats *const s = &frame->stats;
+  s->ms_occlude = pags_clock_lap_ms(&since);
+  PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 8, choose_members, &p));
   for (int64_t i = 0; i < frame->cluster_count; i++) {
     s->clusters_hidden += p.hidden[i] && !p.loaded[i];
     s->loaded += p.loaded[i] ? frame->clusters[i].count : 0;
     s->hidden += p.dropped[i];
   }
-
-  const double t2 = pags_clock_ms();
+  s->ms_project = pags_clock_lap_ms(&since);
   PAGS_TRY(pags_stage_shade(frame));
-  const double t3 = pags_clock_ms();
+  s->ms_shade = pags_clock_lap_ms(&since);
   frame->tile_limits = p.limits;
   PAGS_TRY(pags_stage_list(frame));
   PAGS_TRY(pags_stage_bin(frame));
-  const double t4 = pags_clock_ms();
+  s->ms_bin = pags_clock_lap_ms(&since);
   PAGS_TRY(pags_stage_sort(frame));
-  const double t5 = pags_clock_ms();
+  s->ms_sort = pags_clock_lap_ms(&since);
   PAGS_TRY(pags_stage_raster(frame));
-  s->ms_occlude = t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3, s->ms_sort = t5 - t4;
-  s->ms_raster = pags_clock_ms() - t5;
+  s->ms_raster = pags_clock_lap_ms(&since);
   s->slabs = 1;
   return PAGS_OK;
 }

@@ -49,8 +49,6 @@ typedef struct active_cluster {
 
 typedef struct slabs {
   pags_frame *frame;
-  pags_touch_fn *touch;
-  void *user;
   depth_key *order;   /* clusters in view, by ascending lower bound of their members' keys */
   int64_t next;       /* index in `order` of the next cluster to take */
   uint64_t *taken;    /* a bit per cluster in view: taken into this slab */
@@ -165,8 +163,8 @@ static void project_active(void *context, int64_t begin, int64_t end, int worker
   for (int64_t i = begin; i < end; i++) {
     active_cluster *const a = s->active + i;
     const view_cluster *const c = f->clusters + a->view;
-    if (a->fresh && s->touch)
-      s->touch(s->user, c->part, c->cluster, worker);
+    if (a->fresh && f->touch)
+      f->touch(f->touch_user, c->part, c->cluster, worker);
     if (a->fresh) { /* the members that pass the projection wait to be drawn */
       pags_frame_project_cluster(f, c, false, s->reaches + c->base);
       for (int k = 0; k < c->count; k++)
@@ -225,7 +223,7 @@ static void shade_active(void *context, int64_t begin, int64_t end, int worker) 
  * waiting members. */
 static pags_result select_and_shade(slabs *s) {
   pags_frame *const f = s->frame;
-  const double t0 = pags_clock_ms();
+  double since = pags_clock_ms();
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, project_active, s));
   f->drawn_count = 0;
   for (int64_t i = 0; i < s->active_count; i++) {
@@ -234,7 +232,7 @@ static pags_result select_and_shade(slabs *s) {
     f->stats.hidden += s->active[i].hidden_count;
   }
   PAGS_TRY(pags_frame_alloc(f, &f->drawn, f->drawn_count, sizeof *f->drawn, "list of what is drawn"));
-  const double t1 = pags_clock_ms();
+  f->stats.ms_project += pags_clock_lap_ms(&since);
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, shade_active, s));
 
   /* Keeps the clusters that have waiting members active. */
@@ -246,9 +244,7 @@ static pags_result select_and_shade(slabs *s) {
       s->active[kept++] = s->active[i];
   }
   s->active_count = kept;
-
-  f->stats.ms_project += t1 - t0;
-  f->stats.ms_shade += pags_clock_ms() - t1;
+  f->stats.ms_shade += pags_clock_lap_ms(&since);
   return PAGS_OK;
 }
 
@@ -264,13 +260,13 @@ static double hidden_share(const pags_frame_stats *stats) {
   return ((double)stats->hidden + unread) / (passed + unread);
 }
 
-pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, void *user) {
+pags_result pags_frame_early_z_slabs(pags_frame *frame) {
   enum { SLABS = 4, LEAST = 4096 };
-  slabs s = {.frame = frame, .touch = touch, .user = user};
+  slabs s = {.frame = frame};
   pags_frame_stats *const stats = &frame->stats;
-  const double begun = pags_clock_ms();
+  double since = pags_clock_ms();
   PAGS_TRY(begin(&s));
-  stats->ms_occlude = pags_clock_ms() - begun;
+  stats->ms_occlude = pags_clock_lap_ms(&since);
 
   /* Gaussians per slab: options.slab_size if set, else a quarter of the Gaussians that are likely to be read, by the
    * last frame's hidden fraction, but at least 4096. With four slabs, most of what is hidden lies behind a slab that
@@ -281,21 +277,19 @@ pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, vo
                                                       : LEAST;
   do {
     const pags_arena_mark mark = pags_arena_save(frame->arena);
-    const double t0 = pags_clock_ms();
     take_clusters(&s, most);
-    stats->ms_occlude += pags_clock_ms() - t0;
+    stats->ms_occlude += pags_clock_lap_ms(&since);
     PAGS_TRY(select_and_shade(&s));
-    const double t1 = pags_clock_ms();
+    since = pags_clock_ms();
     PAGS_TRY(pags_stage_bin(frame));
-    const double t2 = pags_clock_ms();
+    stats->ms_bin += pags_clock_lap_ms(&since);
     PAGS_TRY(pags_stage_sort(frame));
-    const double t3 = pags_clock_ms();
+    stats->ms_sort += pags_clock_lap_ms(&since);
     PAGS_TRY(pags_stage_raster(frame));
-    const double t4 = pags_clock_ms();
+    stats->ms_raster += pags_clock_lap_ms(&since);
     if (!frame->last_slab)
       pags_frame_saturation_update(frame);
-    stats->ms_bin += t2 - t1, stats->ms_sort += t3 - t2, stats->ms_raster += t4 - t3;
-    stats->ms_occlude += pags_clock_ms() - t4;
+    stats->ms_occlude += pags_clock_lap_ms(&since);
     stats->slabs++;
     pags_arena_release(frame->arena, mark);
   } while (!frame->last_slab && frame->full->tiles_full < stats->tiles);

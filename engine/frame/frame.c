@@ -85,19 +85,22 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
 }
 
 pags_result pags_frame_draw_projected(pags_frame *frame) {
-  const double t0 = pags_clock_ms();
+  pags_frame_stats *const s = &frame->stats;
+  double since = pags_clock_ms();
   PAGS_TRY(pags_stage_list(frame));
   PAGS_TRY(pags_stage_bin(frame));
-  const double t1 = pags_clock_ms();
+  s->ms_bin = pags_clock_lap_ms(&since);
   PAGS_TRY(pags_stage_sort(frame));
-  const double t2 = pags_clock_ms();
+  s->ms_sort = pags_clock_lap_ms(&since);
   PAGS_TRY(frame->variable_rate ? pags_stage_variable_rate(frame) : pags_stage_raster(frame));
-  const double t3 = pags_clock_ms();
-  pags_frame_stats *const s = &frame->stats;
-  s->ms_bin = t1 - t0, s->ms_sort = t2 - t1, s->ms_raster = t3 - t2;
+  s->ms_raster = pags_clock_lap_ms(&since);
   s->slabs = 1;
   return PAGS_OK;
 }
+
+/* The hidden fraction from which drawing in slabs is faster than drawing at once, as measured (docs/lab/early-z.md);
+ * that of the last frame is used as an estimate for the next. */
+#define SLABS_FROM 0.35
 
 /* Whether drawing all of the scene's Gaussians in view at once might take more than two gigabytes of memory. */
 static bool is_large(const pags_frame *frame) {
@@ -170,6 +173,7 @@ void pags_frame_show(pags_frame *frame, pags_picture *out) {
 pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
                               const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
   PAGS_TRY(pags_frame_begin(frame, parts, part_count, camera, options));
+  frame->touch = touch, frame->touch_user = user;
   pags_frame_prepare_sky(frame);
   PAGS_TRY(pags_frame_reserve_planes(frame));
   const bool early_z = frame->options.early_z != PAGS_EARLY_Z_OFF;
@@ -182,24 +186,25 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   frame->guessed |= early_z;
   const bool slabs = early_z && !paper && options->order == PAGS_ORDER_DEPTH &&
                      (!frame->variable_rate || is_large(frame)) &&
-                     (options->slab_size > 0 || frame_hides_enough(frame));
+                     (options->slab_size > 0 || frame->hiding > SLABS_FROM);
 
-  const double t0 = pags_clock_ms();
+  double since = pags_clock_ms();
   PAGS_TRY(pags_stage_cull(frame, slabs || paper));
-  frame->stats.ms_cull = pags_clock_ms() - t0;
+  frame->stats.ms_cull = pags_clock_lap_ms(&since);
   frame->stats.tiles = (int64_t)frame->tiles_x * frame->tiles_y;
-  if (touch && frame->lens && frame->lens->turn > 0) { /* each cluster once, before either of its two places is read */
-    PAGS_TRY(pags_stage_touch(frame, touch, user));
-    touch = NULL;
+  if (frame->touch && frame->lens &&
+      frame->lens->turn > 0) { /* each cluster once, before either of its two places is read */
+    PAGS_TRY(pags_stage_touch(frame));
+    frame->touch = NULL;
   }
   if (paper) {
-    PAGS_TRY(pags_frame_early_z_paper(frame, touch, user));
+    PAGS_TRY(pags_frame_early_z_paper(frame));
   } else if (slabs) {
-    PAGS_TRY(pags_frame_early_z_slabs(frame, touch, user));
+    PAGS_TRY(pags_frame_early_z_slabs(frame));
   } else {
-    const double t1 = pags_clock_ms();
-    PAGS_TRY(pags_stage_touch(frame, touch, user));
-    frame->stats.ms_cull += pags_clock_ms() - t1;
+    since = pags_clock_ms();
+    PAGS_TRY(pags_stage_touch(frame));
+    frame->stats.ms_cull += pags_clock_lap_ms(&since);
     PAGS_TRY(pags_stage_project(frame));
     PAGS_TRY(pags_frame_draw_projected(frame));
   }

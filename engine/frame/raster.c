@@ -18,24 +18,6 @@ typedef struct raster_context {
   int64_t (*counts)[8]; /* per worker: lanes evaluated, blended, open; entries reached; on separate cache lines */
 } raster_context;
 
-/* The kernel's output pointers into the frame's planes, at the plane offset `at` of a tile. Under a sky the
- * background is black, since the sky is added afterwards. */
-static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
-  pags_raster_out out = {.transmittance = frame_plane(frame, PLANE_T) + at, .stride = frame->stride};
-  for (int c = 0; c < 3; c++) {
-    out.rgb[c] = frame_plane(frame, PLANE_R + c) + at;
-    out.background[c] = frame->has_sky ? 0.0f : frame->options.background[c];
-  }
-  if (frame->options.extra_channels || frame->options.depth_sum)
-    out.depth_sum = frame_plane(frame, PLANE_DEPTH_SUM) + at;
-  if (frame->options.extra_channels) {
-    out.depth = frame_plane(frame, PLANE_DEPTH) + at;
-    out.best = frame_plane(frame, PLANE_BEST) + at;
-    out.id = frame_ids(frame) + at;
-  }
-  return out;
-}
-
 /* The kernel's input for a tile. `goes_on`: the same worker draws the next tile after this one, so that tile's splats
  * are prefetched. */
 static pags_raster_in tile_input(const raster_context *c, int64_t tile, bool goes_on, int worker) {
@@ -66,7 +48,18 @@ static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int
   in.hard = f->hard ? f->hard + at : NULL;
   in.resume = f->full && f->full->tile_begun[tile];
   in.unfinished = f->full && !f->last_slab;
-  const pags_raster_out out = tile_output(f, at);
+  pags_raster_out out = {.transmittance = frame_plane(f, PLANE_T) + at, .stride = f->stride};
+  for (int k = 0; k < 3; k++) {
+    out.rgb[k] = frame_plane(f, PLANE_R + k) + at;
+    out.background[k] = f->has_sky ? 0.0f : f->options.background[k]; /* the sky is added afterwards */
+  }
+  if (f->options.extra_channels || f->options.depth_sum)
+    out.depth_sum = frame_plane(f, PLANE_DEPTH_SUM) + at;
+  if (f->options.extra_channels) {
+    out.depth = frame_plane(f, PLANE_DEPTH) + at;
+    out.best = frame_plane(f, PLANE_BEST) + at;
+    out.id = frame_ids(f) + at;
+  }
   pags_sky_tile sky;
   /* Early, so that its texels are fetched while Gaussians are blended; but most tiles of a bounded frame show none. */
   const bool early = f->has_sky && !in.unfinished && in.eps <= 0.0f;

@@ -48,14 +48,6 @@ pags_splat_scores pags_frame_add_scores(const pags_frame *f, const float *slots,
   return sum;
 }
 
-/* The scores of member k of a cluster; zeros where it isn't drawn. */
-static pags_splat_scores scores_of(const score_context *c, const view_cluster *v, const frame_members *members, int k) {
-  if (!c->sums)
-    return pags_frame_add_scores(c->frame, c->slots, v->base + k);
-  const bool drawn = members->keys[k] != UINT32_MAX && members->splats[k].tiles > 0;
-  return drawn ? c->sums[members->slot_start[k]] : (pags_splat_scores){0.0, 0.0, 0.0};
-}
-
 /* Block function: sums the scores of the members of clusters [begin, end) and calls the receiver. */
 static void clusters_score(void *context, int64_t begin, int64_t end, int worker) {
   const score_context *const c = context;
@@ -65,7 +57,10 @@ static void clusters_score(void *context, int64_t begin, int64_t end, int worker
     const view_cluster *const v = c->frame->clusters + i;
     const frame_members members = pags_frame_members(c->frame, v, c->members, worker);
     for (int k = 0; k < v->count; k++) {
-      const pags_splat_scores sum = scores_of(c, v, &members, k);
+      const bool drawn = members.keys[k] != UINT32_MAX && members.splats[k].tiles > 0;
+      const pags_splat_scores sum = !c->sums ? pags_frame_add_scores(c->frame, c->slots, v->base + k)
+                                    : drawn  ? c->sums[members.slot_start[k]]
+                                             : (pags_splat_scores){0.0, 0.0, 0.0};
       seen[k] = sum.seen, critical[k] = sum.critical, squared[k] = sum.squared;
     }
     const pags_cluster_score out = {.part = v->part,

@@ -17,16 +17,6 @@ void pags_frame_pose(const double world_from_camera[12], const double origin[3],
   pags_affine_inverse(camera_from_model, model_from_camera);
 }
 
-/* camera_from_model and the camera's centre in the model's frame, `seconds` after the middle of the exposure. */
-static void pose_at(const pags_frame *f, const pags_part *part, double seconds, double camera_from_model[12],
-                    double eye[3]) {
-  double camera[12], model[12], model_from_camera[12];
-  pags_rigid_move(f->camera.world_from_camera, f->camera.shutter.velocity, seconds, camera);
-  pags_rigid_move(part->world_from_model, part->velocity, seconds, model);
-  pags_frame_pose(camera, f->options.origin, model, camera_from_model, model_from_camera);
-  pags_pose_position(model_from_camera, eye);
-}
-
 /* The coefficients of u and u^2 of the parabola with these values at -1/2, 0 and 1/2. */
 static void parabola(double before, double middle, double after, float *first, float *second) {
   *first = (float)(after - before);
@@ -41,8 +31,14 @@ static void scan_part(const pags_frame *f, const pags_part *part, pags_scan *sca
   *scan = (pags_scan){.x = (float)(c->shutter.across != 0.0 ? direction / c->width : 0.0),
                       .y = (float)(c->shutter.down != 0.0 ? direction / c->height : 0.0),
                       .start = (float)(-0.5 * direction)};
-  for (int k = 0; k < 3; k++)
-    pose_at(f, part, 0.5 * (k - 1) * read_out, pose[k], eye[k]);
+  for (int k = 0; k < 3; k++) { /* at the beginning, in the middle and at the end */
+    const double seconds = 0.5 * (k - 1) * read_out;
+    double camera[12], model[12], model_from_camera[12];
+    pags_rigid_move(c->world_from_camera, c->shutter.velocity, seconds, camera);
+    pags_rigid_move(part->world_from_model, part->velocity, seconds, model);
+    pags_frame_pose(camera, f->options.origin, model, pose[k], model_from_camera);
+    pags_pose_position(model_from_camera, eye[k]);
+  }
   for (int i = 0; i < 3; i++) {
     for (int k = 0; k < 3; k++)
       parabola(pose[0][4 * i + k], pose[1][4 * i + k], pose[2][4 * i + k], scan->r1 + 3 * i + k, scan->r2 + 3 * i + k);

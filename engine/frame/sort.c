@@ -108,30 +108,27 @@ static depth_key *sort_items(const pags_frame *f, const pags_entry *entries, dep
   return order;
 }
 
-/* Sorts one tile's list of entries with ranks by (depth, id); `keys` and `spare` are buffers of `count` items. */
-static void sort_ranked(const pags_frame *f, pags_entry *entries, int64_t count, depth_key *keys, depth_key *spare) {
-  for (int64_t i = 0; i < count; i++)
-    keys[i] = (depth_key){.key = f->keys[entries[i].splat], .splat = (uint32_t)i};
-  depth_key *const order = sort_items(f, entries, keys, spare, count);
-  pags_entry *const copy = order == keys ? spare : keys;
-  memcpy(copy, entries, (size_t)count * sizeof *copy);
-  for (int64_t i = 0; i < count; i++)
-    entries[i] = copy[order[i].splat];
-}
-
 static void sort_tiles(void *context, int64_t begin, int64_t end, int worker) {
   const sort_context *const c = context;
   const pags_frame *const f = c->frame;
   for (int64_t tile = begin; tile < end; tile++) {
     const int64_t start = f->tile_start[tile], count = f->tile_start[tile + 1] - start;
     depth_key *const keys = c->scratch + 2 * (c->stretch ? worker * c->stretch : start);
-    if (f->options.keep_for_backward) {
-      sort_ranked(f, f->entries + start, count, keys, keys + (c->stretch ? c->stretch : count));
-    } else {
-      const depth_key *const order = sort_items(f, NULL, f->entries + start, keys, count);
-      if (order == keys)
-        memcpy(f->entries + start, keys, (size_t)count * sizeof *keys);
+    pags_entry *const entries = f->entries + start;
+    if (!f->options.keep_for_backward) {
+      if (sort_items(f, NULL, entries, keys, count) == keys)
+        memcpy(entries, keys, (size_t)count * sizeof *keys);
+      continue;
     }
+    /* Entries with ranks: their keys are gathered, and the entries follow the order of these. */
+    depth_key *const spare = keys + (c->stretch ? c->stretch : count);
+    for (int64_t i = 0; i < count; i++)
+      keys[i] = (depth_key){.key = f->keys[entries[i].splat], .splat = (uint32_t)i};
+    depth_key *const order = sort_items(f, entries, keys, spare, count);
+    pags_entry *const copy = order == keys ? spare : keys;
+    memcpy(copy, entries, (size_t)count * sizeof *copy);
+    for (int64_t i = 0; i < count; i++)
+      entries[i] = copy[order[i].splat];
   }
 }
 

@@ -23,7 +23,8 @@ pags_result pags_frame_project(pags_frame *frame, pags_frame *lender, const pags
   assert(options->keep_for_backward && lender != frame);
   PAGS_TRY(pags_frame_begin(frame, parts, part_count, camera, options));
   PAGS_TRY(pags_stage_cull(frame, false));
-  PAGS_TRY(pags_stage_touch(frame, touch, user));
+  frame->touch = touch, frame->touch_user = user;
+  PAGS_TRY(pags_stage_touch(frame));
   /* The splats lie in the lender's memory, since they go with the next view. */
   pags_arena *const own = frame->arena;
   lender->rendered = false;

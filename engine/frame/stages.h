@@ -79,6 +79,8 @@ struct pags_frame {
   pags_projection *projections; /* one per part */
   pags_scan *scans;             /* one per part; NULL: a global shutter */
   int part_count;
+  pags_touch_fn *touch; /* called before a cluster is read; NULL: not wanted, or it has been called for all */
+  void *touch_user;
   pags_camera camera;
   pags_frame_options options;    /* early_z_eps is divided by `enlargement` */
   float enlargement;             /* pags_frame_enlargement */
@@ -167,12 +169,6 @@ static inline bool frame_keeps_lists(const pags_frame *frame) {
   return frame->options.keep_for_backward || frame->options.keep_for_passes;
 }
 
-/* Whether enough of the scene is hidden for drawing in slabs to be faster than drawing at once. The threshold of 35 %
- * was measured (docs/lab/early-z.md); the hidden fraction of the last frame is used as an estimate for the next. */
-static inline bool frame_hides_enough(const pags_frame *frame) {
-  return frame->hiding > 0.35;
-}
-
 /* Begins a frame: forgets the last one, takes options, camera and parts, and sets the planes' size. */
 pags_result pags_frame_begin(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
                              const pags_frame_options *options);
@@ -189,7 +185,7 @@ pags_alpha_cut pags_frame_alpha_cut(float alpha_min);
  * return PAGS_OK, PAGS_CANCELLED or PAGS_ERROR_MEMORY; culling also PAGS_ERROR_LIMIT. `bounded`: write `bounds`
  * too. */
 pags_result pags_stage_cull(pags_frame *frame, bool bounded); /* -> clusters, bounds */
-pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user);
+pags_result pags_stage_touch(pags_frame *frame);
 pags_result pags_stage_project(pags_frame *frame); /* -> splats, keys, boxes, and their times; shades, too */
 pags_result pags_stage_shade(pags_frame *frame);   /* -> colours, where a stage of its own projects */
 pags_result pags_stage_list(pags_frame *frame);    /* -> drawn */
@@ -224,9 +220,9 @@ pags_result pags_frame_place_slots(pags_frame *frame);
 /* The stages from list to raster, timed. */
 pags_result pags_frame_draw_projected(pags_frame *frame);
 /* The PAGS paper's two passes after culling: a depth pre-pass of occluders, then colour (early_z_paper.c). */
-pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, void *user);
+pags_result pags_frame_early_z_paper(pags_frame *frame);
 /* All stages after culling, one slab of depth after another, front to back (early_z_slabs.c). */
-pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, void *user);
+pags_result pags_frame_early_z_slabs(pags_frame *frame);
 
 /* Whether the part's Gaussian `row` is critical: its semantic priority S_sem is above 0.5. */
 static inline bool frame_is_critical(const pags_part *part, int64_t row) {

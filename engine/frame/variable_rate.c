@@ -18,13 +18,6 @@ typedef struct between {
   float t;
 } between;
 
-/* The rows of samples for pixel row y, of `height` rows of samples in all. */
-static between between_at(int y, int height) {
-  const float at = ((float)y + 0.5f) / SAMPLE_SIDE - 0.5f;
-  const int a = at > 0.0f ? (int)at : 0, last = height - 1;
-  return (between){a < last ? a : last, a + 1 < last ? a + 1 : last, at > 0.0f ? at - (float)(int)at : 0.0f};
-}
-
 /* Interpolates one row of 16 pixels of a tile bilinearly: the tile's samples, from sample `first` on, and one on
  * either side are interpolated vertically to the row, then between neighbouring samples. `size`: samples in a row of
  * the plane. */
@@ -60,7 +53,10 @@ static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker)
       continue;
     const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), first = x0 / SAMPLE_SIDE;
     for (int y = y0; y < y0 + PAGS_TILE; y++) {
-      const between v = between_at(y, s->height);
+      const float sample = ((float)y + 0.5f) / SAMPLE_SIDE - 0.5f;
+      const int above = sample > 0.0f ? (int)sample : 0, last = s->height - 1;
+      const between v = {above < last ? above : last, above + 1 < last ? above + 1 : last,
+                         sample > 0.0f ? sample - (float)(int)sample : 0.0f};
       const int64_t row = (int64_t)y * f->stride + x0;
       for (int k = 0; k < 3; k++)
         interpolate_row(s->rgb[k], s->stride, first, s->width, v, frame_plane(f, PLANE_R + k) + row);
