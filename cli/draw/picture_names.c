@@ -78,7 +78,8 @@ pags_result pags_picture_names_of_dataset(const pags_dataset *dataset, pags_pict
 }
 
 void pags_picture_names_destroy(pags_picture_names *names) {
-  for (int64_t i = 0; names->items && i < names->count; i++)
-    free(names->items[i]);
+  if (names->items)
+    for (int64_t i = 0; i < names->count; i++)
+      free(names->items[i]);
   free(names->items);
 }

@@ -46,10 +46,11 @@ pags_result pags_picture_queue_create(const pags_picture_writer *writer, pags_ta
 }
 
 void pags_picture_queue_destroy(pags_picture_queue *queue) {
-  for (int i = 0; queue->slots && i < queue->count; i++) {
-    free(queue->slots[i].memory);
-    free(queue->slots[i].scratch.data);
-  }
+  if (queue->slots)
+    for (int i = 0; i < queue->count; i++) {
+      free(queue->slots[i].memory);
+      free(queue->slots[i].scratch.data);
+    }
   free(queue->slots);
 }
 

@@ -7,6 +7,8 @@
 #include <string.h>
 #include <time.h>
 
+#include <report_style.h> /* made of page.css */
+
 /* A is blue, B is orange and dashed, for colour-blind readers and prints. The policy refuses anything that isn't in the
  * page, in case a name is not escaped. */
 static const char head[] =
@@ -14,57 +16,6 @@ static const char head[] =
     "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n"
     "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src "
     "'unsafe-inline'\">\n";
-
-static const char style[] =
-    "<style>\n"
-    ":root{color-scheme:light dark;--ink:#1b1f24;--soft:#5a636e;--paper:#fff;--card:#f3f5f7;--line:#cfd6dd;"
-    "--a:#1f6fb4;--b:#c05a00;--fill:#1f6fb44d}\n"
-    "@media(prefers-color-scheme:dark){:root{--ink:#e4e7eb;--soft:#a3acb6;--paper:#15181c;--card:#20252b;"
-    "--line:#3b434c;--a:#6cb4f0;--b:#f2a154;--fill:#6cb4f04d}}\n"
-    "*{box-sizing:border-box}\n"
-    "body{margin:0 auto;padding:16px;max-width:1120px;background:var(--paper);color:var(--ink);"
-    "font:16px/1.45 system-ui,sans-serif}\n"
-    "h1{font-size:1.6em;margin:.2em 0;overflow-wrap:anywhere}\n"
-    "h2{font-size:1.2em;margin:1.8em 0 .5em;padding-top:.5em;border-top:1px solid var(--line)}\n"
-    "h3{font-size:1em;margin:1em 0 .3em;overflow-wrap:anywhere}\n"
-    "p{margin:.4em 0;max-width:75ch;overflow-wrap:anywhere}\n"
-    ".soft,figcaption,summary{color:var(--soft)}\n"
-    ".warn{border-left:4px solid var(--b);padding-left:10px}\n"
-    ".cards{display:grid;grid-template-columns:repeat(auto-fill,minmax(150px,1fr));gap:10px;margin:0;padding:0}\n"
-    ".cards div{background:var(--card);border-radius:6px;padding:8px 12px}\n"
-    ".cards dt{font-size:.85em;color:var(--soft)}\n"
-    ".cards dd{margin:0;font-size:1.3em;font-variant-numeric:tabular-nums}\n"
-    ".row,.charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,300px),1fr));gap:12px}\n"
-    ".charts{grid-template-columns:repeat(auto-fill,minmax(min(100%,340px),1fr))}\n"
-    ".chart{background:var(--card);border-radius:6px;padding:8px}\n"
-    "figure{margin:0;break-inside:avoid}\n"
-    "figcaption{font-size:.85em}\n"
-    "img,svg{display:block;width:100%;height:auto}\n"
-    "img{image-rendering:auto;background:var(--card)}\n"
-    ".view{margin:0 0 1.4em;break-inside:avoid}\n"
-    "svg text{font:11px system-ui,sans-serif;fill:var(--soft)}\n"
-    ".grid{stroke:var(--line);stroke-width:.6}\n"
-    ".axis{fill:none;stroke:var(--soft)}\n"
-    ".line{fill:none;stroke-width:1.8;stroke-linejoin:round}\n"
-    ".bins{stroke-width:1}\n"
-    ".a{stroke:var(--a)}.b{stroke:var(--b)}\n"
-    ".bins.a{fill:var(--fill)}.line.b{stroke-dasharray:5 3}\n"
-    ".dot{fill:none;stroke-width:1.8}.dot.a{fill:var(--a)}\n"
-    ".key{display:inline-block;width:28px;height:.8em;vertical-align:middle}\n"
-    ".wide{overflow-x:auto}.wide,.charts{margin:.7em 0}\n"
-    ".gap{display:none}@media(min-width:980px){.gap{display:block}}\n"
-    "table{border-collapse:collapse;font-size:.92em}\n"
-    "th,td{padding:3px 12px 3px 0;text-align:left;vertical-align:top;border-bottom:1px solid var(--line)}\n"
-    "th{color:var(--soft);font-weight:600}\n"
-    ".n{text-align:right;font-variant-numeric:tabular-nums}td.n{white-space:nowrap}\n"
-    ".bar{display:inline-block;height:.7em;background:var(--a);print-color-adjust:exact;"
-    "-webkit-print-color-adjust:exact}\n"
-    "pre{white-space:pre-wrap;overflow-wrap:anywhere;background:var(--card);border-radius:6px;padding:8px 12px;"
-    "font-size:.85em}\n"
-    "@media print{:root{color-scheme:light;--ink:#000;--soft:#333;--paper:#fff;--card:#fff;--line:#999;--a:#1f6fb4;"
-    "--b:#c05a00;--fill:#1f6fb44d}body{max-width:none;padding:0;font-size:11pt}"
-    ".row{grid-template-columns:repeat(3,1fr)}.charts{grid-template-columns:repeat(2,1fr)}}\n"
-    "</style>\n";
 
 /* ---- Begin ---- */
 
@@ -81,11 +32,14 @@ void pags_page_begin(pags_html *html, const pags_report_run *runs, int count) {
     strftime(date, sizeof date, "%Y-%m-%d %H:%M UTC", utc);
   const char *const a = pags_html_text(html, runs[0].name), *const beside = count > 1 ? " beside " : "";
   const char *const b = count > 1 ? pags_html_text(html, runs[1].name) : "";
-  pags_html_put(html,
-                "%s<title>%s%s%s &ndash; PAGS report</title>\n%s</head>\n<body>\n<h1><bdi>%s%s%s</bdi></h1>\n"
-                "<p class=\"soft\">PAGS report, written %s by version %s.</p>\n",
-                head, a, beside, b, style, a, beside, b, date, PAGS_VERSION_STRING);
-  for (int k = 0; k < count && count > 1; k++)
+  pags_html_put(
+      html,
+      "%s<title>%s%s%s &ndash; PAGS report</title>\n<style>\n%s</style>\n</head>\n<body>\n<h1><bdi>%s%s%s</bdi></h1>\n"
+      "<p class=\"soft\">PAGS report, written %s by version %s.</p>\n",
+      head, a, beside, b, report_style, a, beside, b, date, PAGS_VERSION_STRING);
+  if (count == 1)
+    return;
+  for (int k = 0; k < count; k++)
     pags_html_put(html,
                   "<p><svg class=\"key\" viewBox=\"0 0 28 10\" aria-hidden=\"true\"><path class=\"line %c\" d=\"M0 "
                   "5H28\"/></svg> <b>%c</b>: <span><bdi>%s</bdi></span></p>\n",

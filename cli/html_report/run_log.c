@@ -16,13 +16,6 @@ const pags_log_curve pags_log_curves[PAGS_LOG_CURVES] = {
     {"gaussians", "Gaussians", "Gaussians", true},
 };
 
-static pags_result add_point(pags_curve *curve, const char *path, double step, double value) {
-  PAGS_CHECK_MEMORY(pags_grow(&curve->points, curve->count + 1, &curve->capacity, sizeof *curve->points), "%s", path);
-  curve->points[curve->count][0] = step;
-  curve->points[curve->count++][1] = value;
-  return PAGS_OK;
-}
-
 static const pags_json_value *member(const pags_json_value *object, const char *key, pags_json_type type) {
   const pags_json_value *value = object ? pags_json_member(object, key) : NULL;
   return value && value->type == type ? value : NULL;
@@ -52,10 +45,16 @@ static pags_result read_line(pags_run_log *log, const char *path, const char *li
   const pags_json_value *root = json ? pags_json_root(json) : NULL;
   const double step = pags_page_number(root, "step");
   log->unread += isnan(step);
-  for (int k = 0; k < PAGS_LOG_CURVES && !isnan(step); k++) {
+  if (isnan(step))
+    return PAGS_OK;
+  for (int k = 0; k < PAGS_LOG_CURVES; k++) {
     const double value = pags_page_number(root, pags_log_curves[k].key);
-    if (!isnan(value))
-      PAGS_TRY(add_point(&log->curves[k], path, step, value));
+    pags_curve *const curve = &log->curves[k];
+    if (isnan(value))
+      continue;
+    PAGS_CHECK_MEMORY(pags_grow(&curve->points, curve->count + 1, &curve->capacity, sizeof *curve->points), "%s", path);
+    curve->points[curve->count][0] = step;
+    curve->points[curve->count++][1] = value;
   }
   return PAGS_OK;
 }

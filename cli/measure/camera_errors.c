@@ -26,8 +26,9 @@ typedef struct truth {
 } truth;
 
 static void destroy_truth(truth *t) {
-  for (int64_t c = 0; t->paths && c < t->count; c++)
-    pags_camera_path_destroy(&t->paths[c]);
+  if (t->paths)
+    for (int64_t c = 0; c < t->count; c++)
+      pags_camera_path_destroy(&t->paths[c]);
   free(t->paths);
 }
 
