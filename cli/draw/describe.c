@@ -38,48 +38,30 @@ static void put_camera(pags_json_writer *json, const char *key, const pags_camer
   pags_json_end_object(json);
 }
 
-static void put_views(pags_json_writer *json, const pags_scene *scene) {
-  pags_json_begin_array(json, "views");
-  for (int64_t i = 0; i < scene->view_count; i++) {
-    const pags_scene_view *view = &scene->views[i];
-    pags_json_begin_object(json, NULL);
-    pags_json_put_string(json, "name", view->name);
-    pags_json_put_bool(json, "test", view->test);
-    pags_json_put_integer(json, "sensor", view->sensor);
-    put_camera(json, "camera", &view->camera);
-    pags_json_end_object(json);
-  }
-  pags_json_end_array(json);
-}
-
-static void put_track(pags_json_writer *json, const pags_object *object) {
-  pags_json_begin_array(json, "track");
-  for (int64_t k = 0; k < object->keyframe_count; k++) {
-    double pose[12], row[13];
-    if (!pags_object_pose(object, object->keyframes[k].time, pose))
-      continue;
-    row[0] = object->keyframes[k].time;
-    for (int i = 0; i < 12; i++)
-      row[1 + i] = round(pose[i] * 1e4) * 1e-4; /* tenths of a millimetre, for a short text */
-    pags_json_put_numbers(json, NULL, row, 13);
-  }
-  pags_json_end_array(json);
-}
-
 static void put_objects(pags_json_writer *json, const pags_composition *composition, const int64_t *gaussians) {
   const pags_scene *scene = pags_composition_scene(composition);
   pags_json_begin_array(json, "objects");
   for (int64_t i = 0; i < scene->object_count; i++) {
     const pags_scene_object *object = &scene->objects[i];
+    const pags_object *record = &object->record;
     pags_json_begin_object(json, NULL);
-    pags_json_put_string(json, "id", object->record.id);
-    pags_json_put_string(json, "class", object->record.class_name);
-    pags_json_put_string(json, "category", pags_category_name(object->record.category));
-    pags_json_put_numbers(json, "size", object->record.size, 3);
+    pags_json_put_string(json, "id", record->id);
+    pags_json_put_string(json, "class", record->class_name);
+    pags_json_put_string(json, "category", pags_category_name(record->category));
+    pags_json_put_numbers(json, "size", record->size, 3);
     pags_json_put_bool(json, "critical", object->critical);
     pags_json_put_bool(json, "tracked", pags_composition_is_tracked(composition, i));
     pags_json_put_integer(json, "gaussians", gaussians[i]);
-    put_track(json, &object->record);
+    pags_json_begin_array(json, "track");
+    for (int64_t k = 0; k < record->keyframe_count; k++) {
+      double pose[12], row[13] = {record->keyframes[k].time};
+      if (!pags_object_pose(record, record->keyframes[k].time, pose))
+        continue;
+      for (int n = 0; n < 12; n++)
+        row[1 + n] = round(pose[n] * 1e4) * 1e-4; /* tenths of a millimetre, for a short text */
+      pags_json_put_numbers(json, NULL, row, 13);
+    }
+    pags_json_end_array(json);
     pags_json_end_object(json);
   }
   pags_json_end_array(json);
@@ -117,7 +99,17 @@ pags_result pags_view_describe(const pags_composition *composition, const pags_v
   pags_json_put_number(out, "distance", start->distance);
   put_camera(out, "start", &start->camera);
   pags_json_put_integer(out, "driveSensor", pags_camera_path_drive_sensor(scene));
-  put_views(out, scene);
+  pags_json_begin_array(out, "views");
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    const pags_scene_view *view = &scene->views[i];
+    pags_json_begin_object(out, NULL);
+    pags_json_put_string(out, "name", view->name);
+    pags_json_put_bool(out, "test", view->test);
+    pags_json_put_integer(out, "sensor", view->sensor);
+    put_camera(out, "camera", &view->camera);
+    pags_json_end_object(out);
+  }
+  pags_json_end_array(out);
   put_objects(out, composition, gaussians);
   pags_json_end_object(out);
   return pags_json_writer_finish(out);

@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "base/memory.h"
+#include "base/sort.h"
 #include "base/vec3.h"
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/vectors.h"
@@ -170,7 +171,8 @@ static void orbit_of_room(const pags_scene *scene, const pags_survey *survey, or
     sorted[a] = o->radius[a] = fmax(0.875 * ends, begins);
     o->height[a] = 0;
   }
-  const double usual = fmax(pags_percentile(sorted, AZIMUTHS, 0.5), survey->step);
+  pags_sort_doubles(sorted, AZIMUTHS);
+  const double usual = fmax(sorted[AZIMUTHS / 2], survey->step);
   for (int a = 0; a < AZIMUTHS; a++)
     o->radius[a] = fmin(o->radius[a], 1.5 * usual);
   smooth_down(o->radius);

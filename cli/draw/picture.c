@@ -193,34 +193,28 @@ static void find_planes(const pags_picture_writer *writer, const pags_picture *p
 
 /* ---- Writing ---- */
 
-/* The attributes by which other programs know a Cryptomatte (specification 1.2.0): name and value by turns. The key is
- * made of the first seven digits of the hash of the layer's name. */
-typedef struct matte_texts {
-  char keys[4][40];
-  const char *list[9];
-} matte_texts;
-
-static void describe_matte(const char *layer, const char *manifest, matte_texts *out) {
-  const char *const what[4] = {"name", "hash", "conversion", "manifest"};
-  const char *const values[4] = {layer, "MurmurHash3_32", "uint32_to_float32", manifest};
-  char hash[9];
-  snprintf(hash, sizeof hash, "%08x", pags_cryptomatte_hash(layer, strlen(layer)));
-  for (int k = 0; k < 4; k++) {
-    snprintf(out->keys[k], sizeof out->keys[k], "cryptomatte/%.7s/%s", hash, what[k]);
-    out->list[2 * k] = out->keys[k];
-    out->list[2 * k + 1] = values[k];
-  }
-  out->list[8] = NULL;
-}
-
 static pags_result write_exr(const pags_picture_writer *writer, const pags_picture *picture, const float *const *planes,
                              pags_channel channel, const char *path) {
   const int m = channel == PAGS_CHANNEL_CRYPTO_CLASS;
-  matte_texts texts = {.list = {NULL}};
-  if (channel == PAGS_CHANNEL_CRYPTO_OBJECT || m)
-    describe_matte(m ? "CryptoClass" : "CryptoObject", writer->mattes[m].manifest, &texts);
+  char keys[4][40], hash[9];
+  const char *texts[9] = {NULL};
+  if (channel == PAGS_CHANNEL_CRYPTO_OBJECT || m) {
+    /* The attributes by which other programs know a Cryptomatte (specification 1.2.0): name and value by turns. The key
+     * is made of the first seven digits of the hash of the layer's name. */
+    const char *const layer = m ? "CryptoClass" : "CryptoObject";
+    const char *const attributes[4][2] = {{"name", layer},
+                                          {"hash", "MurmurHash3_32"},
+                                          {"conversion", "uint32_to_float32"},
+                                          {"manifest", writer->mattes[m].manifest}};
+    snprintf(hash, sizeof hash, "%08x", pags_cryptomatte_hash(layer, strlen(layer)));
+    for (int k = 0; k < 4; k++) {
+      snprintf(keys[k], sizeof keys[k], "cryptomatte/%.7s/%s", hash, attributes[k][0]);
+      texts[2 * k] = keys[k];
+      texts[2 * k + 1] = attributes[k][1];
+    }
+  }
   return pags_image_save_exr(path, picture->width, picture->height, channels[channel].planes, channels[channel].exr,
-                             planes, picture->stride, texts.list);
+                             planes, picture->stride, texts);
 }
 
 pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,

@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Vectors of three doubles by value, columns of a camera pose, and quantiles, for camera paths. */
+/* Vectors of three doubles by value, and columns of a camera pose, for camera paths. */
 #ifndef PAGS_CLI_VECTORS_H
 #define PAGS_CLI_VECTORS_H
 
 #include <math.h>
 #include <pags/scene.h>
-#include "base/sort.h"
 
 typedef struct pags_vec3 {
   double x, y, z;
@@ -49,11 +48,5 @@ static inline void pags_camera_set_column(pags_camera *camera, int c, pags_vec3 
 
 /* The mean of the cameras' up axes if they agree; else the up axis of the scene. */
 pags_vec3 pags_cameras_up(const pags_scene *scene);
-
-/* Sorts `values` and returns their `share` quantile (share 0..1). */
-static inline double pags_percentile(double *values, int64_t count, double share) {
-  pags_sort_doubles(values, count);
-  return values[(int64_t)(share * (double)(count - 1) + 0.5)];
-}
 
 #endif

@@ -18,16 +18,6 @@ static double file_size(const char *folder, const char *name) {
   return path && pags_file_size(path, &bytes) == PAGS_OK ? (double)bytes : 0;
 }
 
-static double count_bytes(const char *path, const pags_scene *scene) {
-  if (!pags_dir_exists(path))
-    return file_size(".", path);
-  double bytes = file_size(path, "scene.json") + (scene->sky.size > 0 ? file_size(path, "sky.npy") : 0);
-  for (int64_t i = 0; i < scene->model_count; i++)
-    if (scene->models[i].file)
-      bytes += file_size(path, scene->models[i].file);
-  return bytes;
-}
-
 static int bin_of(double share, int bins) {
   const double at = floor(share * bins);
   return at > 0 ? at < bins ? (int)at : bins - 1 : 0;
@@ -43,9 +33,14 @@ static void finish(double (*points)[2], int bins, double lo, double hi, double w
 
 pags_result pags_scene_contents_find(const char *path, const pags_scene *scene, pags_scene_contents *out) {
   double known = 0;
-  *out = (pags_scene_contents){.bytes = count_bytes(path, scene)};
+  const bool folder = pags_dir_exists(path);
+  *out = (pags_scene_contents){.bytes = folder ? file_size(path, "scene.json") : file_size(".", path)};
+  if (folder && scene->sky.size > 0)
+    out->bytes += file_size(path, "sky.npy");
   for (int64_t m = 0; m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
+    if (folder && scene->models[m].file)
+      out->bytes += file_size(path, scene->models[m].file);
     for (int64_t i = 0; i < g->count; i++) {
       const float *scale = pags_plane(g, PAGS_SCALE) + i;
       const double largest = fmax(fmax((double)scale[0], (double)scale[g->stride]), (double)scale[2 * g->stride]);

@@ -90,26 +90,6 @@ static const pags_json_value *note_of(const pags_report_run *run, const char *id
   return NULL;
 }
 
-static void put_object(pags_html *html, const pags_report_run *run, int64_t o) {
-  const pags_scene_object *object = &run->scene->objects[o];
-  const pags_object *record = &object->record;
-  const pags_json_value *note = note_of(run, record->id);
-  const char *const why = pags_page_string(note, "why");
-  pags_html_put(
-      html,
-      "<tr><td><bdi>%s</bdi></td><td><bdi>%s</bdi></td><td class=\"n\">%s</td><td>%s</td><td><bdi>%s</bdi></td>"
-      "<td class=\"n\">%s</td><td class=\"n\">%s</td><td class=\"n\">%.1f to %.1f</td></tr>\n",
-      pags_html_text(html, record->id), pags_html_text(html, record->class_name),
-      pags_html_count(html, run->contents.of_object[o]), object->critical ? "yes" : "no",
-      pags_html_text(html, why              ? why
-                           : record->moving ? "moves"
-                                            : "parked"),
-      pags_html_number(html, 3, pags_page_number(note, "mean_shift_metres")),
-      pags_html_number(html, 2, pags_page_number(note, "mean_turn_degrees")),
-      record->keyframes[0].time - run->scene->time_begin,
-      record->keyframes[record->keyframe_count - 1].time - run->scene->time_begin);
-}
-
 typedef struct ranked {
   int64_t object, gaussians;
 } ranked;
@@ -134,8 +114,25 @@ static void put_object_table(pags_html *html, const pags_report_run *run) {
   pags_html_begin_table(html,
                         "object|class|#Gaussians|critical|model and reason|#moved by training, m|#turned, degrees|"
                         "#seen, s");
-  for (int64_t i = 0; i < count && i < MOST; i++)
-    put_object(html, run, order[i].object);
+  for (int64_t i = 0; i < count && i < MOST; i++) {
+    const pags_scene_object *object = &run->scene->objects[order[i].object];
+    const pags_object *record = &object->record;
+    const pags_json_value *note = note_of(run, record->id);
+    const char *const why = pags_page_string(note, "why");
+    pags_html_put(
+        html,
+        "<tr><td><bdi>%s</bdi></td><td><bdi>%s</bdi></td><td class=\"n\">%s</td><td>%s</td><td><bdi>%s</bdi></td>"
+        "<td class=\"n\">%s</td><td class=\"n\">%s</td><td class=\"n\">%.1f to %.1f</td></tr>\n",
+        pags_html_text(html, record->id), pags_html_text(html, record->class_name),
+        pags_html_count(html, order[i].gaussians), object->critical ? "yes" : "no",
+        pags_html_text(html, why              ? why
+                             : record->moving ? "moves"
+                                              : "parked"),
+        pags_html_number(html, 3, pags_page_number(note, "mean_shift_metres")),
+        pags_html_number(html, 2, pags_page_number(note, "mean_turn_degrees")),
+        record->keyframes[0].time - run->scene->time_begin,
+        record->keyframes[record->keyframe_count - 1].time - run->scene->time_begin);
+  }
   pags_html_end_table(html);
   if (count > MOST)
     pags_html_put(html,

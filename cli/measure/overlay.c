@@ -49,28 +49,21 @@ static const uint8_t parked_colour[3] = {110, 150, 150};
 
 /* ---- LiDAR points against boxes and masks ---- */
 
-/* Returns where a world point lies relative to a box: 2 inside, 1 near, 0 neither. */
-static int place_in_box(const pags_object *object, const double pose[12], const double world[3]) {
-  double inverse[12], beyond = -HUGE_VAL, p[3];
-  pags_rigid_inverse(pose, inverse);
-  pags_rigid_point(inverse, world, p);
-  for (int k = 0; k < 3; k++)
-    beyond = fmax(beyond, fabs(p[k]) - 0.5 * object->size[k]);
-  if (p[2] < ground - 0.5 * object->size[2])
-    return 0;
-  return beyond <= inside_slack ? 2 : beyond <= about_slack;
-}
-
-/* Returns the highest place_in_box of a world point over the boxes of all moving vehicles at `time`. */
+/* Returns where a world point lies relative to the boxes of all moving vehicles at `time`: 2 inside of one, 1 near, 0
+ * neither. */
 static int place_of(const overlay *o, double time, const double world[3]) {
   int best = 0;
   for (int64_t i = 0; i < pags_dataset_object_count(o->dataset) && best < 2; i++) {
     const pags_object *object = pags_dataset_object(o->dataset, i);
-    double pose[12];
+    double pose[12], inverse[12], beyond = -HUGE_VAL, p[3];
     if (!object->moving || object->category != PAGS_CATEGORY_VEHICLE || !pags_object_pose(object, time, pose))
       continue;
-    const int place = place_in_box(object, pose, world);
-    best = place > best ? place : best;
+    pags_rigid_inverse(pose, inverse);
+    pags_rigid_point(inverse, world, p);
+    for (int k = 0; k < 3; k++)
+      beyond = fmax(beyond, fabs(p[k]) - 0.5 * object->size[k]);
+    if (p[2] >= ground - 0.5 * object->size[2] && beyond <= about_slack)
+      best = beyond <= inside_slack ? 2 : 1;
   }
   return best;
 }
@@ -78,8 +71,6 @@ static int place_of(const overlay *o, double time, const double world[3]) {
 static void measure_point(overlay *o, const pags_view *view, const pags_photo *photo,
                           const pags_lidar_depth_sample *sample) {
   double p[3], world[3];
-  const unsigned labels =
-      photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
   if (!pags_camera_point(&view->camera, (double)sample->x, (double)sample->y, (double)sample->depth, p))
     return;
   pags_rigid_point(view->camera.world_from_camera, p, world);
@@ -89,24 +80,11 @@ static void measure_point(overlay *o, const pags_view *view, const pags_photo *p
   o->points++;
   if (!photo->labels)
     return;
+  const unsigned labels = photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x];
   o->under_sky.of++;
   o->under_sky.hits += (labels & PAGS_LABEL_SKY) != 0;
   o->on_vehicles.of += place == 2;
   o->on_vehicles.hits += place == 2 && labels & PAGS_LABEL_CRITICAL;
-}
-
-static pags_result draw_points(overlay *o, int64_t index, const pags_photo *photo, pags_image *image) {
-  const pags_view *view = pags_dataset_view(o->dataset, index);
-  PAGS_AUTOFREE pags_lidar_depth_sample *samples = NULL;
-  int64_t count;
-  PAGS_TRY(pags_lidar_depth_samples(o->dataset, index, MOST_SAMPLES, &count, &samples));
-  for (int64_t i = 0; i < count; i++) {
-    uint8_t rgb[3];
-    pags_depth_colour((double)samples[i].depth, rgb);
-    pags_draw_dot(image, (double)samples[i].x, (double)samples[i].y, image->width >= 800, rgb);
-    measure_point(o, view, photo, &samples[i]);
-  }
-  return PAGS_OK;
 }
 
 /* ---- Drawing the pictures ---- */
@@ -119,7 +97,17 @@ static pags_result draw_view(overlay *o, int64_t index) {
   PAGS_TRY(pags_photo_image(&photo, &image));
   PAGS_AUTOFREE uint8_t *outlines = calloc((size_t)photo.width, (size_t)photo.height); /* 1 inside a moving box */
   PAGS_CHECK_MEMORY(outlines, NULL);
-  PAGS_TRY(draw_points(o, index, &photo, &image));
+
+  /* Draw the LiDAR points and compare them with boxes and labels. */
+  PAGS_AUTOFREE pags_lidar_depth_sample *samples = NULL;
+  int64_t sample_count;
+  PAGS_TRY(pags_lidar_depth_samples(o->dataset, index, MOST_SAMPLES, &sample_count, &samples));
+  for (int64_t i = 0; i < sample_count; i++) {
+    uint8_t rgb[3];
+    pags_depth_colour((double)samples[i].depth, rgb);
+    pags_draw_dot(&image, (double)samples[i].x, (double)samples[i].y, image.width >= 800, rgb);
+    measure_point(o, view, &photo, &samples[i]);
+  }
 
   /* Draw the boxes of all objects at the view's time; fill the outlines of the moving ones. */
   for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); i++) {

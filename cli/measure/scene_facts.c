@@ -225,19 +225,7 @@ static void put_tracks(pags_report *report, const pags_scene *scene) {
   pags_report_end_group(report);
 }
 
-static pags_result put_objects(pags_report *report, const pags_scene *scene, bool every) {
-  if (!scene->object_count)
-    return PAGS_OK;
-  pags_report_begin_list(report, "objects");
-  for (int c = PAGS_CATEGORY_VEHICLE; c <= PAGS_CATEGORY_CYCLIST; c++)
-    put_category(report, scene, (pags_category)c);
-  put_category(report, scene, PAGS_CATEGORY_OTHER);
-  pags_report_end_list(report);
-  put_tracks(report, scene);
-  return every ? list_objects(report, scene) : PAGS_OK;
-}
-
-/* ---- Exposure, views and the trainer's notes ---- */
+/* ---- Exposure and the trainer's notes ---- */
 
 static void put_exposure(pags_report *report, const pags_scene *scene) {
   int64_t exposed = 0;
@@ -260,18 +248,6 @@ static void put_exposure(pags_report *report, const pags_scene *scene) {
   pags_report_count(report, "views", exposed);
   pags_report_vector(report, "gains", (double[]){lo, hi}, 2);
   pags_report_end_group(report);
-}
-
-static void put_views(pags_report *report, const pags_scene *scene) {
-  int64_t held_out = 0;
-  for (int64_t i = 0; i < scene->view_count; i++)
-    held_out += scene->views[i].test != 0;
-  if (!scene->view_count)
-    return;
-  pags_report_count(report, "views_train", scene->view_count - held_out);
-  pags_report_count(report, "views_test", held_out);
-  pags_report_count(report, "width", scene->views[0].camera.width);
-  pags_report_count(report, "height", scene->views[0].camera.height);
 }
 
 const char *pags_spoken_value(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT]) {
@@ -451,7 +427,15 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const pags_s
     pags_report_text(report, "dataset", scene.dataset);
 
   put_priorities(report, &scene);
-  put_views(report, &scene);
+  int64_t held_out = 0;
+  for (int64_t i = 0; i < scene.view_count; i++)
+    held_out += scene.views[i].test != 0;
+  if (scene.view_count) {
+    pags_report_count(report, "views_train", scene.view_count - held_out);
+    pags_report_count(report, "views_test", held_out);
+    pags_report_count(report, "width", scene.views[0].camera.width);
+    pags_report_count(report, "height", scene.views[0].camera.height);
+  }
 
   /* Report the time span and exposure of scenes that have time. */
   double time[2] = {scene.time_begin, scene.time_end};
@@ -467,7 +451,16 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const pags_s
   else if (scene.object_count)
     pags_report_text(report, "sky", "none");
 
-  PAGS_TRY(put_objects(report, &scene, options->objects));
+  if (scene.object_count) {
+    pags_report_begin_list(report, "objects");
+    for (int c = PAGS_CATEGORY_VEHICLE; c <= PAGS_CATEGORY_CYCLIST; c++)
+      put_category(report, &scene, (pags_category)c);
+    put_category(report, &scene, PAGS_CATEGORY_OTHER);
+    pags_report_end_list(report);
+    put_tracks(report, &scene);
+  }
+  if (scene.object_count && options->objects)
+    PAGS_TRY(list_objects(report, &scene));
   PAGS_TRY(put_modelled(report, &scene));
   return options->memory ? put_memory(report, options->tasks, &scene) : PAGS_OK;
 }

@@ -53,17 +53,6 @@ static void choose_drive(sheet *s) {
   }
 }
 
-static void choose_static(sheet *s) {
-  const int64_t count = pags_dataset_view_count(s->dataset);
-  s->count = (int)(count < STATIC_ROWS * COLUMNS ? count : STATIC_ROWS * COLUMNS);
-  s->rows = (s->count + COLUMNS - 1) / COLUMNS;
-  for (int i = 0; i < s->count; i++) {
-    s->views[i] = i * count / s->count;
-    s->row_of[i] = i / COLUMNS;
-    s->column_of[i] = i % COLUMNS;
-  }
-}
-
 static int cell_left(int column) {
   return MARGIN + column * (WIDTH - MARGIN) / COLUMNS;
 }
@@ -83,24 +72,7 @@ static int cell_height(const sheet *s, int cell) {
 
 /* ---- Drawing ---- */
 
-/* Copies a photograph, shrunk to its cell's width, with its number in the corner. */
-static pags_result draw_cell(const sheet *s, int cell, const pags_photo *photo, pags_image *image) {
-  const int width = cell_width(s, cell), height = cell_height(s, cell);
-  const int left = cell_left(s->column_of[cell]), top = s->top[s->row_of[cell]];
-  PAGS_AUTO(pags_image_destroy) pags_image whole = {0};
-  PAGS_AUTO(pags_image_destroy) pags_image small = {0};
-  PAGS_TRY(pags_photo_image(photo, &whole));
-  PAGS_TRY(pags_image_create(&small, width, height, 3, PAGS_U8));
-  PAGS_TRY(
-      pags_shrink_mean(&whole, fmax(1, (double)photo->width / width), fmax(1, (double)photo->height / height), &small));
-  for (int y = 0; y < height; y++)
-    memcpy((uint8_t *)image->data + 3 * ((size_t)(top + y) * WIDTH + (size_t)left),
-           (const uint8_t *)small.data + 3 * (size_t)y * (size_t)width, 3 * (size_t)width);
-  const pags_view *const view = pags_dataset_view(s->dataset, s->views[cell]);
-  pags_draw_number(image, left, top, s->drive ? view->frame : s->views[cell]);
-  return PAGS_OK;
-}
-
+/* Copies the photographs, shrunk to their cells' widths, with their numbers in the corners. */
 static pags_result draw_photographs(const sheet *s, const pags_session *session, pags_image *image) {
   PAGS_AUTO(pags_photo_cache_destroy_auto) pags_photo_cache *photos = NULL;
   PAGS_TRY(pags_photo_cache_create(s->dataset, session->tasks, (uint64_t)128 << 20, &photos));
@@ -108,10 +80,22 @@ static pags_result draw_photographs(const sheet *s, const pags_session *session,
   pags_interrupt_install(session->tasks);
   for (int i = 0; i < s->count; i++) {
     pags_photo photo;
+    PAGS_AUTO(pags_image_destroy) pags_image whole = {0};
+    PAGS_AUTO(pags_image_destroy) pags_image small = {0};
+    const int width = cell_width(s, i), height = cell_height(s, i);
+    const int left = cell_left(s->column_of[i]), top = s->top[s->row_of[i]];
     if (pags_interrupted())
       return pags_fail(PAGS_CANCELLED, "interrupted after %d of %d photographs", i, s->count);
     PAGS_TRY(pags_photo_cache_get(photos, s->views[i], 1, &photo));
-    PAGS_TRY(draw_cell(s, i, &photo, image));
+    PAGS_TRY(pags_photo_image(&photo, &whole));
+    PAGS_TRY(pags_image_create(&small, width, height, 3, PAGS_U8));
+    PAGS_TRY(
+        pags_shrink_mean(&whole, fmax(1, (double)photo.width / width), fmax(1, (double)photo.height / height), &small));
+    for (int y = 0; y < height; y++)
+      memcpy((uint8_t *)image->data + 3 * ((size_t)(top + y) * WIDTH + (size_t)left),
+             (const uint8_t *)small.data + 3 * (size_t)y * (size_t)width, 3 * (size_t)width);
+    const int frame = pags_dataset_view(s->dataset, s->views[i])->frame;
+    pags_draw_number(image, left, top, s->drive ? frame : s->views[i]);
     if (pags_progress_due(&progress))
       pags_progress_show(&progress, "photograph %d of %d", i + 1, s->count);
   }
@@ -122,10 +106,18 @@ pags_result pags_sheet(const pags_dataset *dataset, const char *file, const pags
                        pags_report *report) {
   sheet s = {.dataset = dataset, .drive = pags_dataset_fps(dataset) > 0};
   PAGS_AUTO(pags_image_destroy) pags_image image = {0};
-  if (s.drive)
+  if (s.drive) {
     choose_drive(&s);
-  else
-    choose_static(&s);
+  } else {
+    const int64_t count = pags_dataset_view_count(dataset);
+    s.count = (int)(count < STATIC_ROWS * COLUMNS ? count : STATIC_ROWS * COLUMNS);
+    s.rows = (s.count + COLUMNS - 1) / COLUMNS;
+    for (int i = 0; i < s.count; i++) {
+      s.views[i] = i * count / s.count;
+      s.row_of[i] = i / COLUMNS;
+      s.column_of[i] = i % COLUMNS;
+    }
+  }
   for (int row = 0; row < s.rows; row++) {
     int height = 0;
     for (int i = 0; i < s.count; i++)

@@ -137,33 +137,29 @@ static pags_result draw_ground(const drawing *d, const int64_t *views, int count
   return PAGS_OK;
 }
 
-/* Draws the base of a box, with a stroke from its middle to its front. */
-static void draw_box(const drawing *d, const pags_object *object, const double pose[12], const uint8_t rgb[3]) {
-  static const double corners[6][2] = {{0.5, 0.5}, {-0.5, 0.5}, {-0.5, -0.5}, {0.5, -0.5}, {0, 0}, {0.5, 0}};
-  double pixels[6][2];
-  bool inside = true;
-  for (int i = 0; i < 6; i++) {
-    double world[3];
-    for (int k = 0; k < 3; k++)
-      world[k] = pose[4 * k] * corners[i][0] * object->size[0] + pose[4 * k + 1] * corners[i][1] * object->size[1] +
-                 pose[4 * k + 3];
-    inside = to_pixel(d, world, pixels[i]) && inside;
-  }
-  if (!inside)
-    return;
-  for (int i = 0; i < 4; i++)
-    pags_draw_line(d->image, pixels[i], pixels[(i + 1) % 4], rgb);
-  pags_draw_line(d->image, pixels[4], pixels[5], rgb);
-}
-
+/* Draws the bases of the boxes, with a stroke from the middle to the front. */
 static void draw_boxes(const drawing *d, const int64_t *views, int count) {
+  static const double corners[6][2] = {{0.5, 0.5}, {-0.5, 0.5}, {-0.5, -0.5}, {0.5, -0.5}, {0, 0}, {0.5, 0}};
   for (int64_t i = 0; i < pags_dataset_object_count(d->dataset); i++) {
     const pags_object *const object = pags_dataset_object(d->dataset, i);
+    const uint8_t *const rgb = object->moving ? category_colours[object->category] : parked_colour;
     for (int v = 0; v < count; v++) {
-      double pose[12];
+      double pose[12], pixels[6][2];
+      bool inside = true;
       if (!pags_object_pose(object, pags_dataset_view(d->dataset, views[v])->camera.time, pose))
         continue;
-      draw_box(d, object, pose, object->moving ? category_colours[object->category] : parked_colour);
+      for (int c = 0; c < 6; c++) {
+        double world[3];
+        for (int k = 0; k < 3; k++)
+          world[k] = pose[4 * k] * corners[c][0] * object->size[0] + pose[4 * k + 1] * corners[c][1] * object->size[1] +
+                     pose[4 * k + 3];
+        inside = to_pixel(d, world, pixels[c]) && inside;
+      }
+      if (inside) {
+        for (int c = 0; c < 4; c++)
+          pags_draw_line(d->image, pixels[c], pixels[(c + 1) % 4], rgb);
+        pags_draw_line(d->image, pixels[4], pixels[5], rgb);
+      }
       if (!object->moving)
         break;
     }
