@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # cmake -DPAGE=page.html -DSTYLES=a.css,... -DSCRIPTS=a.js,... -DOUT=player.c -P page.cmake: makes one text of a page, its styles and its
 # modules, which are listed with those first that others import. The page may run and look like nothing but what these are: its policy names
-# their hashes. Writes what comes before the line @DATA@, and what comes after it, as the C arrays of cli/scene_html/pack.h.
+# their hashes. Writes what comes before the line @DATA@, and what comes after it, as the C arrays of cli/scene_html/write.h.
 cmake_minimum_required(VERSION 3.24)
 
 # Reads files, separated by commas, into one text without lines of comment at their beginning.
@@ -82,7 +82,7 @@ endif()
 string(SUBSTRING "${page}" 0 ${at} head)
 math(EXPR at "${at} + 7")
 string(SUBSTRING "${page}" ${at} -1 tail)
-set(code "/* Made by cmake/page.cmake. */\n#include \"cli/scene_html/pack.h\"\n\n")
+set(code "/* Made by cmake/page.cmake. */\n#include \"cli/scene_html/write.h\"\n\n")
 put_array(pags_player_head "${head}" code)
 put_array(pags_player_tail "${tail}" code)
 file(WRITE ${OUT} "${code}")

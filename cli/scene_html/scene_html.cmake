@@ -11,5 +11,5 @@ add_custom_command(OUTPUT ${CMAKE_CURRENT_BINARY_DIR}/player.c
   COMMAND ${CMAKE_COMMAND} -DPAGE=${page}/page.html -DSTYLES=${style_list} -DSCRIPTS=${script_list} -DOUT=${CMAKE_CURRENT_BINARY_DIR}/player.c
     -P ${PROJECT_SOURCE_DIR}/cmake/page.cmake
   DEPENDS ${page}/page.html ${styles} ${scripts} ${PROJECT_SOURCE_DIR}/cmake/page.cmake VERBATIM)
-target_sources(pags PRIVATE draw/describe.c scene_html/contribution.c scene_html/pack.c scene_html/tracks.c scene_html/write.c ${CMAKE_CURRENT_BINARY_DIR}/player.c)
+target_sources(pags PRIVATE draw/describe.c scene_html/pack.c scene_html/write.c ${CMAKE_CURRENT_BINARY_DIR}/player.c)
 target_link_libraries(pags PRIVATE ${PAGS_ZLIB})

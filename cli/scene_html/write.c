@@ -4,7 +4,7 @@
 #include "cli/scene_html/write.h"
 
 #include "cli/draw/camera_paths.h"
-#include "cli/scene_html/pack.h"
+#include "cli/draw/picture.h"
 
 #include <math.h>
 #include "base/bytes.h"
@@ -12,6 +12,7 @@
 #include "base/sort.h"
 #include "frame/owners.h"
 
+enum { MOST_CAMERAS = 48, MOST_SIDE = 640 };
 enum { CHUNK = 3 << 18 }; /* bytes in one element, which become 2^20 characters */
 
 static const char chunk_begin[] = "<script type=\"text/plain\" class=\"data\">", chunk_end[] = "</script>\n";
@@ -43,6 +44,37 @@ static pags_result save(const char *path, const pags_web_pack *pack) {
 }
 
 /* ---- The size ---- */
+
+static void add_weight(void *user, int64_t id, double weight) {
+  float *const sums = user;
+  sums[id] += (float)weight;
+}
+
+/* Adds up the contribution of each Gaussian, the sum of its weights alpha T over the pixels of some pictures: over at
+ * most 48 cameras of the path, drawn at no more than 640 pixels a side. weight[id] has room for all Gaussians. The same
+ * bits for any number of threads. PAGS_ERROR_MEMORY, PAGS_CANCELLED. */
+static pags_result measure_contributions(pags_composition *composition, const pags_camera_path *path,
+                                         const pags_html_settings *settings, float *weight) {
+  const pags_frame_options options = pags_composition_options(composition);
+  PAGS_AUTO(pags_frame_destroy_auto) pags_frame *frame = NULL;
+  PAGS_TRY(pags_frame_create(settings->tasks, &frame));
+  memset(weight, 0, (size_t)pags_composition_gaussian_count(composition) * sizeof *weight);
+  const int64_t count = path->count < MOST_CAMERAS ? path->count : MOST_CAMERAS;
+  for (int64_t i = 0; i < count; i++) {
+    pags_camera camera = path->cameras[i * path->count / count];
+    const double by = fmin(1, (double)MOST_SIDE / (camera.width > camera.height ? camera.width : camera.height));
+    camera.width = (int)fmax(1, floor(camera.width * by));
+    camera.height = (int)fmax(1, floor(camera.height * by));
+    camera.fx *= by;
+    camera.fy *= by;
+    camera.cx *= by;
+    camera.cy *= by;
+    PAGS_TRY(pags_picture_weights(composition, frame, &camera, &options, add_weight, weight));
+    if (settings->progress && !settings->progress(settings->user, (double)(i + 1) / (double)count, "contributions"))
+      return pags_fail(PAGS_CANCELLED, "interrupted");
+  }
+  return PAGS_OK;
+}
 
 static pags_result pack_again(pags_composition *composition, const pags_web_settings *settings, pags_web_pack *pack) {
   pags_web_pack_destroy(pack);
@@ -92,8 +124,7 @@ static pags_result leave_out(pags_composition *composition, const pags_web_setti
   PAGS_AUTOFREE contributor *order = malloc((size_t)all * sizeof *order);
   PAGS_AUTOFREE int32_t *rank = malloc((size_t)all * sizeof *rank);
   PAGS_CHECK_MEMORY(weight && order && rank, "%lld Gaussians", (long long)all);
-  PAGS_TRY(
-      pags_contribution_measure(composition, cameras, settings->tasks, settings->progress, settings->user, weight));
+  PAGS_TRY(measure_contributions(composition, cameras, settings, weight));
   for (int64_t i = 0; i < all; i++)
     order[i] = (contributor){weight[i], (int32_t)i};
   pags_sort(order, all, sizeof *order, compare_contributors);
