@@ -12,10 +12,6 @@
 
 #include "base/memory.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Sets the name of this process in its locks, such as "pags train"; a program calls it once, at its start. */
 void pags_lock_set_holder(const char *program);
 
@@ -33,7 +29,4 @@ pags_result pags_lock_file(const char *path, pags_lock **out);
 void pags_lock_release(pags_lock *lock);
 PAGS_DEFINE_AUTO(pags_lock, pags_lock_release)
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -6,10 +6,6 @@
 
 #include <pags/base.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef enum pags_log_level { PAGS_LOG_DEBUG, PAGS_LOG_INFO, PAGS_LOG_WARNING } pags_log_level;
 
 /* Receives one line, without a line break and valid during the call only. Called on the thread that logs, possibly on
@@ -32,7 +28,4 @@ typedef struct pags_tally {
 /* Adds a finding; `format` gives its name, as printf does. */
 void pags_tally_add(pags_tally *tally, const char *format, ...) PAGS_PRINTF(2, 3);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -6,10 +6,6 @@
 #include <pags/base.h>
 #include <pags/tasks.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* The body of a loop: does one item as worker `worker` (see pags_block_fn). */
 typedef pags_result pags_item_fn(void *context, int64_t item, int worker);
 
@@ -17,7 +13,4 @@ typedef pags_result pags_item_fn(void *context, int64_t item, int worker);
  * message; items after it may be left undone. PAGS_CANCELLED with the message `cancelled` after pags_tasks_cancel. */
 pags_result pags_parallel_try(pags_tasks *tasks, int64_t count, pags_item_fn *fn, void *context, const char *cancelled);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -9,10 +9,6 @@
 
 #include <pags/base.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Computes 128 random bits. The key is the seed, low word first; the counter is a low, a high, b low, b high. */
 void pags_rng_u32x4(uint64_t seed, uint64_t a, uint64_t b, uint32_t out[4]);
 /* Returns a uniform number in [0, 1), a multiple of 2^-53. */
@@ -26,7 +22,4 @@ uint64_t pags_rng_below(uint64_t seed, uint64_t a, uint64_t b, uint64_t n);
  * b from 1 to count - 1. */
 void pags_rng_permutation(uint64_t seed, uint64_t a, int64_t *index, int64_t count);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -8,10 +8,6 @@
 
 #include <pags/base.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_zip_member {
   const char *name; /* not null-terminated; inside of the archive */
   size_t name_length;
@@ -44,7 +40,4 @@ const pags_zip_member *pags_zip_find(const pags_zip *zip, const char *name);
  * PAGS_ERROR_FORMAT (damaged, wrong size or CRC) or PAGS_ERROR_MEMORY; then *out is NULL. */
 pags_result pags_zip_read(const pags_zip *zip, const pags_zip_member *member, uint8_t **out);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

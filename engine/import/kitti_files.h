@@ -11,10 +11,6 @@
 #include <pags/place.h>
 #include <stdbool.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* ---- Words of a text ---- */
 
 /* Parse a whole word as a finite number, or as an integer of lo..hi; false if it is not. */
@@ -146,7 +142,4 @@ pags_result pags_kitti_points_read(const char *path, const pags_kitti_form *form
  * caller frees *seconds. */
 pags_result pags_kitti_times_read(const char *path, int64_t *count, double **seconds);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

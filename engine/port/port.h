@@ -14,10 +14,6 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* ---- Memory ---- */
 
 /* Allocates `size` bytes at a multiple of `alignment`, a power of two >= sizeof(void *); NULL if out of memory. Such a
@@ -189,7 +185,4 @@ bool pags_port_condition_create(pthread_cond_t *condition);
 /* Waits at most `seconds`; false on a timeout. */
 bool pags_port_condition_wait(pthread_cond_t *condition, pthread_mutex_t *lock, double seconds);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

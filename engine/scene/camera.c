@@ -261,11 +261,10 @@ pags_result pags_camera_check(pags_camera *camera, const char *what) {
   for (int k = 0; k < 6; k++)
     speed += fabs(s->velocity[k]);
   if (!(fabs(s->across) <= 1 && fabs(s->down) <= 1 && (s->across == 0 || s->down == 0) && isfinite(speed)))
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s: expected a rolling shutter that reads the picture across or down in at most 1 s, and a finite "
-        "velocity; found %g s across, %g s down and a velocity of %g",
-        what, s->across, s->down, speed);
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: expected a rolling shutter that reads the picture across or down in at most 1 s, and a "
+                     "finite velocity; found %g s across, %g s down and a velocity of %g",
+                     what, s->across, s->down, speed);
   PAGS_TRY(pags_lens_model_check(&camera->lens, what));
   if (pags_camera_bends(camera) && pags_camera_rolls(camera))
     return pags_fail(PAGS_ERROR_FORMAT,

@@ -24,11 +24,10 @@ static pags_result read_shutter(const pags_json *json, const pags_json_value *ob
   PAGS_TRY(pags_json_number(json, value, "seconds", &seconds));
   PAGS_TRY(pags_json_numbers(json, value, "velocity", 6, shutter->velocity));
   if (!(seconds >= 0) || !pags_shutter_set(shutter, direction, seconds))
-    return pags_json_fail(
-        json, value,
-        "expected a direction top_to_bottom, bottom_to_top, left_to_right, right_to_left or none, and "
-        "0 seconds or more; found '%s' and %g",
-        direction, seconds);
+    return pags_json_fail(json, value,
+                          "expected a direction top_to_bottom, bottom_to_top, left_to_right, right_to_left or none, "
+                          "and 0 seconds or more; found '%s' and %g",
+                          direction, seconds);
   return PAGS_OK;
 }
 
@@ -73,10 +72,10 @@ pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *
   PAGS_TRY(pags_json_numbers(json, object, "camera_from_world_translation", 3, t));
   double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
   if (!(norm > 1e-6 && isfinite(norm)))
-    return pags_json_fail(json, object,
-                          "expected a quaternion of about unit length for "
-                          "'camera_from_world_quaternion_wxyz', found one of length %g",
-                          norm);
+    return pags_json_fail(
+        json, object,
+        "expected a quaternion of about unit length for 'camera_from_world_quaternion_wxyz', found one of length %g",
+        norm);
   pags_rotation_from_quaternion(q, r);
   pags_pose_make(r, t, pose);
   pags_rigid_inverse(pose, camera->world_from_camera);
@@ -150,8 +149,7 @@ static pags_result read_path(const pags_json *json, pags_camera_path *path) {
     if (frames->first && pags_json_member(frames->first, "transform_matrix"))
       return pags_json_fail(
           json, root,
-          "expected a path, found a data set (transforms.json): --split all --dataset FOLDER draws its "
-          "views");
+          "expected a path, found a data set (transforms.json): --split all --dataset FOLDER draws its views");
     PAGS_TRY(pags_json_number(json, root, "fps", &path->fps));
     if (!(path->fps > 0))
       return pags_json_fail(json, root, "expected a positive number for 'fps', found %g", path->fps);

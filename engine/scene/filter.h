@@ -8,10 +8,6 @@
 
 #include <pags/scene.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Positions are in metres relative to the scene's origin, as in the files that are exported. */
 typedef struct pags_filter {
   bool has_box, has_ball;
@@ -58,7 +54,4 @@ bool pags_support_has(const pags_support *support, int least, const double mean[
  * the scene. */
 pags_result pags_scene_cleanup(pags_scene *scene, const char *name, const char *text);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

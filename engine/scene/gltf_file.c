@@ -212,9 +212,9 @@ static pags_result find_layout(gltf_file *f, const pags_json_value *accessor, la
     return pags_json_fail(f->json, accessor, "sparse accessors can't be read: expected one with all its values");
   PAGS_TRY(pags_gltf_refer(f, accessor, "bufferView", GLTF_VIEWS, &view));
   if (!view)
-    return pags_json_fail(f->json, accessor,
-                          "expected a 'bufferView': without it all values are zero, or packed by an "
-                          "extension that PAGS doesn't read");
+    return pags_json_fail(
+        f->json, accessor,
+        "expected a 'bufferView': without it all values are zero, or packed by an extension that PAGS doesn't read");
   PAGS_TRY(pags_json_integer(f->json, view, "buffer", 0, INT32_MAX, &buffer_index));
   PAGS_TRY(pags_json_integer_or(f->json, view, "byteOffset", 0, INT64_MAX / 4, 0, &view_offset));
   PAGS_TRY(pags_json_integer(f->json, view, "byteLength", 1, INT64_MAX / 4, &view_length));
@@ -229,10 +229,10 @@ static pags_result find_layout(gltf_file *f, const pags_json_value *accessor, la
   const int64_t need = (out->count - 1) * stride + (int64_t)each;
   if (out->stride < each || view_offset > (int64_t)buffer->size || view_length > (int64_t)buffer->size - view_offset ||
       offset > view_length || need > view_length - offset)
-    return pags_json_fail(f->json, accessor,
-                          "%lld elements of %zu bytes at every %lld reach beyond the %lld bytes of their "
-                          "view or the %zu of its buffer",
-                          (long long)out->count, each, (long long)stride, (long long)view_length, buffer->size);
+    return pags_json_fail(
+        f->json, accessor,
+        "%lld elements of %zu bytes at every %lld reach beyond the %lld bytes of their view or the %zu of its buffer",
+        (long long)out->count, each, (long long)stride, (long long)view_length, buffer->size);
   out->first = buffer->bytes + view_offset + offset;
   return PAGS_OK;
 }

@@ -97,10 +97,10 @@ static pags_result check_pose(const gltf_file *f, const pags_json_value *node, p
   const double turn =
       m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
   if (!(item->size > 1e-12 && item->size < 1e12 && isfinite(finite) && worst <= 1e-3 * item->size && turn > 0))
-    return pags_json_fail(f->json, node,
-                          "expected a node of Gaussians that is moved, turned and scaled evenly, found one of "
-                          "scale %.4g, %.4g, %.4g%s",
-                          length[0], length[1], length[2], turn < 0 ? ", mirrored" : "");
+    return pags_json_fail(
+        f->json, node,
+        "expected a node of Gaussians that is moved, turned and scaled evenly, found one of scale %.4g, %.4g, %.4g%s",
+        length[0], length[1], length[2], turn < 0 ? ", mirrored" : "");
   for (int k = 0; k < 12; k++)
     item->turned = item->turned || m[k] != identity[k];
   for (int k = 0; k < 9; k++)
@@ -118,8 +118,8 @@ static pags_result check_extension(gltf_splats *s, const pags_json_value *primit
     for (const pags_json_value *v = places[i] ? places[i]->first : NULL; v; v = v->next)
       if (v->key && (strstr(v->key, "compression") || strstr(v->key, "draco") || strstr(v->key, "L-GSC")))
         return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                         "%s:%d: its Gaussians are packed by '%.60s', which PAGS can't read: expected "
-                         "plain attributes, or the .spz file itself",
+                         "%s:%d: its Gaussians are packed by '%.60s', which PAGS can't read: expected plain "
+                         "attributes, or the .spz file itself",
                          f->path, primitive->line, v->key);
   PAGS_TRY(pags_json_as_object(f->json, extension, EXTENSION));
   PAGS_TRY(pags_json_string_or(f->json, extension, "kernel", "ellipse", &kernel));
@@ -234,8 +234,8 @@ static pags_result read_attribute(gltf_splats *s, const placed *item, const char
   PAGS_TRY(pags_gltf_refer(&s->file, item->attributes, name, GLTF_ACCESSORS, &accessor));
   if (!accessor)
     return pags_json_fail(s->file.json, item->attributes,
-                          "expected the attribute %s; drafts of the extension had others: "
-                          "write the file anew with a program that knows the ratified one",
+                          "expected the attribute %s; drafts of the extension had others: write the file anew with a "
+                          "program that knows the ratified one",
                           name);
   return pags_gltf_accessor_read(&s->file, accessor, name, item->count, components, out);
 }
@@ -392,10 +392,10 @@ static pags_result check_required(const gltf_file *f) {
     const char *name;
     PAGS_TRY(pags_json_as_string(f->json, v, "extensionsRequired", &name));
     if (pags_text_find(name, known, 4) < 0)
-      return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                       "%s:%d: needs the extension '%.60s', which PAGS can't read: expected "
-                       "Gaussians as plain attributes",
-                       f->path, v->line, name);
+      return pags_fail(
+          PAGS_ERROR_UNSUPPORTED,
+          "%s:%d: needs the extension '%.60s', which PAGS can't read: expected Gaussians as plain attributes", f->path,
+          v->line, name);
   }
   return PAGS_OK;
 }
@@ -445,9 +445,8 @@ pags_result pags_gltf_decode(const char *path, const uint8_t *bytes, size_t size
   PAGS_TRY(add_nodes(&s));
   if (!s.count)
     return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a glTF without Gaussians (%s), with %lld other primitives: expected a splat "
-                     "file",
-                     path, EXTENSION, (long long)s.other_primitives);
+                     "%s: a glTF without Gaussians (%s), with %lld other primitives: expected a splat file", path,
+                     EXTENSION, (long long)s.other_primitives);
   PAGS_TRY(read_items(&s, out, facts->taken_off));
   facts->up = s.up;
   pags_add3(facts->origin, facts->taken_off, facts->origin);

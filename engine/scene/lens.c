@@ -488,9 +488,8 @@ pags_result pags_lens_check_inverse(const pags_lens *lens, const char *where, do
     return PAGS_OK;
   return pags_fail(
       PAGS_ERROR_FORMAT,
-      "%s: the distortion can't be undone at %.0f %% of the picture: its radial function stops growing %.0f "
-      "pixels from the centre of %d x %d pixels; expected parameters of a lens that shows each direction "
-      "once",
+      "%s: the distortion can't be undone at %.0f %% of the picture: its radial function stops growing %.0f pixels "
+      "from the centre of %d x %d pixels; expected parameters of a lens that shows each direction once",
       where, 100 * *share, at, lens->width, lens->height);
 }
 

@@ -8,10 +8,6 @@
 
 #include <pags/object.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Whether a track has six labels or more, far enough apart for a moving object, that nevertheless scatter about one
  * place. */
 bool pags_object_jitters(const pags_object *object);
@@ -24,7 +20,4 @@ void pags_class_plain_name(const char *class_name, char out[PAGS_OBJECT_NAME]);
 /* The plain name of the class and the object's number in its scene. */
 void pags_object_plain_name(const char *class_name, int64_t number, char out[PAGS_OBJECT_NAME]);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -333,11 +333,11 @@ pags_result pags_ply_table_need(const ply_table *table, const ply_element *eleme
   for (const ply_element *e = table->elements; e < element; e++)
     if (!e->rows)
       element = e;
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: truncated: expected %lld rows of '%s' (%lld bytes each) from byte %llu on, the "
-                   "file ends at byte %zu",
-                   table->path, (long long)element->count, element->name, (long long)element->stride,
-                   (unsigned long long)element->offset, table->size);
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: truncated: expected %lld rows of '%s' (%lld bytes each) from byte %llu on, the file ends at byte %zu",
+      table->path, (long long)element->count, element->name, (long long)element->stride,
+      (unsigned long long)element->offset, table->size);
 }
 
 const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property) {

@@ -5,10 +5,6 @@
 
 #include <pags/gaussians.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* The rotation R of directions is row-major 3x3: the rotated function has in direction R d the value that the function
  * had in direction d. */
 typedef struct pags_sh_rotation {
@@ -21,7 +17,4 @@ void pags_sh_rotation_apply(const pags_sh_rotation *turn, int degree, double *re
 /* The same for all channels of a row. */
 void pags_sh_rotation_apply_row(const pags_sh_rotation *turn, int degree, pags_gaussians *g, int64_t row);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -264,8 +264,7 @@ static pags_result check_indices(const sog_file *f, const char *attribute, const
     for (int c = 0; c < 3; c++)
       if (picture->rgba[4 * i + c] >= scale->size)
         return pags_fail(PAGS_ERROR_FORMAT,
-                         "%s: '%s': pixel %lld: expected an index of the %d values of its codebook, "
-                         "found %d",
+                         "%s: '%s': pixel %lld: expected an index of the %d values of its codebook, found %d",
                          f->source.path, attribute, (long long)i, scale->size, picture->rgba[4 * i + c]);
   return PAGS_OK;
 }
@@ -314,8 +313,8 @@ static pags_result decode_quats(sog_file *f, pags_gaussians *out) {
   }
   if (without)
     PAGS_WARN(
-        "%s: %lld of %lld quaternions don't name their largest component, the first is "
-        "that of Gaussian %lld; taken as no rotation",
+        "%s: %lld of %lld quaternions don't name their largest component, the first is that of Gaussian %lld; taken as "
+        "no rotation",
         f->source.path, (long long)without, (long long)f->count, (long long)first);
   return PAGS_OK;
 }
@@ -380,8 +379,8 @@ static pags_result decode_shn(sog_file *f, const pags_webp *palette, pags_gaussi
   }
   if (without)
     PAGS_WARN(
-        "%s: %lld of %lld Gaussians name no entry of the palette of %lld, the first is "
-        "Gaussian %lld; they get no colour that changes with the view",
+        "%s: %lld of %lld Gaussians name no entry of the palette of %lld, the first is Gaussian %lld; they get no "
+        "colour that changes with the view",
         f->source.path, (long long)without, (long long)f->count, (long long)f->palette, (long long)first);
   return PAGS_OK;
 }
@@ -449,10 +448,9 @@ pags_result pags_sog_decode_zip(const char *path, const uint8_t *bytes, size_t s
   sog_source source = {.path = path, .zip = &zip};
   const pags_zip_member *found = find_meta(&zip, &source);
   if (!found)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a zip archive without meta.json, so no SOG: expected a "
-                     "splat file; unpack other archives first",
-                     path);
+    return pags_fail(
+        PAGS_ERROR_FORMAT,
+        "%s: a zip archive without meta.json, so no SOG: expected a splat file; unpack other archives first", path);
   PAGS_TRY(pags_zip_read(&zip, found, &meta));
   return decode(&source, meta, found->size, out, facts);
 }

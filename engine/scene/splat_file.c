@@ -24,11 +24,10 @@
 static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
   const size_t blanks = strspn((const char *)bytes, " \t\r\n");
   if (size > blanks && (bytes[blanks] == '{' || bytes[blanks] == '['))
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s: a JSON file of another program: expected a splat file, the meta.json of a SOG, a glTF, or the "
-        "scene.json of a scene folder",
-        path);
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: a JSON file of another program: expected a splat file, the meta.json of a SOG, a glTF, or "
+                     "the scene.json of a scene folder",
+                     path);
   if (size > blanks && bytes[blanks] == '<')
     return pags_fail(PAGS_ERROR_FORMAT, "%s: a web page or other XML: expected a splat file", path);
   if (blanks == size)
@@ -104,11 +103,10 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, i
     facts->up = PAGS_UP_UNKNOWN; /* the file's up axis refers to the axes stored in it */
   }
   if (facts->axes_from && strcmp(facts->axes_from, "specification") == 0)
-    pags_log_message(
-        PAGS_LOG_INFO,
-        "%s: no record of its axes: taken as %s, as its format's specification says; what splat-transform 3 "
-        "and SuperSplat write is RDF (--axes rdf)",
-        path, pags_axes_name(facts->axes));
+    pags_log_message(PAGS_LOG_INFO,
+                     "%s: no record of its axes: taken as %s, as its format's specification says; what splat-transform "
+                     "3 and SuperSplat write is RDF (--axes rdf)",
+                     path, pags_axes_name(facts->axes));
   if (facts->axes != PAGS_AXES_UNKNOWN) {
     pags_gaussians_turn(out, facts->axes);
     if (decoder != pags_spz_decode) /* whose record has the origin in PLY's axes */

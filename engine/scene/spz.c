@@ -152,8 +152,8 @@ static void read_records(const char *path, const uint8_t *bytes, size_t size, sp
     const uint32_t type = pags_load_u32(bytes), length = pags_load_u32(bytes + 4);
     if (length > size - 8) {
       PAGS_WARN(
-          "%s: extension record %08X is damaged: expected at most %zu bytes, found %u; it and what follows "
-          "are left out",
+          "%s: extension record %08X is damaged: expected at most %zu bytes, found %u; it and what follows are left "
+          "out",
           path, type, size - 8, length);
       return;
     }

@@ -10,10 +10,6 @@
 #include <pags/base.h>
 #include <pags/scene.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Positions are in the scene's frame, relative to its origin. */
 typedef struct pags_survey {
   double lo[3], hi[3]; /* box of the Gaussians, without floaters and distant ones */
@@ -52,7 +48,4 @@ typedef struct pags_far_cameras {
 pags_result pags_far_cameras_find(const double *positions, int64_t count, double size, bool *far,
                                   pags_far_cameras *out);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

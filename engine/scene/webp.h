@@ -8,10 +8,6 @@
 
 #include <pags/base.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_webp {
   int width, height;
   bool lossy;    /* its values have been changed by compression */
@@ -32,7 +28,4 @@ pags_result pags_webp_decode(const char *path, const uint8_t *bytes, size_t size
  * freed by the caller. A side has 1 to 16383 pixels. PAGS_ERROR_UNSUPPORTED or _MEMORY. */
 pags_result pags_webp_encode(const uint8_t *rgba, int width, int height, uint8_t **bytes, size_t *size);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -9,10 +9,6 @@
 #include <pags/compose.h>
 #include <pags/gaussians.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* The Gaussians of one object in the frame of its labelled box, spherical harmonics rotated with them. `object` -1:
  * the Gaussians that belong to no object, relative to the scene's origin. Time-dependent colours are taken at `time`
  * (seconds; NaN: the scene's begin). The result is empty if the object has no Gaussians. After a failure, too, the
@@ -53,7 +49,4 @@ void pags_presence_destroy(pags_presence *presence);
 /* Logs how many objects aren't there all the time, which glTF can't show, and names the first. PAGS_ERROR_MEMORY. */
 pags_result pags_presence_tell(const pags_scene *scene);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -5,10 +5,6 @@
 
 #include <pags/base.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { PAGS_CODEBOOK = 256 };
 
 /* Values between which 256 are to be chosen, with the sum of their weights in each of `bins` equal steps. */
@@ -34,7 +30,4 @@ uint8_t pags_codebook_index(const pags_codebook *book, double value);
 pags_result pags_palette_make(const float *rows, int64_t count, int width, int64_t most, float *entries,
                               int32_t *labels, int64_t *found);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -10,10 +10,6 @@
 #include <pags/export.h>
 #include <pags/scene.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_spz_options {
   int version;                   /* 3 (gzip) or 4 (zstd) */
   int axes;                      /* a pags_axes of the first eight: the axes of the file */
@@ -59,7 +55,4 @@ size_t pags_zip_put_local(uint8_t *out, const pags_zip_item *item);
 size_t pags_zip_put_central(uint8_t *out, const pags_zip_item *item);
 size_t pags_zip_put_end(uint8_t *out, int count, size_t directory_offset, size_t directory_size);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

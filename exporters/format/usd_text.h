@@ -7,10 +7,6 @@
 
 #include "base/file.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_usd {
   pags_file_writer file;
   pags_result result;
@@ -41,7 +37,4 @@ void pags_usd_integers(pags_usd *usd, const char *head, const uint32_t *values, 
  * before a leading digit. */
 void pags_usd_name(const char *text, char *out, size_t size);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -7,10 +7,6 @@
 #include "exporters/proxy/ground.h"
 #include "exporters/proxy/object_proxy.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_chunk {
   const char *class_name; /* static: "ground", "road", "building", ... */
   int number;             /* running number in its class, from 0 */
@@ -33,7 +29,4 @@ typedef struct pags_background {
 pags_result pags_background_make(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, pags_background *out);
 void pags_background_destroy(pags_background *background);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -11,10 +11,6 @@
 #include "exporters/proxy/mesh.h"
 #include "scene/survey.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_bare {
   pags_scene scene; /* shares everything with the scene that was given but the views, which are made up */
   pags_survey survey;
@@ -42,7 +38,4 @@ pags_result pags_bare_surface(const pags_bare *bare, const pags_proxy_options *o
 pags_result pags_bare_level(const pags_bare *bare, const pags_proxy_options *options, pags_proxy_mesh *mesh,
                             pags_proxy_level *level, const char **note);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

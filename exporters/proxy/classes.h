@@ -5,10 +5,6 @@
 
 #include "exporters/proxy/object_proxy.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* PAGS_CLASS_SURFACE: all of a scene without photographs. */
 enum { PAGS_CLASS_SURFACE = 6, PAGS_CLASSES };
 extern const char *const pags_class_names[PAGS_CLASSES]; /* "road", "sidewalk", "building", ... */
@@ -20,7 +16,4 @@ void pags_classes_load(const pags_proxy_maker *maker, const pags_scene_view *vie
 pags_result pags_classes_find(const pags_proxy_maker *maker, const pags_depth_views *depth_views, bool labelled,
                               const pags_proxy_mesh *mesh, uint8_t *class_of);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

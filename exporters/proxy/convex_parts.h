@@ -5,10 +5,6 @@
 
 #include "exporters/proxy/mesh.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* 124 triangles are 64 vertices, the most that PhysX takes for a hull on a graphics card. */
 enum { PAGS_MOST_PARTS = 8, PAGS_PART_TRIANGLES = 124 };
 
@@ -26,7 +22,4 @@ pags_result pags_proxy_mesh_convex(const pags_proxy_mesh *from, int64_t budget, 
 pags_result pags_convex_part(const pags_proxy_mesh *mesh, const pags_convex_parts *parts, int number,
                              pags_proxy_mesh *out);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -10,10 +10,6 @@
 #include "exporters/proxy/lidar.h"
 #include "exporters/proxy/mesh.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_ground {
   int nx, ny;
   double x0, y0, step; /* position of lattice point (0, 0), distance of lattice points; metres */
@@ -41,7 +37,4 @@ bool pags_ground_height(const pags_ground *ground, double x, double y, double *z
 /* Makes a mesh of at most `budget` triangles, of which none is turned over as seen from above. */
 pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_proxy_mesh *out);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

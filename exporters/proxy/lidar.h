@@ -7,10 +7,6 @@
 
 #include "exporters/proxy/lidar_fit.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_lidar {
   int64_t count;
   float *points; /* points outside of labelled boxes: 3 floats each, metres, relative to the scene's origin */
@@ -23,7 +19,4 @@ typedef struct pags_lidar {
 pags_result pags_lidar_read(const pags_scene *scene, bool held_out, pags_lidar *out);
 void pags_lidar_destroy(pags_lidar *lidar); /* frees and zeroes */
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -5,10 +5,6 @@
 
 #include "exporters/proxy/tsdf.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_lidar_fit {
   int64_t count, capacity;
   float *points; /* 3 each, metres, the object's frame */
@@ -22,7 +18,4 @@ void pags_lidar_fit_destroy(pags_lidar_fit *cloud); /* frees and zeroes */
  * first, and subtracted from the grid (multilevel approximation of scattered data, Lee, Wolberg and Shin 1997). */
 pags_result pags_lidar_fit_pull(const pags_lidar_fit *cloud, pags_tsdf *grid, double reach);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -6,10 +6,6 @@
 #include "base/memory.h"
 #include "exporters/proxy/mesh.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_mesh_query pags_mesh_query;
 
 /* Builds a query over the triangles of `mesh`, which must outlive the query. */
@@ -29,7 +25,4 @@ double pags_mesh_query_nearest(const pags_mesh_query *query, const double point[
 double pags_mesh_query_ray(const pags_mesh_query *query, const double origin[3], const double direction[3],
                            uint32_t *primitive);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -13,10 +13,6 @@
 #include "exporters/proxy/shape_prior.h"
 #include "exporters/proxy/texture.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { PAGS_LEAST_GAUSSIANS = 16 }; /* an object of fewer Gaussians is not drawn, so no surface is fused of it */
 
 /* The pose of an object at one of its labels, relative to the scene's origin. That of a parked object is the pose at
@@ -81,7 +77,4 @@ void pags_object_shape_destroy(pags_object_shape *shape);
 pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object, const pags_object_shape *shape,
                                    pags_built_level *out);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

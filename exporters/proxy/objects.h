@@ -5,10 +5,6 @@
 
 #include "exporters/proxy/object_proxy.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_built_object {
   int level_count; /* levels made: 0 if the object is not chosen, else 1; with options->lod mesh to box, finest first;
                       with the names of a program the mesh and what it collides with, unless that is the mesh */
@@ -24,7 +20,4 @@ pags_result pags_objects_make(const pags_proxy_maker *maker, bool measure, pags_
                               pags_built_object **out);
 void pags_objects_destroy(pags_built_object *objects, int64_t count); /* NULL is allowed */
 
-#ifdef __cplusplus
-}
-#endif
 #endif

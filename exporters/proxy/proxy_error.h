@@ -9,10 +9,6 @@
 #include "exporters/proxy/depth_view.h"
 #include "exporters/proxy/mesh.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Appends a copy of the facts, with copies of their name and class, to the report. */
 pags_result pags_proxy_report_add(pags_proxy_report *report, const pags_proxy_facts *facts);
 
@@ -35,7 +31,4 @@ pags_result pags_proxies_compare(const pags_proxy_mesh *proxies, const int32_t *
                                  const pags_depth_views *depth_views, double range, pags_tasks *tasks,
                                  pags_proxy_facts *facts);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -9,10 +9,6 @@
 
 #include "exporters/proxy/depth_view.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 typedef struct pags_scene_depth_view {
   pags_camera camera; /* pose in the scene's frame, relative to its origin */
   uint16_t *depth;    /* camera z in metres as binary16: 0: unknown; infinite: the ray meets nothing */
@@ -40,7 +36,4 @@ pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags
  * depth, unknown beyond" (a negative depth). */
 void pags_depth_view_hide(pags_depth_view *depth_view, const pags_scene_depth_view *view);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -9,10 +9,6 @@
 #include "exporters/proxy/lidar_fit.h"
 #include "exporters/proxy/tsdf.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* The shape of a vehicle: signed distances on a lattice that is scaled with its box. */
 typedef struct pags_shape_prior {
   int64_t object;  /* index in the scene of the object whose shape it is */
@@ -39,7 +35,4 @@ pags_result pags_shape_prior_blend(const pags_shape_prior *priors, int64_t count
 pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], bool vehicle,
                                       const pags_shape_prior *prior, const pags_lidar_fit *cloud);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -9,10 +9,6 @@
 #include "exporters/proxy/depth_view.h"
 #include "exporters/proxy/mesh.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { PAGS_GRID_BLOCK = 8 }; /* grid points along a side of a block; a block is fused as a whole or skipped */
 
 typedef struct pags_tsdf {
@@ -64,7 +60,4 @@ int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_
 pags_result pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
                                   pags_tasks *tasks);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

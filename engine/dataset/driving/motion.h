@@ -6,10 +6,6 @@
 #include <pags/object.h>
 #include <stdbool.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* What doesn't fit among the poses of a car. */
 typedef struct pags_leaps {
   int64_t count;                   /* steps from one pose to the next that no car makes */
@@ -49,7 +45,4 @@ void pags_track_mend(const pags_object *object, uint8_t *mended);
  * things. `scratch` has room for two numbers a label. */
 int pags_track_split(const pags_object *object, int *part, uint8_t *mended, double *scratch);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -21,10 +21,6 @@
 
 #include "dataset/driving/account.h"
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 enum { PAGS_LAYOUT_CAMERAS = 16 };
 
 typedef struct pags_layout_camera {
@@ -157,7 +153,4 @@ pags_result pags_layout_write_times(const char *path, const pags_layout_info *in
 /* Writes dataset.json, `indent` spaces per level; without source and first_frame if info->source is NULL. */
 pags_result pags_layout_write_description(const char *path, const pags_layout_info *info, int indent);
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -27,9 +27,16 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* Between these, functions have C linkage in C++, too. */
 #ifdef __cplusplus
-extern "C" {
+#define PAGS_BEGIN_C extern "C" {
+#define PAGS_END_C }
+#else
+#define PAGS_BEGIN_C
+#define PAGS_END_C
 #endif
+
+PAGS_BEGIN_C
 
 #if defined(__GNUC__)
 #define PAGS_API __attribute__((visibility("default")))
@@ -94,7 +101,5 @@ typedef enum pags_up { PAGS_UP_UNKNOWN, PAGS_UP_Z, PAGS_UP_MINUS_Y, PAGS_UP_Y } 
  * which then returns PAGS_CANCELLED; any other value continues it. */
 typedef int pags_progress_fn(void *user, double fraction, const char *what);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -13,9 +13,7 @@
 #include <pags/dataset.h>
 #include <pags/tasks.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* How a recording is cut. Time steps are numbers of frames. */
 typedef struct pags_blocks {
@@ -74,7 +72,5 @@ typedef struct pags_merge_facts {
 PAGS_API pags_result pags_merge(const char *folder, const char *output, pags_tasks *tasks, pags_progress_fn *progress,
                                 void *user, pags_merge_facts *facts);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -7,9 +7,7 @@
 #include <pags/base.h>
 #include <pags/lens.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* A rolling shutter: the lines of the picture are read one after another while the camera moves. The camera's pose is
  * that of the middle of the exposure, when the line in the middle of the picture is read. */
@@ -162,7 +160,5 @@ PAGS_API pags_result pags_camera_path_save(const char *path, const pags_camera_p
 /* Frees the cameras and zeroes the struct. A zeroed struct is allowed. */
 PAGS_API void pags_camera_path_destroy(pags_camera_path *path);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -6,9 +6,7 @@
 
 #include <pags/gaussians.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* Gaussians in the largest clusters. */
 enum { PAGS_LARGEST_CLUSTER = 256 };
@@ -48,7 +46,5 @@ PAGS_API void pags_clusters_drop_runs(pags_clusters *clusters);
 PAGS_API void pags_clusters_update(pags_clusters *clusters, const pags_gaussians *gaussians, int64_t first,
                                    int64_t last);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

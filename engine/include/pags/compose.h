@@ -14,9 +14,7 @@
 #include <pags/frame.h>
 #include <pags/scene.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 typedef struct pags_composition pags_composition;
 
@@ -139,7 +137,5 @@ PAGS_API int pags_composition_priorities(const pags_composition *composition, fl
  * 1. Values outside of 0..1 are clamped; NaN counts as 0. */
 PAGS_API void pags_colormap_heat(float value, float rgb[3]);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

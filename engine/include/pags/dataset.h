@@ -16,9 +16,7 @@
 #include <pags/place.h>
 #include <pags/tasks.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* ---- Options, views and labels ---- */
 
@@ -305,7 +303,5 @@ PAGS_API pags_result pags_photo_cache_get(pags_photo_cache *cache, int64_t view,
  * announcement. Decoding starts in the background as far as the size limit allows. */
 PAGS_API void pags_photo_cache_prefetch(pags_photo_cache *cache, const int64_t *views, int64_t count, int shrink);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

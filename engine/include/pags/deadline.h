@@ -21,9 +21,7 @@
 #include <pags/base.h>
 #include <pags/frame.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 enum {
   PAGS_DEADLINE_WHOLE_STEPS = 8, /* the first steps: pictures of the requested size */
@@ -124,7 +122,5 @@ PAGS_API pags_result pags_deadline_render_step(pags_deadline *deadline, int step
                                                const pags_frame_options *options, pags_picture *out,
                                                pags_deadline_result *facts);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -9,9 +9,7 @@
 #include <pags/image.h>
 #include <pags/tasks.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* Computes the peak signal-to-noise ratio of two pictures in dB: 10 log10(1 / MSE), the mean squared error taken
  * over the three channels of the counted pixels.
@@ -56,7 +54,5 @@ PAGS_API const char *pags_lpips_network(const pags_lpips *lpips);
 PAGS_API pags_result pags_lpips_distance(const pags_lpips *lpips, const pags_image *a, const pags_image *b,
                                          pags_tasks *tasks, double *distance);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -29,9 +29,7 @@
 #include <pags/sky.h>
 #include <pags/tasks.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* ---- Parts and options ---- */
 
@@ -349,7 +347,5 @@ PAGS_API uint64_t pags_frame_heap_calls(const pags_frame *frame);
 /* Returns the peak memory of the frame's arena and planes, bytes. */
 PAGS_API size_t pags_frame_bytes(const pags_frame *frame);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -17,9 +17,7 @@
 /* The least value of pags_gaussians.alpha_min that isn't 0, with room for rounding: 1/255 is 0.00392. */
 #define PAGS_LEAST_ALPHA_MIN 0.0039f
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* The index of the first plane of each attribute, and counts of planes. */
 enum {
@@ -144,7 +142,5 @@ PAGS_API pags_result pags_gaussians_sorted_copy(pags_gaussians *out, const pags_
  * drawn, in ascending order; it has room for g->count entries. */
 PAGS_API int64_t pags_gaussians_find_bad(const pags_gaussians *g, int64_t *index);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

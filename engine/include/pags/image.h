@@ -6,9 +6,7 @@
 
 #include <pags/base.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* The type of a sample: uint8_t, uint16_t or float. */
 typedef enum pags_sample { PAGS_U8, PAGS_U16, PAGS_F32 } pags_sample;
@@ -108,7 +106,5 @@ PAGS_API pags_result pags_image_save_exr(const char *path, int width, int height
                                          const char *const *names, const float *const *planes, int stride,
                                          const char *const *texts);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

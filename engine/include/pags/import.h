@@ -13,9 +13,7 @@
 #include <pags/base.h>
 #include <pags/tasks.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 typedef struct pags_import_options {
   /* Numbers of the cameras to import, separated by commas. NULL: the usual cameras of the source, which are 0,1,2
@@ -44,7 +42,5 @@ PAGS_API pags_result pags_import_kitti(const char *source, const char *folder, c
 PAGS_API pags_result pags_import_waymo(const char *source, const char *folder, const pags_import_options *options,
                                        pags_tasks *tasks, pags_progress_fn *progress, void *user);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -7,9 +7,7 @@
 
 #include <pags/base.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* The lens models. (x, y) = (X / Z, Y / Z), r is its distance from the axis, theta the angle from
  * the axis, up to pi. The formulas are those of OpenCV's manual and of COLMAP's documentation of its camera models
@@ -69,7 +67,5 @@ PAGS_API int pags_lens_look(const pags_lens_model *lens, const double at[2], dou
 /* The word for a kind in files, "fisheye"; NULL beyond the last one. */
 PAGS_API const char *pags_lens_kind_name(pags_lens_kind kind);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

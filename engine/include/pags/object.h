@@ -10,9 +10,7 @@
 
 #include <pags/base.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 typedef enum pags_category {
   PAGS_CATEGORY_OTHER, /* signs, cones, animals, ... */
@@ -113,7 +111,5 @@ PAGS_API void pags_increment_matrix(const double rotation[3], const double trans
  * pags_increment_matrix for rotations. */
 PAGS_API void pags_increment_rotation(const double m[12], double rotation[3]);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -30,9 +30,7 @@
 #include <pags/clusters.h>
 #include <pags/gaussians.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 enum {
   PAGS_PACKED_ROWS = 64, /* Gaussians per cluster */
@@ -111,7 +109,5 @@ PAGS_API pags_result pags_packed_open(const char *path, pags_packed *out);
 /* Returns 1 if a file exists and begins with the signature of a packed file, otherwise 0. */
 PAGS_API int pags_packed_is_file(const char *path);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

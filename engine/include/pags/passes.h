@@ -12,9 +12,7 @@
 #include <pags/frame.h>
 #include <pags/scene.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* ---- Requests ---- */
 
@@ -101,7 +99,5 @@ PAGS_API pags_result pags_matte_names_of_scene(const pags_scene *scene, int clas
 /* Frees the names and zeroes the struct. A zeroed struct is allowed. */
 PAGS_API void pags_matte_names_destroy(pags_matte_names *names);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

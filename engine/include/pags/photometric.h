@@ -8,9 +8,7 @@
 #include <pags/base.h>
 #include <pags/camera.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 enum { PAGS_VIGNETTING_RINGS = 4, PAGS_RESPONSE_PIECES = 6 };
 
@@ -57,7 +55,5 @@ PAGS_API double pags_photometric_vignetting(const pags_photometric *calibration,
 /* The response at `value`; *slope (may be NULL): its derivative there. */
 PAGS_API double pags_photometric_response(const pags_photometric *calibration, double value, double *slope);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -21,9 +21,7 @@
 #include <pags/compose.h>
 #include <pags/frame.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 typedef struct pags_pick_options {
   double origin[3]; /* origin of the parts' positions, metres, as in pags_frame_options; default 0 */
@@ -63,7 +61,5 @@ PAGS_API pags_result pags_composition_pick(const pags_composition *composition, 
                                            const double origin[3], const double direction[3],
                                            const pags_pick_options *options, pags_picked *out);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

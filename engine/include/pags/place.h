@@ -3,10 +3,6 @@
 #ifndef PAGS_PLACE_H
 #define PAGS_PLACE_H
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Geographic position of the world point (0, 0, 0) of a world whose x axis points east, y north and z up. */
 typedef struct pags_place {
   double latitude, longitude; /* degrees, WGS84, north and east positive */
@@ -14,7 +10,4 @@ typedef struct pags_place {
   int known;                  /* 1: the members above are set; 0: the position is unknown */
 } pags_place;
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -14,9 +14,7 @@
 #include <pags/place.h>
 #include <pags/sky.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* A set of Gaussians with its own PLY: the background, or the model of one object in the object's frame. */
 typedef struct pags_model {
@@ -211,7 +209,5 @@ PAGS_API pags_result pags_splat_read(const char *path, int axes, pags_gaussians 
 /* pags_splat_read with axes 0 and two of the facts, which may be NULL; positions are absolute. */
 PAGS_API pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

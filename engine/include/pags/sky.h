@@ -5,9 +5,7 @@
 
 #include <pags/base.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* A cube map with the faces +X -X +Y -Y +Z -Z of the world's axes seen from inside, row 0 at the top, as in OpenGL.
  * The face of a direction (x, y, z) is that of its major axis m, the component of largest magnitude. The face's
@@ -46,7 +44,5 @@ PAGS_API pags_result pags_sky_save(const char *path, const pags_sky *sky);
 /* Computes the colour of the sky (size > 0) in `direction` (world, any length > 0), display-referred sRGB. */
 PAGS_API void pags_sky_sample(const pags_sky *sky, const double direction[3], float rgb[3]);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

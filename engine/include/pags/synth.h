@@ -7,9 +7,7 @@
 #include <pags/base.h>
 #include <pags/tasks.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* The order in which a rolling shutter reads a picture: rows from the top down or from the bottom up, columns from the
  * left to the right or from the right to the left. */
@@ -123,7 +121,5 @@ typedef struct pags_town_facts {
 PAGS_API pags_result pags_synth_town(const char *folder, const pags_town_options *options, pags_tasks *tasks,
                                      pags_progress_fn *progress, void *user, pags_town_facts *facts);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

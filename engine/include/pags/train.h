@@ -15,9 +15,7 @@
 #include <pags/gaussians.h>
 #include <pags/tasks.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 /* ---- The configuration ---- */
 
@@ -483,7 +481,5 @@ PAGS_API pags_result pags_train(const pags_train_config *config, const pags_trai
  * these two, is converted to a limit on Gaussians by this figure. */
 PAGS_API uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif

@@ -16,9 +16,7 @@
 #include <pags/scene.h>
 #include <pags/tasks.h>
 
-#ifdef __cplusplus
-extern "C" {
-#endif
+PAGS_BEGIN_C
 
 typedef enum pags_proxy_level {
   PAGS_PROXY_MESH,   /* the closed surface of the Gaussians, decimated to a limit of triangles */
@@ -153,7 +151,5 @@ PAGS_API pags_result pags_export_usd(pags_scene *scene, const char *path, const 
                                      const pags_splat_options *splats, pags_tasks *tasks, pags_progress_fn *progress,
                                      void *user, int64_t *count);
 
-#ifdef __cplusplus
-}
-#endif
+PAGS_END_C
 #endif
