@@ -6,7 +6,7 @@
 #include <pags/scene.h>
 #include "exporters/proxy/proxy_error.h"
 #include "synth/stage.h"
-#include "synth/street_labels.h"
+#include "synth/street.h"
 
 #include "benchmarks/exporters/glb.h"
 #include "cli/common/session.h"

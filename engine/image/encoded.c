@@ -15,12 +15,8 @@ pags_result pags_encoded_check(const pags_encoded *file, const pags_picture_info
   return PAGS_OK;
 }
 
-pags_result pags_encoded_bad_header(const pags_encoded *file, const char *name, const char *text) {
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: not a readable picture: %s: %s", file->path, name, text);
-}
-
-pags_result pags_encoded_bad_samples(const pags_encoded *file, const char *name, const char *text) {
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: %s: %s", file->path, name, text);
+pags_result pags_encoded_bad(const pags_encoded *file, const char *what, const char *name, const char *text) {
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: %s: %s", file->path, what, name, text);
 }
 
 bool pags_sink_put(pags_sink *sink, const void *bytes, size_t size) {

@@ -75,12 +75,12 @@ static int64_t read_bytes(exr_const_context_t context, void *user, void *out, ui
 
 /* ---- Reading ---- */
 
-/* Fails with OpenEXRCore's message, as `bad` puts it. */
-static pags_result explain(const exr_state *state, exr_result_t code,
-                           pags_result (*bad)(const pags_encoded *, const char *, const char *)) {
+/* Fails with OpenEXRCore's message. */
+static pags_result explain(const exr_state *state, exr_result_t code, const char *what) {
   if (failed_allocations > 0)
     return pags_out_of_memory("%s", state->file->path);
-  return bad(state->file, "EXR", state->message[0] ? state->message : exr_get_default_error_message(code));
+  return pags_encoded_bad(state->file, what, "EXR",
+                          state->message[0] ? state->message : exr_get_default_error_message(code));
 }
 
 static pags_result unsupported(const exr_state *state, const char *what) {
@@ -114,7 +114,7 @@ static pags_result choose_layer(exr_state *state) {
                                                .number = list->entries[i].pixel_type == EXR_PIXEL_UINT};
   }
   return code == EXR_ERR_SUCCESS ? pags_layer_choose(state->file->path, channels, count, &state->layer)
-                                 : explain(state, code, pags_encoded_bad_header);
+                                 : explain(state, code, PAGS_BAD_HEADER);
 }
 
 /* Chooses the layer, checks that its part is of a kind that is read here, and reads its windows and channels. `least`
@@ -134,7 +134,7 @@ static pags_result read_header(exr_state *state, uint64_t *least) {
   code = code ? code : exr_get_pixel_aspect_ratio(context, part, &state->pixel_aspect);
   code = code ? code : exr_get_channels(context, part, &list);
   if (code != EXR_ERR_SUCCESS)
-    return explain(state, code, pags_encoded_bad_header);
+    return explain(state, code, PAGS_BAD_HEADER);
   if (storage != EXR_STORAGE_SCANLINE)
     return unsupported(state, storage == EXR_STORAGE_TILED ? "tiles" : "deep samples");
   if (compression > EXR_COMPRESSION_PIZ)
@@ -172,7 +172,7 @@ static pags_result begin(exr_state *state, uint64_t *least) {
   setup.flags = EXR_CONTEXT_FLAG_DISABLE_CHUNK_RECONSTRUCTION;
   failed_allocations = 0;
   const exr_result_t code = exr_start_read(&state->context, state->file->path, &setup);
-  return code == EXR_ERR_SUCCESS ? read_header(state, least) : explain(state, code, pags_encoded_bad_header);
+  return code == EXR_ERR_SUCCESS ? read_header(state, least) : explain(state, code, PAGS_BAD_HEADER);
 }
 
 /* Converts a row of one channel, stored little-endian, to floats with a stride of `step`. */
@@ -278,7 +278,7 @@ pags_result pags_exr_decode(const pags_encoded *file, int most, pags_image *out)
   const exr_result_t code = read_blocks(&state, &pipeline, &image);
   exr_decoding_destroy(state.context, &pipeline);
   if (code != EXR_ERR_SUCCESS)
-    return explain(&state, code, pags_encoded_bad_samples);
+    return explain(&state, code, PAGS_BAD_SAMPLES);
   pags_image_move(&image, out);
   return PAGS_OK;
 }

@@ -31,10 +31,11 @@ typedef struct pags_picture_info {
  * `least` is the fewest bytes that can hold it. Called before memory for the samples is allocated. */
 pags_result pags_encoded_check(const pags_encoded *file, const pags_picture_info *info, uint64_t least);
 
-/* Fails with PAGS_ERROR_FORMAT and "path: not a readable picture: NAME: text" for a header that can't be read, or
- * "path: can't be decoded: NAME: text" for its samples. NAME is the format's. */
-pags_result pags_encoded_bad_header(const pags_encoded *file, const char *name, const char *text);
-pags_result pags_encoded_bad_samples(const pags_encoded *file, const char *name, const char *text);
+/* Fails with PAGS_ERROR_FORMAT and "path: WHAT: NAME: text", for a header or samples that can't be read. NAME is the
+ * format's. */
+#define PAGS_BAD_HEADER "not a readable picture"
+#define PAGS_BAD_SAMPLES "can't be decoded"
+pags_result pags_encoded_bad(const pags_encoded *file, const char *what, const char *name, const char *text);
 
 /* The ratio that a file states of a pixel's sides, or 1 for an invalid one: not finite, not positive, or within 1 %
  * of a square. */

@@ -64,9 +64,10 @@ static void check_scans(j_common_ptr jpeg) {
   longjmp(errors->jump, 1);
 }
 
-/* Fails with libjpeg's message, as `bad` puts it. */
-static pags_result explain(const jpeg_reader *r, pags_result (*bad)(const pags_encoded *, const char *, const char *)) {
-  return r->errors.out_of_memory ? pags_out_of_memory("%s", r->file->path) : bad(r->file, "JPEG", r->errors.message);
+/* Fails with libjpeg's message. */
+static pags_result explain(const jpeg_reader *r, const char *what) {
+  return r->errors.out_of_memory ? pags_out_of_memory("%s", r->file->path)
+                                 : pags_encoded_bad(r->file, what, "JPEG", r->errors.message);
 }
 
 /* ---- Reading ---- */
@@ -107,25 +108,23 @@ static bool start(jpeg_reader *r) {
   return true;
 }
 
-static uint8_t times_black(uint8_t colour, uint8_t black) {
-  const float scale = 1 / 255.0f;
-  return (uint8_t)((float)colour * scale * ((float)black * scale) * 255.0f + 0.5f);
-}
-
 /* Reads all rows into `out`. A row whose channels differ from the file's goes through `row`. */
 static bool read_rows(jpeg_reader *r, uint8_t *row, pags_image *out) {
   if (setjmp(r->errors.jump))
     return false;
   const size_t width = (size_t)out->width, channels = (size_t)out->channels, stored = (size_t)r->jpeg.output_components;
+  const bool cmyk = r->jpeg.out_color_space == JCS_CMYK;
+  const float scale = 1 / 255.0f;
   while (r->jpeg.output_scanline < r->jpeg.output_height) {
     uint8_t *const to = (uint8_t *)out->data + r->jpeg.output_scanline * width * channels;
     JSAMPROW rows[1] = {row ? row : to};
     jpeg_read_scanlines(&r->jpeg, rows, 1);
     for (size_t x = 0; row && x < width; x++)
-      for (size_t c = 0; c < channels; c++)
-        to[x * channels + c] = r->jpeg.out_color_space == JCS_CMYK
-                                   ? times_black(row[x * stored + c], row[x * stored + 3])
-                                   : row[x * stored + c];
+      for (size_t c = 0; c < channels; c++) {
+        const uint8_t *const from = row + x * stored;
+        const float colour = (float)from[c] * scale;
+        to[x * channels + c] = cmyk ? (uint8_t)(colour * ((float)from[3] * scale) * 255.0f + 0.5f) : from[c];
+      }
   }
   return true;
 }
@@ -134,7 +133,7 @@ static bool read_rows(jpeg_reader *r, uint8_t *row, pags_image *out) {
 static pags_result begin(jpeg_reader *r, pags_picture_info *info) {
   r->jpeg.err = set_errors(&r->errors);
   if (!read_header(r))
-    return explain(r, pags_encoded_bad_header);
+    return explain(r, PAGS_BAD_HEADER);
   *info = (pags_picture_info){
       .width = r->jpeg.image_width, .height = r->jpeg.image_height, .channels = r->jpeg.num_components};
   return pags_encoded_check(r->file, info, 0);
@@ -210,14 +209,14 @@ pags_result pags_jpeg_decode(const pags_encoded *file, int most, pags_image *out
   const uint64_t blocks = (((uint64_t)info.width + 7) / 8) * (((uint64_t)info.height + 7) / 8);
   PAGS_TRY(pags_encoded_check(file, &info, blocks / (r.jpeg.arith_code ? 512 : 8)));
   if (!start(&r))
-    return explain(&r, pags_encoded_bad_header);
+    return explain(&r, PAGS_BAD_HEADER);
   const int stored = r.jpeg.output_components;
   const int channels = r.jpeg.out_color_space == JCS_CMYK ? 3 : stored < most ? stored : most;
   PAGS_TRY(pags_image_create(&image, (int)r.jpeg.output_width, (int)r.jpeg.output_height, channels, PAGS_U8));
   PAGS_AUTOFREE uint8_t *row = channels == stored ? NULL : malloc(r.jpeg.output_width * (size_t)stored);
   PAGS_CHECK_MEMORY(channels == stored || row, "%s", file->path);
   if (!read_rows(&r, row, &image))
-    return explain(&r, pags_encoded_bad_samples);
+    return explain(&r, PAGS_BAD_SAMPLES);
   if (is_cut_off(file))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: the file is cut off after %zu bytes", file->path,
                      file->size);

@@ -142,10 +142,10 @@ static bool apply_transforms(png_state *state) {
   return true;
 }
 
-/* Fails with libpng's message, as `bad` puts it. */
-static pags_result explain(const png_state *state,
-                           pags_result (*bad)(const pags_encoded *, const char *, const char *)) {
-  return state->out_of_memory ? pags_out_of_memory("%s", state->file->path) : bad(state->file, "PNG", state->message);
+/* Fails with libpng's message. */
+static pags_result explain(const png_state *state, const char *what) {
+  return state->out_of_memory ? pags_out_of_memory("%s", state->file->path)
+                              : pags_encoded_bad(state->file, what, "PNG", state->message);
 }
 
 /* Reads the header and fills `info` for the picture as it will be decoded; `least` gets the fewest bytes of a file
@@ -157,7 +157,7 @@ static pags_result begin(png_state *state, int most, pags_picture_info *info, ui
   state->info = state->png ? png_create_info_struct(state->png) : NULL;
   PAGS_CHECK_MEMORY(state->info, "%s", state->file->path);
   if (!read_header(state, most))
-    return explain(state, pags_encoded_bad_header);
+    return explain(state, PAGS_BAD_HEADER);
   *info = (pags_picture_info){.width = png_get_image_width(state->png, state->info),
                               .height = png_get_image_height(state->png, state->info),
                               .channels = png_get_channels(state->png, state->info)};
@@ -264,13 +264,13 @@ pags_result pags_png_decode(const pags_encoded *file, int most, pags_image *out)
   PAGS_TRY(begin(&state, most, &info, &least));
   PAGS_TRY(pags_encoded_check(file, &info, least));
   if (!apply_transforms(&state))
-    return explain(&state, pags_encoded_bad_header);
+    return explain(&state, PAGS_BAD_HEADER);
   const bool top = file->rows > 0 && file->rows < info.height && !is_interlaced(&state);
   PAGS_TRY(pags_image_create(&image, (int)info.width, top ? file->rows : (int)info.height,
                              png_get_channels(state.png, state.info),
                              png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8));
   if (!read_rows(&state, &image))
-    return explain(&state, pags_encoded_bad_samples);
+    return explain(&state, PAGS_BAD_SAMPLES);
   pags_image_move(&image, out);
   return PAGS_OK;
 }

@@ -52,21 +52,17 @@ static bool ends_in(const char *name, const char *end) {
   return length >= tail && !strcasecmp(name + length - tail, end);
 }
 
-static bool is_packed(const char *name) {
-  static const char *const endings[] = {".zip", ".tar", ".tgz", ".gz", ".7z", ".rar", ".bz2", ".xz", ".zst"};
-  for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
-    if (ends_in(name, endings[i]))
-      return true;
-  return false;
-}
-
 /* Whether `entry` may be `name` in another form: the same but for letters, or with the same part before the first dot
  * and, where `name` has no ending, packed. */
 static bool is_form_of(const char *entry, const char *name) {
+  static const char *const endings[] = {".zip", ".tar", ".tgz", ".gz", ".7z", ".rar", ".bz2", ".xz", ".zst"};
   const size_t stem = strcspn(name, ".");
   if (!strcmp(entry, name) || strcspn(entry, ".") != stem || strncasecmp(entry, name, stem) != 0)
     return false;
-  return name[stem] || !entry[stem] || is_packed(entry);
+  bool packed = false;
+  for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
+    packed = packed || ends_in(entry, endings[i]);
+  return name[stem] || !entry[stem] || packed;
 }
 
 pags_result pags_other_form_check(const char *folder, const char *name, const char *what) {

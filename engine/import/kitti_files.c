@@ -107,17 +107,6 @@ void pags_kitti_table_destroy(pags_kitti_table *table) {
   *table = (pags_kitti_table){0};
 }
 
-static pags_result read_row(const lines *l, char *line, int columns, double *out) {
-  for (int i = 0; i < columns; i++) {
-    const char *word = take_word(&line);
-    if (!word)
-      return fail(l, "expected %d numbers, found %d", columns, i);
-    if (!pags_word_number(word, &out[i]))
-      return fail(l, "expected a number in column %d, found '%.40s'", i + 1, word);
-  }
-  return take_word(&line) ? fail(l, "expected %d numbers, found more", columns) : PAGS_OK;
-}
-
 pags_result pags_kitti_table_read(const char *path, int columns, pags_kitti_table *out) {
   PAGS_AUTO(pags_kitti_table_destroy) pags_kitti_table table = {.columns = columns};
   PAGS_AUTO(close_lines) lines l = {0};
@@ -135,8 +124,16 @@ pags_result pags_kitti_table_read(const char *path, int columns, pags_kitti_tabl
       continue;
     PAGS_CHECK_MEMORY(pags_grow(&table.values, table.rows + 1, &capacity, (size_t)columns * sizeof *table.values),
                       "%s: its rows", path);
-    PAGS_TRY(read_row(&l, line, columns, table.values + table.rows * columns));
-    table.rows++;
+    double *row = table.values + table.rows++ * columns;
+    for (int i = 0; i < columns; i++) {
+      const char *word = take_word(&line);
+      if (!word)
+        return fail(&l, "expected %d numbers, found %d", columns, i);
+      if (!pags_word_number(word, &row[i]))
+        return fail(&l, "expected a number in column %d, found '%.40s'", i + 1, word);
+    }
+    if (take_word(&line))
+      return fail(&l, "expected %d numbers, found more", columns);
   }
   if (!table.rows)
     return fail(&l, "expected rows of %d numbers, found none", columns);
@@ -287,11 +284,13 @@ static pags_result check_box(const lines *l, bool tracking, const pags_kitti_lab
 }
 
 static pags_result read_label(const lines *l, char *text, bool tracking, pags_kitti_label *out) {
+  double unused; /* checked to be a number */
+  int occluded;
   *out = (pags_kitti_label){.frame = -1, .track = -1, .line = l->line};
   const struct {
     const char *name;
     double *value;
-  } numbers[] = {{"alpha", &out->alpha},  {"left", &out->box[0]},   {"top", &out->box[1]},
+  } numbers[] = {{"alpha", &unused},      {"left", &out->box[0]},   {"top", &out->box[1]},
                  {"right", &out->box[2]}, {"bottom", &out->box[3]}, {"height", &out->height},
                  {"width", &out->width},  {"length", &out->length}, {"x", &out->bottom[0]},
                  {"y", &out->bottom[1]},  {"z", &out->bottom[2]},   {"rotation_y", &out->rotation_y}};
@@ -303,8 +302,8 @@ static pags_result read_label(const lines *l, char *text, bool tracking, pags_ki
   if (!type || strlen(type) >= sizeof out->type)
     return fail(l, "expected a class name shorter than 32 letters, found '%.40s'", type ? type : "");
   memcpy(out->type, type, strlen(type) + 1);
-  PAGS_TRY(take_number(l, &text, "truncated", &out->truncated));
-  PAGS_TRY(take_integer(l, &text, "occluded", -1, 9, &out->occluded));
+  PAGS_TRY(take_number(l, &text, "truncated", &unused));
+  PAGS_TRY(take_integer(l, &text, "occluded", -1, 9, &occluded));
   for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++)
     PAGS_TRY(take_number(l, &text, numbers[i].name, numbers[i].value));
   const char *word = take_word(&text);

@@ -74,8 +74,6 @@ pags_place pags_kitti_place(const double position[3], double scale);
 typedef struct pags_kitti_label {
   int frame, track; /* both -1 in the object benchmark; track -1: DontCare */
   char type[32];
-  double truncated, alpha;
-  int occluded;
   double box[4];                /* left top right bottom, px */
   double height, width, length; /* m */
   double bottom[3];             /* centre of the bottom face in cam0, m */

@@ -13,12 +13,6 @@
 
 enum { HEADER = 12, FOOTER = 4, SLICES = 8 };
 
-/* Tables of the slicing-by-8 CRC algorithm: slice[k][b] is the CRC of byte b followed by k zero bytes, so that eight
- * bytes take eight independent look-ups. */
-typedef struct crc_table {
-  uint32_t slice[SLICES][256];
-} crc_table;
-
 struct pags_tfrecord {
   char *path;
   FILE *stream;
@@ -26,25 +20,25 @@ struct pags_tfrecord {
   int64_t number;        /* number of the next record, from 0 */
   uint8_t *data;
   size_t capacity;
-  crc_table crc;
+  /* Tables of the slicing-by-8 CRC algorithm: crc[k][b] is the CRC of byte b followed by k zero bytes, so that eight
+   * bytes take eight independent look-ups. */
+  uint32_t crc[SLICES][256];
 };
 
-static void crc_table_fill(crc_table *table) {
+static void fill_crc(uint32_t crc[SLICES][256]) {
   for (uint32_t byte = 0; byte < 256; byte++) {
-    uint32_t crc = byte;
+    uint32_t value = byte;
     for (int bit = 0; bit < 8; bit++)
-      crc = crc >> 1 ^ (crc & 1 ? 0x82f63b78u : 0); /* the Castagnoli polynomial, bit-reflected */
-    table->slice[0][byte] = crc;
+      value = value >> 1 ^ (value & 1 ? 0x82f63b78u : 0); /* the Castagnoli polynomial, bit-reflected */
+    crc[0][byte] = value;
   }
   for (int k = 1; k < SLICES; k++)
-    for (int byte = 0; byte < 256; byte++) {
-      const uint32_t before = table->slice[k - 1][byte];
-      table->slice[k][byte] = before >> 8 ^ table->slice[0][before & 255];
-    }
+    for (int byte = 0; byte < 256; byte++)
+      crc[k][byte] = crc[k - 1][byte] >> 8 ^ crc[0][crc[k - 1][byte] & 255];
 }
 
-static uint32_t crc_of(const crc_table *table, const uint8_t *bytes, size_t size) {
-  const uint32_t(*s)[256] = table->slice;
+static uint32_t crc_masked(const pags_tfrecord *reader, const uint8_t *bytes, size_t size) {
+  const uint32_t(*s)[256] = reader->crc;
   uint32_t crc = 0xffffffffu;
   for (; size >= 8; size -= 8, bytes += 8) {
     const uint32_t low = crc ^ pags_load_u32(bytes), high = pags_load_u32(bytes + 4);
@@ -53,18 +47,7 @@ static uint32_t crc_of(const crc_table *table, const uint8_t *bytes, size_t size
   }
   for (; size; size--)
     crc = crc >> 8 ^ s[0][(crc ^ *bytes++) & 255];
-  return ~crc;
-}
-
-uint32_t pags_crc32c(const void *bytes, size_t size) {
-  crc_table table;
-  crc_table_fill(&table);
-  return crc_of(&table, bytes, size);
-}
-
-static uint32_t crc_masked(const crc_table *table, const uint8_t *bytes, size_t size) {
-  const uint32_t crc = crc_of(table, bytes, size);
-  return (crc >> 15 | crc << 17) + 0xa282ead8u;
+  return (~crc >> 15 | ~crc << 17) + 0xa282ead8u;
 }
 
 pags_result pags_tfrecord_open(const char *path, pags_tfrecord **out) {
@@ -78,7 +61,7 @@ pags_result pags_tfrecord_open(const char *path, pags_tfrecord **out) {
   if (!reader->stream)
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
   reader->size = size;
-  crc_table_fill(&reader->crc);
+  fill_crc(reader->crc);
   *out = pags_take(&reader);
   return PAGS_OK;
 }
@@ -114,7 +97,7 @@ static pags_result read_header(pags_tfrecord *reader, uint64_t *length) {
     return damaged(reader, "the file ends within its header");
   PAGS_TRY(read_bytes(reader, header, HEADER));
   *length = pags_load_u64(header);
-  if (crc_masked(&reader->crc, header, 8) != pags_load_u32(header + 8))
+  if (crc_masked(reader, header, 8) != pags_load_u32(header + 8))
     return damaged(reader, reader->number ? "the CRC of its length is wrong"
                                           : "the CRC of its length is wrong: damaged, compressed or no TFRecord file");
   const uint64_t room = left - HEADER;
@@ -150,7 +133,7 @@ pags_result pags_tfrecord_next(pags_tfrecord *reader, pags_tfrecord_item *item) 
   PAGS_TRY(read_bytes(reader, reader->data, (size_t)length));
   uint8_t footer[FOOTER];
   PAGS_TRY(read_bytes(reader, footer, FOOTER));
-  if (crc_masked(&reader->crc, reader->data, (size_t)length) != pags_load_u32(footer))
+  if (crc_masked(reader, reader->data, (size_t)length) != pags_load_u32(footer))
     return damaged(reader, "the CRC of its data is wrong");
   item->data = reader->data;
   item->size = (size_t)length;

@@ -40,7 +40,4 @@ pags_result pags_tfrecord_skip(pags_tfrecord *reader, int *end);
 /* Returns the fraction of the file's bytes read until now, 0..1. */
 double pags_tfrecord_fraction(const pags_tfrecord *reader);
 
-/* CRC-32C of `size` bytes, unmasked. */
-uint32_t pags_crc32c(const void *bytes, size_t size);
-
 #endif

@@ -76,20 +76,6 @@ static pags_result report(const importer *im, double fraction, const char *what)
 
 /* ---- Calibration ---- */
 
-static const char *shutter_words(int direction) {
-  static const char *const words[] = {NULL, "top_to_bottom", "left_to_right", "bottom_to_top", "right_to_left", "none"};
-  return direction > 0 && direction < (int)(sizeof words / sizeof *words) ? words[direction] : NULL;
-}
-
-/* Converts a pose of a camera from Waymo's camera axes to OpenCV's. */
-static void to_opencv_axes(const double waymo[12], double opencv[12]) {
-  for (int row = 0; row < 3; row++) {
-    const double *m = waymo + 4 * row;
-    const double columns[4] = {0 - m[1], 0 - m[2], m[0], m[3]}; /* subtraction from 0 never gives -0 */
-    memcpy(opencv + 4 * row, columns, sizeof columns);
-  }
-}
-
 static pags_result read_camera(importer *im, const pags_waymo_frame *frame, int index, const char *where) {
   const int number = im->numbers[index], name = number + 1;
   const Pags__Waymo__CameraCalibration *c = pags_waymo_camera(frame, name);
@@ -101,10 +87,14 @@ static pags_result read_camera(importer *im, const pags_waymo_frame *frame, int 
   if (c->width < 1 || c->height < 1 || (int64_t)c->width * c->height > MOST_PHOTO_PIXELS)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: camera %d has %d x %d pixels, expected at most %d in all", where, number,
                      c->width, c->height, MOST_PHOTO_PIXELS);
+  static const char *const shutters[] = {NULL,  "top_to_bottom", "left_to_right", "bottom_to_top", "right_to_left",
+                                         "none"};
+  const int shutter = c->rolling_shutter_direction;
+  const bool known = shutter > 0 && shutter < (int)(sizeof shutters / sizeof *shutters);
   pags_layout_camera *camera = &im->cameras[index];
   *camera = (pags_layout_camera){.number = number,
                                  .name = pags_waymo_camera_name(name),
-                                 .rolling_shutter = shutter_words(c->rolling_shutter_direction),
+                                 .rolling_shutter = known ? shutters[shutter] : NULL,
                                  .width = c->width,
                                  .height = c->height};
   for (int i = 0; i < 9; i++) {
@@ -114,7 +104,11 @@ static pags_result read_camera(importer *im, const pags_waymo_frame *frame, int 
   }
   double ego_from_waymo[12];
   PAGS_TRY(pags_waymo_transform(c->extrinsic, where, "extrinsic of a camera", ego_from_waymo));
-  to_opencv_axes(ego_from_waymo, im->ego_from_camera[index]);
+  for (int row = 0; row < 3; row++) { /* from Waymo's camera axes to OpenCV's */
+    const double *m = ego_from_waymo + 4 * row;
+    const double columns[4] = {0 - m[1], 0 - m[2], m[0], m[3]}; /* subtraction from 0 never gives -0 */
+    memcpy(im->ego_from_camera[index] + 4 * row, columns, sizeof columns);
+  }
   return PAGS_OK;
 }
 
@@ -187,36 +181,27 @@ static pags_result read_image(importer *im, const pags_waymo_frame *message, int
   return PAGS_OK;
 }
 
-static pags_result read_lidar(importer *im, const pags_waymo_frame *message, int64_t frame, const char *where) {
+static pags_result read_frame(importer *im, const pags_waymo_frame *message, int64_t frame, const char *where) {
   PAGS_AUTO(pags_waymo_points_destroy) pags_waymo_points points = {0};
-  const bool done = pags_layout_has(&im->layout, "lidar", frame, -1, ".bin");
-  if (!done)
-    PAGS_TRY(pags_waymo_lidar_points(message, where, &points));
-  im->sweeps += done || points.count;
-  return points.count ? pags_layout_put_lidar(&im->layout, frame, points.count, points.rows) : PAGS_OK;
-}
-
-/* Checks that the frame belongs to the segment of the first frame and is later than the frame before. */
-static pags_result check_order(const importer *im, const pags_waymo_frame *message, int64_t frame, const char *where) {
+  double *pose = im->ego_poses + 12 * frame;
   const char *name = message->context && message->context->name ? message->context->name : "";
   if (strncmp(name, im->context, sizeof im->context - 1) != 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: belongs to segment '%.200s', the file begins with '%s'", where, name,
                      im->context);
+  im->times[frame] = (double)message->timestamp_micros * 1e-6;
   if (frame && !(im->times[frame] > im->times[frame - 1]))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: its time is %.6f s, not after the %.6f s of the frame before", where,
                      im->times[frame], im->times[frame - 1]);
-  return PAGS_OK;
-}
-
-static pags_result read_frame(importer *im, const pags_waymo_frame *message, int64_t frame, const char *where) {
-  double *pose = im->ego_poses + 12 * frame;
-  im->times[frame] = (double)message->timestamp_micros * 1e-6;
-  PAGS_TRY(check_order(im, message, frame, where));
   PAGS_TRY(pags_waymo_transform(message->pose, where, "pose of the frame", pose));
   PAGS_TRY(pags_layout_put_ego_pose(&im->layout, frame, pose));
   for (int c = 0; c < im->info.camera_count; c++)
     PAGS_TRY(read_image(im, message, frame, c, where));
-  PAGS_TRY(read_lidar(im, message, frame, where));
+  const bool done = pags_layout_has(&im->layout, "lidar", frame, -1, ".bin");
+  if (!done)
+    PAGS_TRY(pags_waymo_lidar_points(message, where, &points));
+  if (points.count)
+    PAGS_TRY(pags_layout_put_lidar(&im->layout, frame, points.count, points.rows));
+  im->sweeps += done || points.count;
   return pags_waymo_boxes_add(&im->boxes, message, frame, im->times[frame], pose, where);
 }
 

@@ -136,19 +136,6 @@ pags_result pags_waymo_unpack_matrix(const ProtobufCBinaryData *stream, int dept
 
 /* ---- Rigid motions ---- */
 
-/* Returns the largest absolute entry of R R^T - I. */
-static double rotation_error(const double m[12]) {
-  double worst = 0;
-  for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++)
-      worst = fmax(worst, fabs(pags_dot3(m + 4 * i, m + 4 * j) - (i == j)));
-  return worst;
-}
-
-static double determinant(const double m[12]) {
-  return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
-}
-
 pags_result pags_waymo_transform(const Pags__Waymo__Transform *transform, const char *where, const char *what,
                                  double out[12]) {
   assert(where && what && out);
@@ -160,7 +147,11 @@ pags_result pags_waymo_transform(const Pags__Waymo__Transform *transform, const 
     if (!isfinite(m[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: number %d isn't finite", where, what, i);
   memcpy(out, m, 12 * sizeof *out);
-  if (!(rotation_error(out) <= 1e-3) || determinant(out) < 0 || m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1)
+  double error = 0, across[3]; /* the largest absolute entry of R R^T - I; a row of the adjoint */
+  for (int i = 0; i < 9; i++)
+    error = fmax(error, fabs(pags_dot3(m + 4 * (i / 3), m + 4 * (i % 3)) - (i / 3 == i % 3)));
+  pags_cross3(m + 4, m + 8, across);
+  if (!(error <= 1e-3) || pags_dot3(m, across) < 0 || m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: expected a rotation and a translation", where, what);
   return PAGS_OK;
 }

@@ -64,14 +64,6 @@ typedef struct key {
   int32_t level;
 } key;
 
-static key key_of(const pags_lidar_point *row, int level, double side) {
-  key k = {.parked = row->parked, .level = level};
-  double size = ldexp(side, level);
-  for (int i = 0; i < 3; i++)
-    k.cell[i] = (int32_t)fmax(-1e9, fmin(1e9, floor((double)row->p[i] / size)));
-  return k;
-}
-
 static uint64_t hash_of(const key *k) {
   uint64_t h = (uint32_t)k->cell[0];
   h = h * 0x9e3779b97f4a7c15u + (uint32_t)k->cell[1];
@@ -116,7 +108,9 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
   for (int64_t i = 0; i < points->count; i++) {
     const pags_lidar_point row = points->rows[i];
     if (row.owner < 0) {
-      const key k = key_of(&row, level[i], side);
+      key k = {.parked = row.parked, .level = level[i]};
+      for (int axis = 0; axis < 3; axis++)
+        k.cell[axis] = (int32_t)fmax(-1e9, fmin(1e9, floor((double)row.p[axis] / ldexp(side, level[i]))));
 
       /* Hash table with open addressing: indices of the kept rows; keys[i] is the voxel of kept row i. */
       uint64_t at = hash_of(&k) & mask;

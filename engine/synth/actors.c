@@ -68,11 +68,6 @@ void pags_actors_stand(pags_street *street, const pags_person_kind *kind, pags_a
     pags_street_place(street, meshes[i], number, 0, 0, 0, 0, 1.0f);
 }
 
-static bool near_crossing(const pags_street *street, double x) {
-  const double phase = (x - (double)street->markings.first_crossing) / (double)street->markings.spacing;
-  return fabs(phase - floor(phase + 0.5)) * (double)street->markings.spacing < 7.0;
-}
-
 void pags_actors_park(pags_street *street, pags_dice *dice, const pags_cast *models) {
   for (int left = 0; left < 2; left++)
     for (float x = PAGS_PARKING_BAY * (floorf(street->begin_x / PAGS_PARKING_BAY) + 0.5f); x < street->end_x - 8.0f;
@@ -82,7 +77,9 @@ void pags_actors_park(pags_street *street, pags_dice *dice, const pags_cast *mod
       const float along = pags_dice_between(dice, -0.4f, 0.4f), across = pags_dice_between(dice, -0.1f, 0.1f);
       const float skew = pags_dice_between(dice, -0.025f, 0.025f);
       const int kind = pags_dice_pick(dice, PAGS_CAR_KINDS), taken = pags_dice_pick(dice, 100) < 68;
-      if (taken && !near_crossing(street, (double)x))
+      const double spacing = (double)street->markings.spacing;
+      const double phase = ((double)x - (double)street->markings.first_crossing) / spacing;
+      if (taken && !(fabs(phase - floor(phase + 0.5)) * spacing < 7.0)) /* not near a crossing */
         add_car(street, models,
                 (pags_actor){.start = {(double)(x + along), (double)(middle + across)},
                              .heading = (left ? PI : 0.0) + (double)skew},

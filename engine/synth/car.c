@@ -11,13 +11,6 @@ typedef struct car_parts {
   uint16_t paint, glass, black, hub, white, red, plate;
 } car_parts;
 
-/* Gives the point at parameter `angle` (radians) of the superellipse |y|^n + |z|^n = 1. */
-static void rounded(float angle, float n, float *y, float *z) {
-  const float c = pags_cosf(angle), s = pags_sinf(angle);
-  *y = copysignf(pags_powf(fabsf(c), 2.0f / n), c);
-  *z = copysignf(pags_powf(fabsf(s), 2.0f / n), s);
-}
-
 static uint16_t all_paint(void *user, int ring, int column) {
   (void)ring;
   (void)column;
@@ -100,9 +93,11 @@ void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, i
   float points[STATIONS * AROUND * 3];
   for (int i = 0; i < STATIONS; i++)
     for (int j = 0; j < AROUND; j++) {
-      const float *s = side_view[i];
-      float y, z;
-      rounded(6.2831853f * ((float)j + 0.5f) / AROUND, 4.5f, &y, &z);
+      /* The point of the superellipse |y|^n + |z|^n = 1 at this parameter. */
+      const float *s = side_view[i], angle = 6.2831853f * ((float)j + 0.5f) / AROUND, n = 4.5f;
+      const float cosine = pags_cosf(angle), sine = pags_sinf(angle);
+      const float y = copysignf(pags_powf(fabsf(cosine), 2.0f / n), cosine);
+      const float z = copysignf(pags_powf(fabsf(sine), 2.0f / n), sine);
       float *p = points + 3 * (i * AROUND + j);
       p[0] = 0.5f * length * s[0];
       p[1] = 0.5f * width * s[3] * y * (z > 0.0f ? 1.0f - 0.06f * z : 1.0f); /* sides lean inwards at the top */

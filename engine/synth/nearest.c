@@ -10,7 +10,6 @@
 #include "base/memory.h"
 #include "base/vec3.h"
 #include "synth/faults.h"
-#include "synth/street_labels.h"
 
 struct pags_street_truth {
   pags_street_options options;

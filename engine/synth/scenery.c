@@ -70,11 +70,6 @@ static void add_row(pags_street *street, pags_mesh *mesh, pags_dice *dice, int l
   }
 }
 
-static bool near_crossing(const pags_street *street, float x, float reach) {
-  const float phase = (x - street->markings.first_crossing) / street->markings.spacing;
-  return fabsf(phase - floorf(phase + 0.5f)) * street->markings.spacing < reach;
-}
-
 /* Places trees, lamps, signs and bins along one kerb, every 9.5 m; trees keep away from crossings. */
 static void plant_kerb(pags_street *street, pags_dice *dice, const pags_planting *kinds, int left) {
   const float kerb = left ? PAGS_KERB_LEFT : PAGS_KERB_RIGHT, out = left ? 1.0f : -1.0f, z = PAGS_KERB_HEIGHT;
@@ -84,9 +79,11 @@ static void plant_kerb(pags_street *street, pags_dice *dice, const pags_planting
     const float y = kerb + 0.75f * out, jitter = pags_dice_between(dice, -0.8f, 0.8f);
     const int kind = pags_dice_pick(dice, PAGS_TREE_KINDS), what = pags_dice_pick(dice, 8);
     const float turn = pags_dice_between(dice, 0.0f, 6.28f), scale = pags_dice_between(dice, 0.85f, 1.2f);
+    const float phase = (x - street->markings.first_crossing) / street->markings.spacing;
+    const bool near_crossing = fabsf(phase - floorf(phase + 0.5f)) * street->markings.spacing < 6.0f;
     if (place % 3 == 0)
       pags_street_place(street, kinds->lamp, -1, x, y - 0.3f * out, z, lamp_yaw, 1.0f);
-    else if (!near_crossing(street, x, 6.0f) && what > 1)
+    else if (!near_crossing && what > 1)
       pags_street_place(street, kinds->trees[kind], -1, x + jitter, y, z, turn, scale);
     else if (what == 0)
       pags_street_place(street, kinds->signs[place % 2 ? 0 : 2], -1, x, y - 0.35f * out, z, left ? 3.14159265f : 0.0f,

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Makes the labels of the synthetic street: ids, classes and boxes of the objects in each frame, times, cameras. The
  * JSON files are written by dataset/driving/writer_json.c. */
-#include "synth/street_labels.h"
 
 #include "base/file.h"
 #include "base/json.h"

@@ -12,7 +12,6 @@
 #include "base/memory.h"
 #include "base/parallel.h"
 #include "synth/faults.h"
-#include "synth/street_labels.h"
 #include "synth/view.h"
 
 enum { CAMERAS = 3, SHIFTS = 4, VIEWS = CAMERAS + SHIFTS, SHIFT_EVERY = 4 };
@@ -71,43 +70,6 @@ static pags_result find_path(const writer *w, char **out, const char *format, ..
   *out = pags_path_join(w->folder, relative);
   PAGS_CHECK_MEMORY(*out, "%s", w->folder);
   return PAGS_OK;
-}
-
-static pags_result make_folders(const writer *w) {
-  static const char *const names[] = {"images",
-                                      "ego_pose",
-                                      "extrinsics",
-                                      "intrinsics",
-                                      "lidar",
-                                      "instances",
-                                      "semantic",
-                                      "sky_masks",
-                                      "dynamic_masks/all",
-                                      "dynamic_masks/vehicle",
-                                      "dynamic_masks/human",
-                                      "truth/instances",
-                                      "truth/depth",
-                                      "truth/ids",
-                                      "truth/cameras",
-                                      "truth/shift/right1",
-                                      "truth/shift/right2",
-                                      "truth/shift/right3",
-                                      "truth/shift/up1"};
-  enum { COUNT = sizeof names / sizeof names[0] };
-  bool empty = true;
-  PAGS_TRY(pags_dir_is_empty(w->folder, &empty));
-  if (!empty && !w->street->options->overwrite)
-    return pags_fail(PAGS_ERROR_IO, "%s: expected an empty or a new folder", w->folder);
-  for (int i = 0; i < COUNT - (w->street->options->shifts ? 0 : SHIFTS); i++) {
-    PAGS_AUTOFREE char *path = NULL;
-    PAGS_TRY(find_path(w, &path, "%s", names[i]));
-    PAGS_TRY(pags_make_dirs(path));
-  }
-  /* An old dataset.json is removed before anything is written, and the new one is written last: a folder left by an
-   * unfinished run does not open as a data set. */
-  PAGS_AUTOFREE char *old = NULL;
-  PAGS_TRY(find_path(w, &old, "dataset.json"));
-  return pags_remove_tree(old);
 }
 
 static pags_result make_views(writer *w) {
@@ -196,6 +158,35 @@ static pags_result save_file(void *context, int64_t item, int worker) {
   const float *depth = view->depth;
   PAGS_TRY(find_path(w, &path, "truth/depth/%03d_%d.exr", w->frame, camera));
   return pags_image_save_exr(path, view->camera.width, view->camera.height, 1, &name, &depth, view->camera.width, NULL);
+}
+
+/* ---- Folders ---- */
+
+static pags_result make_folder(const writer *w, const char *parent, const char *name) {
+  PAGS_AUTOFREE char *path = NULL;
+  PAGS_TRY(find_path(w, &path, "%s%s", parent, name));
+  return pags_make_dirs(path);
+}
+
+static pags_result make_folders(const writer *w) {
+  static const char *const names[] = {"images",    "ego_pose",        "extrinsics",  "intrinsics",   "lidar",
+                                      "instances", "truth/instances", "truth/depth", "truth/cameras"};
+  const pags_street_options *o = w->street->options;
+  bool empty = true;
+  PAGS_TRY(pags_dir_is_empty(w->folder, &empty));
+  if (!empty && !o->overwrite)
+    return pags_fail(PAGS_ERROR_IO, "%s: expected an empty or a new folder", w->folder);
+  for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
+    PAGS_TRY(make_folder(w, "", names[i]));
+  for (int i = 0; i < PLANES; i++)
+    PAGS_TRY(make_folder(w, "", plane_folders[i]));
+  for (int i = 0; i < SHIFTS && o->shifts; i++)
+    PAGS_TRY(make_folder(w, "truth/shift/", shifts[i].name));
+  /* An old dataset.json is removed before anything is written, and the new one is written last: a folder left by an
+   * unfinished run does not open as a data set. */
+  PAGS_AUTOFREE char *old = NULL;
+  PAGS_TRY(find_path(w, &old, "dataset.json"));
+  return pags_remove_tree(old);
 }
 
 /* ---- One frame ---- */

@@ -52,16 +52,6 @@ static const pags_size_table *table_of(uint8_t label) {
   }
 }
 
-/* Gaussians per square metre of a surface of this material. */
-static double density_of(const pags_material *material) {
-  const pags_size_table *table = table_of(material->label);
-  return material->finish == PAGS_FINISH_LEAF ? PAGS_TRAINED_LEAVES
-         : is_critical(material->label)       ? PAGS_TRAINED_CARS
-         : table == &pags_size_fronts         ? PAGS_TRAINED_FRONTS
-         : table == &pags_size_ground         ? PAGS_TRAINED_GROUND
-                                              : PAGS_TRAINED_DENSITY;
-}
-
 /* Returns the area of a face, in the mesh's frame, times the density of its Gaussians relative to
  * PAGS_TRAINED_DENSITY. The area is half the length of the cross product of the diagonals, which holds for planar
  * quads and for triangles, whose last corner is repeated. */
@@ -71,7 +61,13 @@ static double face_weight(const pags_street *town, const pags_mesh *mesh, int64_
   pags_subtract3f(corner_of(mesh, face, 3)->position, corner_of(mesh, face, 1)->position, second);
   pags_cross3f(first, second, normal);
   const pags_material *material = &town->materials.list[mesh->materials[face]];
-  return 0.5 * (double)pags_length3f(normal) * density_of(material) / PAGS_TRAINED_DENSITY;
+  const pags_size_table *table = table_of(material->label);
+  const double density = material->finish == PAGS_FINISH_LEAF ? PAGS_TRAINED_LEAVES /* per square metre */
+                         : is_critical(material->label)       ? PAGS_TRAINED_CARS
+                         : table == &pags_size_fronts         ? PAGS_TRAINED_FRONTS
+                         : table == &pags_size_ground         ? PAGS_TRAINED_GROUND
+                                                              : PAGS_TRAINED_DENSITY;
+  return 0.5 * (double)pags_length3f(normal) * density / PAGS_TRAINED_DENSITY;
 }
 
 pags_result pags_surface_create(const pags_street *town, const pags_town_plan *plan, const pags_stage *stage,
