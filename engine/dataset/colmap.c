@@ -55,25 +55,17 @@ static const model_kind kinds[] = {
 
 enum { KINDS = sizeof kinds / sizeof *kinds };
 
-int pags_colmap_kind_by_id(int64_t id) {
-  return id >= 0 && id < KINDS ? (int)id : -1;
-}
-
-int pags_colmap_kind_by_name(const char *name) {
-  for (int i = 0; i < KINDS; i++)
-    if (strcmp(name, kinds[i].name) == 0)
-      return i;
-  return -1;
-}
-
-pags_result pags_colmap_check_kind(const char *where, int kind, const char *name) {
-  if (kind >= 0)
-    return PAGS_OK;
+pags_result pags_colmap_find_kind(const char *where, const char *name, int64_t id, int *kind) {
+  for (*kind = 0; *kind < KINDS; ++*kind)
+    if (name ? strcmp(name, kinds[*kind].name) == 0 : *kind == id)
+      return PAGS_OK;
+  char number[32];
+  snprintf(number, sizeof number, "number %lld", (long long)id);
   return pags_fail(PAGS_ERROR_UNSUPPORTED,
                    "%s: camera model %s is not known; expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, "
                    "FULL_OPENCV, FOV, DIVISION, EUCM, EQUIRECTANGULAR or a FISHEYE model of COLMAP; `colmap "
                    "image_undistorter` makes PINHOLE ones of any",
-                   where, name);
+                   where, name ? name : number);
 }
 
 int pags_colmap_parameters(int kind) {
@@ -249,8 +241,8 @@ static void colmap_destroy(pags_colmap *model) {
   free(model->cameras);
 }
 
-static pags_result read_model(const char *root, const char *model, pags_parsed_dataset *parsed) {
-  parsed->source = pags_text_copy(model);
+pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *parsed) {
+  *parsed = (pags_parsed_dataset){.kind = "colmap", .up = PAGS_UP_MINUS_Y, .source = pags_text_copy(model)};
   PAGS_CHECK_MEMORY(parsed->source, "%s", model);
   PAGS_AUTO(colmap_destroy) pags_colmap into = {.parsed = parsed};
   if (pags_folder_has(model, "cameras.bin") && pags_folder_has(model, "images.bin")) {
@@ -266,12 +258,4 @@ static pags_result read_model(const char *root, const char *model, pags_parsed_d
   parsed->points.tracked = true;
   pags_parsed_sort_points(&parsed->points);
   return locate_pictures(root, model, parsed);
-}
-
-pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *parsed) {
-  *parsed = (pags_parsed_dataset){.kind = "colmap", .up = PAGS_UP_MINUS_Y};
-  const pags_result result = read_model(root, model, parsed);
-  if (result != PAGS_OK)
-    pags_parsed_destroy(parsed);
-  return result;
 }

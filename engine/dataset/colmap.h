@@ -47,13 +47,11 @@ typedef pags_result pags_colmap_read_fn(pags_colmap *model, const pags_colmap_by
 pags_colmap_read_fn pags_colmap_cameras_bin, pags_colmap_images_bin, pags_colmap_points_bin;
 pags_colmap_read_fn pags_colmap_cameras_txt, pags_colmap_images_txt, pags_colmap_points_txt;
 
-/* Find a camera model by COLMAP's numeric id or by its name; -1 if it isn't known. */
-int pags_colmap_kind_by_id(int64_t id);
-int pags_colmap_kind_by_name(const char *name);
+/* Finds a camera model by its name or, if that is NULL, by COLMAP's numeric id. PAGS_ERROR_UNSUPPORTED if it isn't
+ * known. */
+pags_result pags_colmap_find_kind(const char *where, const char *name, int64_t id, int *kind);
 enum { PAGS_COLMAP_PARAMETERS = 16 };
 int pags_colmap_parameters(int kind); /* number of parameters of the camera model, at most PAGS_COLMAP_PARAMETERS */
-/* Fails, naming the model, if no pinhole camera can represent it. `name` is what the file says. */
-pags_result pags_colmap_check_kind(const char *where, int kind, const char *name);
 void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens);
 
 /* Keeps the error that was just set as the problem of the last camera, so that an unused camera refuses nothing. */

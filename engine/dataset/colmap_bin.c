@@ -57,11 +57,8 @@ pags_result pags_colmap_cameras_bin(pags_colmap *model, const pags_colmap_bytes 
     double parameters[PAGS_COLMAP_PARAMETERS];
     PAGS_TRY(take_u32(&c, &camera->id));
     PAGS_TRY(take_u32(&c, &number));
-    const int kind = pags_colmap_kind_by_id(number);
-    char text[32];
-    snprintf(text, sizeof text, "number %lld", (long long)number);
-    if (kind < 0) /* the number of its parameters isn't known, so that nothing behind it can be read */
-      return pags_colmap_check_kind(c.bytes->path, kind, text);
+    int kind; /* if not known, nor is the number of its parameters, so that nothing behind it can be read */
+    PAGS_TRY(pags_colmap_find_kind(c.bytes->path, NULL, number, &kind));
     PAGS_TRY(take(&c, size, sizeof size));
     PAGS_TRY(take(&c, parameters, (size_t)pags_colmap_parameters(kind) * sizeof(double)));
     if (size[0] > 65535 || size[1] > 65535) {

@@ -113,10 +113,10 @@ static pags_result take_lens(lines *l, pags_colmap_camera *camera) {
     end++;
   l->field = skip_separator(end);
   snprintf(text, sizeof text, "%.*s", (int)(end - name < 63 ? end - name : 63), name);
-  const int kind = pags_colmap_kind_by_name(text);
+  int kind;
   PAGS_AUTOFREE char *place = pags_text_format("%s:%d", l->bytes->path, l->number);
   PAGS_CHECK_MEMORY(place, "%s", l->bytes->path);
-  PAGS_TRY(pags_colmap_check_kind(place, kind, text));
+  PAGS_TRY(pags_colmap_find_kind(place, text, 0, &kind));
   int64_t width = 0, height = 0;
   double parameters[PAGS_COLMAP_PARAMETERS];
   PAGS_TRY(take_integer(l, "a width in pixels, 1..65535", 1, 65535, &width));

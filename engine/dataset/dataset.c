@@ -135,16 +135,6 @@ static pags_result read_block(const pags_block_file *block, const pags_dataset_o
 
 /* ---- Leaving out missing views ---- */
 
-/* Resolves the folder that options.image_folder names: one below the data set's folder stays as it is, another becomes
- * absolute. */
-static pags_result find_image_folder(const char *root, const char *name, char **out) {
-  const bool found = pags_folder_has_folder(root, name);
-  if (!found && !pags_dir_exists(name))
-    return pags_fail(PAGS_ERROR_IO, "%s: no such image folder, neither in %s nor here", name, root);
-  *out = found ? pags_text_copy(name) : pags_port_real_path(name);
-  return *out ? PAGS_OK : pags_out_of_memory("%s", name);
-}
-
 /* Refuses or tells of views that lack a file; `what` is "image" or "pose". */
 static pags_result report_missing(const pags_dataset *dataset, const pags_parsed_view *first, int64_t count,
                                   int allowed) {
@@ -188,20 +178,11 @@ static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
 
 /* ---- Cameras and views ---- */
 
-/* Fills in the sensor, frame and shutter time of a view and whether the view is held out: in a driving set by time
- * step or by camera, in a static set every `every`-th view in file-name order, or as the data set states (-1). */
-static void choose_part(const pags_dataset *dataset, int64_t index, int every, pags_view *view) {
-  const pags_driving *driving = dataset->parsed.driving;
-  const pags_parsed_view *from = &dataset->parsed.views[index];
-  view->sensor = driving ? from->sensor : -1;
-  view->frame = driving ? from->frame : -1;
-  view->shutter_time = driving ? from->shutter_time : (double)NAN;
-  view->test = every < 0 ? from->split == PAGS_SPLIT_TEST : every > 0 && from->number % every == 0;
-  if (driving)
-    view->test = driving->steps[pags_driving_step(driving, from->frame)].test || from->sensor == driving->holdout;
-}
-
+/* Makes the views and their cameras. Held out are, in a driving set, time steps or a camera, in a static set every
+ * split_every-th view in file-name order, or those that the data set states (-1). */
 static pags_result make_views(pags_dataset *dataset, const pags_dataset_options *options) {
+  const pags_driving *driving = dataset->parsed.driving;
+  const int every = options->split_every;
   size_t count = (size_t)dataset->count;
   dataset->views = calloc(count, sizeof *dataset->views);
   dataset->cameras = calloc(count, sizeof *dataset->cameras);
@@ -213,17 +194,23 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
   for (int64_t i = 0; i < dataset->count; i++) {
     const pags_parsed_view *from = &dataset->parsed.views[i];
     pags_view *view = &dataset->views[i];
-    view->name = from->name;
-    view->image_path = from->image_path;
-    view->mask_path = from->mask_path;
-    choose_part(dataset, i, options->split_every, view);
+    *view = (pags_view){.name = from->name,
+                        .image_path = from->image_path,
+                        .mask_path = from->mask_path,
+                        .sensor = driving ? from->sensor : -1,
+                        .frame = driving ? from->frame : -1,
+                        .shutter_time = driving ? from->shutter_time : (double)NAN};
+    view->test = driving
+                     ? driving->steps[pags_driving_step(driving, from->frame)].test || from->sensor == driving->holdout
+                 : every < 0 ? from->split == PAGS_SPLIT_TEST
+                             : every > 0 && from->number % every == 0;
     double share;
     PAGS_TRY(pags_view_camera_choose(dataset, i, options->undistort, &share));
     lossy = share > 0 && !lossy ? view->name : lossy;
     worst = fmax(worst, share);
     pags_camera camera = dataset->cameras[i];
     memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
-    camera.time = dataset->parsed.driving ? from->time : (double)NAN;
+    camera.time = driving ? from->time : (double)NAN;
     camera.shutter = from->shutter;
     if (pags_camera_bends(&camera)) {
       bent = bent ? bent : view->name;
@@ -298,20 +285,6 @@ static pags_result check_plausible(const pags_dataset *dataset) {
   return PAGS_OK;
 }
 
-/* Reports which statement the split follows, or that it is overruled. */
-static void report_split(const pags_dataset *dataset, const pags_dataset_options *options) {
-  const char *const by = dataset->parsed.split_by;
-  int64_t held_out = 0;
-  for (int64_t i = 0; i < dataset->count; i++)
-    held_out += dataset->views[i].test;
-  if (by && options->split_every < 0)
-    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out by %s", dataset->parsed.source,
-                     (long long)held_out, (long long)dataset->count, by);
-  else if (by && options->split_every > 0)
-    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out by --split-every, not those of %s",
-                     dataset->parsed.source, (long long)held_out, (long long)dataset->count, by);
-}
-
 /* Finds, names and checks the photographs and their masks. */
 static pags_result find_pictures(pags_dataset *dataset, const pags_dataset_options *options) {
   pags_parsed_dataset *parsed = &dataset->parsed;
@@ -322,9 +295,14 @@ static pags_result find_pictures(pags_dataset *dataset, const pags_dataset_optio
   PAGS_CHECK_MEMORY(root, "%s", dataset->path);
   PAGS_AUTOFREE char *folder = NULL;
   if (options->image_folder) {
-    PAGS_TRY(find_image_folder(root, options->image_folder, &dataset->image_folder));
-    folder = pags_path_join(root, dataset->image_folder);
-    PAGS_CHECK_MEMORY(folder, "%s", root);
+    /* One below the data set's folder stays as it is named, another becomes absolute. */
+    const char *name = options->image_folder;
+    const bool inside = pags_folder_has_folder(root, name);
+    if (!inside && !pags_dir_exists(name))
+      return pags_fail(PAGS_ERROR_IO, "%s: no such image folder, neither in %s nor here", name, root);
+    dataset->image_folder = inside ? pags_text_copy(name) : pags_port_real_path(name);
+    folder = dataset->image_folder ? pags_path_join(root, dataset->image_folder) : NULL;
+    PAGS_CHECK_MEMORY(folder, "%s", name);
   }
   PAGS_TRY(pags_pictures_relocate(root, folder, parsed));
   PAGS_TRY(pags_pictures_name(parsed));
@@ -381,7 +359,14 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   PAGS_TRY(make_views(dataset, &resolved));
   if (!dataset->parsed.driving)
     PAGS_TRY(check_plausible(dataset));
-  report_split(dataset, &resolved);
+  const char *const by = dataset->parsed.split_by;
+  int64_t held_out = 0;
+  for (int64_t i = 0; i < dataset->count; i++)
+    held_out += dataset->views[i].test;
+  if (by && resolved.split_every != 0)
+    pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld views are held out by %s%s", dataset->parsed.source,
+                     (long long)held_out, (long long)dataset->count,
+                     resolved.split_every < 0 ? "" : "--split-every, not those of ", by);
   PAGS_TRY(pags_dataset_set_origin(dataset));
   if (dataset->parsed.driving) {
     PAGS_TRY(pags_ego_masks_make(dataset, options));

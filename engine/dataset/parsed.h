@@ -87,7 +87,7 @@ void pags_parsed_sort_points(pags_parsed_points *points);
 
 /* Reads a transforms.json of nerfstudio or instant-ngp or, with `splits`, the files transforms_train.json,
  * transforms_val.json and transforms_test.json of the folder `path` as one data set (the layout of the synthetic NeRF
- * scenes); the first must be there. This reader and the COLMAP reader leave an empty parsed set on failure. */
+ * scenes); the first must be there. The caller destroys the parsed set, also on failure; so with the other readers. */
 pags_result pags_transforms_read(const char *path, bool splits, pags_parsed_dataset *parsed);
 /* Reads the COLMAP model in folder `model` (cameras, images, points3D; .bin or .txt). The pictures are looked for in
  * folders around `root` and `model`. */

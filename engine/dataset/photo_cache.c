@@ -99,26 +99,19 @@ static void harvest(pags_photo_cache *cache, slot *s) {
 
 /* ---- Eviction and decoding ahead ---- */
 
-/* Returns the slot to evict next among the ready slots that are wanted later than `position` (-1: all of them); NULL
- * if none exists. */
-static slot *find_victim(pags_photo_cache *cache, int64_t position) {
-  slot *victim = NULL;
-  for (int64_t i = 0; i < cache->count; i++) {
-    slot *s = &cache->slots[i];
-    if (s->state != READY || s->booked == 0 || i == cache->current || s->wanted_at <= position)
-      continue;
-    if (!victim || s->wanted_at > victim->wanted_at ||
-        (s->wanted_at == victim->wanted_at && s->last_use < victim->last_use))
-      victim = s;
-  }
-  return victim;
-}
-
-/* Evicts photographs that are wanted later than `position` until `bytes` more fit into the size limit; returns false
- * if they can't be made to fit. */
+/* Evicts photographs that are wanted later than `position` (-1: any) until `bytes` more fit into the size limit;
+ * returns false if they can't be made to fit. */
 static bool make_room(pags_photo_cache *cache, uint64_t bytes, int64_t position) {
   while (!(bytes <= cache->budget && cache->used <= cache->budget - bytes)) {
-    slot *victim = find_victim(cache, position);
+    slot *victim = NULL;
+    for (int64_t i = 0; i < cache->count; i++) {
+      slot *s = &cache->slots[i];
+      if (s->state != READY || s->booked == 0 || i == cache->current || s->wanted_at <= position)
+        continue;
+      if (!victim || s->wanted_at > victim->wanted_at ||
+          (s->wanted_at == victim->wanted_at && s->last_use < victim->last_use))
+        victim = s;
+    }
     if (!victim)
       return false;
     drop(cache, victim);
@@ -204,17 +197,6 @@ void pags_photo_cache_destroy(pags_photo_cache *cache) {
 
 /* ---- Getting photographs and announcing views ---- */
 
-/* Marks the announced order as done up to and including this view. Views before it that were never asked for count as
- * unannounced from now on. */
-static void advance(pags_photo_cache *cache, int64_t view, int shrink) {
-  int64_t position = cache->slots[view].wanted_at;
-  if (position == INT64_MAX || shrink != cache->order_shrink)
-    return;
-  for (int64_t i = cache->order_next; i <= position; i++)
-    cache->slots[cache->order[i]].wanted_at = INT64_MAX;
-  cache->order_next = position + 1;
-}
-
 /* Decodes a view on the caller's thread for a get. */
 static void decode_now(pags_photo_cache *cache, int64_t view, int shrink) {
   slot *s = &cache->slots[view];
@@ -240,7 +222,14 @@ pags_result pags_photo_cache_get(pags_photo_cache *cache, int64_t view, int shri
     harvest(cache, s);
   if (s->state == READY && s->shrink != shrink)
     drop(cache, s);
-  advance(cache, view, shrink);
+  /* The announced order is done up to and including this view. Views before it that were never asked for count as
+   * unannounced from now on. */
+  const int64_t position = s->wanted_at;
+  if (position != INT64_MAX && shrink == cache->order_shrink) {
+    for (int64_t i = cache->order_next; i <= position; i++)
+      cache->slots[cache->order[i]].wanted_at = INT64_MAX;
+    cache->order_next = position + 1;
+  }
   s->last_use = ++cache->gets;
   cache->current = view;
   if (s->state == EMPTY)

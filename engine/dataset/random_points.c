@@ -17,18 +17,6 @@ enum { DRAW_VIEW, DRAW_PIXEL, DRAW_DEPTH, DRAW_COLOUR };
 /* Random number stream of this file, so that other users of the same seed draw independent numbers. */
 #define STREAM UINT64_C(0x706f696e74730000)
 
-static void draw_point(const pags_camera *const *cameras, int64_t count, double distance, uint64_t seed, uint64_t draw,
-                       double point[3]) {
-  const pags_camera *camera = cameras[pags_rng_below(seed, STREAM + DRAW_VIEW, draw, (uint64_t)count)];
-  double pixel[2];
-  pags_rng_uniform2(seed, STREAM + DRAW_PIXEL, draw, pixel);
-  const double depth = pags_focus_depth(distance, pags_rng_uniform(seed, STREAM + DRAW_DEPTH, draw));
-  double p[3];
-  if (!pags_camera_point(camera, pixel[0] * camera->width, pixel[1] * camera->height, depth, p))
-    p[0] = p[1] = 0, p[2] = depth; /* outside its circle a lens sees nothing: use its axis then */
-  pags_rigid_point(camera->world_from_camera, p, point);
-}
-
 pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera_count, const double origin[3],
                                uint64_t seed, int64_t count, float *xyz, uint8_t *rgb) {
   assert(camera_count > 0 && count > 0);
@@ -40,8 +28,13 @@ pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera
   int64_t misses = 0;
   uint64_t draw = 0;
   for (int64_t i = 0; i < count;) {
-    double point[3];
-    draw_point(cameras, camera_count, distance, seed, draw++, point);
+    const pags_camera *camera = cameras[pags_rng_below(seed, STREAM + DRAW_VIEW, draw, (uint64_t)camera_count)];
+    double pixel[2], p[3], point[3];
+    pags_rng_uniform2(seed, STREAM + DRAW_PIXEL, draw, pixel);
+    const double depth = pags_focus_depth(distance, pags_rng_uniform(seed, STREAM + DRAW_DEPTH, draw++));
+    if (!pags_camera_point(camera, pixel[0] * camera->width, pixel[1] * camera->height, depth, p))
+      p[0] = p[1] = 0, p[2] = depth; /* outside its circle a lens sees nothing: use its axis then */
+    pags_rigid_point(camera->world_from_camera, p, point);
     int64_t seen = 0;
     for (int64_t k = 0; k < camera_count && seen < enough && misses < 16 * count; k++)
       seen += pags_camera_sees(cameras[k], point, 0.2 * distance);

@@ -22,6 +22,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 typedef struct reader {
   pags_json *json;
@@ -96,12 +97,6 @@ static const struct {
               {"EQUIRECTANGULAR", PAGS_LENS_EQUIRECTANGULAR},
               {"LATLONG", PAGS_LENS_EQUIRECTANGULAR}};
 
-static bool same_name(const char *a, const char *b) {
-  while (*a && *b && (*a == *b || (*a >= 'a' && *a <= 'z' && *a - 'a' + 'A' == *b)))
-    a++, b++;
-  return *a == *b;
-}
-
 static pags_result find_kind(const reader *r, const pags_json_value *frame, pags_lens_kind *kind) {
   const char *model;
   PAGS_TRY(pags_json_string_or(r->json, r->root, "camera_model", "OPENCV", &model));
@@ -122,7 +117,7 @@ static pags_result find_kind(const reader *r, const pags_json_value *frame, pags
   PAGS_TRY(pags_json_bool_or(r->json, r->root, "is_fisheye", false, &fisheye));
   PAGS_TRY(pags_json_bool_or(r->json, frame, "is_fisheye", fisheye, &fisheye));
   for (size_t i = 0; i < sizeof models / sizeof *models; i++)
-    if (same_name(model, models[i].name)) {
+    if (strcasecmp(model, models[i].name) == 0) {
       *kind = fisheye ? PAGS_LENS_FISHEYE : models[i].kind;
       return PAGS_OK;
     }
@@ -205,18 +200,6 @@ static pags_result find_lens(const reader *r, const pags_json_value *frame, pags
 
 /* ---- Files of a frame ---- */
 
-static pags_result find_mask(reader *r, const pags_json_value *frame, pags_parsed_view *view) {
-  const char *file;
-  PAGS_TRY(pags_json_string_or(r->json, frame, "mask_path", NULL, &file));
-  if (!file || view->missing)
-    return PAGS_OK;
-  bool exists;
-  PAGS_TRY(pags_find_file(&r->files, r->folder, file, &view->mask_path, &exists));
-  if (!exists)
-    return pags_json_fail(r->json, frame, "mask_path names %s, which does not exist", view->mask_path);
-  return PAGS_OK;
-}
-
 static pags_result read_points(reader *r) {
   const char *file;
   PAGS_TRY(pags_json_string_or(r->json, r->root, "ply_file_path", NULL, &file));
@@ -286,7 +269,7 @@ static pags_result read_pose(reader *r, const pags_json_value *frame, const char
 }
 
 static pags_result read_frame(reader *r, const pags_json_value *frame, pags_split split) {
-  const char *file;
+  const char *file, *mask;
   PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
   PAGS_TRY(pags_json_string(r->json, frame, "file_path", &file));
   if (*pags_path_name(file) == '\0')
@@ -303,8 +286,12 @@ static pags_result read_frame(reader *r, const pags_json_value *frame, pags_spli
   bool exists;
   PAGS_TRY(pags_find_file(&r->files, r->folder, file, &view->image_path, &exists));
   view->missing = !exists;
-  PAGS_TRY(find_mask(r, frame, view));
-
+  PAGS_TRY(pags_json_string_or(r->json, frame, "mask_path", NULL, &mask));
+  if (mask && !view->missing) {
+    PAGS_TRY(pags_find_file(&r->files, r->folder, mask, &view->mask_path, &exists));
+    if (!exists)
+      return pags_json_fail(r->json, frame, "mask_path names %s, which does not exist", view->mask_path);
+  }
   PAGS_TRY(read_pose(r, frame, file, view));
   return find_lens(r, frame, view);
 }
@@ -349,35 +336,26 @@ static pags_result append(const char *path, pags_split split, pags_parsed_datase
   return result;
 }
 
-/* Reads the file `source` or, with `splits`, those of the folder `source`. */
-static pags_result read_source(const char *source, bool splits, pags_parsed_dataset *parsed) {
+pags_result pags_transforms_read(const char *file, bool splits, pags_parsed_dataset *parsed) {
   static const char *const names[] = {"transforms_train.json", "transforms_val.json", "transforms_test.json"};
-  parsed->source = pags_text_copy(source);
-  PAGS_CHECK_MEMORY(parsed->source, "%s", source);
+  *parsed = (pags_parsed_dataset){.kind = "transforms.json", .up = PAGS_UP_Z, .source = pags_text_copy(file)};
+  PAGS_CHECK_MEMORY(parsed->source, "%s", file);
   if (!splits) {
-    PAGS_TRY(append(source, PAGS_SPLIT_NONE, parsed));
+    PAGS_TRY(append(file, PAGS_SPLIT_NONE, parsed));
     /* A file of another name may be meant as a part of the capture. */
-    const bool whole = !parsed->split_by && strcmp(pags_path_name(source), "transforms.json") == 0;
+    const bool whole = !parsed->split_by && strcmp(pags_path_name(file), "transforms.json") == 0;
     return whole ? pags_count_unused_pictures(parsed) : PAGS_OK;
   }
   int files = 0;
   for (int i = 0; i < 3; i++) {
-    if (!pags_folder_has(source, names[i]))
+    if (!pags_folder_has(file, names[i]))
       continue;
-    PAGS_AUTOFREE char *path = pags_path_join(source, names[i]);
-    PAGS_CHECK_MEMORY(path, "%s", source);
+    PAGS_AUTOFREE char *path = pags_path_join(file, names[i]);
+    PAGS_CHECK_MEMORY(path, "%s", file);
     PAGS_TRY(append(path, i == 0 ? PAGS_SPLIT_TRAIN : PAGS_SPLIT_TEST, parsed));
     files++;
   }
   if (files > 1)
     parsed->split_by = "transforms_val.json or transforms_test.json";
   return PAGS_OK;
-}
-
-pags_result pags_transforms_read(const char *path, bool splits, pags_parsed_dataset *parsed) {
-  *parsed = (pags_parsed_dataset){.kind = "transforms.json", .up = PAGS_UP_Z};
-  const pags_result result = read_source(path, splits, parsed);
-  if (result != PAGS_OK)
-    pags_parsed_destroy(parsed);
-  return result;
 }

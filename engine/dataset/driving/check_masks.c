@@ -85,23 +85,8 @@ static pags_result look_at_rows(const char *path, const pags_lens *lens, int row
   return PAGS_OK;
 }
 
-/* Whether white lies where it can't be: the sky below, or most of the picture moving. */
-static bool looks_inverted(const mask_look *look, bool sky) {
-  if (sky)
-    return 2 * look->below > look->quarter && look->below >= look->above;
-  return 2 * look->white > 4 * look->quarter;
-}
-
 static bool is_grey(const mask_look *look) {
   return 5 * look->grey > look->pixels;
-}
-
-/* Looks at the upper rows of a mask, and at all of it unless these show that it is as it should be: sky that gets less
- * downwards, or little that moves. */
-static pags_result look_at_mask(const char *path, const pags_lens *lens, bool sky, mask_look *out) {
-  PAGS_TRY(look_at_rows(path, lens, lens->height / (sky ? 4 : 2), out));
-  const bool upright = sky ? out->above > out->below : 2 * out->white <= 4 * out->quarter;
-  return out->most >= 128 && upright && !is_grey(out) ? PAGS_OK : look_at_rows(path, lens, 0, out);
 }
 
 static pags_result check_kind(const pags_driving *driving, const char *folder, const files *f, bool sky) {
@@ -112,9 +97,16 @@ static pags_result check_kind(const pags_driving *driving, const char *folder, c
     const pags_parsed_view *view = choose(f, i);
     mask_look other;
     const char *at = path_of(f, view - f->parsed->views);
-    PAGS_TRY(look_at_mask(at, &view->lens, sky, &other));
+    /* Look at the upper rows, and at all of them unless these show that the mask is as it should be: sky that gets less
+     * downwards, or little that moves. */
+    PAGS_TRY(look_at_rows(at, &view->lens, view->lens.height / (sky ? 4 : 2), &other));
+    const bool upright = sky ? other.above > other.below : 2 * other.white <= 4 * other.quarter;
+    if (other.most < 128 || !upright || is_grey(&other))
+      PAGS_TRY(look_at_rows(at, &view->lens, 0, &other));
     looked++;
-    inverted += looks_inverted(&other, sky);
+    /* White lies where it can't be: the sky below, or most of the picture moving. */
+    inverted +=
+        sky ? 2 * other.below > other.quarter && other.below >= other.above : 2 * other.white > 4 * other.quarter;
     if (!path || (look.white == 0 && look.most == 0)) {
       look = other;
       path = at;

@@ -94,18 +94,6 @@ static int64_t compare(looks *all, const int64_t *views, int64_t count) {
   return wanting;
 }
 
-static int64_t count_less(const double *sorted, int64_t count, double limit) {
-  int64_t low = 0;
-  for (int64_t high = count; low < high;) {
-    const int64_t middle = (low + high) / 2;
-    if (sorted[middle] < limit)
-      low = middle + 1;
-    else
-      high = middle;
-  }
-  return low;
-}
-
 /* Looks at photographs whose files are a third as long as half of the camera's, as black ones are, and at those as long
  * as another. `sizes` has room for two numbers a photograph. */
 static pags_result look_at_odd_files(looks *all, const int64_t *views, int64_t count, double *sizes) {
@@ -117,8 +105,9 @@ static pags_result look_at_odd_files(looks *all, const int64_t *views, int64_t c
   }
   pags_sort_doubles(sorted, count);
   for (int64_t i = 0; i < count; i++) {
-    const int64_t first = count_less(sorted, count, sizes[i]);
-    if (3 * sizes[i] < sorted[count / 2] || (first + 1 < count && sorted[first + 1] == sizes[i]))
+    const double *same = bsearch(&sizes[i], sorted, (size_t)count, sizeof *sorted, pags_compare_doubles);
+    if (3 * sizes[i] < sorted[count / 2] || (same > sorted && same[-1] == *same) ||
+        (same + 1 < sorted + count && same[1] == *same))
       PAGS_TRY(look_at(all, views[i]));
   }
   return PAGS_OK;
@@ -148,15 +137,6 @@ static pags_result look_at_camera(looks *all, const int64_t *views, int64_t coun
   return PAGS_OK;
 }
 
-/* Compares photographs of different cameras at one time step; views are sorted by it. */
-static void compare_cameras(looks *all) {
-  const pags_dataset *d = all->dataset;
-  for (int64_t j = 0; j < d->count; j++)
-    for (int64_t i = j - 1; i >= 0 && d->views[i].frame == d->views[j].frame; i--)
-      if (all->views[i].cells.data && all->views[j].cells.data && are_same(&all->views[i], &all->views[j]))
-        pags_tally_add(&all->twin, "%s, which shows what %s does", d->views[j].name, d->views[i].name);
-}
-
 static void looks_destroy(looks *all) {
   for (int64_t i = 0; all->views && i < all->dataset->count; i++)
     pags_image_destroy(&all->views[i].cells);
@@ -177,7 +157,12 @@ pags_result pags_look_at_photographs(const pags_dataset *dataset) {
         views[count++] = i;
     PAGS_TRY(look_at_camera(&all, views, count, sizes));
   }
-  compare_cameras(&all);
+  /* Compare photographs of different cameras at one time step; views are sorted by it. */
+  const pags_view *v = dataset->views;
+  for (int64_t j = 0; j < dataset->count; j++)
+    for (int64_t i = j - 1; i >= 0 && v[i].frame == v[j].frame; i--)
+      if (all.views[i].cells.data && all.views[j].cells.data && are_same(&all.views[i], &all.views[j]))
+        pags_tally_add(&all.twin, "%s, which shows what %s does", v[j].name, v[i].name);
   const struct {
     const pags_tally *tally;
     const char *what;

@@ -235,15 +235,6 @@ static double place_error(const pags_object *object, const uint8_t *mended, int6
   return off / ((kind == 2 ? 1.4 : 1.0) * (0.7 + 12 * spacing * spacing));
 }
 
-/* Whether most labels are off by more than a quarter of `worst`: then jitter explains the worst. */
-static bool is_noisy(const pags_object *object, const uint8_t *mended, double spacing, double worst) {
-  int64_t off = 0;
-  double place[3];
-  for (int64_t i = 0; i < object->keyframe_count; i++)
-    off += 4 * place_error(object, mended, i, spacing, place) > worst;
-  return 2 * off > object->keyframe_count;
-}
-
 /* Turns a label as the one before it if that and the one behind agree and it differs. */
 static bool mend_turn(const pags_object *object, int64_t at) {
   if (at == 0 || at + 1 == object->keyframe_count)
@@ -281,7 +272,10 @@ void pags_track_mend(const pags_object *object, uint8_t *mended) {
         at = i;
       }
     }
-    if (at < 0 || is_noisy(object, mended, spacing, worst))
+    int64_t off = 0; /* if most labels are off by more than a quarter of the worst, jitter explains it */
+    for (int64_t i = 0; i < object->keyframe_count; i++)
+      off += 4 * place_error(object, mended, i, spacing, place) > worst;
+    if (at < 0 || 2 * off > object->keyframe_count)
       break;
     mended[at] |= PAGS_MENDED_MOVED;
   }
@@ -329,18 +323,6 @@ static double gap_error(const pags_object *object, const int *part, int64_t a, i
   }
   const double error = sqrt(fmin(before, behind)); /* fmin ignores a side without steps */
   return isfinite(error) ? error : 0;
-}
-
-/* Cuts the track where it leaps: by more than a metre of noise, 24 m/s^2, and five times the error of half of the
- * steps, which is that of the labels. Returns the number of pieces. */
-static int cut(const pags_object *object, int *part, const double *errors, double usual) {
-  int pieces = 1;
-  for (int64_t i = 0; i + 1 < object->keyframe_count; i++) {
-    const double dt = object->keyframes[i + 1].time - object->keyframes[i].time;
-    pieces += errors[i] > 1 + 12 * dt * dt + 5 * usual;
-    part[i + 1] = pieces - 1;
-  }
-  return pieces;
 }
 
 /* Joins a piece to an earlier part that it continues from, except for the piece just before it: a track that comes back
@@ -406,7 +388,14 @@ int pags_track_split(const pags_object *object, int *part, uint8_t *mended, doub
   memcpy(errors + count, errors, (size_t)(count - 1) * sizeof *errors);
   pags_sort_doubles(errors + count, count - 1);
   const double usual = errors[count + (count - 1) / 2];
-  const int pieces = cut(object, part, errors, usual);
+  /* Cut the track where it leaps: by more than a metre of noise, 24 m/s^2, and five times the error of half of the
+   * steps, which is that of the labels. */
+  int pieces = 1;
+  for (int64_t i = 0; i + 1 < count; i++) {
+    const double dt = object->keyframes[i + 1].time - object->keyframes[i].time;
+    pieces += errors[i] > 1 + 12 * dt * dt + 5 * usual;
+    part[i + 1] = pieces - 1;
+  }
   if (pieces > MOST_PARTS || 4 * (pieces - 1) > count) { /* a track that leaps all the time follows nothing */
     memset(part, 0, (size_t)count * sizeof *part);
     return 1;

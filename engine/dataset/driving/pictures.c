@@ -39,10 +39,6 @@ static int by_frame(const void *a, const void *b) {
   return left->camera < right->camera ? -1 : left->camera > right->camera;
 }
 
-bool pags_driving_same_picture(const pags_driving_picture *a, const pags_driving_picture *b) {
-  return by_frame(a, b) == 0;
-}
-
 pags_result pags_driving_pictures(const char *folder, const pags_dir_list *list, int64_t *count,
                                   pags_driving_picture **out) {
   *count = 0;

@@ -19,9 +19,6 @@ bool pags_driving_number(const char **at, int *out);
 /* Parses the name of a picture like "012_3.jpg": frame 12, camera 3. */
 bool pags_driving_parse_picture(const char *name, pags_driving_picture *out);
 
-/* Whether two pictures are of the same frame and camera. */
-bool pags_driving_same_picture(const pags_driving_picture *a, const pags_driving_picture *b);
-
 /* Lists the pictures among the files of a folder, sorted by frame, then by camera. The caller frees *out. */
 pags_result pags_driving_pictures(const char *folder, const pags_dir_list *list, int64_t *count,
                                   pags_driving_picture **out);

@@ -57,7 +57,7 @@ static pags_result check_pictures(const char *folder, const pags_dir_list *list,
                      folder, (long long)list->count, list->count ? ", the first is " : "",
                      list->count ? list->names[0] : "", (long long)all);
   for (int64_t i = 1; i < count; i++)
-    if (pags_driving_same_picture(&pictures[i - 1], &pictures[i]))
+    if (pictures[i - 1].frame == pictures[i].frame && pictures[i - 1].camera == pictures[i].camera)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: %s and %s are the same frame and camera; expected one picture", folder,
                        pictures[i - 1].name, pictures[i].name);
   return PAGS_OK;
@@ -103,16 +103,6 @@ static pags_result make_steps(pags_driving *driving, const pags_driving_picture 
   driving->digits = chosen[0].digits;
   pags_sort(driving->sensors, driving->sensor_count, sizeof *driving->sensors, by_number);
   return PAGS_OK;
-}
-
-static pags_result choose_holdout(pags_driving *driving, const char *text) {
-  const char *at = text;
-  driving->holdout = -1;
-  if (!text)
-    return PAGS_OK;
-  if (!pags_driving_number(&at, &driving->holdout) || *at || !pags_driving_sensor(driving, driving->holdout))
-    return pags_fail(PAGS_ERROR_ARGUMENT, "held-out camera '%s': expected the number of one of the cameras used", text);
-  return pags_driving_note(driving, "held out: all views of camera %d", driving->holdout);
 }
 
 /* ---- Calibration ---- */
@@ -270,7 +260,15 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   driving->exposure_poses = !rules->per_frame && has_poses_per_view(driving, "ego_pose");
   if (driving->exposure_poses)
     PAGS_TRY(pags_driving_note(driving, "poses: the car's at each exposure, ego_pose/TTT_C.txt"));
-  PAGS_TRY(choose_holdout(driving, options->holdout_camera));
+  const char *holdout = options->holdout_camera;
+  driving->holdout = -1;
+  if (holdout) {
+    const char *end = holdout;
+    if (!pags_driving_number(&end, &driving->holdout) || *end || !pags_driving_sensor(driving, driving->holdout))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "held-out camera '%s': expected the number of one of the cameras used",
+                       holdout);
+    PAGS_TRY(pags_driving_note(driving, "held out: all views of camera %d", driving->holdout));
+  }
   for (int64_t i = 0; i < driving->sensor_count; i++) {
     pags_sensor *sensor = &driving->sensors[i];
     PAGS_TRY(read_intrinsics(driving, sensor));
@@ -359,7 +357,8 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
   return pags_driving_say_unread(driving, list, pictures, all);
 }
 
-static pags_result read_set(const char *root, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
+pags_result pags_driving_read(const char *root, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
+  *parsed = (pags_parsed_dataset){.up = PAGS_UP_Z};
   pags_driving *driving = parsed->driving = calloc(1, sizeof *parsed->driving);
   PAGS_CHECK_MEMORY(driving, "%s", root);
   PAGS_AUTOFREE char *folder = pags_path_join(root, "images");
@@ -371,12 +370,4 @@ static pags_result read_set(const char *root, const pags_dataset_options *option
   PAGS_TRY(read_listed(driving, folder, &list, options, parsed));
   parsed->kind = driving->rules.kind;
   return PAGS_OK;
-}
-
-pags_result pags_driving_read(const char *root, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
-  *parsed = (pags_parsed_dataset){.up = PAGS_UP_Z};
-  const pags_result result = read_set(root, options, parsed);
-  if (result != PAGS_OK)
-    pags_parsed_destroy(parsed);
-  return result;
 }

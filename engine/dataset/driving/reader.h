@@ -7,7 +7,7 @@
 
 /* Whether the folder is a driving set: it has dataset.json, or images together with ego_pose or extrinsics. */
 bool pags_driving_is_set(const char *folder);
-/* Reads the driving set in `folder`; leaves an empty parsed set on failure. */
+/* Reads the driving set in `folder`. The caller destroys the parsed set, also on failure. */
 pags_result pags_driving_read(const char *folder, const pags_dataset_options *options, pags_parsed_dataset *parsed);
 
 /* Reads the conventions of a set (rules.c). `kind`: the caller's choice; NULL: as dataset.json says.

@@ -26,21 +26,6 @@ static char *find_model(const char *root, const char *named) {
   return NULL;
 }
 
-/* Sets the id of each view to the id of the model's image with the same file name, or to -1 (in no track) if the
- * model has none. Returns the number of views with an image in the model. */
-static int64_t match_views(const pags_parsed_dataset *model, pags_parsed_dataset *parsed) {
-  int64_t matched = 0;
-  for (int64_t i = 0; i < parsed->count; i++) {
-    const char *name = pags_path_name(parsed->views[i].image_path);
-    parsed->views[i].id = -1;
-    for (int64_t j = 0; j < model->count && parsed->views[i].id < 0; j++)
-      if (strcmp(name, pags_path_name(model->views[j].image_path)) == 0)
-        parsed->views[i].id = model->views[j].id;
-    matched += parsed->views[i].id >= 0;
-  }
-  return matched;
-}
-
 enum { FARTHEST = 10000 }; /* m; beyond it, a photograph of a street shows nothing that a point could represent */
 
 /* Leaves out the points that are farther than FARTHEST from the car's place in the middle of the recording. */
@@ -62,7 +47,16 @@ static pags_result take_points(pags_parsed_dataset *model, const char *folder, p
   pags_driving *driving = parsed->driving;
   drop_far(driving, &model->points, folder);
   long long count = (long long)model->points.count;
-  int64_t matched = match_views(model, parsed);
+  /* The id of a view is that of the model's image with the same file name, or -1 (in no track) if there is none. */
+  int64_t matched = 0;
+  for (int64_t i = 0; i < parsed->count; i++) {
+    pags_parsed_view *view = &parsed->views[i];
+    view->id = -1;
+    for (int64_t j = 0; j < model->count && view->id < 0; j++)
+      if (strcmp(pags_path_name(view->image_path), pags_path_name(model->views[j].image_path)) == 0)
+        view->id = model->views[j].id;
+    matched += view->id >= 0;
+  }
   parsed->points = model->points;
   memset(&model->points, 0, sizeof model->points);
   parsed->points.tracked = matched > 0;

@@ -48,21 +48,6 @@ static void draw_track(const pags_camera *camera, const pags_layout_track *track
       pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[m]);
 }
 
-static pags_result put_planes(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
-                              const pags_layout_lens *lens, uint8_t *planes[MASKS], uint8_t *seen) {
-  const int width = lens ? lens->width : camera->width, height = lens ? lens->height : camera->height;
-  for (int m = 0; m < MASKS; m++) {
-    if (lens) {
-      /* Map the mask from the pinhole picture to the photograph with lens distortion. */
-      const size_t pixels = (size_t)lens->width * (size_t)lens->height;
-      for (size_t i = 0; i < pixels; i++)
-        seen[i] = lens->source[i] >= 0 ? planes[m][lens->source[i]] : 0;
-    }
-    PAGS_TRY(pags_layout_put_mask(layout, mask_folders[m], frame, number, width, height, lens ? seen : planes[m]));
-  }
-  return PAGS_OK;
-}
-
 pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int64_t frame, int number,
                                                   const pags_camera *camera, const pags_layout_lens *lens,
                                                   const pags_layout_track *tracks, int64_t track_count) {
@@ -78,7 +63,14 @@ pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int
   uint8_t *planes[MASKS] = {block, block + pixels, block + 2 * pixels};
   for (int64_t i = 0; i < track_count; i++)
     draw_track(camera, &tracks[i], frame, planes);
-  return put_planes(layout, frame, number, camera, lens, planes, block + MASKS * pixels);
+  const int width = lens ? lens->width : camera->width, height = lens ? lens->height : camera->height;
+  uint8_t *mapped = block + MASKS * pixels; /* a mask mapped from the pinhole picture to the photograph */
+  for (int m = 0; m < MASKS; m++) {
+    for (size_t i = 0; i < seen; i++)
+      mapped[i] = lens->source[i] >= 0 ? planes[m][lens->source[i]] : 0;
+    PAGS_TRY(pags_layout_put_mask(layout, mask_folders[m], frame, number, width, height, lens ? mapped : planes[m]));
+  }
+  return PAGS_OK;
 }
 
 pags_result pags_layout_put_dynamic_masks(const pags_layout *layout, int64_t frame, int number,
