@@ -274,7 +274,9 @@ static void measure_proxy(const vehicle *v, spread *out) {
     }
     return;
   }
-  double area = pags_proxy_mesh_area(&v->proxy), owed = 0;
+  double area = 0, owed = 0;
+  for (int64_t t = 0; t < v->proxy.triangle_count; t++)
+    area += triangle_area(&v->proxy, t);
   int64_t n = 0;
   for (int64_t t = 0; t < v->proxy.triangle_count; t++)
     for (owed += PROXY_SAMPLES * triangle_area(&v->proxy, t) / area; owed >= 1; --owed, ++n) {

@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "port/port.h"
+
 /* ---- For jobs ---- */
 
 /* Writes the priorities by id of all scenes of a job, one scene after another. */
@@ -58,10 +60,9 @@ pags_result native_deadline_draw(const native_job *job, pags_deadline *renderer,
 
 void native_deadline_tell(PyObject *object, int step, double ms) {
   native_deadline *const self = (native_deadline *)object;
-  pthread_mutex_lock(&self->lock.mutex);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&self->lock.mutex);
   if (self->controller.step == step)
     pags_deadline_controller_tell(&self->controller, ms);
-  pthread_mutex_unlock(&self->lock.mutex);
 }
 
 /* ---- The object ---- */
@@ -95,17 +96,18 @@ static bool is_alive(PyObject *object) {
   return native_lock_check(&((native_deadline *)object)->lock, native_state_of(object), "Deadline");
 }
 
-static pags_deadline_controller controller_of(PyObject *object) {
-  native_deadline *self = (native_deadline *)object;
-  pthread_mutex_lock(&self->lock.mutex);
-  const pags_deadline_controller out = self->controller;
-  pthread_mutex_unlock(&self->lock.mutex);
-  return out;
-}
+enum { MS, STEP, HASTE, MEMBERS };
+static const int members[MEMBERS] = {MS, STEP, HASTE};
+#define MEMBER(which) ((void *)(size_t)&members[which])
 
-static PyObject *get_ms(PyObject *object, void *closure) {
-  (void)closure;
-  return is_alive(object) ? PyFloat_FromDouble(controller_of(object).target) : NULL;
+static PyObject *get_member(PyObject *object, void *closure) {
+  native_deadline *self = (native_deadline *)object;
+  const int which = *(const int *)closure;
+  if (!is_alive(object))
+    return NULL;
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&self->lock.mutex);
+  return which == STEP ? PyLong_FromLong(self->controller.step)
+                       : PyFloat_FromDouble(which == MS ? self->controller.target : self->controller.haste);
 }
 
 static int set_ms(PyObject *object, PyObject *value, void *closure) {
@@ -118,20 +120,9 @@ static int set_ms(PyObject *object, PyObject *value, void *closure) {
   }
   if (!read_ms(value, &ms) || !is_alive(object))
     return -1;
-  pthread_mutex_lock(&self->lock.mutex);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&self->lock.mutex);
   self->controller.target = ms;
-  pthread_mutex_unlock(&self->lock.mutex);
   return 0;
-}
-
-static PyObject *get_step(PyObject *object, void *closure) {
-  (void)closure;
-  return is_alive(object) ? PyLong_FromLong(controller_of(object).step) : NULL;
-}
-
-static PyObject *get_haste(PyObject *object, void *closure) {
-  (void)closure;
-  return is_alive(object) ? PyFloat_FromDouble(controller_of(object).haste) : NULL;
 }
 
 static PyObject *pace(PyObject *object, PyObject *arguments) {
@@ -142,9 +133,8 @@ static PyObject *pace(PyObject *object, PyObject *arguments) {
       !native_read_number(took, "ms", 0, NATIVE_LARGEST, &ms) ||
       !native_read_number(wish, "wanted", 0, NATIVE_LARGEST, &wanted) || !is_alive(object))
     return NULL;
-  pthread_mutex_lock(&self->lock.mutex);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&self->lock.mutex);
   pags_deadline_controller_pace(&self->controller, ms, wanted);
-  pthread_mutex_unlock(&self->lock.mutex);
   Py_RETURN_NONE;
 }
 
@@ -154,9 +144,9 @@ static PyMethodDef methods[] = {
      "the wanted ones: if the viewer's own drawing\nslows pictures down, each gets less time."},
     {0}};
 static PyGetSetDef getset[] = {
-    {"ms", get_ms, set_ms, "time budget of a picture, milliseconds", NULL},
-    {"step", get_step, NULL, "quality step of the next picture: 1 (bounded Early-Z) to 11", NULL},
-    {"haste", get_haste, NULL, "fraction of ms for a picture, see pace", NULL},
+    {"ms", get_member, set_ms, "time budget of a picture, milliseconds", MEMBER(MS)},
+    {"step", get_member, NULL, "quality step of the next picture: 1 (bounded Early-Z) to 11", MEMBER(STEP)},
+    {"haste", get_member, NULL, "fraction of ms for a picture, see pace", MEMBER(HASTE)},
     {0}};
 static PyType_Slot slots[] = {
     {Py_tp_new, deadline_new},

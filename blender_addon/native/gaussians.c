@@ -46,18 +46,6 @@ static bool fill_planes(const char *name, const float *from, int planes, pags_ga
   return true;
 }
 
-static bool check_quats(const pags_gaussians *g) {
-  for (int64_t i = 0; i < g->count; i++) {
-    bool any = false;
-    for (int k = 0; k < 4; k++)
-      any = any || pags_plane(g, PAGS_ROTATION + k)[i] != 0;
-    if (!any)
-      return PyErr_Format(PyExc_ValueError, "quats: row %lld: expected a quaternion (w, x, y, z), found zeros",
-                          (long long)i);
-  }
-  return true;
-}
-
 static bool fill_priorities(PyObject *value, pags_gaussians *g) {
   Py_ssize_t shape[1] = {(Py_ssize_t)g->count};
   PAGS_AUTOFREE float *from = native_read_array(value, "priorities", false, 1, shape);
@@ -130,7 +118,15 @@ static bool fill_gaussians(const scene_arguments *w, pags_gaussians *g, double o
         !fill_planes(arrays[a].name, from, arrays[a].planes, g, arrays[a].plane))
       return false;
   }
-  return check_quats(g) && fill_planes(arrays[SH].name, sh, 3 * pags_sh_coefficients(g->sh_degree), g, PAGS_SH) &&
+  for (int64_t i = 0; i < g->count; i++) {
+    bool any = false;
+    for (int k = 0; k < 4; k++)
+      any = any || pags_plane(g, PAGS_ROTATION + k)[i] != 0;
+    if (!any)
+      return PyErr_Format(PyExc_ValueError, "quats: row %lld: expected a quaternion (w, x, y, z), found zeros",
+                          (long long)i);
+  }
+  return fill_planes(arrays[SH].name, sh, 3 * pags_sh_coefficients(g->sh_degree), g, PAGS_SH) &&
          (w->priorities == Py_None || fill_priorities(w->priorities, g));
 }
 
@@ -270,17 +266,6 @@ PyObject *native_scene_object_of(PyObject *object, void *closure) {
 
 /* ---- To files ---- */
 
-/* Objects with their own models would first require their poses, and rotated harmonics: exporters do that. */
-static bool check_savable(const pags_scene *scene) {
-  for (int64_t i = 0; i < scene->object_count; i++)
-    if (scene->objects[i].model >= 0)
-      return PyErr_Format(PyExc_ValueError,
-                          "save: object %lld follows a track, which no splat file holds: 'pags export SCENE FILE' "
-                          "writes all objects as they are at a time",
-                          (long long)i);
-  return true;
-}
-
 static pags_result save(const char *path, const pags_scene *scene, const pags_gaussians *g, bool packed) {
   PAGS_TRY(pags_ply_check_name(path));
   if (packed) {
@@ -300,7 +285,14 @@ PyObject *native_scene_save(PyObject *self, PyObject *arguments) {
   NATIVE_OWNED PyObject *bytes = NULL;
   PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
   pags_result result;
-  if (!check_savable(scene) || !PyArg_ParseTuple(arguments, "O:save", &file) || !native_read_path(file, "path", &bytes))
+  /* Objects with their own models would first require their poses, and rotated harmonics: exporters do that. */
+  for (int64_t i = 0; i < scene->object_count; i++)
+    if (scene->objects[i].model >= 0)
+      return PyErr_Format(PyExc_ValueError,
+                          "save: object %lld follows a track, which no splat file holds: 'pags export SCENE FILE' "
+                          "writes all objects as they are at a time",
+                          (long long)i);
+  if (!PyArg_ParseTuple(arguments, "O:save", &file) || !native_read_path(file, "path", &bytes))
     return NULL;
   const char *path = PyBytes_AsString(bytes);
   const char *extension = pags_path_extension(path);

@@ -48,17 +48,6 @@ static void fill_planes(const backward *b, const pags_picture *picture, float *c
     }
 }
 
-/* Allocates the planes in one block, zeros beyond the picture. Freed by pags_port_aligned_free(plane[0]). */
-static pags_result create_planes(const pags_picture *picture, float *plane[GRADIENTS]) {
-  const size_t floats = (size_t)picture->stride * (size_t)((picture->height + 15) / 16 * 16);
-  plane[0] = pags_port_aligned_alloc(64, GRADIENTS * floats * sizeof(float));
-  PAGS_CHECK_MEMORY(plane[0], "gradients of a picture of %d x %d", picture->width, picture->height);
-  memset(plane[0], 0, GRADIENTS * floats * sizeof(float));
-  for (int k = 1; k < GRADIENTS; k++)
-    plane[k] = plane[0] + (size_t)k * floats;
-  return PAGS_OK;
-}
-
 static pags_result differentiate(backward *b, pags_frame *frame) {
   const native_contents *const c = &b->job->contents;
   pags_picture picture;
@@ -70,7 +59,13 @@ static pags_result differentiate(backward *b, pags_frame *frame) {
                        "packed Gaussians (.pagsz) have no gradients: expected those of another "
                        "file, or a Scene of this one's arrays");
   PAGS_TRY(pags_frame_render(frame, c->parts, c->part_count, &b->job->camera, &b->job->options, NULL, NULL, &picture));
-  PAGS_TRY(create_planes(&picture, plane));
+  /* One block, zeros beyond the picture. */
+  const size_t floats = (size_t)picture.stride * (size_t)((picture.height + 15) / 16 * 16);
+  plane[0] = pags_port_aligned_alloc(64, GRADIENTS * floats * sizeof(float));
+  PAGS_CHECK_MEMORY(plane[0], "gradients of a picture of %d x %d", picture.width, picture.height);
+  memset(plane[0], 0, GRADIENTS * floats * sizeof(float));
+  for (int k = 1; k < GRADIENTS; k++)
+    plane[k] = plane[0] + (size_t)k * floats;
   fill_planes(b, &picture, plane);
   const pags_picture_gradient gradient = {.rgb = {plane[0], plane[1], plane[2]},
                                           .transmittance = b->depth || b->channels == 4 ? plane[BY_T] : NULL,

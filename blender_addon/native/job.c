@@ -42,12 +42,11 @@ static void cancel(native_job *job) {
   native_renderer *r = (native_renderer *)job->renderer;
   if (!r || native_forked_since(r->process))
     return;
-  pthread_mutex_lock(&r->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&r->lock);
   if (job->state == JOB_QUEUED)
     unqueue(r, job);
   else if (r->running == job)
     pags_tasks_cancel(r->tasks);
-  pthread_mutex_unlock(&r->lock);
 }
 
 /* Waits at most this number of seconds; < 0: until the job is done. */
@@ -57,7 +56,7 @@ static bool wait_for(native_job *job, double seconds) {
     return job->state == JOB_DONE;
   const int64_t begin = pags_port_clock_ns();
   double left = seconds;
-  pthread_mutex_lock(&r->lock);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&r->lock);
   while (job->state != JOB_DONE && (seconds < 0 || left > 0)) {
     if (seconds < 0)
       pthread_cond_wait(&r->finished, &r->lock);
@@ -65,9 +64,7 @@ static bool wait_for(native_job *job, double seconds) {
       pags_port_condition_wait(&r->finished, &r->lock, left);
     left = seconds - 1e-9 * (double)(pags_port_clock_ns() - begin);
   }
-  bool done = job->state == JOB_DONE;
-  pthread_mutex_unlock(&r->lock);
-  return done;
+  return job->state == JOB_DONE;
 }
 
 static void job_dealloc(PyObject *object) {

@@ -66,14 +66,6 @@ static bool read_drawn(PyObject *placements, PyObject *object_values, PyObject *
          (names == Py_None || read_names(names, shown));
 }
 
-/* A new reference to dict[key], or to None if missing; counts existing keys. */
-static PyObject *item_or_none(PyObject *dict, const char *key, Py_ssize_t *found) {
-  if (!PyMapping_HasKeyString(dict, key))
-    return Py_NewRef(Py_None);
-  ++*found;
-  return PyMapping_GetItemString(dict, key);
-}
-
 enum { SCENE, WORLD_FROM_SCENE, TIME, PLACEMENTS, OBJECT_VALUES, NAMES, KEYS };
 
 /* Reads another scene; `value` receives the values of its keys, which the caller drops. */
@@ -83,9 +75,13 @@ static bool read_values(const native_state *state, PyObject *dict, double time, 
   Py_ssize_t found = 0;
   if (!dict || !PyMapping_Check(dict))
     return PyErr_Format(PyExc_TypeError, "others: expected dictionaries");
-  for (int i = 0; i < KEYS; i++)
-    if (!(value[i] = item_or_none(dict, keys[i], &found)))
+  for (int i = 0; i < KEYS; i++) {
+    const int given = PyMapping_HasKeyString(dict, keys[i]);
+    value[i] = given ? PyMapping_GetItemString(dict, keys[i]) : Py_NewRef(Py_None);
+    found += given;
+    if (!value[i])
       return false;
+  }
   if (!PyObject_TypeCheck(value[SCENE], state->types[SCENE_TYPE]))
     return PyErr_Format(PyExc_TypeError, "others: expected what pags.load returned as \"scene\"");
   if (PyMapping_Size(dict) != found)

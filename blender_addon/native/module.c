@@ -140,30 +140,24 @@ static PyMethodDef methods[] = {
      "write_edited($module, path, edits, folder, /)\n--\n\nWrites the scene at `path` with rules of clean-up and look "
      "as a scene folder."},
     {"camera", (PyCFunction)(void (*)(void))native_camera, METH_VARARGS | METH_KEYWORDS,
-     "camera($module, /, width, height, K, world_from_camera=None, *, camera_from_world=None, axes='opencv', "
-     "time=None)\n"
-     "--\n\nThe dictionary of a camera, of matrices: K is 3 x 3 (pixels; corners at 0 and width), and one of "
+     "camera($module, /, width, height, K, world_from_camera=None, *, camera_from_world=None, axes='opencv', time=None)"
+     "\n--\n\nThe dictionary of a camera, of matrices: K is 3 x 3 (pixels; corners at 0 and width), and one of "
      "world_from_camera and its\ninverse camera_from_world (gsplat's viewmat) is 3 x 4 or 4 x 4. axes: opencv (x "
-     "right, y "
-     "down, z forward) or opengl (y up,\nz back, as NeRF and Blender have them)."},
+     "right, y down, z forward) or opengl (y up,\nz back, as NeRF and Blender have them)."},
     {"render", (PyCFunction)(void (*)(void))native_render, METH_VARARGS | METH_KEYWORDS,
      "render($module, /, scene, camera, *, threads=0, " JOB_ARGUMENT_SIGNATURE
      ")\n--\n\nDraws and waits: the Picture of a camera, or of a list of cameras the list of Pictures. Arguments as of "
      "Renderer.submit."},
     {"gradients", (PyCFunction)(void (*)(void))native_gradients, METH_VARARGS | METH_KEYWORDS,
      "gradients($module, /, scene, camera, rgb, *, depth=None, threads=0, placements=None, background=None, "
-     "transparent=False, antialiased=-1, sh_degree=3, near_plane=0)\n--\n\n"
-     "The gradients of a loss by all parameters, as Buffers in a dictionary like Scene.arrays(), from its gradients by "
-     "the picture\nthat render() draws with the same arguments: rgb [height][width][3], or [4] with that by alpha, and "
-     "depth [height][width]."},
+     "transparent=False, antialiased=-1, sh_degree=3, near_plane=0)\n--\n\nThe gradients of a loss by all parameters, "
+     "as Buffers in a dictionary like Scene.arrays(), from its gradients by the picture\nthat render() draws with the "
+     "same arguments: rgb [height][width][3], or [4] with that by alpha, and depth [height][width]."},
     {"pick", (PyCFunction)(void (*)(void))native_pick, METH_VARARGS | METH_KEYWORDS,
      "pick($module, /, scene, camera, x, y, *, placements=None, others=None, clips=None)\n--\n\nWhat is met through "
-     "pixel (x, y), "
-     "row 0 at the "
-     "top, as a dictionary or None: id of the "
-     "Gaussian behind which\nless than half of the ray is left, object (number or None), priority, depth (metres along "
-     "the camera's "
-     "axis),\npoint (world, metres), scene (0: the first). placements, others, clips: as for Renderer.submit."},
+     "pixel (x, y), row 0 at the top, as a dictionary or None: id of the Gaussian behind which\nless than half of the "
+     "ray is left, object (number or None), priority, depth (metres along the camera's axis),\npoint (world, metres), "
+     "scene (0: the first). placements, others, clips: as for Renderer.submit."},
     {"cryptomatte_hash", native_cryptomatte_hash, METH_VARARGS,
      "cryptomatte_hash($module, name, /)\n--\n\nThe 32-bit hash of a name in a Cryptomatte's manifest."},
     {"sweep_format", sweep_format, METH_VARARGS,
@@ -171,8 +165,7 @@ static PyMethodDef methods[] = {
      "y and z, and their frame: ego, laser or world."},
     {"heat", heat, METH_VARARGS,
      "heat($module, value, /)\n--\n\nThe colour (r, g, b), as a screen shows it, that stands for a number from 0 to 1 "
-     "in "
-     "pictures of priorities and other\nmodes: from dark violet over red to pale yellow."},
+     "in pictures of priorities and other\nmodes: from dark violet over red to pale yellow."},
     {"available_threads", available_threads, METH_NOARGS,
      "available_threads($module, /)\n--\n\nProcessors that this process may use."},
     {0}};
@@ -182,12 +175,10 @@ static struct PyModuleDef module_definition = {
     PyModuleDef_HEAD_INIT,
     .m_name = "pags",
     .m_doc =
-        "Priority-Adaptive Gaussian Splatting on CPUs.\n\n"
-        "Cameras are dictionaries (camera() makes one of matrices): width, height, fx, fy, cx, cy (pixels; corners at "
-        "0 and width), world_from_camera "
-        "(12 "
-        "numbers\nrow by row, or a matrix of 3 x 4 or 4 x 4; x right, y down, z forward; metres). time (seconds), lens "
-        "and rolling_shutter\n(dictionaries, as in camera files) may be left out.",
+        "Priority-Adaptive Gaussian Splatting on CPUs.\n\nCameras are dictionaries (camera() makes one of matrices): "
+        "width, height, fx, fy, cx, cy (pixels; corners at 0 and width), world_from_camera (12 numbers\nrow by row, or "
+        "a matrix of 3 x 4 or 4 x 4; x right, y down, z forward; metres). time (seconds), lens and rolling_shutter\n"
+        "(dictionaries, as in camera files) may be left out.",
     .m_size = sizeof(native_state),
     .m_methods = methods,
     .m_slots = slots,

@@ -62,15 +62,6 @@ static pags_result pick_locked(native_job *job, int x, int y, found *out) {
   return PAGS_OK;
 }
 
-static PyObject *describe(const found *f) {
-  const pags_picked *p = &f->picked;
-  if (p->part < 0)
-    Py_RETURN_NONE;
-  return Py_BuildValue("{s:i,s:d,s:d,s:N,s:N,s:i}", "id", (int)p->id, "depth", p->depth, "priority",
-                       (double)f->priority, "point", native_numbers(p->point, 3), "object",
-                       p->object < 0 ? Py_NewRef(Py_None) : PyLong_FromLongLong(p->object), "scene", f->scene);
-}
-
 PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords) {
   static char *names[] = {"scene", "camera", "x", "y", "placements", "others", "clips", NULL};
   const native_state *state = PyModule_GetState(module);
@@ -90,5 +81,11 @@ PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords)
   Py_BEGIN_ALLOW_THREADS native_job_lock(job, true);
   result = pick_locked(job, (int)x, (int)y, &f);
   native_job_lock(job, false);
-  Py_END_ALLOW_THREADS return result == PAGS_OK ? describe(&f) : native_raise(state, result);
+  Py_END_ALLOW_THREADS if (result != PAGS_OK) return native_raise(state, result);
+  const pags_picked *p = &f.picked;
+  if (p->part < 0)
+    Py_RETURN_NONE;
+  return Py_BuildValue("{s:i,s:d,s:d,s:N,s:N,s:i}", "id", (int)p->id, "depth", p->depth, "priority", (double)f.priority,
+                       "point", native_numbers(p->point, 3), "object",
+                       p->object < 0 ? Py_NewRef(Py_None) : PyLong_FromLongLong(p->object), "scene", f.scene);
 }

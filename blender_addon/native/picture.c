@@ -138,14 +138,6 @@ static void put_rgba(const fill *f, float alpha, const float rgb[3], float *out)
   out[3] = cover;
 }
 
-/* Display-referred whatever `linear` says, rounded as the program's PNG files are. */
-static void put_rgb8(const float rgb[3], uint8_t *out) {
-  for (int c = 0; c < 3; c++) {
-    const float v = rgb[c] > 0 ? (rgb[c] < 1 ? rgb[c] : 1) : 0; /* NaN: 0 */
-    out[c] = (uint8_t)(v * 255.0f + 0.5f);
-  }
-}
-
 static float priority_of(const fill *f, int32_t id) {
   const native_shown *shown = native_shown_of(f->shown, f->shown_count, &id);
   return ((const native_scene *)shown->scene)->priority_of[id];
@@ -158,15 +150,6 @@ static float object_value(const fill *f, int32_t id) {
   if (object < 0)
     return 0;
   return shown->object_values ? shown->object_values[object] : (float)(object + 1);
-}
-
-static void put_heat(const fill *f, int64_t at, float *out) {
-  int32_t id = f->picture->id[at];
-  float rgb[3] = {0, 0, 0}, alpha = 1 - f->picture->transmittance[at];
-  if (id >= 0)
-    pags_colormap_heat(priority_of(f, id), rgb);
-  pags_scale3f(alpha, rgb, rgb);
-  put_rgba(f, alpha, rgb, out);
 }
 
 /* Interleaves the planes of a row of a pass. */
@@ -224,8 +207,10 @@ static void fill_row(const fill *f, int y) {
       }
       if (rgba)
         put_rgba(f, alpha, rgb, rgba + 4 * to);
-      if (rgb8)
-        put_rgb8(rgb, rgb8 + 3 * to);
+      for (int c = 0; rgb8 && c < 3; c++) { /* display-referred whatever `linear` says, rounded as in PNG files */
+        const float v = rgb[c] > 0 ? (rgb[c] < 1 ? rgb[c] : 1) : 0; /* NaN: 0 */
+        rgb8[3 * to + c] = (uint8_t)(v * 255.0f + 0.5f);
+      }
     }
     if (depth)
       depth[to] = p->depth[from] > 0 ? p->depth[from] * l->depth_scale : l->depth_empty;
@@ -233,8 +218,14 @@ static void fill_row(const fill *f, int y) {
       objects[to] = id < 0 ? 0 : object_value(f, id);
     if (priorities)
       priorities[to] = id < 0 ? 0 : priority_of(f, id);
-    if (heat)
-      put_heat(f, from, heat + 4 * to);
+    if (heat) {
+      float rgb[3] = {0, 0, 0};
+      const float alpha = 1 - p->transmittance[from];
+      if (id >= 0)
+        pags_colormap_heat(priority_of(f, id), rgb);
+      pags_scale3f(alpha, rgb, rgb);
+      put_rgba(f, alpha, rgb, heat + 4 * to);
+    }
     if (ids)
       ids[to] = id;
   }

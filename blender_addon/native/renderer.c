@@ -34,7 +34,7 @@ static pags_result draw_picture(pags_deadline *renderer, pags_tasks *tasks, nati
   return PAGS_OK;
 }
 
-static pags_result draw_locked(pags_deadline *renderer, pags_tasks *tasks, native_job *job) {
+static pags_result draw(pags_deadline *renderer, pags_tasks *tasks, native_job *job) {
   double begin = now_ms();
 
   /* Fill the scenes' tables that the outputs of this job read. */
@@ -59,14 +59,6 @@ static pags_result draw_locked(pags_deadline *renderer, pags_tasks *tasks, nativ
   return PAGS_OK;
 }
 
-static void draw(pags_deadline *renderer, pags_tasks *tasks, native_job *job) {
-  native_job_lock(job, true);
-  job->result = draw_locked(renderer, tasks, job);
-  if (job->result != PAGS_OK)
-    strncpy(job->message, pags_error_message(), sizeof job->message - 1);
-  native_job_lock(job, false);
-}
-
 static native_job *next_job(native_renderer *self) {
   while (!self->stopping && !self->first)
     pthread_cond_wait(&self->wake, &self->lock);
@@ -89,9 +81,12 @@ static void *serve(void *context) {
   for (native_job *job; (job = next_job(self)) != NULL;) {
     pthread_mutex_unlock(&self->lock);
     job->result = renderer ? PAGS_OK : pags_deadline_create(self->tasks, NULL, 0, &renderer);
-    if (job->result == PAGS_OK)
-      draw(renderer, self->tasks, job);
-    else
+    if (job->result == PAGS_OK) {
+      native_job_lock(job, true);
+      job->result = draw(renderer, self->tasks, job);
+      native_job_lock(job, false);
+    }
+    if (job->result != PAGS_OK)
       strncpy(job->message, pags_error_message(), sizeof job->message - 1);
     pthread_mutex_lock(&self->lock);
     self->running = NULL;
@@ -145,18 +140,16 @@ static PyObject *renderer_new(PyTypeObject *type, PyObject *arguments, PyObject 
   return create_renderer(type, threads);
 }
 
-static void stop(native_renderer *self) {
-  pthread_mutex_lock(&self->lock);
-  self->stopping = true;
-  pthread_cond_broadcast(&self->wake);
-  pthread_mutex_unlock(&self->lock);
-  pthread_join(self->thread, NULL);
-}
-
 static void renderer_dealloc(PyObject *object) {
   native_renderer *self = (native_renderer *)object;
   const bool mine = !native_forked_since(self->process); /* else nothing can be ended */
-  Py_BEGIN_ALLOW_THREADS if (mine && self->has_thread) stop(self);
+  Py_BEGIN_ALLOW_THREADS if (mine && self->has_thread) {
+    pthread_mutex_lock(&self->lock);
+    self->stopping = true;
+    pthread_cond_broadcast(&self->wake);
+    pthread_mutex_unlock(&self->lock);
+    pthread_join(self->thread, NULL);
+  }
   if (mine)
     pags_tasks_destroy(self->tasks);
   if (mine && self->has_lock) {
@@ -168,9 +161,8 @@ static void renderer_dealloc(PyObject *object) {
 }
 
 void native_job_enqueue(native_renderer *self, native_job *job) {
-  Py_INCREF((PyObject *)self);
-  job->renderer = (PyObject *)self;
-  pthread_mutex_lock(&self->lock);
+  job->renderer = Py_NewRef((PyObject *)self);
+  PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&self->lock);
   job->state = JOB_QUEUED;
   if (self->last)
     self->last->next = job;
@@ -178,7 +170,6 @@ void native_job_enqueue(native_renderer *self, native_job *job) {
     self->first = job;
   self->last = job;
   pthread_cond_signal(&self->wake);
-  pthread_mutex_unlock(&self->lock);
 }
 
 static PyObject *renderer_submit(PyObject *object, PyObject *arguments, PyObject *keywords) {
@@ -271,26 +262,17 @@ static PyMethodDef renderer_methods[] = {
     {"submit", (PyCFunction)(void (*)(void))renderer_submit, METH_VARARGS | METH_KEYWORDS,
      "submit($self, scene, camera, *, " JOB_ARGUMENT_SIGNATURE ")\n--\n\n"
      "Queues a picture and returns its Job at once. outputs: any of rgba, rgb8, depth, object, priority, heat, id, "
-     "crypto_object, "
-     "crypto_class, normal, motion, count, overdraw. "
-     "placements: list of (object, world_from_object) in place of the scene's "
-     "own tracks,\n"
-     "object -1 for what belongs to none. others: scenes drawn in the same picture, dictionaries of scene, "
-     "world_from_scene (a pose that may scale), time,\n"
-     "placements, object_values and names, all but scene may be left out; sky and near plane are the first scene's. "
-     "window: "
-     "(x, y, width, height) of the picture to hand over. mode: rgb, "
-     "priority,\n"
-     "critical, depth, size, count or overdraw. before, after: a camera, (camera, placements) or (camera, placements, "
-     "others), that the "
-     "motion refers to; None: "
-     "nothing "
-     "moves on that side.\nnames: of the placements, for crypto_object. clips: planes a, b, c, d; what has a x + b y + "
-     "c z + d < 0 isn't drawn. deadline: a Deadline, whose time the picture keeps by "
-     "giving up quality and size. exposure: gain and offset, 6 numbers. early_z: "
-     "off, lossless or bounded=EPS. linear: "
-     "decode sRGB. flip: bottom row first. cut: leave out what isn't critical and whose opacity times area is under so "
-     "many pixels. -1 and 0: as the scene asks for."},
+     "crypto_object, crypto_class, normal, motion, count, overdraw. placements: list of (object, world_from_object) in "
+     "place of the scene's own tracks,\nobject -1 for what belongs to none. others: scenes drawn in the same picture, "
+     "dictionaries of scene, world_from_scene (a pose that may scale), time,\nplacements, object_values and names, all "
+     "but scene may be left out; sky and near plane are the first scene's. window: (x, y, width, height) of the "
+     "picture to hand over. mode: rgb, priority,\ncritical, depth, size, count or overdraw. before, after: a camera, "
+     "(camera, placements) or (camera, placements, others), that the motion refers to; None: nothing moves on that "
+     "side.\nnames: of the placements, for crypto_object. clips: planes a, b, c, d; what has a x + b y + c z + d < 0 "
+     "isn't drawn. deadline: a Deadline, whose time the picture keeps by giving up quality and size. exposure: gain "
+     "and offset, 6 numbers. early_z: off, lossless or bounded=EPS. linear: decode sRGB. flip: bottom row first. cut: "
+     "leave out what isn't critical and whose opacity times area is under so many pixels. -1 and 0: as the scene asks "
+     "for."},
     {0}};
 static PyGetSetDef renderer_getset[] = {{"threads", renderer_threads, NULL, "that draw", NULL}, {0}};
 static PyType_Slot renderer_slots[] = {

@@ -210,7 +210,7 @@ static PyObject *object_dict(const void *context, int64_t index) {
   long long gaussians = 0;
   if (!native_lock_check(&self->lock, native_state_of((PyObject *)self), "Scene"))
     return NULL;
-  pthread_mutex_lock(&self->lock.mutex);
+  pthread_mutex_lock(&self->lock.mutex); /* not while Python objects are made: those may destroy jobs, which wait */
   if (parts_of(self, index, &parts, &count) != PAGS_OK)
     count = 0;
   for (int p = 0; p < count; p++)
@@ -427,9 +427,7 @@ static PyGetSetDef scene_getset[] = {
 static PyMethodDef scene_methods[] = {
     {"pose", scene_pose, METH_VARARGS,
      "pose($self, object, time, /)\n--\n\n12 numbers, world_from_object, metres; of a parked object always its rest "
-     "pose; "
-     "None where "
-     "a tracked one isn't there."},
+     "pose; None where a tracked one isn't there."},
     {"exposure", scene_exposure, METH_VARARGS,
      "exposure($self, sensor, time, /)\n--\n\nGain and offset, 6 numbers: how that camera of the rig exposes at that "
      "time."},
@@ -448,8 +446,7 @@ static PyMethodDef scene_methods[] = {
      "round is left open."},
     {"save", native_scene_save, METH_VARARGS,
      "save($self, path, /)\n--\n\nWrites the Gaussians as .ply (all bits) or .pagsz (packed). Not of scenes whose "
-     "objects "
-     "follow tracks."},
+     "objects follow tracks."},
     {0}};
 static PyType_Slot scene_slots[] = {{Py_tp_new, native_scene_new},
                                     {Py_tp_dealloc, scene_dealloc},

@@ -29,6 +29,7 @@ typedef struct exporter {
   const pags_scene *scene; /* those of `maker` */
   const pags_proxy_options *options;
   pags_proxy_maker maker;
+  pags_built_object *objects; /* of the scene */
   pags_gltf *gltf;
   pags_proxy_report *report;
   int root, critical, background; /* indices of nodes; -1: not added yet */
@@ -43,6 +44,7 @@ typedef struct exporter {
 } exporter;
 
 static void forget_exporter(exporter *e) {
+  pags_objects_destroy(e->objects, e->objects ? e->scene->object_count : 0);
   pags_gltf_destroy(e->gltf);
   pags_proxy_maker_close(&e->maker);
   pags_json_writer_destroy(&e->shapes);
@@ -229,37 +231,7 @@ static pags_result add_object(exporter *e, int64_t object, pags_built_object *bu
   return PAGS_OK;
 }
 
-static pags_result add_objects(exporter *e) {
-  const int64_t count = e->scene->object_count;
-  pags_built_object *built = NULL;
-  pags_result result = pags_objects_make(&e->maker, true, tell_objects, e, &built);
-  for (int64_t i = 0; i < count && result == PAGS_OK; i++)
-    if (built[i].level_count)
-      result = add_object(e, i, &built[i]);
-  pags_objects_destroy(built, count);
-  return result;
-}
-
 /* ---- The background ---- */
-
-/* Measures the error of all chunks, joined into one mesh, against the depth views of the background, into
- * facts[chunk]. */
-static pags_result measure_chunks(exporter *e, const pags_background *b, pags_proxy_facts *facts) {
-  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh all = {0};
-  int64_t triangles = 0;
-  for (int64_t i = 0; i < b->chunk_count; i++)
-    triangles += b->chunks[i].mesh.triangle_count;
-  PAGS_AUTOFREE int32_t *group_of = malloc(((size_t)triangles + 1) * sizeof *group_of);
-  PAGS_CHECK_MEMORY(group_of, "%lld triangles", (long long)triangles);
-  for (int64_t i = 0; i < b->chunk_count; i++) {
-    const int64_t begin = all.triangle_count;
-    PAGS_TRY(pags_proxy_mesh_append(&b->chunks[i].mesh, &all));
-    for (int64_t t = begin; t < all.triangle_count; t++)
-      group_of[t] = (int32_t)i;
-  }
-  return pags_proxies_compare(&all, group_of, b->chunk_count, &b->depth_views, e->options->range, e->maker.tasks,
-                              facts);
-}
 
 static pags_result add_chunk(exporter *e, const pags_background *b, int64_t index, pags_proxy_facts *facts) {
   const pags_proxy_options *options = e->options;
@@ -298,15 +270,29 @@ static pags_result add_chunk(exporter *e, const pags_background *b, int64_t inde
   return pags_proxy_report_add(e->report, facts);
 }
 
-/* Adds the background's chunks after their errors have been measured together. */
+/* Adds the background's chunks after their errors have been measured together, joined into one mesh, against the depth
+ * views of the background. */
 static pags_result add_background(exporter *e) {
   PAGS_AUTO(pags_background_destroy) pags_background b = {0};
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh all = {0};
+  int64_t triangles = 0;
   PAGS_TRY(pags_background_make(&e->maker, tell_background, e, &b));
+  for (int64_t i = 0; i < b.chunk_count; i++)
+    triangles += b.chunks[i].mesh.triangle_count;
   PAGS_AUTOFREE pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
   PAGS_CHECK_MEMORY(facts, "%lld chunks", (long long)b.chunk_count);
+  PAGS_AUTOFREE int32_t *group_of = malloc(((size_t)triangles + 1) * sizeof *group_of);
+  PAGS_CHECK_MEMORY(group_of, "%lld triangles", (long long)triangles);
+  for (int64_t i = 0; i < b.chunk_count; i++) {
+    const int64_t begin = all.triangle_count;
+    PAGS_TRY(pags_proxy_mesh_append(&b.chunks[i].mesh, &all));
+    for (int64_t t = begin; t < all.triangle_count; t++)
+      group_of[t] = (int32_t)i;
+  }
+  PAGS_TRY(
+      pags_proxies_compare(&all, group_of, b.chunk_count, &b.depth_views, e->options->range, e->maker.tasks, facts));
   if (b.chunk_count) /* open meshes: readers that cull back faces would show nothing from behind */
     e->sheet = pags_gltf_material(e->gltf, "sheet", true);
-  PAGS_TRY(measure_chunks(e, &b, facts));
   for (int64_t i = 0; i < b.chunk_count; i++)
     PAGS_TRY(add_chunk(e, &b, i, &facts[i]));
   return PAGS_OK;
@@ -335,10 +321,13 @@ static pags_result fill(exporter *e) {
   e->time_zero = pags_scene_time_zero(scene);
   e->root = pags_gltf_node(e->gltf, -1, "scene");
   pags_gltf_node_up(e->gltf, e->root, scene->up);
-  if (scene->object_count) {
+  if (scene->object_count)
     e->material = pags_gltf_material(e->gltf, "proxy", false);
-    PAGS_TRY(add_objects(e));
-  }
+  if (scene->object_count)
+    PAGS_TRY(pags_objects_make(&e->maker, true, tell_objects, e, &e->objects));
+  for (int64_t i = 0; i < scene->object_count; i++)
+    if (e->objects[i].level_count)
+      PAGS_TRY(add_object(e, i, &e->objects[i]));
   if (e->options->background)
     PAGS_TRY(add_background(e));
   PAGS_TRY(pags_presence_tell(scene));

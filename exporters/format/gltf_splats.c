@@ -74,8 +74,8 @@ static void fill_columns(const pags_gaussians *g, columns *c) {
 
 static pags_result add_points(pags_gltf *gltf, int node, const char *name, const pags_gaussians *g) {
   static const char extension[] =
-      "{\"kernel\":\"ellipse\",\"colorSpace\":\"srgb_rec709_display\",\"projection\":\"perspective\","
-      "\"sortingMethod\":\"cameraDistance\"}";
+      "{\"kernel\":\"ellipse\",\"colorSpace\":\"srgb_rec709_display\",\"projection\":\"perspective\",\"sortingMethod\":"
+      "\"cameraDistance\"}";
   const size_t rows = (size_t)g->count, width = 15 + 3 * (size_t)pags_sh_coefficients(g->sh_degree);
   PAGS_AUTO(forget_columns) columns c = {.block = malloc((rows * width + 1) * sizeof *c.block), .rows = rows};
   PAGS_CHECK_MEMORY(c.block, "%lld Gaussians", (long long)g->count);

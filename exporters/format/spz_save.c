@@ -143,13 +143,6 @@ static uint32_t pack_rotation(const double xyzw[4]) {
   return word;
 }
 
-/* Quantises a harmonic coefficient to a byte in multiples of `step`: 8 for degree 1, 16 for higher degrees, as the
- * reference implementation does. The coarse steps are what makes the stream compress well. */
-static uint8_t pack_sh(double value, int step) {
-  double quantised = floor(value * 128 + 0.5) + 128;
-  return (uint8_t)fmin(fmax(floor((quantised + step / 2.0) / step) * step, 0), 255);
-}
-
 static void pack_row(const pags_gaussians *g, const spz_packing *p, int64_t i, spz_streams *s) {
   double q[4];
   pags_splat_rotation(g, i, q);
@@ -166,9 +159,14 @@ static void pack_row(const pags_gaussians *g, const spz_packing *p, int64_t i, s
   const double xyzw[4] = {d * v[0] * q[1], d * v[1] * q[2], d * v[2] * q[3], q[0]};
   pags_store_u32(s->bytes[4] + 4 * i, pack_rotation(xyzw));
   int rest = pags_sh_coefficients(g->sh_degree) - 1;
-  for (int k = 0; k < 3 * rest; k++)
-    s->bytes[5][(int64_t)3 * rest * i + k] =
-        pack_sh(p->harmonics[k / 3] * (double)pags_plane(g, PAGS_SH + 3 + k)[i], k / 3 < 3 ? 8 : 16);
+  /* Harmonics are bytes in multiples of 8 for degree 1, 16 for higher degrees, as in the reference implementation. The
+   * coarse steps are what makes the stream compress well. */
+  for (int k = 0; k < 3 * rest; k++) {
+    const int step = k / 3 < 3 ? 8 : 16;
+    const double value = p->harmonics[k / 3] * (double)pags_plane(g, PAGS_SH + 3 + k)[i];
+    const double quantised = floor(value * 128 + 0.5) + 128;
+    s->bytes[5][(int64_t)3 * rest * i + k] = (uint8_t)fmin(fmax(floor((quantised + step / 2.0) / step) * step, 0), 255);
+  }
 }
 
 static pags_result pack_streams(const pags_gaussians *g, const spz_packing *p, spz_streams *s) {

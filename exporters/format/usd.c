@@ -298,7 +298,8 @@ static pags_result put_background(usd_export *e) {
   return PAGS_OK;
 }
 
-static void put_head(usd_export *e, const pags_scene *scene) {
+static pags_result put_stage(usd_export *e) {
+  const pags_scene *scene = pags_composition_scene(e->composition);
   pags_usd *usd = &e->usd;
   pags_usd_line(usd, "(");
   pags_usd_line(usd, "    customLayerData = {");
@@ -318,12 +319,6 @@ static void put_head(usd_export *e, const pags_scene *scene) {
   pags_usd_line(usd, "    timeCodesPerSecond = %.9g", e->rate);
   pags_usd_line(usd, "    upAxis = \"Z\"");
   pags_usd_line(usd, ")");
-}
-
-static pags_result put_stage(usd_export *e) {
-  const pags_scene *scene = pags_composition_scene(e->composition);
-  pags_usd *usd = &e->usd;
-  put_head(e, scene);
   pags_usd_line(usd, "def Xform \"scene\" (");
   pags_usd_line(usd, "    kind = \"assembly\"");
   pags_usd_open(usd, ")");

@@ -11,8 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/log.h"
-#include "base/memory.h"
+#include "base/parallel.h"
 #include "exporters/proxy/classes.h"
 #include "maths/maths.h"
 
@@ -113,8 +112,6 @@ typedef struct tile {
   double lo[3], hi[3];
   int64_t first, last; /* range of its points among those sorted by tile */
   pags_proxy_mesh parts[PAGS_CLASSES];
-  pags_result result;
-  char message[256]; /* the message of a failure, copied here since error messages are kept per thread */
 } tile;
 
 /* Connected components of less area are floaters. Without photographs there may be no metres: the same share of the
@@ -184,7 +181,6 @@ typedef struct tiling {
   tile *tiles;
   float *points;
   atomic_llong done;
-  atomic_int stopped;
 } tiling;
 
 static void forget_tiling(tiling *t) {
@@ -238,7 +234,7 @@ static pags_result sort_depths(tiling *t) {
 }
 
 /* Fuses the blocks of a tile that are near depths, extracts the surface and splits it by class. */
-static pags_result make_tile(const tiling *t, tile *own) {
+static pags_result fuse_tile(const tiling *t, tile *own) {
   const pags_proxy_maker *w = t->maker;
   PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh mesh = {0};
   PAGS_AUTO(pags_tsdf_destroy) pags_tsdf grid = {0};
@@ -257,20 +253,11 @@ static pags_result make_tile(const tiling *t, tile *own) {
   return cut_by_class(w, t->background, t->ground, &mesh, own);
 }
 
-static void make_tiles(void *context, int64_t begin, int64_t end, int worker) {
+static pags_result make_tile(void *context, int64_t i, int worker) {
   tiling *t = context;
-  for (int64_t i = begin; i < end; i++) {
-    tile *own = &t->tiles[i];
-    if (!atomic_load(&t->stopped))
-      own->result = make_tile(t, own);
-    if (own->result != PAGS_OK) {
-      snprintf(own->message, sizeof own->message, "%s", pags_error_message());
-      atomic_store(&t->stopped, 1);
-    }
-    double done = (double)(atomic_fetch_add(&t->done, 1) + 1) / (double)(t->count[0] * t->count[1]);
-    if (worker == 0 && !t->tell(t->user, 0.45 + 0.45 * done, "background: surface"))
-      atomic_store(&t->stopped, 2);
-  }
+  PAGS_TRY(fuse_tile(t, &t->tiles[i]));
+  const double done = (double)(atomic_fetch_add(&t->done, 1) + 1) / (double)(t->count[0] * t->count[1]);
+  return worker ? PAGS_OK : pags_proxy_tell(t->tell, t->user, 0.45 + 0.45 * done, "background: surface");
 }
 
 /* The box that holds the depths within range, without outliers: a thousandth at either end of each axis. */
@@ -342,16 +329,11 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
     t.tiles[i].hi[2] = hi[2] + t.reach;
   }
   PAGS_TRY(sort_depths(&t));
-  PAGS_TRY(pags_proxy_for(w->tasks, count, 1, make_tiles, &t));
-  if (atomic_load(&t.stopped) == 2)
-    return pags_fail(PAGS_CANCELLED, "interrupted");
-  for (int64_t i = 0; i < count; i++) {
-    if (t.tiles[i].result != PAGS_OK)
-      return pags_fail(t.tiles[i].result, "%s", t.tiles[i].message);
+  PAGS_TRY(pags_parallel_try(w->tasks, count, make_tile, &t, "interrupted"));
+  for (int64_t i = 0; i < count; i++)
     for (int class = 0; class < PAGS_CLASSES; class ++)
       if (t.tiles[i].parts[class].triangle_count)
         PAGS_TRY(add_chunk(b, pags_class_names[class], &t.tiles[i].parts[class]));
-  }
   return PAGS_OK;
 }
 
@@ -360,48 +342,40 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
 typedef struct decimation {
   const pags_proxy_maker *maker;
   pags_background *background;
-  int64_t total;        /* number of triangles of all chunks but the ground */
-  pags_result *results; /* one for each chunk */
+  int64_t total; /* number of triangles of all chunks but the ground */
 } decimation;
 
 static bool is_ground(const pags_chunk *chunk) {
   return !strcmp(chunk->class_name, "ground");
 }
 
-static void decimate_chunks(void *context, int64_t begin, int64_t end, int worker) {
+/* Decimates a chunk; drop_empty leaves out one that gets too few triangles. */
+static pags_result decimate_chunk(void *context, int64_t i, int worker) {
   const decimation *d = context;
+  pags_proxy_mesh *mesh = &d->background->chunks[i].mesh, simple = {0};
   (void)worker;
-  for (int64_t i = begin; i < end; i++) {
-    pags_proxy_mesh *mesh = &d->background->chunks[i].mesh, simple = {0};
-    if (is_ground(&d->background->chunks[i]))
-      continue;
-    int64_t budget =
-        (int64_t)((double)mesh->triangle_count * (double)d->maker->options->chunk_triangles / (double)d->total);
-    d->results[i] = budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_proxy_mesh_simplify(mesh, budget, &simple);
-    pags_proxy_mesh_destroy(mesh);
-    *mesh = simple;
-  }
+  if (is_ground(&d->background->chunks[i]))
+    return PAGS_OK;
+  int64_t budget =
+      (int64_t)((double)mesh->triangle_count * (double)d->maker->options->chunk_triangles / (double)d->total);
+  const pags_result result =
+      budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_proxy_mesh_simplify(mesh, budget, &simple);
+  pags_proxy_mesh_destroy(mesh);
+  *mesh = simple;
+  return result == PAGS_OK || result == PAGS_ERROR_LIMIT
+             ? PAGS_OK
+             : pags_fail(result, "a chunk of the background can't be decimated");
 }
 
 /* Decimates all chunks to options->chunk_triangles together, each in proportion to its triangles. Chunks that would
  * get fewer than LEAST_TRIANGLES are left out. */
 static pags_result decimate(const pags_proxy_maker *w, pags_background *b) {
-  int64_t total = 0;
+  decimation d = {.maker = w, .background = b};
   for (int64_t i = 0; i < b->chunk_count; i++)
-    total += is_ground(&b->chunks[i]) ? 0 : b->chunks[i].mesh.triangle_count;
-  if (total <= w->options->chunk_triangles)
+    d.total += is_ground(&b->chunks[i]) ? 0 : b->chunks[i].mesh.triangle_count;
+  if (d.total <= w->options->chunk_triangles)
     return PAGS_OK;
-  PAGS_AUTOFREE pags_result *results = calloc((size_t)b->chunk_count, sizeof *results);
-  PAGS_CHECK_MEMORY(results, "%lld chunks", (long long)b->chunk_count);
-  decimation d = {.maker = w, .background = b, .total = total, .results = results};
-  PAGS_TRY(pags_proxy_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d));
-  for (int64_t i = 0; i < b->chunk_count; i++) {
-    if (results[i] == PAGS_ERROR_LIMIT) /* drop_empty leaves it out */
-      pags_proxy_mesh_destroy(&b->chunks[i].mesh);
-    else if (results[i] != PAGS_OK)
-      return pags_fail(results[i], "a chunk of the background can't be decimated");
-  }
-  return PAGS_OK;
+  return pags_parallel_try(w->tasks, b->chunk_count, decimate_chunk, &d, "interrupted");
 }
 
 /* Leaves out the triangles whose middle is outside of the box or the ball. */

@@ -34,22 +34,7 @@ static double longest_side(const pags_survey *s) {
   return fmax(fmax(s->hi[0] - s->lo[0], s->hi[1] - s->lo[1]), s->hi[2] - s->lo[2]);
 }
 
-/* Orients a camera along `forward`, a unit vector. */
-static void aim(pags_camera *camera, const double eye[3], const double forward[3]) {
-  double up[3] = {0, 0, 0}, right[3], down[3];
-  up[fabs(forward[2]) < 0.9 ? 2 : 0] = 1;
-  pags_cross3(forward, up, right);
-  pags_divide3(right, pags_length3(right));
-  pags_cross3(forward, right, down);
-  for (int k = 0; k < 3; k++) {
-    double *row = camera->world_from_camera + 4 * k;
-    row[0] = right[k];
-    row[1] = down[k];
-    row[2] = forward[k];
-    row[3] = eye[k];
-  }
-}
-
+/* Adds a view from `eye` along `forward`, a unit vector. */
 static void add_view(pags_bare *bare, int width, double focal, const double eye[3], const double forward[3]) {
   static char name[] = "made up";
   const pags_scene *scene = &bare->scene;
@@ -63,7 +48,14 @@ static void add_view(pags_bare *bare, int width, double focal, const double eye[
                                .cx = width / 2.0,
                                .cy = width / 2.0,
                                .time = scene->time_begin};
-  aim(&view->camera, world, forward);
+  double up[3] = {0, 0, 0}, right[3], down[3];
+  up[fabs(forward[2]) < 0.9 ? 2 : 0] = 1;
+  pags_cross3(forward, up, right);
+  pags_divide3(right, pags_length3(right));
+  pags_cross3(forward, right, down);
+  for (int k = 0; k < 3; k++)
+    memcpy(view->camera.world_from_camera + 4 * k, (const double[4]){right[k], down[k], forward[k], world[k]},
+           4 * sizeof(double));
 }
 
 static void look_around(pags_bare *bare, double step) {
@@ -175,14 +167,6 @@ pags_result pags_bare_mark_haze(const pags_bare *bare, const pags_gaussians *g, 
 
 /* ---- The closed surface ---- */
 
-/* Makes points that no view says anything of solid, and those at the border of the grid free. */
-static void close_grid(pags_tsdf *grid, float far) {
-  for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; i++)
-    if (!(grid->weight[i] > 0))
-      grid->distance[i] = -far;
-  pags_tsdf_close_border(grid, far);
-}
-
 pags_result pags_bare_surface(const pags_bare *bare, const pags_proxy_options *options,
                               const pags_depth_views *depth_views, pags_tasks *tasks, pags_proxy_mesh *out) {
   const double step = options->voxel, room = (margin + 0.03 * OBJECT_STEPS) * step;
@@ -195,7 +179,11 @@ pags_result pags_bare_surface(const pags_bare *bare, const pags_proxy_options *o
   }
   PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, false));
   PAGS_TRY(pags_tsdf_fuse(&grid, depth_views, truncation * step, behind * step, options->range * 10, true, tasks));
-  close_grid(&grid, (float)(truncation * step));
+  /* Points that no view says anything of are solid, those at the border of the grid free. */
+  for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; i++)
+    if (!(grid.weight[i] > 0))
+      grid.distance[i] = (float)-(truncation * step);
+  pags_tsdf_close_border(&grid, (float)(truncation * step));
   PAGS_TRY(pags_tsdf_surface(&grid, false, &fine));
   pags_tsdf_destroy(&grid); /* the largest of all: not needed any more */
   PAGS_TRY(pags_proxy_mesh_keep_parts(&fine, least_part, 0, NULL));

@@ -19,15 +19,10 @@ enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, CLASSES, UNLABELLED = 
 const char *const pags_class_names[PAGS_CLASSES] = {"road", "sidewalk", "building", "vegetation",
                                                     "pole", "other",    "surface"};
 
-/* The class of a Cityscapes train id; UNLABELLED for sky, people, vehicles and unknown ids. */
-static uint8_t class_of_label(uint8_t label) {
-  static const uint8_t of[10] = {ROAD, SIDEWALK, BUILDING, BUILDING,   BUILDING,
-                                 POLE, POLE,     POLE,     VEGETATION, VEGETATION};
-  return label < 10 ? of[label] : UNLABELLED;
-}
-
 void pags_classes_load(const pags_proxy_maker *w, const pags_scene_view *view, pags_depth_view *depth_view) {
 #ifdef PAGS_WITH_IMAGES
+  /* The classes of Cityscapes' first train ids; the others are sky, people and vehicles. */
+  static const uint8_t of[] = {ROAD, SIDEWALK, BUILDING, BUILDING, BUILDING, POLE, POLE, POLE, VEGETATION, VEGETATION};
   char path[1024];
   PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   const char *name = pags_path_name(view->name);
@@ -42,8 +37,8 @@ void pags_classes_load(const pags_proxy_maker *w, const pags_scene_view *view, p
   for (int y = 0; depth_view->labels && y < height; y++)
     for (int x = 0; x < width; x++) {
       int u = (2 * x + 1) * image.width / (2 * width), v = (2 * y + 1) * image.height / (2 * height);
-      depth_view->labels[(size_t)y * (size_t)width + (size_t)x] =
-          class_of_label(((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u]);
+      const uint8_t label = ((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u];
+      depth_view->labels[(size_t)y * (size_t)width + (size_t)x] = label < sizeof of ? of[label] : UNLABELLED;
     }
 #else
   (void)w, (void)view, (void)depth_view;

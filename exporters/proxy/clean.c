@@ -20,15 +20,6 @@ static const double least_area = 2e-10; /* square metres; less where the whole m
 static const double needle = 0.02;      /* a needle's shortest edge is at most this share of its longest */
 static const double apart = 0.01;       /* how far copies of a vertex move towards the middle of their faces */
 
-static double area_limit(const pags_proxy_mesh *s) {
-  double lo[3], hi[3], size[3];
-  pags_proxy_mesh_bounds(s, lo, hi);
-  for (int k = 0; k < 3; k++)
-    size[k] = fmax(hi[k] - lo[k], 0);
-  const double share = fmin(1, pags_length3(size) / 0.1);
-  return least_area * share * share;
-}
-
 /* ---- Triangles without area ---- */
 
 /* A directed edge of a face: it leaves corner `id` % 3 of triangle `id` / 3. */
@@ -44,16 +35,6 @@ static int compare_edges(const void *left, const void *right) {
   if (a->to != b->to)
     return a->to < b->to ? -1 : 1;
   return a->id < b->id ? -1 : a->id > b->id;
-}
-
-static edge *sorted_edges(const pags_proxy_mesh *s) {
-  const int64_t count = 3 * s->triangle_count;
-  edge *edges = malloc(((size_t)count + 1) * sizeof *edges);
-  for (int64_t i = 0; edges && i < count; i++)
-    edges[i] = (edge){s->triangles[i], s->triangles[i % 3 == 2 ? i - 2 : i + 1], i};
-  if (edges)
-    pags_sort(edges, count, sizeof *edges, compare_edges);
-  return edges;
 }
 
 /* The half-edge from `from` to `to`; -1 if missing or ambiguous. */
@@ -105,17 +86,6 @@ static bool mend(pags_proxy_mesh *s, int64_t triangle, const edge *edges, uint32
   return true;
 }
 
-static void drop_collapsed(pags_proxy_mesh *s, const uint32_t *onto) {
-  for (int64_t i = 0; i < s->triangle_count; i++) {
-    uint32_t *t = s->triangles + 3 * i;
-    for (int c = 0; c < 3; c++)
-      t[c] = onto[t[c]];
-    if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0])
-      t[0] = UINT32_MAX;
-  }
-  pags_proxy_mesh_drop_marked(s);
-}
-
 /* One pass over all triangles without area; `found` receives how many there were. */
 static pags_result mend_all(pags_proxy_mesh *s, double limit, int64_t *found) {
   *found = 0;
@@ -129,15 +99,26 @@ static pags_result mend_all(pags_proxy_mesh *s, double limit, int64_t *found) {
   }
   if (!*found)
     return PAGS_OK;
-  PAGS_AUTOFREE edge *edges = sorted_edges(s);
+  const int64_t edge_count = 3 * s->triangle_count;
+  PAGS_AUTOFREE edge *edges = malloc(((size_t)edge_count + 1) * sizeof *edges);
   PAGS_AUTOFREE uint32_t *onto = malloc(((size_t)s->vertex_count + 1) * sizeof *onto);
   PAGS_CHECK_MEMORY(edges && onto, "%lld edges", (long long)s->triangle_count);
+  for (int64_t i = 0; i < edge_count; i++)
+    edges[i] = (edge){s->triangles[i], s->triangles[i % 3 == 2 ? i - 2 : i + 1], i};
+  pags_sort(edges, edge_count, sizeof *edges, compare_edges);
   for (int64_t i = 0; i < s->vertex_count; i++)
     onto[i] = (uint32_t)i;
   for (int64_t i = 0; i < s->triangle_count; i++)
     if (busy[i] == 2)
       mend(s, i, edges, onto, busy);
-  drop_collapsed(s, onto);
+  for (int64_t i = 0; i < s->triangle_count; i++) { /* drop the triangles that have collapsed */
+    uint32_t *t = s->triangles + 3 * i;
+    for (int c = 0; c < 3; c++)
+      t[c] = onto[t[c]];
+    if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0])
+      t[0] = UINT32_MAX;
+  }
+  pags_proxy_mesh_drop_marked(s);
   return PAGS_OK;
 }
 
@@ -233,7 +214,9 @@ pags_result pags_proxy_mesh_clean(pags_proxy_mesh *mesh) {
     return PAGS_OK;
   PAGS_TRY(pags_proxy_mesh_inspect(mesh, &before));
   PAGS_TRY(pags_proxy_mesh_copy(mesh, &copy));
-  const double limit = area_limit(&copy);
+  double lo[3], hi[3];
+  pags_proxy_mesh_bounds(&copy, lo, hi);
+  const double share = fmin(1, pags_distance3(hi, lo) / 0.1), limit = least_area * share * share;
   int64_t found = 1;
   for (int pass = 0; pass < PASSES && found; pass++) {
     PAGS_TRY(mend_all(&copy, limit, &found));

@@ -291,22 +291,6 @@ static pags_result decompose(const body *b, int most, part_list *l) {
 
 /* ---- The parts as one mesh ---- */
 
-/* Simplifies the mesh and measures it along lines. */
-static pags_result begin_body(const pags_proxy_mesh *from, body *b) {
-  PAGS_TRY(pags_proxy_mesh_simplify(from, ROUGH_TRIANGLES, &b->mesh));
-  b->columns = calloc(COLUMNS * COLUMNS, sizeof *b->columns);
-  PAGS_CHECK_MEMORY(b->columns, "convex parts");
-  pags_proxy_mesh_bounds(&b->mesh, b->box[0], b->box[1]);
-  for (int64_t t = 0; t < b->mesh.triangle_count; t++) {
-    double v[3][3];
-    pags_proxy_mesh_corners(&b->mesh, t, v);
-    add_crossings_of_triangle(b, v);
-  }
-  for (int i = 0; i < COLUMNS * COLUMNS; i++)
-    pags_sort_doubles(b->columns[i].x, b->columns[i].count);
-  return PAGS_OK;
-}
-
 pags_result pags_proxy_mesh_convex(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out,
                                    pags_convex_parts *parts) {
   const int most = budget / 12 < PAGS_MOST_PARTS ? (int)(budget / 12) : PAGS_MOST_PARTS;
@@ -315,7 +299,18 @@ pags_result pags_proxy_mesh_convex(const pags_proxy_mesh *from, int64_t budget, 
   PAGS_AUTO(forget_parts) part_list list = {0};
   *out = (pags_proxy_mesh){0};
   parts->count = 0;
-  PAGS_TRY(begin_body(from, &b));
+  /* Simplify the mesh, and measure it along lines. */
+  PAGS_TRY(pags_proxy_mesh_simplify(from, ROUGH_TRIANGLES, &b.mesh));
+  b.columns = calloc(COLUMNS * COLUMNS, sizeof *b.columns);
+  PAGS_CHECK_MEMORY(b.columns, "convex parts");
+  pags_proxy_mesh_bounds(&b.mesh, b.box[0], b.box[1]);
+  for (int64_t t = 0; t < b.mesh.triangle_count; t++) {
+    double v[3][3];
+    pags_proxy_mesh_corners(&b.mesh, t, v);
+    add_crossings_of_triangle(&b, v);
+  }
+  for (int i = 0; i < COLUMNS * COLUMNS; i++)
+    pags_sort_doubles(b.columns[i].x, b.columns[i].count);
   PAGS_TRY(decompose(&b, most, &list));
   for (int i = 0; i < list.count; i++) {
     pags_proxy_mesh *hull = &list.parts[i].hull;

@@ -89,7 +89,8 @@ void pags_depth_view_point(const pags_depth_view *depth_view, int x, int y, doub
 bool pags_depth_view_normal(const pags_depth_view *depth_view, int x, int y, int side, int next, const double p[3],
                             double n[3]);
 
-/* pags_parallel_for and a call of a pags_progress_fn (NULL: none) that fail with PAGS_CANCELLED. */
+/* pags_parallel_for and a call of a pags_progress_fn (NULL: none) that fail with PAGS_CANCELLED. For loops whose items
+ * can fail see base/parallel.h. */
 pags_result pags_proxy_for(pags_tasks *tasks, int64_t count, int64_t grain, pags_block_fn *fn, void *context);
 pags_result pags_proxy_tell(pags_progress_fn *tell, void *user, double fraction, const char *what);
 

@@ -164,15 +164,6 @@ void pags_proxy_mesh_bounds(const pags_proxy_mesh *mesh, double lo[3], double hi
   }
 }
 
-double pags_proxy_mesh_area(const pags_proxy_mesh *surface) {
-  double sum = 0, n[3];
-  for (int64_t i = 0; i < surface->triangle_count; i++) {
-    pags_proxy_mesh_cross(surface, i, n);
-    sum += 0.5 * pags_length3(n);
-  }
-  return sum;
-}
-
 void pags_proxy_mesh_normals(const pags_proxy_mesh *surface, float *normals) {
   memset(normals, 0, (size_t)surface->vertex_count * 3 * sizeof *normals);
   for (int64_t i = 0; i < surface->triangle_count; i++) {

@@ -87,7 +87,6 @@ pags_result pags_proxy_mesh_repair(pags_proxy_mesh *mesh);
  * count as one. A closed mesh stays closed: if it can't, it is left as it was. */
 pags_result pags_proxy_mesh_clean(pags_proxy_mesh *mesh);
 
-double pags_proxy_mesh_area(const pags_proxy_mesh *mesh);
 /* Area-weighted vertex normals of unit length, 3 floats a vertex. */
 void pags_proxy_mesh_normals(const pags_proxy_mesh *mesh, float *normals);
 

@@ -4,9 +4,9 @@
 #include "exporters/proxy/objects.h"
 
 #include <stdatomic.h>
-#include <stdio.h>
 #include <stdlib.h>
 
+#include "base/parallel.h"
 #include "exporters/proxy/proxy_error.h"
 #include "frame/owners.h"
 
@@ -14,15 +14,35 @@ enum { MOST_PRIORS = 24 }; /* most vehicles that shape priors are made of */
 
 /* The state of the parallel loop over objects. */
 typedef struct making {
-  const pags_proxy_maker *maker;
-  pags_built_object *objects;
-  pags_frame **frames; /* one for each worker, made when first needed */
   pags_progress_fn *tell;
   void *user;
   bool measure;
   atomic_llong done;
-  atomic_int stopped;
+  const pags_proxy_maker *maker;
+  pags_frame **frames; /* one for each worker, made when first needed */
+  pags_built_object *objects;
+  pags_shape_prior priors[MOST_PRIORS]; /* before they are made, only their member `object` is set */
+  int64_t prior_count;
 } making;
+
+static void forget_making(making *m) {
+  for (int i = 0; m->frames && i < pags_tasks_workers(m->maker->tasks); i++)
+    pags_frame_destroy_auto(&m->frames[i]);
+  free(m->frames);
+  for (int64_t i = 0; i < m->prior_count; i++)
+    pags_shape_prior_destroy(&m->priors[i]);
+}
+
+/* The maker for one worker. */
+static pags_result equip(making *m, int worker, pags_proxy_maker *out) {
+  *out = *m->maker;
+  if (!m->frames[worker])
+    PAGS_TRY(pags_frame_create(out->tasks, &m->frames[worker]));
+  out->frame = m->frames[worker];
+  out->priors = m->priors;
+  out->prior_count = m->prior_count;
+  return PAGS_OK;
+}
 
 static pags_result make_level(const pags_proxy_maker *w, int64_t object, const pags_object_shape *shape,
                               pags_proxy_level level, bool measure, pags_built_level *out) {
@@ -52,7 +72,7 @@ static pags_result make_level(const pags_proxy_maker *w, int64_t object, const p
 }
 
 /* Fuses an object's surface once, then makes each level asked for of it, finest first. */
-static pags_result make_object(const pags_proxy_maker *w, int64_t object, bool measure, pags_built_object *out) {
+static pags_result make_levels(const pags_proxy_maker *w, int64_t object, bool measure, pags_built_object *out) {
   const pags_proxy_options *options = w->options;
   PAGS_AUTO(pags_object_shape_destroy) pags_object_shape shape = {0};
   PAGS_TRY(pags_object_shape_make(w, object, &shape));
@@ -66,113 +86,65 @@ static pags_result make_object(const pags_proxy_maker *w, int64_t object, bool m
   return make_level(w, object, &shape, options->level, measure, &out->levels[out->level_count++]);
 }
 
-static void make_objects(void *context, int64_t begin, int64_t end, int worker) {
+static pags_result make_object(void *context, int64_t object, int worker) {
   making *m = context;
-  const int64_t count = m->maker->scene->object_count;
   const uint8_t *chosen = m->maker->options->chosen;
-  for (int64_t i = begin; i < end; i++) {
-    pags_built_object *object = &m->objects[i];
-    if (!atomic_load(&m->stopped) && (!chosen || chosen[i])) {
-      pags_proxy_maker own = *m->maker;
-      if (!m->frames[worker])
-        object->result = pags_frame_create(own.tasks, &m->frames[worker]);
-      own.frame = m->frames[worker];
-      if (object->result == PAGS_OK)
-        object->result = make_object(&own, i, m->measure, object);
-      if (object->result != PAGS_OK) {
-        snprintf(object->message, sizeof object->message, "%s", pags_error_message());
-        atomic_store(&m->stopped, 1);
-      }
-    }
-    long long done = atomic_fetch_add(&m->done, 1) + 1;
-    if (worker == 0 && m->tell && !m->tell(m->user, (double)done / (double)count, "objects"))
-      atomic_store(&m->stopped, 2);
+  if (!chosen || chosen[object]) {
+    pags_proxy_maker own;
+    PAGS_TRY(equip(m, worker, &own));
+    PAGS_TRY(make_levels(&own, object, m->measure, &m->objects[object]));
   }
+  const double done = (double)(atomic_fetch_add(&m->done, 1) + 1) / (double)m->maker->scene->object_count;
+  return worker ? PAGS_OK : pags_proxy_tell(m->tell, m->user, done, "objects");
 }
 
-/* The state of the parallel loop that makes shape priors. */
-typedef struct forming {
-  const pags_proxy_maker *maker;
-  pags_shape_prior priors[MOST_PRIORS]; /* before they are made, only their member `object` is set */
-  pags_result results[MOST_PRIORS];
-  int64_t count;
-  pags_frame **frames;
-} forming;
-
-static void make_priors(void *context, int64_t begin, int64_t end, int worker) {
-  forming *f = context;
-  for (int64_t i = begin; i < end; i++) {
-    pags_proxy_maker own = *f->maker;
-    if (!f->frames[worker])
-      f->results[i] = pags_frame_create(own.tasks, &f->frames[worker]);
-    own.frame = f->frames[worker];
-    if (f->results[i] == PAGS_OK)
-      f->results[i] = pags_object_prior_make(&own, f->priors[i].object, &f->priors[i]);
-  }
+static pags_result make_prior(void *context, int64_t i, int worker) {
+  making *m = context;
+  const int64_t object = m->priors[i].object;
+  pags_proxy_maker own;
+  pags_result result = equip(m, worker, &own);
+  if (result == PAGS_OK)
+    result = pags_object_prior_make(&own, object, &m->priors[i]);
+  return result == PAGS_OK ? PAGS_OK
+                           : pags_fail(result, "the shape prior of object %s can't be made",
+                                       m->maker->scene->objects[object].record.id);
 }
 
-static pags_result find_priors(forming *f) {
-  /* Choose the vehicles that may fill most pixels of the training views; of equals the first. */
-  const pags_scene *scene = f->maker->scene;
+/* Makes priors of the vehicles that may fill most pixels of the training views; of equals the first. */
+static pags_result find_priors(making *m) {
+  const pags_scene *scene = m->maker->scene;
   PAGS_AUTOFREE double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
   PAGS_CHECK_MEMORY(pixels, "%lld objects", (long long)scene->object_count);
   for (int64_t i = 0; i < scene->object_count; i++)
     if (scene->objects[i].record.category == PAGS_CATEGORY_VEHICLE)
-      pixels[i] = pags_object_pixels(f->maker, i);
-  for (; f->count < MOST_PRIORS; f->count++) {
+      pixels[i] = pags_object_pixels(m->maker, i);
+  for (; m->prior_count < MOST_PRIORS; m->prior_count++) {
     int64_t best = 0;
     for (int64_t i = 1; i < scene->object_count; i++)
       best = pixels[i] > pixels[best] ? i : best;
     if (!(pixels[best] > 0))
       break;
     pixels[best] = 0;
-    f->priors[f->count].object = best;
+    m->priors[m->prior_count].object = best;
   }
-  PAGS_TRY(pags_proxy_for(f->maker->tasks, f->count, 1, make_priors, f));
-  for (int64_t i = 0; i < f->count; i++)
-    if (f->results[i] != PAGS_OK)
-      return pags_fail(f->results[i], "the shape prior of object %s can't be made",
-                       scene->objects[f->priors[i].object].record.id);
-  return PAGS_OK;
-}
-
-/* Makes the objects of `m`, after the shape priors `f` where they are needed. */
-static pags_result run(making *m, forming *f, pags_proxy_maker *maker) {
-  const int64_t count = maker->scene->object_count;
-  PAGS_CHECK_MEMORY(m->objects && m->frames, "%lld objects", (long long)count);
-  if (count && (maker->options->level != PAGS_PROXY_BOX || maker->options->naming != PAGS_NAMING_PLAIN))
-    PAGS_TRY(find_priors(f));
-  maker->priors = f->priors;
-  maker->prior_count = f->count;
-  PAGS_TRY(pags_proxy_for(maker->tasks, count, 1, make_objects, m));
-  if (atomic_load(&m->stopped) == 2)
-    return pags_fail(PAGS_CANCELLED, "interrupted");
-  for (int64_t i = 0; i < count; i++)
-    if (m->objects[i].result != PAGS_OK)
-      return pags_fail(m->objects[i].result, "%s", m->objects[i].message);
-  return PAGS_OK;
+  return pags_parallel_try(m->maker->tasks, m->prior_count, make_prior, m, "interrupted");
 }
 
 pags_result pags_objects_make(const pags_proxy_maker *maker, bool measure, pags_progress_fn *tell, void *user,
                               pags_built_object **out) {
   const int64_t count = maker->scene->object_count;
-  const int workers = pags_tasks_workers(maker->tasks);
-  pags_proxy_maker own = *maker;
   *out = calloc((size_t)count + 1, sizeof **out);
-  making m = {.maker = &own,
-              .objects = *out,
-              .frames = calloc((size_t)workers, sizeof *m.frames),
-              .tell = tell,
+  PAGS_AUTO(forget_making)
+  making m = {.tell = tell,
               .user = user,
-              .measure = measure};
-  forming f = {.maker = maker, .frames = m.frames};
-  const pags_result result = run(&m, &f, &own);
-  for (int i = 0; m.frames && i < workers; i++)
-    pags_frame_destroy_auto(&m.frames[i]);
-  free(m.frames);
-  for (int64_t i = 0; i < f.count; i++)
-    pags_shape_prior_destroy(&f.priors[i]);
-  return result;
+              .measure = measure,
+              .maker = maker,
+              .frames = calloc((size_t)pags_tasks_workers(maker->tasks), sizeof *m.frames),
+              .objects = *out};
+  PAGS_CHECK_MEMORY(m.objects && m.frames, "%lld objects", (long long)count);
+  if (count && (maker->options->level != PAGS_PROXY_BOX || maker->options->naming != PAGS_NAMING_PLAIN))
+    PAGS_TRY(find_priors(&m));
+  return pags_parallel_try(maker->tasks, count, make_object, &m, "interrupted");
 }
 
 void pags_objects_destroy(pags_built_object *objects, int64_t count) {

@@ -9,8 +9,6 @@ typedef struct pags_built_object {
   int level_count; /* levels made: 0 if the object is not chosen, else 1; with options->lod mesh to box, finest first;
                       with the names of a program the mesh and what it collides with, unless that is the mesh */
   pags_built_level levels[PAGS_PROXY_LEVELS];
-  pags_result result;
-  char message[256]; /* the message of a failure, copied here since error messages are kept per thread */
 } pags_built_object;
 
 /* Makes an array with an entry for each of the scene's objects. With `measure`, facts have the measured distances and

@@ -51,21 +51,6 @@ static void forget_layout(layout *l) {
   free(l->parts);
 }
 
-static pags_result lay_out(const pags_scene *scene, layout *out) {
-  size_t count = (size_t)scene->model_count;
-  out->models = calloc(count + 1, sizeof *out->models);
-  out->clusters = calloc(count + 1, sizeof *out->clusters);
-  out->parts = calloc(count + 1, sizeof *out->parts);
-  PAGS_CHECK_MEMORY(out->models && out->clusters && out->parts, "%lld models", (long long)scene->model_count);
-  out->count = scene->model_count;
-  for (int64_t i = 0; i < out->count; i++) {
-    PAGS_TRY(pags_gaussians_sorted_copy(&out->models[i], &scene->models[i].gaussians));
-    PAGS_TRY(pags_clusters_create(&out->clusters[i], out->models[i].count, CLUSTER));
-    pags_clusters_update(&out->clusters[i], &out->models[i], 0, out->clusters[i].count);
-  }
-  return PAGS_OK;
-}
-
 /* Fills in the parts to draw at `time`: the background and the models of the objects that have a pose then. Returns
  * how many. */
 static int place(const pags_scene *scene, const layout *l, double time) {
@@ -112,7 +97,17 @@ pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, co
   out->count = scene->view_count;
   if (!scene->model_count)
     return PAGS_OK;
-  PAGS_TRY(lay_out(scene, &l));
+  const size_t models = (size_t)scene->model_count;
+  l.models = calloc(models, sizeof *l.models);
+  l.clusters = calloc(models, sizeof *l.clusters);
+  l.parts = calloc(models, sizeof *l.parts);
+  PAGS_CHECK_MEMORY(l.models && l.clusters && l.parts, "%lld models", (long long)scene->model_count);
+  l.count = scene->model_count;
+  for (int64_t i = 0; i < l.count; i++) {
+    PAGS_TRY(pags_gaussians_sorted_copy(&l.models[i], &scene->models[i].gaussians));
+    PAGS_TRY(pags_clusters_create(&l.clusters[i], l.models[i].count, CLUSTER));
+    pags_clusters_update(&l.clusters[i], &l.models[i], 0, l.clusters[i].count);
+  }
   for (int64_t v = 0; v < scene->view_count; v++) {
     const pags_camera *trained = &scene->views[v].camera;
     pags_camera *camera = &out->views[v].camera;

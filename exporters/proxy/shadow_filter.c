@@ -22,10 +22,6 @@ static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12
  * a box is as wide as the mirrors, so the kerb that a car is parked at lies in it. */
 static const double sill = 0.25, wheels_from = 0.2, wheels_to = 0.4, longest_car = 6, footway = 0.3, beside = 0.2;
 
-static bool is_dark(const uint8_t *rgb) {
-  return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark;
-}
-
 /* Whether the surface at a pixel, with the point `p`, is level (its normal within 45 degrees of z), by the points of
  * a neighbour to the side and one above or below. Returns -1 if one of them has no depth. */
 static int is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
@@ -41,7 +37,8 @@ static bool is_shadow(const pags_depth_view *s, int x, int y, const double size[
   double p[3], limit = shadow;
   pags_depth_view_point(s, x, y, (double)s->depth[at], p);
   double height = p[2] + 0.5 * size[2], along = fabs(p[0]) / size[0], inwards = 0.5 * size[1] - fabs(p[1]);
-  if (is_dark(s->rgb + 3 * at)) {
+  const uint8_t *rgb = s->rgb + 3 * at;
+  if (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark) {
     if (height < wall_height && inwards > wheels)
       return true;
     if (height < sill && size[0] < longest_car && (along < wheels_from || along > wheels_to))

@@ -179,14 +179,6 @@ typedef struct fit {
   double known, square;
 } fit;
 
-static fit fit_point(const pags_shape_prior *prior, const double size[3], const float *point) {
-  double p[3], d = 0;
-  for (int k = 0; k < 3; k++)
-    p[k] = (double)point[k] * prior->size[k] / size[k];
-  double known = sample(prior, p, &d);
-  return (fit){known, fmin(d * d, far_off * far_off)};
-}
-
 /* Adds the misfit of one LiDAR point to the misfit of each shape. As far as a shape doesn't know the point's place,
  * it gets the mean misfit of the shapes that do, weighted by `trust`; else hardly seen shapes would win. */
 static void add_misfits(const fit *fits, int64_t count, const float *trust, float *misfits) {
@@ -213,9 +205,16 @@ static pags_result weigh_by_cloud(const pags_shape_prior *priors, int64_t count,
   float *misfits = weights + count;
   PAGS_AUTOFREE fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
   PAGS_CHECK_MEMORY(fits, "%lld points of LiDAR", (long long)cloud->count);
-  for (int64_t i = 0; i < cloud->count * count; i++)
-    if (like[i % count] > 0)
-      fits[i] = fit_point(&priors[i % count], size, cloud->points + 3 * (i / count));
+  for (int64_t i = 0; i < cloud->count * count; i++) {
+    const pags_shape_prior *prior = &priors[i % count];
+    double p[3], d = 0;
+    if (!(like[i % count] > 0))
+      continue;
+    for (int k = 0; k < 3; k++)
+      p[k] = (double)cloud->points[3 * (i / count) + k] * prior->size[k] / size[k];
+    fits[i].known = sample(prior, p, &d);
+    fits[i].square = fmin(d * d, far_off * far_off);
+  }
   memcpy(weights, like, (size_t)count * sizeof *weights);
   for (int round = 0; round < ROUNDS; round++) {
     double least = HUGE_VAL;

@@ -10,25 +10,23 @@
 
 #include "base/memory.h"
 
-/* Decimates once, to at most `target` triangles if collapses that keep the topology allow it. */
-static pags_result collapse(const pags_proxy_mesh *from, int64_t target, pags_proxy_mesh *out) {
-  size_t index_count = 3 * (size_t)from->triangle_count;
-  PAGS_AUTOFREE uint32_t *triangles = malloc((index_count + 3) * sizeof *triangles);
-  PAGS_CHECK_MEMORY(triangles, "%lld triangles", (long long)from->triangle_count);
-  size_t count = meshopt_simplify(triangles, from->triangles, index_count, from->positions, (size_t)from->vertex_count,
-                                  3 * sizeof(float), 3 * (size_t)target, FLT_MAX, 0, NULL);
-  return pags_proxy_mesh_copy_part(from, triangles, (int64_t)(count / 3), out);
-}
-
 pags_result pags_proxy_mesh_simplify(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out) {
   static const double shares[] = {1, 0.97, 0.9, 0.8, 0.65, 0.5, 0.35, 0.25};
+  const size_t corners = 3 * (size_t)from->triangle_count;
   pags_proxy_mesh_topology before, after;
   *out = (pags_proxy_mesh){0};
   if (from->triangle_count <= budget)
     return pags_proxy_mesh_copy(from, out);
   PAGS_TRY(pags_proxy_mesh_inspect(from, &before));
+  PAGS_AUTOFREE uint32_t *triangles = malloc((corners + 3) * sizeof *triangles);
+  PAGS_CHECK_MEMORY(triangles, "%lld triangles", (long long)from->triangle_count);
   for (size_t i = 0; i < sizeof shares / sizeof shares[0]; i++) {
-    PAGS_TRY(collapse(from, (int64_t)((double)budget * shares[i]), out));
+    /* Decimate once, to this share of the budget if collapses that keep the topology allow it. */
+    const int64_t target = (int64_t)((double)budget * shares[i]);
+    const size_t count =
+        meshopt_simplify(triangles, from->triangles, corners, from->positions, (size_t)from->vertex_count,
+                         3 * sizeof(float), 3 * (size_t)target, FLT_MAX, 0, NULL);
+    PAGS_TRY(pags_proxy_mesh_copy_part(from, triangles, (int64_t)(count / 3), out));
     if (before.closed)
       PAGS_TRY(pags_proxy_mesh_repair(out));
     PAGS_TRY(pags_proxy_mesh_inspect(out, &after));

@@ -21,13 +21,6 @@ typedef struct lattice {
   int cell;  /* pixels a side */
 } lattice;
 
-static lattice lattice_of(int64_t triangles, int side) {
-  lattice l = {.cells = (int)ceil(sqrt((double)((triangles + 1) / 2)))};
-  l.cells = l.cells > 1 ? l.cells : 1;
-  l.cell = side / l.cells > LEAST_CELL ? side / l.cells : LEAST_CELL;
-  return l;
-}
-
 /* The pixel of the picture, from the upper left corner, where a corner of a triangle lies: at the middle of a texel.
  * The first triangle of a cell has its right angle at the upper left, the second at the lower right. */
 static void corner_at(const lattice *l, int64_t triangle, int corner, double out[2]) {
@@ -103,7 +96,8 @@ static pags_result encode(int side, uint8_t *rgb, pags_texture *out) {
 
 pags_result pags_texture_bake(const pags_proxy_mesh *mesh, const pags_depth_views *depth_views, double tolerance,
                               int side, pags_tasks *tasks, pags_texture *out) {
-  const lattice l = lattice_of(mesh->triangle_count, side);
+  lattice l = {.cells = (int)fmax(ceil(sqrt((double)((mesh->triangle_count + 1) / 2))), 1)};
+  l.cell = side / l.cells > LEAST_CELL ? side / l.cells : LEAST_CELL;
   const size_t pixels = (size_t)(l.cells * l.cell) * (size_t)(l.cells * l.cell);
   PAGS_AUTOFREE uint8_t *rgb = malloc(3 * pixels);
   *out = (pags_texture){.uv = malloc(6 * (size_t)mesh->triangle_count * sizeof *out->uv + 1)};
