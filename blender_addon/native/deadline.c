@@ -11,20 +11,6 @@
 
 /* ---- For jobs ---- */
 
-/* Writes the priorities by id of all scenes of a job, one scene after another. */
-static pags_result set_priorities(const native_contents *contents, pags_deadline *renderer) {
-  const native_shown *const last = &contents->shown[contents->shown_count - 1];
-  const int64_t count = last->id_base + pags_composition_gaussian_count(((native_scene *)last->scene)->composition);
-  PAGS_AUTOFREE float *all = malloc((size_t)(count + 1) * sizeof *all);
-  PAGS_CHECK_MEMORY(all, "the priorities of %lld Gaussians", (long long)count);
-  for (int i = 0; i < contents->shown_count; i++) {
-    const native_scene *const scene = (native_scene *)contents->shown[i].scene;
-    memcpy(all + contents->shown[i].id_base, scene->priority_of,
-           (size_t)pags_composition_gaussian_count(scene->composition) * sizeof *all);
-  }
-  return pags_deadline_set_priorities(renderer, all, count);
-}
-
 /* The window of a reduced picture: its whole pixels around the requested window. `place` receives the pixels of the
  * requested picture that they cover. */
 static void shrink_window(const pags_camera *asked, const pags_picture *picture, native_layout *layout, int place[4]) {
@@ -48,9 +34,18 @@ pags_result native_deadline_draw(const native_job *job, pags_deadline *renderer,
   drawn->step = self->controller.step;
   pthread_mutex_unlock(&self->lock.mutex);
   if (pags_deadline_steps()[drawn->step].sampled) {
-    for (int i = 0; i < job->contents.shown_count; i++)
-      PAGS_TRY(native_scene_need_priorities((native_scene *)job->contents.shown[i].scene));
-    PAGS_TRY(set_priorities(&job->contents, renderer));
+    /* The priorities by id of all scenes of the job, one scene after another. */
+    const native_shown *const shown = job->contents.shown, *const last = &shown[job->contents.shown_count - 1];
+    const int64_t count = last->id_base + pags_composition_gaussian_count(((native_scene *)last->scene)->composition);
+    PAGS_AUTOFREE float *all = malloc((size_t)(count + 1) * sizeof *all);
+    PAGS_CHECK_MEMORY(all, "the priorities of %lld Gaussians", (long long)count);
+    for (int i = 0; i < job->contents.shown_count; i++) {
+      native_scene *const scene = (native_scene *)shown[i].scene;
+      PAGS_TRY(native_scene_need_priorities(scene));
+      memcpy(all + shown[i].id_base, scene->priority_of,
+             (size_t)pags_composition_gaussian_count(scene->composition) * sizeof *all);
+    }
+    PAGS_TRY(pags_deadline_set_priorities(renderer, all, count));
   }
   PAGS_TRY(pags_deadline_render_step(renderer, drawn->step, job->contents.parts, job->contents.part_count, &job->camera,
                                      &job->options, picture, &facts));

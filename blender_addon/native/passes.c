@@ -54,7 +54,14 @@ static void name_labels(const native_shown *shown, bool classes, const char **la
         shown->names && !classes ? shown->names[i] : name_of_object(scene, shown->placements[i].object, classes);
 }
 
-static bool make_mattes(native_job *job) {
+bool native_passes_read(const native_state *state, const native_job_arguments *w, native_job *job) {
+  if (!read_moment(state, job, w->before, "before", &job->moments[0]) ||
+      !read_moment(state, job, w->after, "after", &job->moments[1]))
+    return false;
+  if ((job->layout.outputs & OUTPUT_MOTION) && !job->moments[0].known && !job->moments[1].known)
+    return PyErr_Format(PyExc_ValueError,
+                        "outputs: motion needs before or after: a camera, or a tuple of a camera and placements, at "
+                        "another time");
   const native_contents *const c = &job->contents;
   const native_shown *const last = &c->shown[c->shown_count - 1];
   const int64_t objects = pags_composition_scene(((native_scene *)last->scene)->composition)->object_count;
@@ -71,17 +78,6 @@ static bool make_mattes(native_job *job) {
       return native_raise_value(PyExc_MemoryError);
   }
   return true;
-}
-
-bool native_passes_read(const native_state *state, const native_job_arguments *w, native_job *job) {
-  if (!read_moment(state, job, w->before, "before", &job->moments[0]) ||
-      !read_moment(state, job, w->after, "after", &job->moments[1]))
-    return false;
-  if ((job->layout.outputs & OUTPUT_MOTION) && !job->moments[0].known && !job->moments[1].known)
-    return PyErr_Format(PyExc_ValueError,
-                        "outputs: motion needs before or after: a camera, or a tuple of a camera and placements, at "
-                        "another time");
-  return make_mattes(job);
 }
 
 PyObject *native_cryptomatte_hash(PyObject *module, PyObject *arguments) {

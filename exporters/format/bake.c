@@ -52,30 +52,6 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
   }
 }
 
-/* Bakes a part's rows from row out->count of `out` on. */
-static void bake_part(const pags_part *part, pags_gaussians *out) {
-  const double *m = part->world_from_model;
-  const double r[9] = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
-  static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  double q[4];
-  pags_sh_rotation turn;
-  bool turned = false;
-  for (int i = 0; i < 9; i++)
-    turned = turned || r[i] != identity[i];
-  pags_quaternion_from_rotation(r, q);
-  pags_sh_rotation_make(r, &turn);
-  const double a = (double)part->gaussians->alpha_min;
-  for (int64_t i = 0; i < part->gaussians->count; i++) {
-    const int64_t at = out->count;
-    bake_row(part, turned ? &turn : NULL, q, i, out, at);
-    if (out->s_sem)
-      out->s_sem[at] = part->gaussians->s_sem[i];
-    if (out->object_id && part->gaussians->object_id)
-      out->object_id[at] = part->gaussians->object_id[i];
-    out->count += !(a > 0) || out->alpha_min > 0.0f || pags_plain_cut_make(out, at, a);
-  }
-}
-
 float pags_splats_alpha_min(const pags_part *parts, int count) {
   for (int i = 1; i < count; i++)
     if (parts[i].gaussians->alpha_min != parts[0].gaussians->alpha_min)
@@ -95,8 +71,28 @@ pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, b
   if (s_sem)
     PAGS_TRY(pags_gaussians_add_s_sem(out));
   out->count = 0;
-  for (int i = 0; i < count; i++)
-    bake_part(&parts[i], out);
+  for (const pags_part *part = parts; part < parts + count; part++) {
+    static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    const double *m = part->world_from_model;
+    const double r[9] = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
+    const pags_gaussians *g = part->gaussians;
+    double q[4];
+    pags_sh_rotation turn;
+    bool turned = false;
+    for (int k = 0; k < 9; k++)
+      turned = turned || r[k] != identity[k];
+    pags_quaternion_from_rotation(r, q);
+    pags_sh_rotation_make(r, &turn);
+    for (int64_t i = 0; i < g->count; i++) {
+      const int64_t at = out->count;
+      bake_row(part, turned ? &turn : NULL, q, i, out, at);
+      if (out->s_sem)
+        out->s_sem[at] = g->s_sem[i];
+      if (out->object_id && g->object_id)
+        out->object_id[at] = g->object_id[i];
+      out->count += !(g->alpha_min > 0) || out->alpha_min > 0.0f || pags_plain_cut_make(out, at, (double)g->alpha_min);
+    }
+  }
   return PAGS_OK;
 }
 

@@ -39,13 +39,19 @@ static float *add_column(columns *c, const char *name, int components) {
   return values;
 }
 
-/* Fills the attributes of KHR_gaussian_splatting. COLOR_0 (constant colour in linear light, opacity) is for readers
- * that don't know the extension and draw points. */
-static void fill_columns(const pags_gaussians *g, columns *c) {
-  float *position = add_column(c, "POSITION", 3), *color = add_column(c, "COLOR_0", 4);
-  float *rotation = add_column(c, "KHR_gaussian_splatting:ROTATION", 4),
-        *scale = add_column(c, "KHR_gaussian_splatting:SCALE", 3);
-  float *opacity = add_column(c, "KHR_gaussian_splatting:OPACITY", 1);
+static pags_result add_points(pags_gltf *gltf, int node, const char *name, const pags_gaussians *g) {
+  static const char extension[] =
+      "{\"kernel\":\"ellipse\",\"colorSpace\":\"srgb_rec709_display\",\"projection\":\"perspective\",\"sortingMethod\":"
+      "\"cameraDistance\"}";
+  const size_t rows = (size_t)g->count, width = 15 + 3 * (size_t)pags_sh_coefficients(g->sh_degree);
+  PAGS_AUTO(forget_columns) columns c = {.block = malloc((rows * width + 1) * sizeof *c.block), .rows = rows};
+  PAGS_CHECK_MEMORY(c.block, "%lld Gaussians", (long long)g->count);
+
+  /* COLOR_0 (constant colour in linear light, opacity) is for readers that don't know the extension and draw points. */
+  float *position = add_column(&c, "POSITION", 3), *color = add_column(&c, "COLOR_0", 4),
+        *rotation = add_column(&c, "KHR_gaussian_splatting:ROTATION", 4),
+        *scale = add_column(&c, "KHR_gaussian_splatting:SCALE", 3),
+        *opacity = add_column(&c, "KHR_gaussian_splatting:OPACITY", 1);
   for (int64_t i = 0; i < g->count; i++) {
     double q[4], length = 0;
     for (int k = 0; k < 4; k++) {
@@ -63,23 +69,13 @@ static void fill_columns(const pags_gaussians *g, columns *c) {
   }
   for (int degree = 0, k = 0; degree <= g->sh_degree; degree++)
     for (int n = 0; n <= 2 * degree; ++n, ++k) {
-      char name[64];
-      snprintf(name, sizeof name, "KHR_gaussian_splatting:SH_DEGREE_%d_COEF_%d", degree, n);
-      float *values = add_column(c, name, 3);
+      char column[64];
+      snprintf(column, sizeof column, "KHR_gaussian_splatting:SH_DEGREE_%d_COEF_%d", degree, n);
+      float *values = add_column(&c, column, 3);
       for (int64_t i = 0; i < g->count; i++)
         for (int channel = 0; channel < 3; channel++)
           values[3 * i + channel] = pags_plane(g, PAGS_SH + 3 * k + channel)[i];
     }
-}
-
-static pags_result add_points(pags_gltf *gltf, int node, const char *name, const pags_gaussians *g) {
-  static const char extension[] =
-      "{\"kernel\":\"ellipse\",\"colorSpace\":\"srgb_rec709_display\",\"projection\":\"perspective\",\"sortingMethod\":"
-      "\"cameraDistance\"}";
-  const size_t rows = (size_t)g->count, width = 15 + 3 * (size_t)pags_sh_coefficients(g->sh_degree);
-  PAGS_AUTO(forget_columns) columns c = {.block = malloc((rows * width + 1) * sizeof *c.block), .rows = rows};
-  PAGS_CHECK_MEMORY(c.block, "%lld Gaussians", (long long)g->count);
-  fill_columns(g, &c);
   pags_gltf_node_mesh(gltf, node,
                       pags_gltf_points(gltf, name, g->count, c.list, c.count, "KHR_gaussian_splatting", extension));
   return PAGS_OK;

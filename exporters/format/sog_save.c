@@ -178,21 +178,6 @@ static pags_result put_planes(sog_writer *w, const char *key, const char *name, 
 
 /* ---- Harmonics ---- */
 
-/* Writes the palette's picture, 64 entries a row, whose values are chosen by how many Gaussians have them. */
-static pags_result put_entries(sog_writer *w, const float *entries, const int32_t *members, int64_t count, int terms) {
-  const int width = PALETTE_ROW * terms, height = (int)((count + PALETTE_ROW - 1) / PALETTE_ROW);
-  PAGS_AUTO(pags_codebook_destroy) pags_codebook book = {0};
-  PAGS_AUTOFREE uint8_t *pixels = calloc((size_t)width * (size_t)height, 4);
-  PAGS_CHECK_MEMORY(pixels, "a palette");
-  PAGS_TRY(put_codebook(w, entries, count * 3 * terms, members, 3 * terms, &book));
-  for (int64_t i = 0; i < count * terms; i++) {
-    for (int c = 0; c < 3; c++)
-      pixels[4 * i + c] = pags_codebook_index(&book, (double)entries[3 * i + c]);
-    pixels[4 * i + 3] = 255;
-  }
-  return add_picture(w, "shN_centroids.webp", pixels, width, height);
-}
-
 static pags_result put_harmonics(sog_writer *w) {
   static const char *const names[2] = {"shN_centroids.webp", "shN_labels.webp"};
   const int terms = pags_sh_coefficients(w->g->sh_degree) - 1;
@@ -214,7 +199,18 @@ static pags_result put_harmonics(sog_writer *w) {
   pags_json_begin_object(&w->meta, "shN");
   pags_json_put_integer(&w->meta, "count", found);
   pags_json_put_integer(&w->meta, "bands", w->g->sh_degree);
-  PAGS_TRY(put_entries(w, entries, members, found, terms));
+  /* The palette's picture, 64 entries a row, whose values are chosen by how many Gaussians have them. */
+  const int across = PALETTE_ROW * terms, height = (int)((found + PALETTE_ROW - 1) / PALETTE_ROW);
+  PAGS_AUTO(pags_codebook_destroy) pags_codebook book = {0};
+  PAGS_AUTOFREE uint8_t *pixels = calloc((size_t)across * (size_t)height, 4);
+  PAGS_CHECK_MEMORY(pixels, "a palette");
+  PAGS_TRY(put_codebook(w, entries, found * 3 * terms, members, 3 * terms, &book));
+  for (int64_t i = 0; i < found * terms; i++) {
+    for (int c = 0; c < 3; c++)
+      pixels[4 * i + c] = pags_codebook_index(&book, (double)entries[3 * i + c]);
+    pixels[4 * i + 3] = 255;
+  }
+  PAGS_TRY(add_picture(w, names[0], pixels, across, height));
   put_files(w, names, 2);
   for (int64_t i = 0; i < w->g->count; i++)
     memcpy(w->pixels + 4 * i, (const uint8_t[4]){(uint8_t)labels[i], (uint8_t)(labels[i] >> 8), 0, 255}, 4);

@@ -43,29 +43,25 @@ static bool is_near(const pags_gaussians *g, int64_t i, int fraction) {
          fits((double)pags_plane(g, PAGS_MEAN + 2)[i], fraction);
 }
 
-/* Chooses the most bits of fraction that all Gaussians fit in. If that makes steps of more than a millimetre, up to one
- * in a thousand, stray ones, doesn't count. */
-static int choose_fraction(const pags_gaussians *g, double farthest) {
-  int fraction = MOST_FRACTION;
-  while (fraction > 0 && !fits(farthest, fraction))
-    --fraction;
-  for (int finer = MOST_FRACTION; fraction < FINE_FRACTION && finer > fraction; finer--) {
-    int64_t beyond = 0;
-    for (int64_t i = 0; i < g->count; i++)
-      beyond += !is_near(g, i, finer);
-    if (beyond <= g->count / 1000)
-      return finer;
-  }
-  return fraction;
-}
-
 static spz_range find_range(const pags_gaussians *g) {
   spz_range range = {0};
   const int rest = 3 * (pags_sh_coefficients(g->sh_degree) - 1);
   for (int k = 0; k < 3; k++)
     for (int64_t i = 0; i < g->count; i++)
       range.farthest = fmax(range.farthest, fabs((double)pags_plane(g, PAGS_MEAN + k)[i]));
-  range.fraction = choose_fraction(g, range.farthest);
+  /* The most bits of fraction that all Gaussians fit in. If that makes steps of more than a millimetre, up to one in a
+   * thousand, stray ones, doesn't count. */
+  int fraction = MOST_FRACTION;
+  while (fraction > 0 && !fits(range.farthest, fraction))
+    --fraction;
+  for (int finer = MOST_FRACTION; fraction < FINE_FRACTION && finer > fraction; finer--) {
+    int64_t beyond = 0;
+    for (int64_t i = 0; i < g->count; i++)
+      beyond += !is_near(g, i, finer);
+    if (beyond <= g->count / 1000)
+      fraction = finer;
+  }
+  range.fraction = fraction;
   for (int64_t i = 0; i < g->count; i++) {
     bool scale = false, colour = false, harmonic = false;
     for (int k = 0; k < 3; k++) {
@@ -191,9 +187,20 @@ typedef struct spz_head {
   size_t record_bytes;
 } spz_head;
 
-/* Deflates the header, then the streams, then the records into `file` as one gzip stream. */
-static pags_result deflate_pieces(z_stream *z, const spz_streams *s, const spz_head *head, pags_file_writer *file) {
+static void end_deflate(z_stream *z) {
+  deflateEnd(z);
+}
+
+/* Deflates the header, then the streams, then the records as one gzip stream. */
+static pags_result save_gzip(const char *path, const spz_streams *s, const spz_head *head) {
   enum { BLOCK = 1 << 16 };
+  PAGS_AUTO(pags_file_writer_abort) pags_file_writer file = {0};
+  PAGS_AUTO(end_deflate) z_stream z = {0};
+  if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, 16 + MAX_WBITS, 8, Z_DEFAULT_STRATEGY) != Z_OK)
+    return pags_out_of_memory("%s", path);
+  gz_header same = {.os = 3}; /* zlib would write the number of this system, so that files differed */
+  deflateSetHeader(&z, &same);
+  PAGS_TRY(pags_file_writer_begin(&file, path));
   PAGS_AUTOFREE uint8_t *out = malloc(BLOCK);
   PAGS_CHECK_MEMORY(out, NULL);
   for (int k = -1; k <= SPZ_STREAMS; k++) {
@@ -202,34 +209,18 @@ static pags_result deflate_pieces(z_stream *z, const spz_streams *s, const spz_h
     size_t left = k < 0 ? 16 : last ? head->record_bytes : s->sizes[k];
     do {
       size_t step = left < 1u << 30 ? left : 1u << 30;
-      z->next_in = (z_const Bytef *)(uintptr_t)from;
-      z->avail_in = (uInt)step;
+      z.next_in = (z_const Bytef *)(uintptr_t)from;
+      z.avail_in = (uInt)step;
       left -= step;
       from += step;
       do {
-        z->next_out = out;
-        z->avail_out = BLOCK;
-        deflate(z, last && !left ? Z_FINISH : Z_NO_FLUSH);
-        PAGS_TRY(pags_file_writer_put(file, out, BLOCK - z->avail_out));
-      } while (z->avail_out == 0);
+        z.next_out = out;
+        z.avail_out = BLOCK;
+        deflate(&z, last && !left ? Z_FINISH : Z_NO_FLUSH);
+        PAGS_TRY(pags_file_writer_put(&file, out, BLOCK - z.avail_out));
+      } while (z.avail_out == 0);
     } while (left);
   }
-  return PAGS_OK;
-}
-
-static void end_deflate(z_stream *z) {
-  deflateEnd(z);
-}
-
-static pags_result save_gzip(const char *path, const spz_streams *s, const spz_head *head) {
-  PAGS_AUTO(pags_file_writer_abort) pags_file_writer file = {0};
-  PAGS_AUTO(end_deflate) z_stream z = {0};
-  if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, 16 + MAX_WBITS, 8, Z_DEFAULT_STRATEGY) != Z_OK)
-    return pags_out_of_memory("%s", path);
-  gz_header same = {.os = 3}; /* zlib would write the number of this system, so that files differed */
-  deflateSetHeader(&z, &same);
-  PAGS_TRY(pags_file_writer_begin(&file, path));
-  PAGS_TRY(deflate_pieces(&z, s, head, &file));
   return pags_file_writer_commit(&file);
 }
 

@@ -219,20 +219,6 @@ static void visit_depths(tiling *t) {
   }
 }
 
-static pags_result sort_depths(tiling *t) {
-  int64_t total = 0;
-  visit_depths(t);
-  for (int64_t i = 0; i < t->count[0] * t->count[1]; i++) {
-    int64_t own = t->tiles[i].last;
-    t->tiles[i].first = t->tiles[i].last = total;
-    total += own;
-  }
-  t->points = malloc(((size_t)total + 1) * 3 * sizeof *t->points);
-  PAGS_CHECK_MEMORY(t->points, "%lld points", (long long)total);
-  visit_depths(t);
-  return PAGS_OK;
-}
-
 /* Fuses the blocks of a tile that are near depths, extracts the surface and splits it by class. */
 static pags_result fuse_tile(const tiling *t, tile *own) {
   const pags_proxy_maker *w = t->maker;
@@ -328,7 +314,17 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
     t.tiles[i].lo[2] = lo[2] - t.reach;
     t.tiles[i].hi[2] = hi[2] + t.reach;
   }
-  PAGS_TRY(sort_depths(&t));
+  /* Group the depths of all views by tile: count them, then store them. */
+  int64_t total = 0;
+  visit_depths(&t);
+  for (int64_t i = 0; i < count; i++) {
+    const int64_t own = t.tiles[i].last;
+    t.tiles[i].first = t.tiles[i].last = total;
+    total += own;
+  }
+  t.points = malloc(((size_t)total + 1) * 3 * sizeof *t.points);
+  PAGS_CHECK_MEMORY(t.points, "%lld points", (long long)total);
+  visit_depths(&t);
   PAGS_TRY(pags_parallel_try(w->tasks, count, make_tile, &t, "interrupted"));
   for (int64_t i = 0; i < count; i++)
     for (int class = 0; class < PAGS_CLASSES; class ++)
@@ -349,7 +345,7 @@ static bool is_ground(const pags_chunk *chunk) {
   return !strcmp(chunk->class_name, "ground");
 }
 
-/* Decimates a chunk; drop_empty leaves out one that gets too few triangles. */
+/* Decimates a chunk; one that would get too few triangles becomes empty and is left out in the end. */
 static pags_result decimate_chunk(void *context, int64_t i, int worker) {
   const decimation *d = context;
   pags_proxy_mesh *mesh = &d->background->chunks[i].mesh, simple = {0};
@@ -394,18 +390,6 @@ static pags_result crop(const pags_proxy_options *options, pags_proxy_mesh *mesh
   }
   pags_proxy_mesh_drop_marked(mesh);
   return mesh->triangle_count < before ? pags_proxy_mesh_compact(mesh) : PAGS_OK;
-}
-
-static void drop_empty(pags_background *b) {
-  int64_t kept = 0;
-  for (int64_t i = 0; i < b->chunk_count; i++) {
-    pags_chunk chunk = b->chunks[i];
-    if (!chunk.mesh.triangle_count)
-      pags_proxy_mesh_destroy(&chunk.mesh);
-    else
-      b->chunks[kept++] = chunk;
-  }
-  b->chunk_count = kept;
 }
 
 /* Adds what was looked at from all round as one chunk. */
@@ -454,6 +438,14 @@ pags_result pags_background_make(const pags_proxy_maker *w, pags_progress_fn *te
     PAGS_TRY(crop(w->options, &out->chunks[i].mesh));
     PAGS_TRY(pags_proxy_mesh_clean(&out->chunks[i].mesh));
   }
-  drop_empty(out);
+  int64_t kept = 0;
+  for (int64_t i = 0; i < out->chunk_count; i++) { /* leave out the empty ones */
+    pags_chunk chunk = out->chunks[i];
+    if (!chunk.mesh.triangle_count)
+      pags_proxy_mesh_destroy(&chunk.mesh);
+    else
+      out->chunks[kept++] = chunk;
+  }
+  out->chunk_count = kept;
   return PAGS_OK;
 }

@@ -88,16 +88,22 @@ static void look_inside(pags_bare *bare, double step) {
     }
 }
 
-static pags_result open(const pags_scene *scene, pags_proxy_options *options, pags_bare *bare) {
+pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options, pags_bare **out) {
+  *out = NULL;
+  for (int64_t v = 0; v < scene->view_count; v++)
+    if (!scene->views[v].test)
+      return PAGS_OK;
+  if (!pags_scene_gaussian_count(scene))
+    return PAGS_OK;
+  PAGS_AUTO(pags_bare_close_auto) pags_bare *bare = calloc(1, sizeof *bare);
+  PAGS_CHECK_MEMORY(bare, "made-up views");
   bare->scene = *scene;
   bare->scene.view_count = 0;
   bare->scene.views = calloc(AROUND + 6 * PLACES, sizeof *bare->scene.views);
   PAGS_CHECK_MEMORY(bare->scene.views, "made-up views");
   PAGS_TRY(pags_survey_make(scene, &bare->survey));
-  const pags_survey *s = &bare->survey;
-  bare->inside = options->stand == PAGS_STAND_AUTO ? s->inside : options->stand == PAGS_STAND_INSIDE;
-  const double longest = longest_side(s);
-  const double given = options->voxel;
+  const double longest = longest_side(&bare->survey), given = options->voxel;
+  bare->inside = options->stand == PAGS_STAND_AUTO ? bare->survey.inside : options->stand == PAGS_STAND_INSIDE;
   if (bare->inside)
     look_inside(bare, given > 0 ? given : longest / ROOM_STEPS);
   if (!bare->scene.view_count) {
@@ -110,19 +116,6 @@ static pags_result open(const pags_scene *scene, pags_proxy_options *options, pa
   bare->note = bare->inside ? "no photographs: views made up within it" : "no photographs: views made up round it";
   pags_log_message(PAGS_LOG_INFO, "%s, %lld of them; step %g", bare->note, (long long)bare->scene.view_count,
                    options->voxel);
-  return PAGS_OK;
-}
-
-pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options, pags_bare **out) {
-  *out = NULL;
-  for (int64_t v = 0; v < scene->view_count; v++)
-    if (!scene->views[v].test)
-      return PAGS_OK;
-  if (!pags_scene_gaussian_count(scene))
-    return PAGS_OK;
-  PAGS_AUTO(pags_bare_close_auto) pags_bare *bare = calloc(1, sizeof *bare);
-  PAGS_CHECK_MEMORY(bare, "made-up views");
-  PAGS_TRY(open(scene, options, bare));
   *out = pags_take(&bare);
   return PAGS_OK;
 }

@@ -249,31 +249,38 @@ static pags_result round_of(fit *f, int round) {
   return PAGS_OK;
 }
 
-static pags_result fit_cage(const pags_proxy_mesh *mesh, const pags_mesh_query *query, pags_quads *c) {
-  PAGS_AUTO(forget_fit) fit f = {.mesh = mesh, .query = query, .cage = c, .equations = {.n = c->vertex_count}};
-  const size_t n = (size_t)c->vertex_count;
-  PAGS_TRY(pags_subdiv_stencils(c, SIDE, &f.stencils));
+/* ---- The cage ---- */
+
+pags_result pags_proxy_mesh_cage(const pags_proxy_mesh *mesh, int level, int64_t budget, pags_proxy_mesh *out) {
+  PAGS_AUTO(forget_cage) cage c = {0};
+  PAGS_AUTO(pags_mesh_query_destroy_auto) pags_mesh_query *query = NULL;
+  PAGS_AUTO(pags_quads_destroy) pags_quads fine = {0};
+  PAGS_AUTO(forget_fit) fit f = {.mesh = mesh, .cage = &c.mesh};
+  double lo[3], hi[3];
+  *out = (pags_proxy_mesh){0};
+  PAGS_TRY(pags_mesh_query_of_mesh(mesh, &query));
+  pags_proxy_mesh_bounds(mesh, lo, hi);
+  PAGS_TRY(build_box(&c, lo, hi, budget / 2 >> 2 * level));
+
+  const size_t n = (size_t)c.mesh.vertex_count;
+  PAGS_TRY(pags_subdiv_stencils(&c.mesh, SIDE, &f.stencils));
+  f.query = query;
   f.limit = malloc((size_t)f.stencils.count * 3 * sizeof *f.limit);
-  f.equations.matrix = malloc(n * n * sizeof(double));
-  f.equations.right = malloc(3 * n * sizeof(double));
+  f.equations = (equations){c.mesh.vertex_count, malloc(n * n * sizeof(double)), malloc(3 * n * sizeof(double))};
   PAGS_CHECK_MEMORY(f.limit && f.equations.matrix && f.equations.right, "a cage");
   for (int round = 0; round < ROUNDS; round++)
     PAGS_TRY(round_of(&f, round));
-  return PAGS_OK;
-}
+  if (level > 0)
+    PAGS_TRY(pags_subdiv_refine(&c.mesh, level, &fine));
 
-/* ---- The result ---- */
-
-/* Writes quads as triangles. Each vertex takes colour and `observed` from a corner of the nearest triangle of the
- * mesh. */
-static pags_result write_out(const pags_proxy_mesh *mesh, const pags_mesh_query *query, const pags_quads *from,
-                             pags_proxy_mesh *out) {
+  /* Write quads as triangles. Each vertex takes colour and `observed` from a corner of the mesh's nearest triangle. */
+  const pags_quads *from = level > 0 ? &fine : &c.mesh;
   for (int i = 0; i < from->vertex_count; i++) {
     double p[3];
     uint32_t triangle;
     pags_widen3(from->positions + 3 * i, p);
     pags_mesh_query_distance(query, p, &triangle);
-    int64_t nearest = mesh->triangles[3 * (size_t)triangle];
+    const int64_t nearest = mesh->triangles[3 * (size_t)triangle];
     pags_proxy_mesh_vertex(out, from->positions + 3 * i, mesh->colors + 3 * nearest, mesh->observed[nearest]);
   }
   for (int i = 0; i < from->quad_count; i++) {
@@ -282,19 +289,4 @@ static pags_result write_out(const pags_proxy_mesh *mesh, const pags_mesh_query 
     pags_proxy_mesh_triangle(out, (uint32_t)q[0], (uint32_t)q[2], (uint32_t)q[3]);
   }
   return pags_proxy_mesh_check(out);
-}
-
-pags_result pags_proxy_mesh_cage(const pags_proxy_mesh *mesh, int level, int64_t budget, pags_proxy_mesh *out) {
-  PAGS_AUTO(forget_cage) cage c = {0};
-  PAGS_AUTO(pags_mesh_query_destroy_auto) pags_mesh_query *query = NULL;
-  PAGS_AUTO(pags_quads_destroy) pags_quads fine = {0};
-  double lo[3], hi[3];
-  *out = (pags_proxy_mesh){0};
-  PAGS_TRY(pags_mesh_query_of_mesh(mesh, &query));
-  pags_proxy_mesh_bounds(mesh, lo, hi);
-  PAGS_TRY(build_box(&c, lo, hi, budget / 2 >> 2 * level));
-  PAGS_TRY(fit_cage(mesh, query, &c.mesh));
-  if (level > 0)
-    PAGS_TRY(pags_subdiv_refine(&c.mesh, level, &fine));
-  return write_out(mesh, query, level > 0 ? &fine : &c.mesh, out);
 }

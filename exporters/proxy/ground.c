@@ -264,45 +264,11 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
 
 /* ---- Finding the ground ---- */
 
-static pags_result find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
-                        int64_t path_count, double reach, pags_ground *g) {
+pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
+                             int64_t path_count, double reach, pags_ground *out) {
   const source from[3] = {
       {.lidar = lidar}, {.depth_views = depth_views, .reach = nearer}, {.depth_views = depth_views, .reach = farthest}};
   static const int enough[3] = {LEAST_HEIGHTS, ENOUGH_HEIGHTS, LEAST_HEIGHTS};
-  const int64_t cells = (int64_t)g->nx * g->ny;
-  PAGS_AUTO(forget_search) search s = {0};
-  heights *const sources = s.sources;
-  for (int i = 0; i < 3; i++) {
-    PAGS_TRY(gather_heights(g, &from[i], &sources[i]));
-    sources[i].enough = enough[i];
-    sources[i].next = i < 2 ? &sources[i + 1] : NULL;
-    sources[i].most_band = i > 0 && lidar->count ? lidar_band : HUGE_VAL;
-  }
-  const double height = camera_height(g, &sources[2], path, path_count);
-  s.queue = malloc(((size_t)cells + 1) * sizeof *s.queue);
-  s.weights = malloc(((size_t)cells + 1) * sizeof *s.weights);
-  PAGS_CHECK_MEMORY(s.queue && s.weights, "the ground's %lld cells", (long long)cells);
-  const int64_t planted = isnan(height) ? 0 : plant(g, sources, path, path_count, height, s.queue);
-  grow(g, sources, s.queue, planted);
-  leap(g, sources, s.queue);
-  if (!planted) {
-    pags_ground_destroy(g);
-    return PAGS_OK;
-  }
-
-  /* The weights of cells: each LiDAR height counts 1; the height of a pixel counts 0.004 if there is LiDAR, since
-   * pixels blur kerbs, else 0.5. */
-  const double of_pixel = sources[0].first[cells] ? 0.004 : 0.5;
-  for (int64_t i = 0; i < cells; i++) {
-    const double by_lidar = (double)(sources[0].first[i + 1] - sources[0].first[i]),
-                 count = (double)(sources[2].first[i + 1] - sources[2].first[i]);
-    s.weights[i] = (float)(by_lidar >= sources[0].enough ? fmin(by_lidar, 40) : fmin(count, 24) * of_pixel);
-  }
-  return pags_ground_fill(g, s.weights, path, path_count, reach);
-}
-
-pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
-                             int64_t path_count, double reach, pags_ground *out) {
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
   *out = (pags_ground){.step = cell};
   for (int64_t i = 0; i < path_count; i++)
@@ -316,15 +282,45 @@ pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lid
   if (!(nx * ny < 1e8))
     return pags_fail(PAGS_ERROR_LIMIT, "the path of the cameras spans %g x %g m: too much for one ground",
                      hi[0] - lo[0], hi[1] - lo[1]);
+  const int64_t cells = (int64_t)(nx * ny);
   *out = (pags_ground){.nx = (int)nx,
                        .ny = (int)ny,
                        .x0 = lo[0],
                        .y0 = lo[1],
                        .step = cell,
-                       .z = calloc((size_t)(nx * ny), sizeof *out->z),
-                       .known = calloc((size_t)(nx * ny), 1)};
+                       .z = calloc((size_t)cells, sizeof *out->z),
+                       .known = calloc((size_t)cells, 1)};
   PAGS_CHECK_MEMORY(out->z && out->known, "the ground");
-  return find(depth_views, lidar, path, path_count, reach, out);
+
+  PAGS_AUTO(forget_search) search s = {0};
+  heights *const sources = s.sources;
+  for (int i = 0; i < 3; i++) {
+    PAGS_TRY(gather_heights(out, &from[i], &sources[i]));
+    sources[i].enough = enough[i];
+    sources[i].next = i < 2 ? &sources[i + 1] : NULL;
+    sources[i].most_band = i > 0 && lidar->count ? lidar_band : HUGE_VAL;
+  }
+  const double height = camera_height(out, &sources[2], path, path_count);
+  s.queue = malloc(((size_t)cells + 1) * sizeof *s.queue);
+  s.weights = malloc(((size_t)cells + 1) * sizeof *s.weights);
+  PAGS_CHECK_MEMORY(s.queue && s.weights, "the ground's %lld cells", (long long)cells);
+  const int64_t planted = isnan(height) ? 0 : plant(out, sources, path, path_count, height, s.queue);
+  grow(out, sources, s.queue, planted);
+  leap(out, sources, s.queue);
+  if (!planted) {
+    pags_ground_destroy(out);
+    return PAGS_OK;
+  }
+
+  /* The weights of cells: each LiDAR height counts 1; the height of a pixel counts 0.004 if there is LiDAR, since
+   * pixels blur kerbs, else 0.5. */
+  const double of_pixel = sources[0].first[cells] ? 0.004 : 0.5;
+  for (int64_t i = 0; i < cells; i++) {
+    const double by_lidar = (double)(sources[0].first[i + 1] - sources[0].first[i]),
+                 count = (double)(sources[2].first[i + 1] - sources[2].first[i]);
+    s.weights[i] = (float)(by_lidar >= sources[0].enough ? fmin(by_lidar, 40) : fmin(count, 24) * of_pixel);
+  }
+  return pags_ground_fill(out, s.weights, path, path_count, reach);
 }
 
 bool pags_ground_height(const pags_ground *ground, double x, double y, double *z) {

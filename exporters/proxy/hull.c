@@ -44,14 +44,23 @@ static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen
   return found;
 }
 
-/* Copies qhull's facets (qhull's option `Qt` made them triangles) and their vertices into `out`. */
-static void read_facets(qhT *qh, const pags_proxy_mesh *from, const int64_t *chosen, uint32_t *place,
-                        pags_proxy_mesh *out) {
+/* Copies the facets that qhull finds (its option `Qt` makes them triangles) and their vertices into `out`. */
+static pags_result run_qhull(const pags_proxy_mesh *from, const int64_t *chosen, int64_t count, double *points,
+                             uint32_t *place, pags_proxy_mesh *out) {
+  char options[] = "qhull Qt", said[256] = "";
+  PAGS_AUTO(pags_file_close) FILE *errors = tmpfile();
+  PAGS_CHECK_MEMORY(errors, "a convex hull");
+  qhT memory, *qh = &memory;
   facetT *facet;
   vertexT *vertex, **vertexp;
+  int left, total;
+  qh_zero(qh, errors);
+  const int code = qh_new_qhull(qh, 3, (int)count, points, False, options, NULL, errors);
   FORALLfacets {
     uint32_t corners[3] = {0};
     int n = 0;
+    if (code) /* nothing was made */
+      break;
     setT *vertices = qh_facet3vertex(qh, facet); /* clockwise seen from outside */
     FOREACHvertex_(vertices) {
       int point = qh_pointid(qh, vertex->point);
@@ -64,21 +73,8 @@ static void read_facets(qhT *qh, const pags_proxy_mesh *from, const int64_t *cho
     qh_settempfree(qh, &vertices);
     pags_proxy_mesh_triangle(out, corners[0], corners[2], corners[1]);
   }
-}
-
-static pags_result run_qhull(const pags_proxy_mesh *from, const int64_t *chosen, int64_t count, double *points,
-                             uint32_t *place, pags_proxy_mesh *out) {
-  char options[] = "qhull Qt", said[256] = "";
-  PAGS_AUTO(pags_file_close) FILE *errors = tmpfile();
-  PAGS_CHECK_MEMORY(errors, "a convex hull");
-  qhT qh;
-  int left, total;
-  qh_zero(&qh, errors);
-  int code = qh_new_qhull(&qh, 3, (int)count, points, False, options, NULL, errors);
-  if (!code)
-    read_facets(&qh, from, chosen, place, out);
-  qh_freeqhull(&qh, !qh_ALL);
-  qh_memfreeshort(&qh, &left, &total);
+  qh_freeqhull(qh, !qh_ALL);
+  qh_memfreeshort(qh, &left, &total);
   if (!code)
     return pags_proxy_mesh_check(out);
   rewind(errors);

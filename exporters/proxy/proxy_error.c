@@ -131,25 +131,6 @@ static pags_proxy_distance summarise(const comparison *c, const double *values, 
   return pags_distance_summary(kept, n);
 }
 
-static pags_result measure(comparison *c, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
-  PAGS_AUTOFREE float *points = malloc(((size_t)count + 1) * 3 * sizeof *points);
-  PAGS_AUTOFREE double *kept = malloc(((size_t)count + 1) * sizeof *kept);
-  int64_t found = 0;
-  PAGS_CHECK_MEMORY(points && kept, "%lld samples", (long long)count);
-  for (int64_t i = 0; i < count; i++)
-    if (c->samples[i].has_seen)
-      pags_copy3f(c->samples[i].seen, points + 3 * found++);
-  if (!found)
-    return PAGS_OK;
-  PAGS_TRY(pags_mesh_query_of_points(points, found, &c->cloud));
-  PAGS_TRY(pags_proxy_for(tasks, count, 1024, measure_samples, c));
-  for (int64_t g = 0; g < c->group_count; g++) {
-    facts[g].to_gaussians = summarise(c, c->to, count, false, g, kept);
-    facts[g].from_gaussians = summarise(c, c->from, count, true, g, kept);
-  }
-  return PAGS_OK;
-}
-
 /* ---- The measures ---- */
 
 double pags_proxy_mesh_observed(const pags_proxy_mesh *surface) {
@@ -190,7 +171,24 @@ static pags_result compare(const pags_proxy_mesh *proxy, comparison begun, pags_
     }
     facts->silhouette_iou = either ? (double)both / (double)either : (double)NAN;
   }
-  return measure(&c, count, tasks, facts);
+
+  /* The distances, to the nearest triangle of the proxy and to the nearest point of the Gaussians' surface. */
+  PAGS_AUTOFREE float *points = malloc(((size_t)count + 1) * 3 * sizeof *points);
+  PAGS_AUTOFREE double *kept = malloc(((size_t)count + 1) * sizeof *kept);
+  int64_t found = 0;
+  PAGS_CHECK_MEMORY(points && kept, "%lld samples", (long long)count);
+  for (int64_t i = 0; i < count; i++)
+    if (c.samples[i].has_seen)
+      pags_copy3f(c.samples[i].seen, points + 3 * found++);
+  if (!found)
+    return PAGS_OK;
+  PAGS_TRY(pags_mesh_query_of_points(points, found, &c.cloud));
+  PAGS_TRY(pags_proxy_for(tasks, count, 1024, measure_samples, &c));
+  for (int64_t g = 0; g < c.group_count; g++) {
+    facts[g].to_gaussians = summarise(&c, c.to, count, false, g, kept);
+    facts[g].from_gaussians = summarise(&c, c.from, count, true, g, kept);
+  }
+  return PAGS_OK;
 }
 
 pags_result pags_proxy_compare(const pags_proxy_mesh *proxy, const pags_depth_views *depth_views, pags_tasks *tasks,

@@ -124,25 +124,6 @@ static void join_edge(half *halves, int64_t count, int64_t *parent) {
   }
 }
 
-/* Rebuilds the mesh with one vertex for each set of joined corners; a set is found by its corner of the least number.
- */
-static pags_result renumber(pags_proxy_mesh *s, int64_t *parent) {
-  pags_proxy_mesh out = {0};
-  const int64_t corners = 3 * s->triangle_count;
-  PAGS_AUTOFREE uint32_t *place = malloc(((size_t)corners + 1) * sizeof *place);
-  PAGS_CHECK_MEMORY(place, "%lld corners", (long long)corners);
-  for (int64_t i = 0; i < corners; i++) {
-    const int64_t root = pags_set_root(parent, i), v = s->triangles[i];
-    place[i] =
-        root == i ? pags_proxy_mesh_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
-  }
-  for (int64_t i = 0; i < s->triangle_count; i++)
-    pags_proxy_mesh_triangle(&out, place[3 * i], place[3 * i + 1], place[3 * i + 2]);
-  pags_proxy_mesh_destroy(s);
-  *s = out;
-  return pags_proxy_mesh_check(s);
-}
-
 /* ---- Cutting edges in their middle ---- */
 
 /* Splits triangle id / 3 at the vertex `middle` on the edge that leaves its corner id % 3: one half keeps the
@@ -222,19 +203,31 @@ static pags_result drop_pairs(pags_proxy_mesh *s) {
   return PAGS_OK;
 }
 
-/* Joins the faces around each edge in pairs, and doubles the vertices of faces that aren't joined. */
+/* Joins the faces around each edge in pairs, and rebuilds the mesh with one vertex for each set of joined corners,
+ * which is found by its corner of the least number: vertices of faces that aren't joined are doubled. */
 static pags_result double_vertices(pags_proxy_mesh *s) {
   const int64_t count = 3 * s->triangle_count;
   PAGS_AUTOFREE half *halves = sorted_halves(s);
   PAGS_AUTOFREE int64_t *parent = malloc(((size_t)count + 1) * sizeof *parent);
-  PAGS_CHECK_MEMORY(halves && parent, "%lld edges", (long long)count);
+  PAGS_AUTOFREE uint32_t *place = malloc(((size_t)count + 1) * sizeof *place);
+  pags_proxy_mesh out = {0};
+  PAGS_CHECK_MEMORY(halves && parent && place, "%lld edges", (long long)count);
   for (int64_t i = 0; i < count; i++)
     parent[i] = i;
   for (int64_t i = 0, end; i < count; i = end) {
     end = end_of_edge(halves, i, count);
     join_edge(halves + i, end - i, parent);
   }
-  return renumber(s, parent);
+  for (int64_t i = 0; i < count; i++) {
+    const int64_t root = pags_set_root(parent, i), v = s->triangles[i];
+    place[i] =
+        root == i ? pags_proxy_mesh_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
+  }
+  for (int64_t i = 0; i < s->triangle_count; i++)
+    pags_proxy_mesh_triangle(&out, place[3 * i], place[3 * i + 1], place[3 * i + 2]);
+  pags_proxy_mesh_destroy(s);
+  *s = out;
+  return pags_proxy_mesh_check(s);
 }
 
 pags_result pags_proxy_mesh_repair(pags_proxy_mesh *surface) {

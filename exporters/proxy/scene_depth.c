@@ -51,25 +51,6 @@ static void forget_layout(layout *l) {
   free(l->parts);
 }
 
-/* Fills in the parts to draw at `time`: the background and the models of the objects that have a pose then. Returns
- * how many. */
-static int place(const pags_scene *scene, const layout *l, double time) {
-  int count = 0;
-  l->parts[count++] = (pags_part){.gaussians = &l->models[0],
-                                  .clusters = &l->clusters[0],
-                                  .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-  for (int64_t o = 0; o < scene->object_count && count < l->count; o++) {
-    double pose[12];
-    int64_t model = scene->objects[o].model;
-    if (model <= 0 || !pags_object_pose(&scene->objects[o].record, time, pose))
-      continue;
-    pags_pose_subtract(pose, scene->origin);
-    l->parts[count] = (pags_part){.gaussians = &l->models[model], .clusters = &l->clusters[model]};
-    memcpy(l->parts[count++].world_from_model, pose, sizeof pose);
-  }
-  return count;
-}
-
 static pags_result draw_view(const pags_scene *scene, const layout *l, pags_frame *frame,
                              const pags_frame_options *drawing, const pags_camera *trained,
                              pags_scene_depth_view *view) {
@@ -77,7 +58,21 @@ static pags_result draw_view(const pags_scene *scene, const layout *l, pags_fram
   const pags_camera *camera = &view->camera;
   pags_frame_options options = pags_drawing_at(drawing, trained, camera);
   options.sh_degree = 0;
-  PAGS_TRY(pags_frame_render(frame, l->parts, place(scene, l, camera->time), camera, &options, NULL, NULL, &picture));
+  /* The parts: the background, and the models of the objects that have a pose at that time. */
+  int count = 0;
+  l->parts[count++] = (pags_part){.gaussians = &l->models[0],
+                                  .clusters = &l->clusters[0],
+                                  .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  for (int64_t o = 0; o < scene->object_count && count < l->count; o++) {
+    double pose[12];
+    int64_t model = scene->objects[o].model;
+    if (model <= 0 || !pags_object_pose(&scene->objects[o].record, camera->time, pose))
+      continue;
+    pags_pose_subtract(pose, scene->origin);
+    l->parts[count] = (pags_part){.gaussians = &l->models[model], .clusters = &l->clusters[model]};
+    memcpy(l->parts[count++].world_from_model, pose, sizeof pose);
+  }
+  PAGS_TRY(pags_frame_render(frame, l->parts, count, camera, &options, NULL, NULL, &picture));
   view->depth = malloc((size_t)camera->width * (size_t)camera->height * sizeof *view->depth);
   PAGS_CHECK_MEMORY(view->depth, "a view of %dx%d", camera->width, camera->height);
   for (int y = 0; y < camera->height; y++)

@@ -21,17 +21,6 @@ typedef struct lattice {
   int cell;  /* pixels a side */
 } lattice;
 
-/* The pixel of the picture, from the upper left corner, where a corner of a triangle lies: at the middle of a texel.
- * The first triangle of a cell has its right angle at the upper left, the second at the lower right. */
-static void corner_at(const lattice *l, int64_t triangle, int corner, double out[2]) {
-  const int64_t number = triangle / 2;
-  const double leg = l->cell - 3, first[2] = {corner == 1 ? leg : 0, corner == 2 ? leg : 0};
-  for (int k = 0; k < 2; k++) {
-    const double origin = (double)((k ? number / l->cells : number % l->cells) * l->cell) + 0.5;
-    out[k] = triangle % 2 ? origin + l->cell - 1 - first[k] : origin + first[k];
-  }
-}
-
 /* The point of the mesh that a texel shows. Returns false where the cell has no triangle. */
 static bool point_of(const pags_proxy_mesh *mesh, const lattice *l, int x, int y, double out[3]) {
   const int u = x % l->cell, v = y % l->cell;
@@ -102,12 +91,16 @@ pags_result pags_texture_bake(const pags_proxy_mesh *mesh, const pags_depth_view
   PAGS_AUTOFREE uint8_t *rgb = malloc(3 * pixels);
   *out = (pags_texture){.uv = malloc(6 * (size_t)mesh->triangle_count * sizeof *out->uv + 1)};
   PAGS_CHECK_MEMORY(rgb && out->uv, "a texture of %zu pixels", pixels);
-  for (int64_t i = 0; i < 3 * mesh->triangle_count; i++) {
-    double at[2];
-    corner_at(&l, i / 3, (int)(i % 3), at);
-    for (int k = 0; k < 2; k++)
-      out->uv[2 * i + k] = (float)(at[k] / (l.cells * l.cell));
-  }
+  /* A corner of a triangle lies at the middle of a texel. The first triangle of a cell has its right angle at the upper
+   * left, the second at the lower right. */
+  for (int64_t i = 0; i < 3 * mesh->triangle_count; i++)
+    for (int k = 0; k < 2; k++) {
+      const int64_t triangle = i / 3, number = triangle / 2;
+      const double origin = (double)((k ? number / l.cells : number % l.cells) * l.cell) + 0.5;
+      const double first = i % 3 == k + 1 ? l.cell - 3 : 0;
+      const double at = triangle % 2 ? origin + l.cell - 1 - first : origin + first;
+      out->uv[2 * i + k] = (float)(at / (l.cells * l.cell));
+    }
   PAGS_TRY(paint(mesh, &l, depth_views, tolerance, tasks, rgb));
   return encode(l.cells * l.cell, rgb, out);
 }
