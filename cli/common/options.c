@@ -93,8 +93,6 @@ static void describe(const pags_option *option, char *text, size_t size) {
     snprintf(text, size, "%s", nouns[option->type]);
   else if (option->maximum == HUGE_VAL)
     snprintf(text, size, "%s of at least %.10g", nouns[option->type], option->minimum);
-  else if (option->minimum == -HUGE_VAL)
-    snprintf(text, size, "%s of at most %.10g", nouns[option->type], option->maximum);
   else
     snprintf(text, size, "%s from %.10g to %.10g", nouns[option->type], option->minimum, option->maximum);
 }

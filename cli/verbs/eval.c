@@ -507,15 +507,13 @@ static pags_result run(void *user, const pags_parsed *parsed) {
     const int64_t first = photographs->views[eval.without_pixels[0]].index;
     char masks[160];
     pags_dataset_masks_of(photographs->dataset, first, masks, sizeof masks);
-    pags_log_message(
-        PAGS_LOG_WARNING,
+    PAGS_WARN(
         "%s: %lld of %lld views are fully masked and have no figures; the first is %s, whose pixels are left out by %s",
         dataset, (long long)eval.without_count, (long long)(eval.count + eval.without_count),
         pags_dataset_view(photographs->dataset, first)->name, masks);
   }
   if (eval.count && !eval.shown)
-    pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld views", scene_path,
-                     (long long)eval.count);
+    PAGS_WARN("%s: nothing of the scene is in view in any of %lld views", scene_path, (long long)eval.count);
   if (!eval.count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s to compare", scene_path,
                      arguments->split == 0   ? "views"

@@ -451,8 +451,7 @@ static pags_result run_render(void *user, const pags_parsed *parsed) {
   }
   pags_frame_stats_divide(&mean, run.done ? (double)run.done : 1); /* counts are rounded down */
   if (!shown && run.done)
-    pags_log_message(PAGS_LOG_WARNING, "%s: nothing of the scene is in view in any of %lld pictures", arguments->output,
-                     (long long)run.done);
+    PAGS_WARN("%s: nothing of the scene is in view in any of %lld pictures", arguments->output, (long long)run.done);
 
   /* Print the mean times and the statistics of --budget-ms and --packed. */
   const int threads = pags_tasks_workers(session->tasks);

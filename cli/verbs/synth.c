@@ -47,14 +47,11 @@ static const pags_option options[] = {
     PAGS_FLAG("lively", 0, AT(street.lively), "Make the recording car brake, accelerate and swerve."),
     PAGS_FLAG("no-shifts", 0, AT(street.shifts),
               "Don't write the ground-truth pictures from 1, 2 and 3 m to the right and 1 m up."),
-    {.name = "fault",
-     .type = PAGS_OPTION_WORDS,
-     .offset = AT(faults),
-     .metavar = "NAME=VALUE",
-     .help = "Fault of the cameras; repeatable. rolling-down, -up, -right, -left: readout time in that direction, "
-             "seconds; delay: standard deviation of each camera's delay, seconds; position, angle: pose error of the "
-             "car, metres and degrees; mount-position, mount-angle: error of each camera's mounting; vignette: share "
-             "of light lost in the corners; response: exponent less 1; distortion: k1; fisheye: degrees across."},
+    PAGS_VALUE("fault", 0, WORDS, AT(faults), 0, 0, "NAME=VALUE", NULL, NULL,
+               "Fault of the cameras; repeatable. rolling-down, -up, -right, -left: readout time in that direction, "
+               "seconds; delay: standard deviation of each camera's delay, seconds; position, angle: pose error of the "
+               "car, metres and degrees; mount-position, mount-angle: error of each camera's mounting; vignette: share "
+               "of light lost in the corners; response: exponent less 1; distortion: k1; fisheye: degrees across."),
     PAGS_GROUP("Town"),
     PAGS_VALUE("gaussians", 0, INT64, AT(town.gaussians), 1000, 2e8, "N", "Gaussians", NULL,
                "Number at density 1; it determines the size of the town."),

@@ -127,11 +127,8 @@ static pags_option options[] = {
     PAGS_FIELD("no-exposure", 0, NULL, "exposure"),
 
     PAGS_GROUP("All other settings"),
-    {.name = "set",
-     .type = PAGS_OPTION_WORDS,
-     .offset = AT(set),
-     .metavar = "NAME=VALUE",
-     .help = "Set a training field, after the options above; repeatable."},
+    PAGS_VALUE("set", 0, WORDS, AT(set), 0, 0, "NAME=VALUE", NULL, NULL,
+               "Set a training field, after the options above; repeatable."),
     PAGS_FLAG("fields", 0, AT(fields), "List all training fields with unit, range and default, and exit."),
     PAGS_SESSION_OPTIONS(train_arguments),
     {0}};
@@ -363,8 +360,8 @@ static void warn_of_idle(const train_arguments *arguments, const pags_dataset *d
   char names[160];
   const pags_option_rule *idle = pags_option_idle(arguments->parsed, rules, names, sizeof names);
   if (idle)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %s: no effect on a static set (%s), only on %s", pags_dataset_path(dataset),
-                     names, pags_dataset_kind(dataset), idle->needs);
+    PAGS_WARN("%s: %s: no effect on a static set (%s), only on %s", pags_dataset_path(dataset), names,
+              pags_dataset_kind(dataset), idle->needs);
 }
 
 /* Prints the data set's objects, notes, views and starting points. */

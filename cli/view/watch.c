@@ -33,7 +33,7 @@ struct pags_watch {
 static void *serve(void *user) {
   pags_watch *watch = user;
   if (pags_server_run(watch->server, &watch->stop) != PAGS_OK)
-    pags_log_message(PAGS_LOG_WARNING, "--view: %s; the run continues without its page", pags_error_message());
+    PAGS_WARN("--view: %s; the run continues without its page", pags_error_message());
   return NULL;
 }
 
@@ -71,7 +71,7 @@ static void save(pags_watch *watch, const pags_train_progress *progress) {
     pags_run_status_notify(watch->run_status, text);
   } else {
     pags_run_status_notify(watch->run_status, pags_error_message());
-    pags_log_message(PAGS_LOG_WARNING, "--view: no checkpoint: %s", pags_error_message());
+    PAGS_WARN("--view: no checkpoint: %s", pags_error_message());
   }
 }
 
