@@ -34,8 +34,9 @@ pags_result pags_out_of_memory(const char *what, ...) PAGS_PRINTF(1, 2);
   } while (0)
 
 /* Before the declaration of a variable: `release(&variable)` runs where its scope ends. Initialise the variable in its
- * declaration (to zero or NULL, if `release` takes that), and don't jump over the declaration. */
-#define PAGS_AUTO(release) __attribute__((cleanup(release)))
+ * declaration (to zero or NULL, if `release` takes that), and don't jump over the declaration. It may be unused
+ * otherwise. */
+#define PAGS_AUTO(release) __attribute__((cleanup(release), unused))
 
 /* Before the declaration of a pointer: it is freed where its scope ends. */
 #define PAGS_AUTOFREE PAGS_AUTO(pags_autofree)
