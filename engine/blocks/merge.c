@@ -5,7 +5,6 @@
 #include <pags/blocks.h>
 
 #include <math.h>
-#include <pags/scene.h>
 
 #include "base/file.h"
 #include "base/lock.h"

@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <stdio.h>
+
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/json.h"

@@ -3,14 +3,7 @@
  * the same numbers in the same order. */
 #include "cluster/shares.h"
 
-#include <stdlib.h>
-#include <string.h>
-
 #include "base/memory.h"
-
-static int64_t clamp(int64_t x, int64_t most) {
-  return x < 0 ? 0 : x > most ? most : x;
-}
 
 void pags_shares_cut(const int64_t *rows, int64_t models, int cluster, int ranks, int64_t *begin) {
   int64_t all = 0, at = 0;
@@ -19,7 +12,8 @@ void pags_shares_cut(const int64_t *rows, int64_t models, int cluster, int ranks
   for (int64_t m = 0; m < models; m++) {
     int64_t *const cuts = begin + m * (ranks + 1);
     for (int r = 0; r <= ranks; r++) {
-      const int64_t cut = clamp(all / ranks * r + all % ranks * r / ranks - at, rows[m]);
+      const int64_t even = all / ranks * r + all % ranks * r / ranks - at;
+      const int64_t cut = even < 0 ? 0 : even > rows[m] ? rows[m] : even;
       const bool end = r == ranks || cut == rows[m];
       cuts[r] = end ? rows[m] : m == 0 ? cut / cluster * cluster : 2 * cut < rows[m] ? 0 : rows[m];
     }

@@ -6,6 +6,7 @@
 
 #include <assert.h>
 #include <stdio.h>
+
 #include "base/clock.h"
 #include "base/memory.h"
 #include "cluster/backend.h"

@@ -12,8 +12,6 @@
 #include <assert.h>
 #include <stdarg.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
 #include "base/clock.h"
 #include "base/memory.h"
@@ -239,23 +237,16 @@ static bool join(mpi_transport *self) {
   return self->peers != NULL;
 }
 
-/* Bytes that are pending. */
-static int64_t count_bytes(const request *work) {
-  int64_t bytes = 0;
-  for (; work; work = work->next)
-    for (int64_t i = 0; i < work->count; i++)
-      bytes += work->pieces[i].over ? 0 : work->pieces[i].bytes;
-  return bytes;
-}
-
 /* Seconds to sleep between two polls: longer, the longer no message has been completed. A new transfer ends the sleep.
  * MPI moves a part of a message at each poll. Polls follow quickly for as long as a line of 0.4 Gb/s takes for the
  * pending bytes; otherwise the line would wait for them. */
 static double choose_sleep(const request *active, bool busy, double idle_ms) {
   const double eager = 50e-6, patient = 1e-3, resting = 20e-3, eager_ms = 10, slow_bytes_a_ms = 50e3;
-  if (!busy)
-    return resting;
-  return idle_ms < eager_ms + (double)count_bytes(active) / slow_bytes_a_ms ? eager : patient;
+  int64_t pending = 0; /* bytes */
+  for (const request *work = active; work; work = work->next)
+    for (int64_t i = 0; i < work->count; i++)
+      pending += work->pieces[i].over ? 0 : work->pieces[i].bytes;
+  return !busy ? resting : idle_ms < eager_ms + (double)pending / slow_bytes_a_ms ? eager : patient;
 }
 
 static void *run_progress(void *argument) {

@@ -12,6 +12,7 @@
 
 #include <assert.h>
 #include <math.h>
+
 #include "base/memory.h"
 #include "maths/maths.h"
 #include "simd/kernels.h"

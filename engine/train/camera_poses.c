@@ -11,6 +11,7 @@
 #include "train/camera_poses.h"
 
 #include <math.h>
+
 #include "base/memory.h"
 #include "base/vec3.h"
 #include "maths/maths.h"

@@ -4,14 +4,9 @@
 #include "train/checkpoint.h"
 
 #include <ctype.h>
-#include <math.h>
-#include <stdbool.h>
-#include <stdlib.h>
-#include <string.h>
 #include <zlib.h>
 
 #include "base/file.h"
-#include "base/memory.h"
 #include "base/vec3.h"
 #include "cluster/shares.h"
 #include "simd/kernels.h"

@@ -4,9 +4,7 @@
  * The gain is what the fit explains beyond a constant term, which the static colour would learn by itself. */
 #include "train/stages.h"
 
-#include <math.h>
 #include "base/log.h"
-#include "base/memory.h"
 #include "cluster/shares.h"
 #include "maths/maths.h"
 #include "train/views.h"

@@ -10,8 +10,10 @@
 #include "train/densify.h"
 
 #include <math.h>
+
 #include "base/log.h"
 #include "base/memory.h"
+#include "base/parallel.h"
 #include "base/rng.h"
 #include "cluster/order.h"
 #include "cluster/shares.h"
@@ -166,9 +168,8 @@ pags_result pags_densify_decide(const pags_train_model *model, pags_tasks *tasks
       .prune_logit = logit(scaled_opacity(s, s->config.density.prune_opacity)),
       .prune_sigma = pags_schedule_prunes_large(s, model->step) ? (float)(most_sigma * s->extent) : INFINITY,
       .kind = edits->kind};
-  pags_result mine = edits->kind ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
-  if (edits->kind && !pags_parallel_for(tasks, count, ROWS_AT_A_TIME, decide_rows, &job))
-    mine = pags_fail(PAGS_CANCELLED, "cancelled");
+  const pags_result mine = edits->kind ? pags_parallel_run(tasks, count, ROWS_AT_A_TIME, decide_rows, &job)
+                                       : pags_out_of_memory("%lld Gaussians", (long long)count);
   PAGS_TRY(pags_transport_agree(pags_model_transport(model), mine));
   return keep_limits(model, edits);
 }

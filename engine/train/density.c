@@ -2,7 +2,7 @@
 /* Density control after a training step: adaptive density control (Kerbl et al. 2023) or MCMC (Kheradmand et al.
  * 2024), and the other operations on all Gaussians that the schedule names: pruning by score, colour over time, the
  * pull onto LiDAR planes, opacity resets. */
-#include "base/memory.h"
+#include "base/parallel.h"
 #include "threads/record.h"
 #include "train/densify.h"
 #include "train/mcmc.h"
@@ -82,9 +82,8 @@ static pags_result move_unseen(pags_trainer *t) {
   for (int64_t i = 0; i < s->model_count; i++) {
     pags_train_model *const m = &s->models[i];
     pags_adam_begin(&m->adam, m->step);
-    if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
-                           &(unseen_job){m, &s->nonfinite}))
-      return pags_fail(PAGS_CANCELLED, "cancelled");
+    PAGS_TRY(pags_parallel_run(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
+                               &(unseen_job){m, &s->nonfinite}));
     PAGS_TRY(pags_mcmc_noise(m, m->step, t->tasks));
   }
   return t->ranks > 1 ? pags_shared_step_nonfinite(t) : PAGS_OK;

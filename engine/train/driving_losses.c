@@ -17,7 +17,9 @@
 
 #include <assert.h>
 #include <math.h>
+
 #include "base/memory.h"
+#include "base/parallel.h"
 #include "simd/kernels.h"
 #include "train/photometric_loss.h"
 
@@ -70,15 +72,13 @@ static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *v
   const pags_arena_mark mark = pags_arena_save(arena);
   t->sums = pags_arena_alloc(arena, (size_t)t->photo->height, sizeof *t->sums);
   PAGS_CHECK_MEMORY(t->sums, "the loss of a picture %d pixels high", t->photo->height);
-  const bool done = pags_parallel_for(tasks, t->photo->height, 16, sum_rows, t);
+  const pags_result result = pags_parallel_run(tasks, t->photo->height, 16, sum_rows, t);
   double sum = 0.0;
-  for (int y = 0; done && y < t->photo->height; y++)
+  for (int y = 0; result == PAGS_OK && y < t->photo->height; y++)
     sum += t->sums[y];
   pags_arena_release(arena, mark);
-  if (!done)
-    return pags_fail(PAGS_CANCELLED, "cancelled");
-  *value = weight * sum / (double)counted;
-  return PAGS_OK;
+  *value = result == PAGS_OK ? weight * sum / (double)counted : 0.0;
+  return result;
 }
 
 pags_result pags_driving_loss_sky(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
@@ -202,8 +202,7 @@ static pags_result add_depth(pags_tasks *tasks, depth_job *d, double share, doub
   d->key = pags_arena_alloc(arena, (size_t)d->count, sizeof *d->key);
   d->found = pags_arena_alloc(arena, (size_t)blocks, sizeof *d->found);
   PAGS_CHECK_MEMORY(d->at && d->error && d->key && d->found, "%lld depth samples", (long long)d->count);
-  if (!pags_parallel_for(tasks, d->count, HIT, find_hits, d))
-    return pags_fail(PAGS_CANCELLED, "cancelled");
+  PAGS_TRY(pags_parallel_run(tasks, d->count, HIT, find_hits, d));
   int64_t found = 0;
   for (int64_t b = 0; b < blocks; b++)
     found += d->found[b];
@@ -211,8 +210,7 @@ static pags_result add_depth(pags_tasks *tasks, depth_job *d, double share, doub
   if (d->kept == 0)
     return PAGS_OK;
   *value = d->weight * keep_hits(d) / (double)d->kept;
-  return pags_parallel_for(tasks, d->picture->height, ROWS, add_hits, d) ? PAGS_OK
-                                                                         : pags_fail(PAGS_CANCELLED, "cancelled");
+  return pags_parallel_run(tasks, d->picture->height, ROWS, add_hits, d);
 }
 
 pags_result pags_driving_loss_depth(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,

@@ -7,11 +7,7 @@
  * linearly until densify_until. The cost of a pass has a part
  * proportional to the number of Gaussians (cull, project, shade, sort, Adam) and a part that depends on the pixels,
  * which doubles as a scene fills up (measured between an early and a finished state). */
-#include <math.h>
-
-#include "base/clock.h"
 #include "train/score_pass.h"
-#include "train/sky_fit.h"
 #include "train/stages.h"
 #include "train/views.h"
 

@@ -3,6 +3,7 @@
 #include "train/exposure.h"
 
 #include <math.h>
+
 #include "base/log.h"
 #include "base/memory.h"
 #include "maths/maths.h"
@@ -26,7 +27,7 @@ pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset 
     const int64_t camera = camera_of(dataset, i);
     exposures->sensors = camera < exposures->sensors ? exposures->sensors : camera + 1;
   }
-  exposures->items = calloc((size_t)(exposures->count + exposures->sensors), sizeof(pags_exposure));
+  exposures->items = calloc((size_t)(exposures->count + exposures->sensors), sizeof *exposures->items);
   PAGS_CHECK_MEMORY(exposures->items, "exposures of %lld views", (long long)exposures->count);
   for (int64_t i = 0; i < exposures->count; i++)
     memcpy(exposures->items[i].value, exposures->mean, sizeof exposures->mean);

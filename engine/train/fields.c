@@ -27,58 +27,41 @@
       int64_t: PAGS_FIELD_INT64,             \
       uint64_t: PAGS_FIELD_UINT64,           \
       double: PAGS_FIELD_DOUBLE)
-#define ROW(group, member, kind, standard, least, most, choices, unit, rule, text) \
-  {#member,                                                                        \
-   #group,                                                                         \
-   kind,                                                                           \
-   offsetof(pags_train_config, group.member),                                      \
-   standard,                                                                       \
-   least,                                                                          \
-   most,                                                                           \
-   choices,                                                                        \
-   NOT_EMPTY(unit),                                                                \
-   rule,                                                                           \
-   NOT_EMPTY(text),                                                                \
-   {0}}
+/* The rest: one value each for the presets default, fast, plain and paper; 0: none. */
+#define FIELD(name, group, kind, offset, standard, least, most, choices, unit, rule, text, ...)          \
+  {                                                                                                      \
+    name, group, kind, offset, standard, least, most, choices, NOT_EMPTY(unit), rule, NOT_EMPTY(text), { \
+      __VA_ARGS__                                                                                        \
+    }                                                                                                    \
+  }
+#define ROW(group, member, kind, ...) \
+  FIELD(#member, #group, kind, offsetof(pags_train_config, group.member), __VA_ARGS__)
 
 #define NUMBER(group, member, standard, least, most, unit, text) \
-  ROW(group, member, TYPE_OF(group.member), standard, least, most, NULL, unit, NULL, text)
+  ROW(group, member, TYPE_OF(group.member), standard, least, most, NULL, unit, NULL, text, 0)
 /* A number that is computed by a rule unless the user sets it. */
 #define AUTO(group, member, least, most, unit, rule, text) \
-  ROW(group, member, TYPE_OF(group.member), PAGS_FIELD_AUTO, least, most, NULL, unit, NOT_EMPTY("auto: " rule), text)
+  ROW(group, member, TYPE_OF(group.member), PAGS_FIELD_AUTO, least, most, NULL, unit, NOT_EMPTY("auto: " rule), text, 0)
 /* A number that the preset chooses unless the user sets it: one each for default, fast, plain and paper. `but` says, if
  * it isn't empty, where pags_config_resolve deviates. */
-#define PRESET_TYPE(type, group, member, normal, fast, plain, paper, but, least, most, unit, text)        \
-  {                                                                                                       \
-    #member, #group, type, offsetof(pags_train_config, group.member), PAGS_FIELD_AUTO, least, most, NULL, \
-        NOT_EMPTY(unit), "auto: " #normal "; preset fast " #fast ", plain " #plain ", paper " #paper but, \
-        NOT_EMPTY(text), {                                                                                \
-      normal, fast, plain, paper                                                                          \
-    }                                                                                                     \
-  }
+#define PRESET_TYPE(type, group, member, normal, fast, plain, paper, but, least, most, unit, text)                \
+  ROW(group, member, type, PAGS_FIELD_AUTO, least, most, NULL, unit,                                              \
+      "auto: " #normal "; preset fast " #fast ", plain " #plain ", paper " #paper but, text, normal, fast, plain, \
+      paper)
 #define PRESET(group, member, ...) PRESET_TYPE(TYPE_OF(group.member), group, member, __VA_ARGS__)
 #define PRESET_SWITCH(group, member, normal, fast, plain, paper, text) \
   PRESET_TYPE(PAGS_FIELD_SWITCH, group, member, normal, fast, plain, paper, "", 0, 1, "0 or 1", text)
 #define AUTO_SWITCH(group, member, rule, text) \
-  ROW(group, member, PAGS_FIELD_SWITCH, PAGS_FIELD_AUTO, 0, 1, NULL, "0 or 1", "auto: " rule, text)
+  ROW(group, member, PAGS_FIELD_SWITCH, PAGS_FIELD_AUTO, 0, 1, NULL, "0 or 1", "auto: " rule, text, 0)
 #define SWITCH(group, member, standard, text) \
-  ROW(group, member, PAGS_FIELD_SWITCH, standard, 0, 1, NULL, "0 or 1", NULL, text)
+  ROW(group, member, PAGS_FIELD_SWITCH, standard, 0, 1, NULL, "0 or 1", NULL, text, 0)
 /* A choice by name from an enum; `last` is the enum's last value. */
 #define CHOICE(group, member, standard, last, choices, text) \
-  ROW(group, member, PAGS_FIELD_CHOICE, standard, 0, last, choices, "a name", NULL, text)
-#define BACKGROUND(suffix, i)                                              \
-  {"background_" suffix,                                                   \
-   "picture",                                                              \
-   PAGS_FIELD_DOUBLE,                                                      \
-   offsetof(pags_train_config, picture.background) + (i) * sizeof(double), \
-   0,                                                                      \
-   0,                                                                      \
-   1,                                                                      \
-   NULL,                                                                   \
-   "sRGB",                                                                 \
-   NULL,                                                                   \
-   "Background colour where nothing covers the view.",                     \
-   {0}}
+  ROW(group, member, PAGS_FIELD_CHOICE, standard, 0, last, choices, "a name", NULL, text, 0)
+#define BACKGROUND(suffix, i)                                                                                \
+  FIELD("background_" suffix, "picture", PAGS_FIELD_DOUBLE,                                                  \
+        offsetof(pags_train_config, picture.background) + (i) * sizeof(double), 0, 0, 1, NULL, "sRGB", NULL, \
+        "Background colour where nothing covers the view.", 0)
 
 /* ---- The table ---- */
 

@@ -2,6 +2,7 @@
 #include "train/gradient_store.h"
 
 #include <assert.h>
+
 #include "base/memory.h"
 #include "port/port.h"
 

@@ -2,9 +2,6 @@
 /* Measures held-out views between two steps (held_out.c). Pictures are exposed as `pags eval` exposes them. */
 #include "train/stages.h"
 
-#include <math.h>
-
-#include "base/memory.h"
 #include "base/psnr.h"
 #include "cluster/shares.h"
 #include "threads/record.h"

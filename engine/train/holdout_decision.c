@@ -4,11 +4,7 @@
  * difficulty between photographs. */
 #include "train/stages.h"
 
-#include <math.h>
 #include "base/log.h"
-#include "base/memory.h"
-#include "maths/maths.h"
-#include "train/camera_poses.h"
 
 enum { MOST_VIEWS = 32, MOST_FITTED = 8 };
 /* The Gaussians were trained with the correction, which alone brings 0.15 dB where there is nothing to correct; with

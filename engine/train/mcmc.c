@@ -4,7 +4,9 @@
 #include "train/mcmc.h"
 
 #include <math.h>
+
 #include "base/memory.h"
+#include "base/parallel.h"
 #include "base/rng.h"
 #include "maths/maths.h"
 
@@ -18,6 +20,7 @@ enum { MOST_COPIES = 51, NOISE_GRAIN = 16 };
 static double sigmoid(double x) {
   return 1.0 / (1.0 + pags_exp(-x));
 }
+
 /* n copies of opacity o' = 1 - (1 - o)^(1/n) transmit as much light as one Gaussian of opacity o. The factor on their
  * sigma keeps the integral along a ray:
  *
@@ -288,7 +291,6 @@ pags_result pags_mcmc_noise(pags_train_model *model, int64_t step, pags_tasks *t
   pags_schedule_rates(&model->schedule, step, rates);
   const double shrink = shrink_of(model);
   noise_job job = {model, step, model->schedule.config.mcmc.mcmc_noise * rates[PAGS_RATE_POSITION] * shrink * shrink};
-  if (pags_parallel_for(tasks, model->adam.cluster_count, NOISE_GRAIN, shake_block, &job))
-    return PAGS_OK;
-  return pags_fail(PAGS_CANCELLED, "cancelled"); /* some rows have moved, some not: this state must not be saved */
+  /* When cancelled, some rows have moved, some not: this state must not be saved. */
+  return pags_parallel_run(tasks, model->adam.cluster_count, NOISE_GRAIN, shake_block, &job);
 }

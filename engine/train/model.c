@@ -5,6 +5,7 @@
 
 #include <assert.h>
 #include <math.h>
+
 #include "base/memory.h"
 #include "cluster/order.h"
 #include "cluster/shares.h"

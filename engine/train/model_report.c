@@ -2,11 +2,7 @@
 /* Writes the report of a run's modelling choices as JSON; see stages.h. */
 #include "train/stages.h"
 
-#include <math.h>
-
 #include "base/json.h"
-#include "base/memory.h"
-#include "base/text.h"
 #include "base/vec3.h"
 
 static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t object) {

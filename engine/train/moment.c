@@ -3,9 +3,7 @@
  * steps early changes no bit of the run (adam.h). */
 #include <assert.h>
 #include <pags/compose.h>
-#include <pags/train.h>
 
-#include "base/memory.h"
 #include "train/run.h"
 #include "train/shards.h"
 
@@ -20,7 +18,7 @@ pags_result pags_train_moment_compose(pags_train_moment *moment, pags_compositio
   for (int64_t i = 0; clusters && i < models; i++)
     clusters[i] = &t->state.models[i].clusters;
   if (result == PAGS_OK)
-    result = pags_output_describe(t->dataset, &t->state, &t->described);
+    result = pags_output_describe(t->dataset, &t->state, false, &t->described);
   if (result == PAGS_OK)
     result = pags_composition_borrow(pags_described_scene(t->described), clusters, out);
   if (result != PAGS_OK)

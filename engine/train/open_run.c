@@ -1,10 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Opens a training run. A fresh run chooses its limit on Gaussians and creates the first Gaussians, the sky and the
  * exposures; a resumed run loads its checkpoint and checks that it belongs to the data set and configuration. */
-#include <math.h>
-
 #include "base/log.h"
-#include "base/memory.h"
 #include "base/sort.h"
 #include "base/vec3.h"
 #include "cluster/shares.h"

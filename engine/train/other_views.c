@@ -2,10 +2,7 @@
 /* Finds the first difference between a data set's views and those of a scene.json (other_views.c). */
 #include "train/stages.h"
 
-#include <math.h>
-
 #include "base/file.h"
-#include "base/memory.h"
 #include "base/text.h"
 #include "scene/scene_json.h"
 

@@ -4,18 +4,15 @@
 #include "train/output.h"
 
 #include <pags/image.h>
-#include <pags/scene.h>
 
 #include "base/file.h"
 #include "base/json.h"
 #include "base/lock.h"
 #include "base/log.h"
-#include "base/memory.h"
 #include "base/text.h"
 #include "port/port.h"
 #include "scene/scene_json.h"
 #include "simd/kernels.h"
-#include "train/config.h"
 #include "train/stages.h"
 
 /* ---- Finding and clearing the folder ---- */

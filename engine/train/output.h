@@ -57,8 +57,9 @@ pags_result pags_output_scene(const pags_output *output, const pags_dataset *dat
 pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene);
 /* The current scene of a run, which borrows the run's Gaussians, and its clusters by model. */
 typedef struct pags_described pags_described;
-/* *out must be destroyed on failure, too. */
-pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, pags_described **out);
+/* With `by_degree` PLYs have only the SH degrees that their Gaussians need. *out must be destroyed on failure, too. */
+pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, bool by_degree,
+                                 pags_described **out);
 const pags_scene *pags_described_scene(const pags_described *described);
 void pags_described_destroy(pags_described *described); /* NULL is allowed */
 PAGS_DEFINE_AUTO(pags_described, pags_described_destroy)

@@ -4,7 +4,9 @@
 #include "train/photometric_loss.h"
 
 #include <assert.h>
+
 #include "base/memory.h"
+#include "base/parallel.h"
 #include "simd/kernels.h"
 
 /* Rows of a band: few enough for all threads to get work, enough that the 20 extra rows around a band (for SSIM's
@@ -114,8 +116,7 @@ static pags_result evaluate(loss_job *job, pags_photometric_loss *out) {
   job->sums = pags_arena_alloc(arena, 3 * (size_t)height, sizeof *job->sums);
   job->done = pags_arena_alloc(arena, (size_t)blocks, sizeof *job->done);
   PAGS_CHECK_MEMORY(job->sums && job->done, "the loss of a picture %d pixels high", height);
-  if (!pags_parallel_for(job->tasks, blocks, 1, run_blocks, job))
-    return pags_fail(PAGS_CANCELLED, "cancelled");
+  PAGS_TRY(pags_parallel_run(job->tasks, blocks, 1, run_blocks, job));
   for (int64_t b = 0; b < blocks; b++)
     PAGS_CHECK_MEMORY(job->done[b], "the loss of a picture %d pixels wide", job->photo->width);
   add_up(job, counted, out);

@@ -6,7 +6,9 @@
 #include "train/photometry.h"
 
 #include <math.h>
+
 #include "base/memory.h"
+#include "base/parallel.h"
 #include "maths/maths.h"
 #include "simd/kernels.h"
 
@@ -122,8 +124,7 @@ pags_result pags_photometry_apply(pags_tasks *tasks, const pags_photometric *lig
                                   const pags_picture *picture, float *const out[3]) {
   light_job job;
   PAGS_TRY(prepare(light, camera, picture, out, &job));
-  return pags_parallel_for(tasks, picture->height, GRAIN, light_rows, &job) ? PAGS_OK
-                                                                            : pags_fail(PAGS_CANCELLED, "cancelled");
+  return pags_parallel_run(tasks, picture->height, GRAIN, light_rows, &job);
 }
 
 pags_result pags_photometry_back(pags_tasks *tasks, const pags_photometric *light, const pags_camera *camera,
@@ -135,8 +136,7 @@ pags_result pags_photometry_back(pags_tasks *tasks, const pags_photometric *ligh
   PAGS_AUTOFREE pags_photometric_gradient *rows = malloc((size_t)picture->height * sizeof *rows);
   PAGS_CHECK_MEMORY(rows, "the light of a picture of %d rows", picture->height);
   job.rows = rows;
-  if (!pags_parallel_for(tasks, picture->height, GRAIN, light_rows, &job))
-    return pags_fail(PAGS_CANCELLED, "cancelled");
+  PAGS_TRY(pags_parallel_run(tasks, picture->height, GRAIN, light_rows, &job));
   for (int y = 0; y < picture->height; y++) {
     for (int k = 0; k < RINGS; k++)
       out->vignette[k] += rows[y].vignette[k];

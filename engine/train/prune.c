@@ -12,9 +12,7 @@
  * training view shows has score 0, whatever S_sem it inherited. */
 #include "train/prune.h"
 
-#include <math.h>
 #include "base/log.h"
-#include "base/memory.h"
 #include "base/rng.h"
 #include "cluster/order.h"
 #include "cluster/shares.h"

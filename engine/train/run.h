@@ -4,7 +4,10 @@
 #ifndef PAGS_TRAIN_RUN_H
 #define PAGS_TRAIN_RUN_H
 
+#include <math.h>
+
 #include "base/clock.h"
+#include "base/memory.h"
 #include "init/lidar_planes.h"
 #include "train/driving_losses.h"
 #include "train/exact_sum.h"
@@ -36,14 +39,14 @@ static inline void pags_stage_lap(pags_stage_time *since, pags_stage_time *sum) 
 /* What the photographs of a step leave until its end, in their order. */
 typedef struct pags_step_rest {
   int64_t count; /* photographs drawn */
-  struct {
+  struct pags_photograph_rest {
     int64_t view;
     double by_exposure[6];
     pags_exact_sum by_world; /* by a motion of everything that the camera sees (camera_poses.h) */
     pags_photometric_gradient by_light;
   } *photographs; /* [batch] */
   int64_t pose_count;
-  struct {
+  struct pags_pose_rest {
     int64_t object, keyframe;
     double by_pose[6]; /* dLoss/d(rotation, translation) of the object at that keyframe */
   } *poses;            /* [batch * models] */
@@ -90,6 +93,14 @@ typedef struct pags_trainer {
   } ms;
 } pags_trainer;
 
+/* What all ranks learn of a view that one of them has drawn. */
+typedef struct pags_view_result {
+  pags_photometric_loss loss;
+  pags_photometric_gradient by_light; /* of the loss, by the camera's light */
+  pags_driving_losses terms;
+  bool objects_drawn; /* the object opacity term was evaluated */
+} pags_view_result;
+
 /* One of a step's views: its photograph, picture and losses. */
 typedef struct pags_step_view {
   int64_t number; /* of the photograph in the run, from 1 */
@@ -98,10 +109,7 @@ typedef struct pags_step_view {
   pags_camera camera; /* the view's camera at the resolution level */
   pags_photo photo;   /* this and the picture: only at the rank that draws the view */
   pags_picture picture;
-  bool objects_drawn; /* the object opacity term was evaluated */
-  pags_photometric_loss loss;
-  pags_photometric_gradient by_light; /* of the loss, by the camera's light */
-  pags_driving_losses terms;
+  pags_view_result result;
 } pags_step_view;
 
 #endif

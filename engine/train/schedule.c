@@ -46,32 +46,24 @@ static void set_prunes(pags_schedule *s) {
   }
 }
 
-static int64_t least_between_densify(const pags_schedule *s) {
-  const int64_t apart = pags_schedule_steps(s, s->config.density.densify_apart), share = s->length / 40;
-  return at_least(pags_schedule_steps(s, at_least(s->views, 1)), apart < share ? apart : share);
-}
-
 int64_t pags_schedule_steps(const pags_schedule *s, int64_t photographs) {
   return (photographs + s->batch - 1) / s->batch;
-}
-
-static void set_batch(pags_schedule *s) {
-  const pags_train_optimiser *o = &s->config.optimiser;
-  const bool one = s->batch == 1;
-  s->rate_factor = sqrt((double)s->batch);
-  s->beta1 = one || o->beta1 <= 0 ? o->beta1 : pags_pow(o->beta1, (double)s->batch);
-  s->beta2 = one ? o->beta2 : pags_pow(o->beta2, (double)s->batch);
 }
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
   pags_schedule s = {.config = pags_config_resolve(config, false), .extent = extent, .views = views};
   s.batch = at_least(config->schedule.batch, 1);
-  set_batch(&s);
+  const double beta1 = s.config.optimiser.beta1, beta2 = s.config.optimiser.beta2, power = (double)s.batch;
+  s.rate_factor = sqrt(power);
+  s.beta1 = s.batch == 1 || beta1 <= 0 ? beta1 : pags_pow(beta1, power);
+  s.beta2 = s.batch == 1 ? beta2 : pags_pow(beta2, power);
   s.length = pags_schedule_steps(&s, config->schedule.schedule_iterations > 0 ? config->schedule.schedule_iterations
                                                                               : config->schedule.iterations);
   s.densify_from = scaled(config->density.densify_from, s.length);
   s.densify_until = scaled(s.config.density.densify_until, s.length);
-  s.densify_every = at_least(scaled(config->density.densify_every, s.length), least_between_densify(&s));
+  const int64_t apart = pags_schedule_steps(&s, s.config.density.densify_apart), share = s.length / 40;
+  const int64_t least = at_least(pags_schedule_steps(&s, at_least(views, 1)), apart < share ? apart : share);
+  s.densify_every = at_least(scaled(config->density.densify_every, s.length), least);
   int64_t reset =
       at_least(scaled(config->density.reset_every, s.length), pags_schedule_steps(&s, at_least(3 * views, 1)));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;

@@ -2,7 +2,6 @@
 /* Measures the scores of all Gaussians by a pass over the training views; see score_pass.h. */
 #include "train/score_pass.h"
 
-#include "base/memory.h"
 #include "cluster/shares.h"
 #include "threads/record.h"
 #include "train/stages.h"
@@ -14,7 +13,7 @@ typedef struct score_pass {
   int64_t *first; /* per model: its first row in `scores` */
   float *counted, *critical;
   int64_t plane_floats;
-  int labelled; /* 1: the current view has labels */
+  bool labelled; /* the current view has labels */
 } score_pass;
 
 void pags_score_pass_destroy(pags_score_pass *scores) {
@@ -103,13 +102,13 @@ static pags_result give_back(score_pass *p, int count) {
   pags_trainer *t = p->trainer;
   pags_transport *const transport = t->shared.transport;
   uint8_t labelled[PAGS_RANKS_MOST];
-  const uint8_t own = (uint8_t)p->labelled;
-  pags_result mine = PAGS_OK;
+  const uint8_t own = p->labelled;
   PAGS_TRY(pags_share_all(transport, &own, sizeof own, labelled));
   PAGS_TRY(pags_shared_views_return_scores(&t->shared));
+  pags_result mine = PAGS_OK;
   for (int i = 0; mine == PAGS_OK && i < count; i++) {
     pags_view_render_compose(t, t->round[i].view);
-    p->labelled = labelled[i];
+    p->labelled = labelled[i] != 0;
     mine = pags_shared_views_receive_scores(&t->shared, i, add_cluster, p);
   }
   return pags_transport_agree(transport, mine);
@@ -126,7 +125,7 @@ static pags_result add_round(score_pass *p, const int64_t *indices, int count, i
                                    .camera = pags_view_render_camera(t, t->views[indices[i]], factor)};
   }
   PAGS_TRY(pags_round_project(t, t->state.step, count, &options));
-  p->labelled = 0;
+  p->labelled = false;
   const bool draws = t->shared.rank < count;
   PAGS_TRY(pags_transport_agree(t->shared.transport,
                                 draws ? look_at(p, indices[t->shared.rank], rough, &options) : PAGS_OK));
@@ -209,12 +208,4 @@ void pags_score_pass_add_squares(void *user, const pags_cluster_score *c, int wo
   (void)worker;
   for (int i = 0; i < c->count; i++)
     m->density.squared[c->first + i] += (float)c->squared[i];
-}
-
-pags_score_planes pags_score_pass_training_planes(const pags_picture_gradient *gradient, const float *ones,
-                                                  const float *zeros) {
-  pags_score_planes planes = {.counted = ones, .critical = zeros};
-  for (int c = 0; c < 3; c++)
-    planes.rgb[c] = gradient->rgb[c];
-  return planes;
 }

@@ -35,11 +35,8 @@ void pags_score_pass_write_s_sem(pags_train_state *state, const pags_score_pass 
 /* Measures and sets S_sem once more, for the finished scene. The parameters of all rows must be current. */
 pags_result pags_score_pass_finish(pags_trainer *trainer);
 
-/* With S_grad from training: the planes whose scores are the squared derivatives of the loss by the step's own
- * gradient, and the receiver that adds these to density.squared; `user` is the trainer. Call after the frame's backward
- * pass. `ones` and `zeros` are planes filled with these numbers. */
-pags_score_planes pags_score_pass_training_planes(const pags_picture_gradient *gradient, const float *ones,
-                                                  const float *zeros);
+/* With S_grad from training: the receiver that adds the squared derivatives of the loss by the step's own gradient to
+ * density.squared; `user` is the trainer. Call after the frame's backward pass. */
 void pags_score_pass_add_squares(void *user, const pags_cluster_score *score, int worker);
 
 #endif

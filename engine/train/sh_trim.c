@@ -2,10 +2,8 @@
 /* Finds the lowest SH degree that each Gaussian needs over the training views, and trims the rest; see sh_trim.h. */
 #include "train/sh_trim.h"
 
-#include <math.h>
-
 #include "base/log.h"
-#include "base/memory.h"
+#include "base/parallel.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
 
@@ -210,8 +208,7 @@ pags_result pags_sh_trim(pags_trainer *t) {
   for (int64_t i = 0; i < s->model_count; i++) {
     pags_gaussians *const g = &s->models[i].gaussians;
     trim_context context = {g, views, list_views(t, &s->models[i], views), error};
-    if (!pags_parallel_for(t->tasks, g->count, TRIM_GRAIN, trim_block, &context))
-      return pags_fail(PAGS_CANCELLED, "cancelled");
+    PAGS_TRY(pags_parallel_run(t->tasks, g->count, TRIM_GRAIN, trim_block, &context));
     for (int64_t row = 0; row < g->count; row++)
       degrees[pags_gaussians_row_degree(g, row)]++;
     count += g->count;

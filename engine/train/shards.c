@@ -3,6 +3,7 @@
 #include "train/shards.h"
 
 #include <assert.h>
+
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"

@@ -2,7 +2,6 @@
 /* Shares a run out to ranks; see stages.h. */
 #include "train/stages.h"
 
-#include "base/memory.h"
 #include "cluster/shares.h"
 
 pags_result pags_share_run_begin(pags_trainer *t) {

@@ -3,7 +3,6 @@
 #include "train/stages.h"
 
 #include "base/file.h"
-#include "base/memory.h"
 #include "base/sort.h"
 #include "scene/scene_json.h"
 

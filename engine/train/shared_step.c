@@ -2,35 +2,14 @@
 /* Shares the results of a step between ranks; see stages.h. */
 #include "train/stages.h"
 
-#include "base/memory.h"
 #include "cluster/shares.h"
 
-typedef struct view_result {
-  pags_photometric_loss loss;
-  pags_driving_losses terms;
-  pags_photometric_gradient by_light;
-  bool objects_drawn;
-} view_result;
-
 pags_result pags_shared_step_results(pags_trainer *t, pags_step_view *views, int count) {
-  view_result mine;
-  PAGS_AUTOFREE view_result *all = calloc((size_t)t->shared.ranks, sizeof *all);
+  PAGS_AUTOFREE pags_view_result *all = calloc((size_t)t->shared.ranks, sizeof *all);
   PAGS_CHECK_MEMORY(all, "the losses of %d photographs", count);
-  memset(&mine, 0, sizeof mine); /* its padding is sent, too */
-  if (t->shared.rank < count) {
-    const pags_step_view *const own = views + t->shared.rank;
-    mine.loss = own->loss;
-    mine.terms = own->terms;
-    mine.by_light = own->by_light;
-    mine.objects_drawn = own->objects_drawn;
-  }
-  PAGS_TRY(pags_share_all(t->shared.transport, &mine, sizeof mine, all));
-  for (int i = 0; i < count; i++) {
-    views[i].loss = all[i].loss;
-    views[i].terms = all[i].terms;
-    views[i].by_light = all[i].by_light;
-    views[i].objects_drawn = all[i].objects_drawn;
-  }
+  PAGS_TRY(pags_share_all(t->shared.transport, &views[t->shared.rank].result, sizeof *all, all));
+  for (int i = 0; i < count; i++)
+    views[i].result = all[i];
   return PAGS_OK;
 }
 
@@ -79,12 +58,9 @@ static pags_result share_cameras(pags_trainer *t) {
 
 pags_result pags_shared_step_nonfinite(pags_trainer *t) {
   pags_nonfinite *const n = &t->state.nonfinite;
-  pags_left_out mine;
+  const pags_left_out mine = {n->count - t->shared_nonfinite, n->first};
   PAGS_AUTOFREE pags_left_out *all = calloc((size_t)t->shared.ranks, sizeof *all);
   PAGS_CHECK_MEMORY(all, "skipped updates of a step");
-  memset(&mine, 0, sizeof mine);
-  mine.count = n->count - t->shared_nonfinite;
-  mine.first = n->first;
   PAGS_TRY(pags_share_all(t->shared.transport, &mine, sizeof mine, all));
   for (int r = 0; r < t->shared.ranks; r++)
     if (r != t->shared.rank && all[r].count > 0)

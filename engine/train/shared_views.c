@@ -3,6 +3,7 @@
 #include "train/shared_views.h"
 
 #include <assert.h>
+
 #include "base/memory.h"
 #include "cluster/shares.h"
 

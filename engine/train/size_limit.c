@@ -2,13 +2,7 @@
 /* Converts the size limit of the scene folder into limits on the number of Gaussians; see stages.h. */
 #include "train/stages.h"
 
-#include <math.h>
-
-#include <pags/scene.h>
-
 #include "base/log.h"
-#include "base/memory.h"
-#include "train/output.h"
 
 enum {
   FOURIER_BYTES = 4 * PAGS_FOURIER_PLANES,

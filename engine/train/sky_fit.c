@@ -4,7 +4,9 @@
 #include "train/sky_fit.h"
 
 #include <math.h>
+
 #include "base/memory.h"
+#include "base/parallel.h"
 #include "maths/maths.h"
 #include "simd/kernels.h"
 
@@ -12,20 +14,6 @@ enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024 };
 static const double least_share = 1e-3;
 static const double first_rate = 0.01;  /* learning rate of texels at the first step */
 static const double final_share = 0.01; /* the learning rate's final share */
-
-/* Adds up the colours and the number of one photograph's sky pixels, and the number of all its pixels. */
-static void add_photo(const pags_photo *photo, double colour[3], int64_t *sky, int64_t *all) {
-  *all += (int64_t)photo->width * photo->height;
-  for (int y = 0; photo->labels && y < photo->height; y++)
-    for (int x = 0; x < photo->width; x++) {
-      int64_t at = (int64_t)y * photo->stride + x;
-      if (!(photo->labels[at] & PAGS_LABEL_SKY) || (photo->mask && !photo->mask[at]))
-        continue;
-      for (int c = 0; c < 3; c++)
-        colour[c] += photo->rgb[(int64_t)c * photo->height * photo->stride + at] / 255.0;
-      ++*sky;
-    }
-}
 
 static int choose_size(const pags_dataset *dataset) {
   double focal = 0.0;
@@ -56,16 +44,25 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
     if (pags_dataset_view(dataset, i)->test)
       continue;
     PAGS_TRY(pags_photo_cache_get(photos, i, LOOK_SHRINK, &photo));
-    add_photo(&photo, colour, &sky, &all);
+    const int64_t plane = (int64_t)photo.height * photo.stride;
+    all += (int64_t)photo.width * photo.height;
+    for (int y = 0; photo.labels && y < photo.height; y++)
+      for (int x = 0; x < photo.width; x++) {
+        const int64_t at = (int64_t)y * photo.stride + x;
+        if (!(photo.labels[at] & PAGS_LABEL_SKY) || (photo.mask && !photo.mask[at]))
+          continue;
+        for (int c = 0; c < 3; c++)
+          colour[c] += photo.rgb[c * plane + at] / 255.0;
+        sky++;
+      }
   }
   *share = all > 0 ? (double)sky / (double)all : 0.0;
   if (*share < least_share)
     return PAGS_OK;
   PAGS_TRY(pags_sky_fit_prepare(fit, choose_size(dataset)));
-  int64_t texels = 6 * (int64_t)fit->sky.size * fit->sky.size;
-  for (int64_t i = 0; i < texels; i++)
-    for (int c = 0; c < 3; c++)
-      fit->sky.texels[3 * i + c] = (float)(colour[c] / (double)sky);
+  const int64_t floats = 18 * (int64_t)fit->sky.size * fit->sky.size;
+  for (int64_t i = 0; i < floats; i++)
+    fit->sky.texels[i] = (float)(colour[i % 3] / (double)sky);
   return PAGS_OK;
 }
 
@@ -221,20 +218,19 @@ static void finish_blocks(void *context, int64_t begin, int64_t end, int worker)
   for (int64_t own = begin; own < end; own++) {
     const float *const sum = pags_gradient_store_find(&f->sum, own, f->step);
     float mean[BLOCK_FLOATS];
-    for (int i = 0; sum && i < BLOCK_FLOATS; i++)
+    if (!sum)
+      continue;
+    for (int i = 0; i < BLOCK_FLOATS; i++)
       mean[i] = job->share * sum[i];
-    if (sum)
-      update_block(f, own * f->ranks + f->rank, mean);
+    update_block(f, own * f->ranks + f->rank, mean);
   }
 }
 
 pags_result pags_sky_fit_finish(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks) {
-  const finish_job job = {fit, 1.0f / (float)schedule->batch};
+  finish_job job = {fit, 1.0f / (float)schedule->batch};
   if (fit->step != step)
     return PAGS_OK; /* none of the step's photographs shows the sky */
-  return pags_parallel_for(tasks, fit->sum.clusters, FINISH_GRAIN, finish_blocks, (void *)&job)
-             ? PAGS_OK
-             : pags_fail(PAGS_CANCELLED, "cancelled");
+  return pags_parallel_run(tasks, fit->sum.clusters, FINISH_GRAIN, finish_blocks, &job);
 }
 
 pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step,

@@ -46,7 +46,7 @@ pags_result pags_train_finish(pags_trainer *trainer, int64_t step);
 /* Losses of photographs drawn by other ranks, gradients of poses whose objects other ranks own, and skipped updates.
  * Every rank updates tracks, exposures, cameras and the sky from the same numbers, so that they stay the same.
  *
- * Collective: fills losses, terms and the photometric gradient of all views of a round; rank r has drawn view r. */
+ * Collective: fills the results of all views of a round; rank r has drawn view r. `views` has one per rank. */
 pags_result pags_shared_step_results(pags_trainer *trainer, pags_step_view *views, int count);
 /* Collective, at the end of a step, after the updates of Gaussians: merges trainer->rest and state.nonfinite. */
 pags_result pags_shared_step_rest(pags_trainer *trainer);

@@ -13,12 +13,8 @@
  */
 #include "train/stages.h"
 
-#include <math.h>
-
-#include "base/memory.h"
+#include "base/parallel.h"
 #include "threads/record.h"
-#include "train/driving_losses.h"
-#include "train/dropout.h"
 #include "train/mcmc.h"
 #include "train/score_pass.h"
 
@@ -55,15 +51,6 @@ static pags_result reserve_store(const pags_train_model *m, pags_gradient_store 
   const int64_t clusters = m->clusters.count;
   return pags_gradient_store_reserve(store, clusters <= store->clusters ? clusters : clusters + clusters / 2,
                                      pags_all_planes(&m->gaussians) * (int64_t)m->clusters.size);
-}
-
-static pags_result reserve_rest(pags_trainer *t) {
-  const size_t batch = (size_t)t->state.schedule.batch, models = (size_t)t->state.model_count;
-  if (!t->rest.photographs)
-    t->rest.photographs = calloc(batch, sizeof *t->rest.photographs);
-  if (!t->rest.poses)
-    t->rest.poses = calloc(batch * models, sizeof *t->rest.poses);
-  return t->rest.photographs && t->rest.poses ? PAGS_OK : pags_out_of_memory("a step of %zu photographs", batch);
 }
 
 /* ---- Receivers of the backward pass ---- */
@@ -184,7 +171,7 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
   options.sky = NULL;
   options.keep_for_backward = 1;
   PAGS_TRY(reserve_held(t));
-  v->objects_drawn = true;
+  v->result.objects_drawn = true;
   if (shares(t))
     PAGS_TRY(pags_shared_views_draw(&t->shared, p->object_frame, true, alpha_min(t), &v->camera, &options, &picture));
   else
@@ -195,8 +182,8 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
   memset(by_t, 0, (size_t)p->plane_floats * sizeof(float));
   PAGS_TRY(pags_driving_loss_objects(t->tasks, &picture, &v->photo,
                                      OBJECTS_EVERY * t->state.schedule.config.losses.object_weight, by_t,
-                                     &v->terms.objects));
-  v->terms.objects /= OBJECTS_EVERY;
+                                     &v->result.terms.objects));
+  v->result.terms.objects /= OBJECTS_EVERY;
   pags_picture_gradient gradient = {.rgb = {p->plane[ZEROS], p->plane[ZEROS], p->plane[ZEROS]}, .transmittance = by_t};
   return shares(t) ? pags_shared_views_sums(&t->shared, p->object_frame, true, &gradient)
                    : pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
@@ -240,9 +227,7 @@ static pags_result prepare(pags_trainer *t, const pags_step_view *v, const pags_
   }
   if (!job.labels && !job.cleared[0] && !job.cleared[1])
     return PAGS_OK;
-  return pags_parallel_for(t->tasks, p->plane_floats, GRAIN, prepare_block, &job)
-             ? PAGS_OK
-             : pags_fail(PAGS_CANCELLED, "cancelled");
+  return pags_parallel_run(t->tasks, p->plane_floats, GRAIN, prepare_block, &job);
 }
 
 /* Evaluates the photometric loss of what the camera shows of the picture. */
@@ -250,14 +235,14 @@ static pags_result compare(pags_trainer *t, pags_step_view *v, const pags_compar
   float **const gradient = t->render.plane + GRADIENT, **const shown = t->render.plane + SHOWN;
   const pags_photometry *const p = &t->state.photometry;
   if (p->count == 0)
-    return pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, how, gradient, &v->loss);
+    return pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, how, gradient, &v->result.loss);
   const pags_photometric light = pags_photometry_of_sensor(p, pags_dataset_view(t->dataset, v->view)->sensor);
   pags_picture picture = v->picture;
   PAGS_TRY(pags_photometry_apply(t->tasks, &light, &v->camera, &v->picture, shown));
   for (int c = 0; c < 3; c++)
     picture.rgb[c] = shown[c];
-  PAGS_TRY(pags_photometric_loss_evaluate(t->tasks, &picture, &v->photo, how, gradient, &v->loss));
-  return pags_photometry_back(t->tasks, &light, &v->camera, &v->picture, gradient, &v->by_light);
+  PAGS_TRY(pags_photometric_loss_evaluate(t->tasks, &picture, &v->photo, how, gradient, &v->result.loss));
+  return pags_photometry_back(t->tasks, &light, &v->camera, &v->picture, gradient, &v->result.by_light);
 }
 
 /* Evaluates all loss terms and writes dLoss/d(picture) to the planes. `gradient` receives the planes; those of T and
@@ -287,11 +272,11 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
 
   if (sky)
     PAGS_TRY(pags_driving_loss_sky(t->tasks, &v->picture, &v->photo, c->losses.sky_weight, p->plane[GRADIENT_T],
-                                   &v->terms.sky));
+                                   &v->result.terms.sky));
   if (depth)
     PAGS_TRY(pags_driving_loss_depth(t->tasks, &v->picture, &v->photo, p->depth[v->view].samples,
                                      p->depth[v->view].count, v->level, c->losses.depth_weight, c->losses.depth_share,
-                                     p->plane[GRADIENT_DEPTH], p->plane[GRADIENT_T], &v->terms.depth));
+                                     p->plane[GRADIENT_DEPTH], p->plane[GRADIENT_T], &v->result.terms.depth));
   if (t->state.sky.sky.size > 0 && !t->state.sky.fixed && !t->measuring)
     PAGS_TRY(pags_sky_fit_receive(&t->state.sky, &t->state.schedule, step, gradient));
   return PAGS_OK;
@@ -318,27 +303,23 @@ static void add_by_world(const double (*pose)[6], int64_t clusters, const double
  * clusters in their order; all clusters of an object are those of one rank. */
 static void keep_rest(pags_trainer *t, const pags_step_view *v) {
   pags_step_rest *r = &t->rest;
-  pags_exact_sum *const by_world = &r->photographs[r->count].by_world;
-  memset(by_world, 0, sizeof *by_world);
-  r->photographs[r->count].by_light = v->by_light;
-  r->photographs[r->count].view = v->view;
-  memcpy(r->photographs[r->count++].by_exposure, v->loss.by_exposure, sizeof v->loss.by_exposure);
+  struct pags_photograph_rest *const photograph = &r->photographs[r->count++];
+  *photograph = (struct pags_photograph_rest){.view = v->view, .by_light = v->result.by_light};
+  memcpy(photograph->by_exposure, v->result.loss.by_exposure, sizeof photograph->by_exposure);
   for (int i = 0; i < t->render.part_count; i++) {
-    const int64_t model = t->render.drawn[i].model;
+    const int64_t model = t->render.drawn[i].model, keyframe = t->render.drawn[i].keyframe;
     const pags_train_model *m = &t->state.models[model];
     const double(*const pose)[6] = (const double(*)[6])t->render.models[model].pose;
-    double sum[6] = {0.0};
     if (t->state.cameras.count > 0)
-      add_by_world(pose, m->clusters.count, t->render.parts[i].world_from_model, by_world);
+      add_by_world(pose, m->clusters.count, t->render.parts[i].world_from_model, &photograph->by_world);
     const bool own = m->gaussians.count > 0 || (m->total == 0 && t->shared.rank == 0);
-    if (!own || m->object < 0 || t->render.drawn[i].keyframe < 0)
+    if (!own || m->object < 0 || keyframe < 0)
       continue;
+    struct pags_pose_rest *const rest = &r->poses[r->pose_count++];
+    *rest = (struct pags_pose_rest){.object = m->object, .keyframe = keyframe};
     for (int64_t c = 0; c < m->clusters.count; c++)
       for (int k = 0; k < 6; k++)
-        sum[k] += pose[c][k];
-    r->poses[r->pose_count].object = m->object;
-    r->poses[r->pose_count].keyframe = t->render.drawn[i].keyframe;
-    memcpy(r->poses[r->pose_count++].by_pose, sum, sizeof sum);
+        rest->by_pose[k] += pose[c][k];
   }
 }
 
@@ -351,15 +332,6 @@ static pags_result compose(pags_trainer *t, pags_step_view *v) {
     PAGS_TRY(
         reserve_store(&t->state.models[t->render.drawn[i].model], &t->render.models[t->render.drawn[i].model].sum));
   return pags_view_render_reserve_factors(t);
-}
-
-/* Sets the pose gradients of the drawn parts to zero. */
-static void clear_poses(pags_trainer *t) {
-  for (int i = 0; i < t->render.part_count; i++) {
-    const int64_t model = t->render.drawn[i].model, clusters = t->state.models[model].clusters.count;
-    if ((t->state.models[model].object >= 0 || t->state.cameras.count > 0) && clusters > 0)
-      memset(t->render.models[model].pose, 0, (size_t)clusters * sizeof *t->render.models[model].pose);
-  }
 }
 
 /* Projects this rank's Gaussians for each view of the round. */
@@ -415,7 +387,7 @@ static pags_result return_sums(pags_trainer *t, int64_t step, pags_step_view *vi
   PAGS_TRY(pags_shared_step_results(t, views, count));
   int any = 0;
   for (int i = 0; i < count; i++)
-    any |= objects[i] = views[i].objects_drawn;
+    any |= objects[i] = views[i].result.objects_drawn;
   if (any)
     PAGS_TRY(pags_shared_views_return_sums(&t->shared, true, objects));
   PAGS_TRY(pags_shared_views_return_sums(&t->shared, false, NULL));
@@ -430,7 +402,13 @@ static pags_result view_backward(pags_trainer *t, int64_t step, int i, pags_step
   pags_render_context context = {t, step, 0};
   if (shares(t))
     PAGS_TRY(compose(t, v));
-  clear_poses(t);
+
+  /* Set the pose gradients of the drawn parts to zero. */
+  for (int k = 0; k < t->render.part_count; k++) {
+    const int64_t model = t->render.drawn[k].model, clusters = t->state.models[model].clusters.count;
+    if ((t->state.models[model].object >= 0 || t->state.cameras.count > 0) && clusters > 0)
+      memset(t->render.models[model].pose, 0, (size_t)clusters * sizeof *t->render.models[model].pose);
+  }
   if (objects[i]) {
     PAGS_TRY(reserve_held(t));
     PAGS_TRY(pags_shared_views_backward(&t->shared, i, true, objects, hold, &context));
@@ -444,21 +422,17 @@ static pags_result view_backward(pags_trainer *t, int64_t step, int i, pags_step
   return PAGS_OK;
 }
 
-/* Whether prunes rank Gaussians by derivatives of training's own loss. */
-static bool scores(const pags_trainer *t) {
-  const pags_train_config *const c = &t->state.schedule.config;
-  return !t->measuring && c->priority.prunes > 0 && c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
-}
-
-/* Scores this rank's view by `gradient` and takes the scores of each view to this rank's Gaussians. The scores travel
- * in the memory of the sums, after these have been used. */
+/* For prunes that rank Gaussians by derivatives of training's own loss: scores this rank's view by `gradient` and takes
+ * the scores of each view to this rank's Gaussians. The scores travel in the memory of the sums, after these have been
+ * used. */
 static pags_result add_scores(pags_trainer *t, pags_step_view *views, int count,
                               const pags_picture_gradient *gradient) {
   pags_shared_views *const shared = &t->shared;
   pags_result mine = PAGS_OK;
   if (shared->rank < count) {
-    const pags_score_planes planes =
-        pags_score_pass_training_planes(gradient, t->render.plane[ONES], t->render.plane[ZEROS]);
+    const pags_score_planes planes = {.counted = t->render.plane[ONES],
+                                      .critical = t->render.plane[ZEROS],
+                                      .rgb = {gradient->rgb[0], gradient->rgb[1], gradient->rgb[2]}};
     if (!shares(t))
       return pags_frame_scores(t->render.frame, &planes, pags_score_pass_add_squares, t);
     mine = pags_shared_views_scores(shared, t->render.frame, &planes);
@@ -478,7 +452,14 @@ pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *view
   uint8_t objects[PAGS_RANKS_MOST] = {0};
   pags_picture_gradient gradient;
   pags_stage_time clock = pags_stage_now();
-  pags_result mine = reserve_rest(t);
+  pags_step_rest *const rest = &t->rest;
+  const size_t batch = (size_t)t->state.schedule.batch;
+  if (!rest->photographs)
+    rest->photographs = calloc(batch, sizeof *rest->photographs);
+  if (!rest->poses)
+    rest->poses = calloc(batch * (size_t)t->state.model_count, sizeof *rest->poses);
+  pags_result mine =
+      rest->photographs && rest->poses ? PAGS_OK : pags_out_of_memory("a step of %zu photographs", batch);
   if (shares(t)) {
     pags_shared_views_begin(shared, count);
     if (mine == PAGS_OK)
@@ -498,7 +479,8 @@ pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *view
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   if (shares(t) && !t->measuring)
     pags_shared_views_count(shared, &t->traffic);
-  if (scores(t))
+  const pags_train_priority *const c = &t->state.schedule.config.priority;
+  if (!t->measuring && c->prunes > 0 && c->s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
     PAGS_TRY(add_scores(t, views, count, &gradient));
   pags_stage_lap(&clock, &t->ms.backward);
   return PAGS_OK;
@@ -546,9 +528,9 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
   pags_stage_time clock = pags_stage_now();
   pags_tasks_mark(t->tasks, NULL, "finish");
   for (int64_t i = 0; s->batch > 1 && i < state->model_count; i++)
-    if (t->render.models[i].sum.rows && !pags_parallel_for(t->tasks, state->models[i].clusters.count, FINISH_GRAIN,
-                                                           finish_blocks, &(finish_job){t, i, step}))
-      return pags_fail(PAGS_CANCELLED, "cancelled");
+    if (t->render.models[i].sum.rows)
+      PAGS_TRY(pags_parallel_run(t->tasks, state->models[i].clusters.count, FINISH_GRAIN, finish_blocks,
+                                 &(finish_job){t, i, step}));
   if (shares(t))
     PAGS_TRY(pags_shared_step_rest(t));
   if (s->batch > 1 && state->sky.sky.size > 0 && !state->sky.fixed)

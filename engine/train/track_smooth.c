@@ -15,8 +15,6 @@
  * rotations about one axis, such as the yaw of an object on a road. Only trained keyframes are used. */
 #include <math.h>
 
-#include <pags/camera.h>
-
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"

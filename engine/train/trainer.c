@@ -4,13 +4,9 @@
  * Step t renders the views that the current pass's permutation gives, at the resolution of t, and updates the
  * parameters by their backward passes (step.c). After the step, where the schedule says so, density control and the
  * opacity reset follow, which look at all Gaussians and first apply all pending Adam steps. */
-#include <pags/train.h>
-
 #include <assert.h>
-#include <math.h>
-#include "base/clock.h"
+
 #include "base/log.h"
-#include "base/memory.h"
 #include "base/psnr.h"
 #include "dataset/photo_mask.h"
 #include "port/port.h"
@@ -72,9 +68,9 @@ static pags_result do_round(pags_trainer *t, int64_t step, int64_t first, pags_s
   for (int i = 0; i < count; i++) {
     const pags_step_view *const v = t->round + i;
     const double weight = 1.0 / (double)(v->number < t->view_count ? v->number : t->view_count);
-    s->loss += weight * (v->loss.loss - s->loss);
-    s->mse += weight * (v->loss.mse - s->mse);
-    t->counted = t->counted || v->loss.counted > 0;
+    s->loss += weight * (v->result.loss.loss - s->loss);
+    s->mse += weight * (v->result.loss.mse - s->mse);
+    t->counted = t->counted || v->result.loss.counted > 0;
   }
   *last = t->round[count - 1];
   return PAGS_OK;
@@ -159,7 +155,7 @@ static bool call_host(pags_trainer *t, run_clock *clock, const pags_step_view *v
                                         .eta_seconds = rate > 0.0 ? (double)(s->stop - s->step) / rate : 0.0,
                                         .level = v->level,
                                         .bad_rows = s->nonfinite.count,
-                                        .seen = {v->view, view_psnr(&v->loss)},
+                                        .seen = {v->view, view_psnr(&v->result.loss)},
                                         .held_out_count = t->held_out.count,
                                         .held_out = t->held_out.scores,
                                         .held_out_psnr = t->held_out.psnr,
@@ -193,13 +189,13 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
         {"sh_degree", pags_schedule_sh_degree(&s->schedule, s->step)},
         {"loss", s->loss},
         {"psnr", mean_psnr(t)},
-        {"view_loss", v->loss.loss},
-        {"view_l1", v->loss.l1},
-        {"view_ssim", v->loss.ssim},
-        {"view_psnr", view_psnr(&v->loss)},
-        {"view_sky", v->terms.sky > 0.0 ? v->terms.sky : PAGS_LOG_NOTHING},
-        {"view_depth", v->terms.depth > 0.0 ? v->terms.depth : PAGS_LOG_NOTHING},
-        {"view_objects", v->terms.objects > 0.0 ? v->terms.objects : PAGS_LOG_NOTHING},
+        {"view_loss", v->result.loss.loss},
+        {"view_l1", v->result.loss.l1},
+        {"view_ssim", v->result.loss.ssim},
+        {"view_psnr", view_psnr(&v->result.loss)},
+        {"view_sky", v->result.terms.sky > 0.0 ? v->result.terms.sky : PAGS_LOG_NOTHING},
+        {"view_depth", v->result.terms.depth > 0.0 ? v->result.terms.depth : PAGS_LOG_NOTHING},
+        {"view_objects", v->result.terms.objects > 0.0 ? v->result.terms.objects : PAGS_LOG_NOTHING},
         {"bad_rows", s->nonfinite.count > 0 ? (double)s->nonfinite.count : PAGS_LOG_NOTHING}};
     PAGS_TRY(pags_output_log(&t->output, values, sizeof values / sizeof *values));
   }
@@ -257,7 +253,8 @@ static pags_result loop(pags_trainer *t, run_clock *clock) {
     PAGS_TRY(do_step(t, &v));
     update_clock(t, clock);
     char masks[MASKS_TEXT];
-    if (v.loss.counted == 0 && pags_dataset_masks_of(t->dataset, v.view, masks, sizeof masks) && clock->masked++ == 0)
+    if (v.result.loss.counted == 0 && pags_dataset_masks_of(t->dataset, v.view, masks, sizeof masks) &&
+        clock->masked++ == 0)
       clock->first_masked = v.view;
     clock->blank = pags_frame_stats_get(t->render.frame)->binned > 0 ? 0 : clock->blank + 1;
     if (t->options->estimate) {
@@ -286,19 +283,6 @@ static pags_result loop(pags_trainer *t, run_clock *clock) {
 }
 
 /* ---- The end of a run ---- */
-
-/* What all ranks do at the end. The checkpoint is written first, so that nothing trained is lost if writing the scene
- * fails. */
-static pags_result end_together(pags_trainer *t) {
-  pags_train_state *const s = &t->state;
-  pags_tasks_mark(t->tasks, "checkpoint", "write");
-  pags_state_flush(s, t->tasks); /* no step is pending from here on */
-  PAGS_TRY(pags_shards_save_whole(t->output.checkpoint, t->options->transport, s, t->fingerprint));
-  pags_tasks_mark(t->tasks, "scene", "settle");
-  if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that will be resumed doesn't spend time on it */
-    PAGS_TRY(pags_score_pass_finish(t));
-  return pags_share_run_end(t);
-}
 
 /* Writes the results of a run. */
 static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
@@ -379,7 +363,16 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
     return PAGS_OK;
   }
   const bool writes = t->shared.rank == 0;
-  PAGS_TRY(end_together(t));
+
+  /* What all ranks do at the end. The checkpoint is written first, so that nothing trained is lost if writing the scene
+   * fails. */
+  pags_tasks_mark(t->tasks, "checkpoint", "write");
+  pags_state_flush(&t->state, t->tasks); /* no step is pending from here on */
+  PAGS_TRY(pags_shards_save_whole(t->output.checkpoint, t->options->transport, s, t->fingerprint));
+  pags_tasks_mark(t->tasks, "scene", "settle");
+  if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that will be resumed doesn't spend time on it */
+    PAGS_TRY(pags_score_pass_finish(t));
+  PAGS_TRY(pags_share_run_end(t));
   r->peak_rss_bytes = pags_port_peak_memory();
   return writes ? write_end(t, r, &clock) : PAGS_OK;
 }

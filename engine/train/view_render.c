@@ -3,7 +3,6 @@
  * its pending Adam steps (adam.c), evaluates colour over time and draws which Gaussians dropout leaves out. */
 #include "train/view_render.h"
 
-#include "base/memory.h"
 #include "base/vec3.h"
 #include "port/port.h"
 #include "train/dropout.h"

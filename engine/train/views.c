@@ -4,7 +4,6 @@
 #include "train/views.h"
 
 #include "base/bytes.h"
-#include "base/memory.h"
 #include "train/stages.h"
 
 /* Returns a hash of the names, sizes, cameras and roles (training or held out) of all views, of the objects' labelled

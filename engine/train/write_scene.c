@@ -3,11 +3,6 @@
  * the sky. */
 #include "train/output.h"
 
-#include <math.h>
-
-#include <pags/scene.h>
-
-#include "base/memory.h"
 #include "base/text.h"
 #include "base/vec3.h"
 #include "scene/scene_json.h"
@@ -189,17 +184,12 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
   return pags_model_report_write(dataset, state, &scene->notes);
 }
 
-/* Creates the description of the current scene. It must be destroyed on failure, too. */
-static pags_result create(const pags_dataset *dataset, const pags_train_state *state, bool by_degree,
-                          pags_described **out) {
+pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, bool by_degree,
+                                 pags_described **out) {
   *out = calloc(1, sizeof **out);
   PAGS_CHECK_MEMORY(*out, "the description of a scene");
   (*out)->by_degree = by_degree;
   return describe(dataset, state, *out);
-}
-
-pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, pags_described **out) {
-  return create(dataset, state, false, out);
 }
 
 const pags_scene *pags_described_scene(const pags_described *d) {
@@ -208,13 +198,13 @@ const pags_scene *pags_described_scene(const pags_described *d) {
 
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
   PAGS_AUTO(pags_described_destroy_auto) pags_described *d = NULL;
-  PAGS_TRY(create(dataset, state, state->schedule.config.size_limit.sh_error > 0.0, &d));
+  PAGS_TRY(pags_output_describe(dataset, state, state->schedule.config.size_limit.sh_error > 0.0, &d));
   return pags_scene_write(output->folder, &d->scene);
 }
 
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes) {
   PAGS_AUTO(pags_described_destroy_auto) pags_described *d = NULL;
-  PAGS_TRY(create(dataset, state, false, &d));
+  PAGS_TRY(pags_output_describe(dataset, state, false, &d));
   d->scene.dataset = d->scene.colmap = d->scene.image_folder =
       NULL; /* paths must not decide how many Gaussians a run has */
   for (int64_t i = 0; i < d->scene.model_count; i++)
