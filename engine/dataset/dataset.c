@@ -4,7 +4,7 @@
 #include "dataset/internal.h"
 
 #include "dataset/colmap.h"
-#include "dataset/driving/looks.h"
+#include "dataset/driving/check/looks.h"
 #include "dataset/driving/reader.h"
 #include "dataset/owners.h"
 #include "dataset/photo_mask.h"

@@ -12,8 +12,8 @@
  * still. Where a lens sees a circle of the picture, its lower edge is that of the circle in each column. */
 #include "dataset/internal.h"
 
+#include "dataset/driving/check/looks.h"
 #include "dataset/driving/driving_set.h"
-#include "dataset/driving/looks.h"
 #include "dataset/driving/masks.h"
 #include "image/pixels.h"
 

@@ -11,7 +11,7 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
-#include "dataset/driving/checks.h"
+#include "dataset/driving/check/checks.h"
 #include "dataset/driving/masks.h"
 #include "dataset/driving/pictures.h"
 

@@ -64,9 +64,4 @@ pags_result pags_text_pose_read(const char *path, double out[12]);
 /* Whether there is no pose: the file doesn't exist, is empty, or holds numbers that aren't finite, as programs write
  * for the frames of which they know none. */
 bool pags_text_pose_is_missing(const char *path);
-/* Warns of poses that leap: steps between neighbouring time steps that no car makes. */
-pags_result pags_driving_check_motion(pags_driving *driving, const pags_parsed_dataset *parsed);
-/* Warns of boxes that are too far from the cameras to have been seen. */
-void pags_driving_check_places(const pags_driving *driving);
-
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Finds and reads the sweeps lidar/TTT.bin: rows of little-endian float32, three columns of which are the point.
  * Which columns these are depends on the kind of the set (rules.c). */
-#include "dataset/driving/checks.h"
+#include "dataset/driving/check/checks.h"
 #include "dataset/driving/reader.h"
 
 #include "base/bytes.h"

@@ -10,7 +10,7 @@
  * A camera is looked at in all its photographs if these are few, else in pairs of neighbours spread over the recording
  * and in those whose files are as long as another or much shorter than most; in all if one of them is
  * found wanting. */
-#include "dataset/driving/looks.h"
+#include "dataset/driving/check/looks.h"
 
 #include "base/file.h"
 #include "base/log.h"

@@ -6,7 +6,7 @@
  * their standard deviations s_j; read with another, every column mixes all of them and has the standard deviation s of
  * all values. The gain mean_j log(s / s_j) is 0.6 and more for the first and about 0 for the second; multiples of the
  * right number have its gain, and divisors a part of it. */
-#include "dataset/driving/checks.h"
+#include "dataset/driving/check/checks.h"
 #include "dataset/driving/reader.h"
 
 #include "base/bytes.h"

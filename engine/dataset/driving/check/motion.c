@@ -8,8 +8,8 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/vec3.h"
+#include "dataset/driving/check/checks.h"
 #include "dataset/driving/motion.h"
-#include "dataset/driving/reader.h"
 
 #include <pags/camera.h>
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Warns of masks, sweeps, labels and poses that lie in a driving set under names that aren't read: another extension,
  * another number of digits, a number that no photograph has, a folder of another name. */
-#include "dataset/driving/checks.h"
+#include "dataset/driving/check/checks.h"
 
 #include "base/file.h"
 #include "base/log.h"

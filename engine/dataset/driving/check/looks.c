@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Looks at the photographs of an opened driving set (looks.h). */
-#include "dataset/driving/looks.h"
+#include "dataset/driving/check/looks.h"
 
 #include "base/log.h"
 #include "base/memory.h"

@@ -5,7 +5,7 @@
  * that lie in a voxel of the other is measured. It is measured again with the points left where they are, which fits
  * better if they are in the world's frame already, with the inverse poses, and with the points turned about z. Points
  * near the ground don't count, since a road fits a road anywhere. */
-#include "dataset/driving/checks.h"
+#include "dataset/driving/check/checks.h"
 #include "dataset/driving/reader.h"
 
 #include "base/log.h"

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What is looked at in the photographs of an opened driving set, with options.look: each look decodes few of them, and
  * warns with one line a kind of fault. */
-#ifndef PAGS_DATASET_DRIVING_LOOKS_H
-#define PAGS_DATASET_DRIVING_LOOKS_H
+#ifndef PAGS_DATASET_DRIVING_CHECK_LOOKS_H
+#define PAGS_DATASET_DRIVING_CHECK_LOOKS_H
 
 #include "dataset/internal.h"
 
@@ -17,10 +17,10 @@ double pags_view_angle(const pags_dataset *dataset, int64_t a, int64_t b);
 /* Warns of cameras of which most photographs are held out. */
 void pags_held_out_check(const pags_dataset *dataset);
 
-/* Warns of photographs without content and of those that a moving camera repeats (look_photographs.c). */
+/* Warns of photographs without content and of those that a moving camera repeats (photographs.c). */
 pags_result pags_look_at_photographs(const pags_dataset *dataset);
 
-/* Warns if the photographs fit the poses of their cameras mirrored (look_mirrored.c). */
+/* Warns if the photographs fit the poses of their cameras mirrored (mirrored.c). */
 pags_result pags_look_for_mirror(const pags_dataset *dataset);
 
 #endif

@@ -4,8 +4,8 @@
  *
  * One picture of each kind is decoded, that of the middle of the set, from the top as far as is needed; only where it
  * is empty or looks wrong, up to seven more are, spread over the set. */
-#include "dataset/driving/checks.h"
 #include "dataset/driving/masks.h"
+#include "dataset/driving/check/checks.h"
 
 #include "base/file.h"
 #include "base/log.h"

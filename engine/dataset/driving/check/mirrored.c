@@ -9,7 +9,7 @@
  * aside. For patches rich in contrast the best correlation on a line is taken; the mean over a pair of photographs is
  * 0.02 to 0.2 larger for the right motion in the recordings tried, and hardly ever smaller. The warning wants three
  * pairs in which the mirrored motion is better by 0.03, four times as many as the opposite, and 0.015 in the mean. */
-#include "dataset/driving/looks.h"
+#include "dataset/driving/check/looks.h"
 
 #include "base/log.h"
 #include "base/memory.h"

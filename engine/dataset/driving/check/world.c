@@ -4,7 +4,7 @@
  * Roads rise by 20 degrees at most, and cameras look down by little more; but the means over a recording of the car's
  * and of its cameras' upward directions are both as far off only if the world's axes are others: y up, as in Unity and
  * in OpenGL, z down, as in aviation (NED), or earth-fixed (ECEF), where up points away from the centre of the earth. */
-#include "dataset/driving/checks.h"
+#include "dataset/driving/check/checks.h"
 
 #include "base/log.h"
 #include "base/vec3.h"

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Compares calibration, poses and photographs of a driving set: one size a camera, a principal point near the middle,
  * a focal length in pixels, cameras that stand upright. */
-#include "dataset/driving/checks.h"
+#include "dataset/driving/check/checks.h"
 
 #include "base/file.h"
 #include "base/log.h"
