@@ -35,18 +35,6 @@ static const float *at_tile(const float *plane, int64_t at) {
   return plane ? plane + at : NULL;
 }
 
-/* The tile's part of the depth gradient, NULL where all of its pixels have 0. Depth gradients are sparse, since they
- * come from LiDAR points; tiles without any take the faster kernel without depth, which gives the same bits. */
-static const float *tile_gradient(const pags_frame *f, const float *plane, int64_t at) {
-  if (!plane)
-    return NULL;
-  for (int y = 0; y < PAGS_TILE; y++)
-    for (int x = 0; x < PAGS_TILE; x++)
-      if (plane[at + (int64_t)y * f->stride + x] != 0.0f)
-        return plane + at;
-  return NULL;
-}
-
 /* Block function: the backward pass of the rasteriser over tiles [begin, end). */
 static void tiles_backward(void *context, int64_t begin, int64_t end, int worker) {
   const backward_context *const c = context;
@@ -57,8 +45,13 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
     pags_raster_back in = {.tile = frame_drawn_tile(f, tile, c->written),
                            .transmittance = frame_plane(f, PLANE_T) + at,
                            .depth_sum = frame_plane(f, PLANE_DEPTH_SUM) + at,
-                           .transmittance_gradient = at_tile(c->gradient->transmittance, at),
-                           .depth_gradient = tile_gradient(f, c->gradient->depth_sum, at)};
+                           .transmittance_gradient = at_tile(c->gradient->transmittance, at)};
+    /* Depth gradients are sparse, since they come from LiDAR points; tiles whose pixels all have 0 take the faster
+     * kernel without depth, which gives the same bits. */
+    const float *const depth = at_tile(c->gradient->depth_sum, at);
+    for (int i = 0; depth && i < PAGS_TILE_PIXELS && !in.depth_gradient; i++)
+      if (depth[(int64_t)(i / PAGS_TILE) * f->stride + i % PAGS_TILE] != 0.0f)
+        in.depth_gradient = depth;
     for (int k = 0; k < 3; k++)
       in.rgb_gradient[k] = c->gradient->rgb[k] + at;
     if (tile + 1 < end) { /* the worker's next tile, which the kernel prefetches */

@@ -34,20 +34,6 @@ typedef enum cull_result { CULLED_NEAR, CULLED_BEYOND, NOT_CULLED } cull_result;
 
 /* ---- Forward ---- */
 
-static void find_rotation(const float *data, int64_t stride, lens_projection *s) {
-  double norm2 = 0;
-  for (int k = 0; k < 4; k++) {
-    s->quaternion[k] = (double)data[(PAGS_ROTATION + k) * stride];
-    norm2 += s->quaternion[k] * s->quaternion[k];
-  }
-  const bool none = norm2 <= 0;
-  const double inverse = none ? 0 : 1 / sqrt(norm2);
-  s->inverse_norm = fmin(inverse, 1e15); /* as in simd/projection.h */
-  for (int k = 0; k < 4; k++)
-    s->quaternion[k] = none ? (k == 0 ? 1 : 0) : s->quaternion[k] * inverse;
-  pags_rotation_from_quaternion(s->quaternion, s->rotation);
-}
-
 /* Computes the mean in camera space and in pixels, and J. */
 static cull_result find_mean(const struct frame_lens *l, const pags_projection *v, const float *data, int64_t stride,
                              lens_projection *s) {
@@ -82,7 +68,17 @@ static cull_result project_row(const struct frame_lens *l, const pags_projection
   const cull_result culled = find_mean(l, v, data, stride, s);
   if (culled != NOT_CULLED)
     return culled;
-  find_rotation(data, stride, s);
+  double norm2 = 0;
+  for (int k = 0; k < 4; k++) {
+    s->quaternion[k] = (double)data[(PAGS_ROTATION + k) * stride];
+    norm2 += s->quaternion[k] * s->quaternion[k];
+  }
+  const bool none = norm2 <= 0;
+  const double inverse = none ? 0 : 1 / sqrt(norm2);
+  s->inverse_norm = fmin(inverse, 1e15); /* as in simd/projection.h */
+  for (int k = 0; k < 4; k++)
+    s->quaternion[k] = none ? (k == 0 ? 1 : 0) : s->quaternion[k] * inverse;
+  pags_rotation_from_quaternion(s->quaternion, s->rotation);
   for (int i = 0; i < 2; i++)
     for (int k = 0; k < 3; k++)
       s->t[3 * i + k] =

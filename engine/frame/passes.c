@@ -54,36 +54,34 @@ typedef struct pass_context {
 
 /* ---- Normals of Gaussians ---- */
 
-/* The normal of row `i` in world axes, facing the camera. It is taken to the world by the transpose of the inverse of
- * the part's pose, by which a disc's normal stays one where the pose stretches. */
-static void normal_of(const double model_from_world[12], const pags_projection *view, const float *rows, int64_t stride,
-                      int i, float out[3]) {
-  double n[3], mapped[3], away = 0.0;
-  pags_gaussian_normal(rows, stride, i, n);
-  for (int k = 0; k < 3; k++) {
-    away += n[k] * ((double)rows[(PAGS_MEAN + k) * stride + i] - (double)view->eye[k]);
-    mapped[k] = model_from_world[k] * n[0] + model_from_world[4 + k] * n[1] + model_from_world[8 + k] * n[2];
-  }
-  const double length = pags_length3(mapped);
-  for (int k = 0; k < 3; k++)
-    out[k] = (float)((away > 0.0 ? -1.0 : 1.0) * mapped[k] / length);
-}
-
-/* Block function: the normals of the drawn Gaussians of clusters [begin, end). */
+/* Block function: the normals of the drawn Gaussians of clusters [begin, end) in world axes, facing the camera. They
+ * are taken to the world by the transpose of the inverse of the part's pose, by which a disc's normal stays one where
+ * the pose stretches. */
 static void find_normals(void *context, int64_t begin, int64_t end, int worker) {
   const pass_context *const c = context;
   const pags_frame *const f = c->frame;
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const v = f->clusters + i;
+    const float *const eye = f->projections[v->part].eye;
     row_scratch scratch;
     int64_t stride;
     const float *const rows = pags_frame_geometry(f->parts + v->part, v, &scratch, &stride);
-    double model_from_world[12];
-    pags_affine_inverse(f->parts[v->part].world_from_model, model_from_world);
-    for (int k = 0; k < v->count; k++)
-      if (f->keys[v->base + k] != UINT32_MAX)
-        normal_of(model_from_world, f->projections + v->part, rows, stride, k, c->normals + 3 * (v->base + k));
+    double m[12]; /* model from world */
+    pags_affine_inverse(f->parts[v->part].world_from_model, m);
+    for (int row = 0; row < v->count; row++) {
+      if (f->keys[v->base + row] == UINT32_MAX)
+        continue;
+      double n[3], mapped[3], away = 0.0;
+      pags_gaussian_normal(rows, stride, row, n);
+      for (int k = 0; k < 3; k++) {
+        away += n[k] * ((double)rows[(PAGS_MEAN + k) * stride + row] - (double)eye[k]);
+        mapped[k] = m[k] * n[0] + m[4 + k] * n[1] + m[8 + k] * n[2];
+      }
+      const double length = pags_length3(mapped);
+      for (int k = 0; k < 3; k++)
+        c->normals[3 * (v->base + row) + k] = (float)((away > 0.0 ? -1.0 : 1.0) * mapped[k] / length);
+    }
   }
 }
 

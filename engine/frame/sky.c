@@ -278,53 +278,51 @@ static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
   return tile;
 }
 
-/* Adds up the gradient of run `index` over all tiles that see it, and calls the receiver if any does. */
-static void add_run(const sky_context *c, int64_t index, int worker) {
+/* Block function: adds up the gradient of each run over all tiles that see it, and calls the receiver if any does. */
+static void add_runs(void *context, int64_t begin, int64_t end, int worker) {
+  const sky_context *const c = context;
   const pags_frame *const f = c->frame;
   const float *const planes[] = {frame_plane(f, PLANE_T), c->gradient->rgb[0], c->gradient->rgb[1],
                                  c->gradient->rgb[2]};
   const int64_t tiles = (int64_t)f->tiles_x * f->tiles_y, texels = (int64_t)1 << c->run_bits;
-  const texel_run run = {(int32_t)(index * texels), (int32_t)((index + 1) * texels), f->rays.size,
-                         c->runs + 3 * texels * worker, c->seen + texels / PAGS_SKY_BLOCK * worker};
-  int64_t tile = next_tile(c, 0, index);
-  if (tile == tiles)
-    return;
-  memset(run.seen, 0, (size_t)(texels / PAGS_SKY_BLOCK));
-  for (int64_t next; tile < tiles; tile = next) {
-    next = next_tile(c, tile + 1, index);
-    /* Prefetches the rows of its planes. They lie a picture's width apart, too far for the hardware prefetcher. */
-    for (int y = 0; y < PAGS_TILE && next < tiles; y++)
-      for (int k = 0; k < 4; k++)
-        __builtin_prefetch(planes[k] + frame_tile_offset(f, next) + y * f->stride);
+  for (int64_t index = begin; index < end; index++) {
+    const texel_run run = {(int32_t)(index * texels), (int32_t)((index + 1) * texels), f->rays.size,
+                           c->runs + 3 * texels * worker, c->seen + texels / PAGS_SKY_BLOCK * worker};
+    int64_t tile = next_tile(c, 0, index);
+    if (tile == tiles)
+      continue;
+    memset(run.seen, 0, (size_t)(texels / PAGS_SKY_BLOCK));
+    for (int64_t next; tile < tiles; tile = next) {
+      next = next_tile(c, tile + 1, index);
+      /* Prefetches the rows of its planes. They lie a picture's width apart, too far for the hardware prefetcher. */
+      for (int y = 0; y < PAGS_TILE && next < tiles; y++)
+        for (int k = 0; k < 4; k++)
+          __builtin_prefetch(planes[k] + frame_tile_offset(f, next) + y * f->stride);
 
-    /* Adds the tile's pixels, without rows at its top and bottom that show no sky. */
-    const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), width = f->camera.width - x0,
-              height = f->camera.height - y0;
-    pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
-    tile_terms terms;
-    float *const weight[4] = {terms.weight[0], terms.weight[1], terms.weight[2], terms.weight[3]};
-    find_cells(f, tile, 1, terms.row, terms.column, weight);
-    for (int y = 0; y < box.y1; y++) {
-      const int64_t at = (int64_t)(y0 + y) * f->stride + x0;
-      terms.shows[y] = row_shows(frame_plane(f, PLANE_T) + at, c->gradient->sky_cut);
-      if (terms.shows[y])
-        find_colours(c, at, terms.colour + y * PAGS_TILE);
+      /* Adds the tile's pixels, without rows at its top and bottom that show no sky. */
+      const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), width = f->camera.width - x0,
+                height = f->camera.height - y0;
+      pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
+      tile_terms terms;
+      float *const weight[4] = {terms.weight[0], terms.weight[1], terms.weight[2], terms.weight[3]};
+      find_cells(f, tile, 1, terms.row, terms.column, weight);
+      for (int y = 0; y < box.y1; y++) {
+        const int64_t at = (int64_t)(y0 + y) * f->stride + x0;
+        terms.shows[y] = row_shows(frame_plane(f, PLANE_T) + at, c->gradient->sky_cut);
+        if (terms.shows[y])
+          find_colours(c, at, terms.colour + y * PAGS_TILE);
+      }
+      while (box.y0 < box.y1 && !terms.shows[box.y0])
+        box.y0++;
+      while (box.y0 < box.y1 && !terms.shows[box.y1 - 1])
+        box.y1--;
+      if (box.y0 < box.y1)
+        add_pixels(&run, &terms, &box);
     }
-    while (box.y0 < box.y1 && !terms.shows[box.y0])
-      box.y0++;
-    while (box.y0 < box.y1 && !terms.shows[box.y1 - 1])
-      box.y1--;
-    if (box.y0 < box.y1)
-      add_pixels(&run, &terms, &box);
+    const pags_sky_gradient out = {
+        .first = run.first, .blocks = texels / PAGS_SKY_BLOCK, .seen = run.seen, .data = run.gradient};
+    c->gradient->sky(c->gradient->sky_user, &out, worker);
   }
-  const pags_sky_gradient out = {
-      .first = run.first, .blocks = texels / PAGS_SKY_BLOCK, .seen = run.seen, .data = run.gradient};
-  c->gradient->sky(c->gradient->sky_user, &out, worker);
-}
-
-static void add_runs(void *context, int64_t begin, int64_t end, int worker) {
-  for (int64_t run = begin; run < end; run++)
-    add_run(context, run, worker);
 }
 
 pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradient *gradient) {

@@ -74,37 +74,37 @@ typedef struct sort_context {
   int64_t stretch;    /* length of the longest list; 0: buffers per tile */
 } sort_context;
 
-/* Sorts a run of items of equal depth by id, with Shell sort: most runs are short, and a long one (a wall that faces
- * the camera) still takes only about n^1.3 steps. `entries`: what the items are the indices of; NULL: of splats. */
-static void order_run(const pags_frame *frame, const pags_entry *entries, depth_key *run, int64_t count) {
-  int64_t gap = 1;
-  while (gap < count / 9)
-    gap = 3 * gap + 1;
-#define ID_OF(item) (frame->splats[entries ? entries[(item).splat].splat : (item).splat].id)
-  for (; gap > 0; gap /= 3)
-    for (int64_t i = gap; i < count; i++) {
-      const depth_key moving = run[i];
-      const int32_t id = ID_OF(moving);
-      int64_t k = i;
-      for (; k >= gap && ID_OF(run[k - gap]) > id; k -= gap)
-        run[k] = run[k - gap];
-      run[k] = moving;
-    }
-#undef ID_OF
-}
-
-/* Sorts items by (depth, id); returns `keys` or `spare`, whichever holds the result. */
+/* Sorts items by (depth, id); returns `keys` or `spare`, whichever holds the result. `entries`: what the items are the
+ * indices of; NULL: of splats. */
 static depth_key *sort_items(const pags_frame *f, const pags_entry *entries, depth_key *keys, depth_key *spare,
                              int64_t count) {
   depth_key *const order = pags_frame_sort_keys(keys, spare, count);
-  if (!f->ids_ascend || f->full) /* the dense order of slabs isn't that of the ids */
-    /* Equal depths are ordered by id. Where ids ascend in memory order, the stable sort has done so already. */
-    for (int64_t begin = 0, end = 1; end <= count; end++)
-      if (end == count || order[end].key != order[begin].key) {
-        if (end - begin > 1)
-          order_run(f, entries, order + begin, end - begin);
-        begin = end;
+  /* Equal depths are ordered by id. Where ids ascend in memory order, the stable sort has done so already, but the
+   * dense order of slabs isn't that of the ids. */
+  if (f->ids_ascend && !f->full)
+    return order;
+#define ID_OF(item) (f->splats[entries ? entries[(item).splat].splat : (item).splat].id)
+  for (int64_t begin = 0, end = 1; end <= count; end++) {
+    if (end < count && order[end].key == order[begin].key)
+      continue;
+    /* Shell sort: most runs are short, and a long one (a wall that faces the camera) still takes only about n^1.3
+     * steps. */
+    depth_key *const run = order + begin;
+    int64_t gap = end - begin > 1;
+    while (gap < (end - begin) / 9)
+      gap = 3 * gap + 1;
+    for (; gap > 0; gap /= 3)
+      for (int64_t i = gap; i < end - begin; i++) {
+        const depth_key moving = run[i];
+        const int32_t id = ID_OF(moving);
+        int64_t k = i;
+        for (; k >= gap && ID_OF(run[k - gap]) > id; k -= gap)
+          run[k] = run[k - gap];
+        run[k] = moving;
       }
+    begin = end;
+  }
+#undef ID_OF
   return order;
 }
 
