@@ -81,6 +81,12 @@ static void set_errno(void) {
   }
 }
 
+/* Sets errno by Windows's last error; returns false. */
+static bool fail(void) {
+  set_errno();
+  return false;
+}
+
 /* ---- What lies at a path ---- */
 
 static void describe(DWORD attributes, uint64_t size, bool link, pags_port_status *out) {
@@ -91,6 +97,22 @@ static void describe(DWORD attributes, uint64_t size, bool link, pags_port_statu
                                                       : PAGS_PORT_FILE,
       .size = size,
       .mode = attributes & FILE_ATTRIBUTE_READONLY && !(attributes & FILE_ATTRIBUTE_DIRECTORY) ? 0444 : 0666};
+}
+
+/* Describes an open file; false, with Windows's error, if that isn't one. */
+static bool describe_open(HANDLE file, pags_port_status *out) {
+  BY_HANDLE_FILE_INFORMATION info;
+  if (file == INVALID_HANDLE_VALUE || !GetFileInformationByHandle(file, &info))
+    return false;
+  describe(info.dwFileAttributes & ~(DWORD)FILE_ATTRIBUTE_REPARSE_POINT,
+           (uint64_t)info.nFileSizeHigh << 32 | info.nFileSizeLow, false, out);
+  return true;
+}
+
+/* Opens what lies at the end of a path's links, for its attributes and its name only. */
+static HANDLE open_to_look(const wchar_t *path) {
+  return CreateFileW(path, 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL, OPEN_EXISTING,
+                     FILE_FLAG_BACKUP_SEMANTICS, NULL);
 }
 
 /* Names like NUL and CON are devices in every folder. */
@@ -107,76 +129,49 @@ bool pags_port_stat(const char *path, bool follow, pags_port_status *status) {
     describe(FILE_ATTRIBUTE_DEVICE, 0, false, status);
     return true;
   }
-  wchar_t *wide = path_of(path);
+  AUTO_WIDE *wide = path_of(path);
+  WIN32_FILE_ATTRIBUTE_DATA data;
   if (!wide)
     return false;
-  WIN32_FILE_ATTRIBUTE_DATA data;
-  bool found = GetFileAttributesExW(wide, GetFileExInfoStandard, &data) != 0;
-  const bool link = found && data.dwFileAttributes & FILE_ATTRIBUTE_REPARSE_POINT;
-  if (found && (!link || !follow)) {
-    describe(data.dwFileAttributes, (uint64_t)data.nFileSizeHigh << 32 | data.nFileSizeLow, link, status);
-  } else if (found) {
-    const HANDLE file = CreateFileW(wide, 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
-                                    OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL);
-    BY_HANDLE_FILE_INFORMATION info;
-    found = file != INVALID_HANDLE_VALUE && GetFileInformationByHandle(file, &info) != 0;
-    if (found)
-      describe(info.dwFileAttributes & ~(DWORD)FILE_ATTRIBUTE_REPARSE_POINT,
-               (uint64_t)info.nFileSizeHigh << 32 | info.nFileSizeLow, false, status);
-    else
-      set_errno();
-    if (file != INVALID_HANDLE_VALUE)
-      CloseHandle(file);
-  } else {
-    set_errno();
+  if (!GetFileAttributesExW(wide, GetFileExInfoStandard, &data))
+    return fail();
+  const bool link = data.dwFileAttributes & FILE_ATTRIBUTE_REPARSE_POINT;
+  if (link && follow) {
+    AUTO_HANDLE file = open_to_look(wide);
+    return describe_open(file, status) || fail();
   }
-  free(wide);
-  return found;
+  describe(data.dwFileAttributes, (uint64_t)data.nFileSizeHigh << 32 | data.nFileSizeLow, link, status);
+  return true;
 }
 
 bool pags_port_stream_stat(FILE *stream, pags_port_status *status) {
   const HANDLE file = (HANDLE)_get_osfhandle(_fileno(stream));
-  BY_HANDLE_FILE_INFORMATION info;
-  if (GetFileType(file) != FILE_TYPE_DISK) {
-    describe(FILE_ATTRIBUTE_DEVICE, 0, false, status);
-    return true;
-  }
-  if (!GetFileInformationByHandle(file, &info)) {
-    set_errno();
-    return false;
-  }
-  describe(info.dwFileAttributes & ~(DWORD)FILE_ATTRIBUTE_REPARSE_POINT,
-           (uint64_t)info.nFileSizeHigh << 32 | info.nFileSizeLow, false, status);
+  if (GetFileType(file) == FILE_TYPE_DISK)
+    return describe_open(file, status) || fail();
+  describe(FILE_ATTRIBUTE_DEVICE, 0, false, status);
   return true;
 }
 
 bool pags_port_may_write(const char *path) {
-  wchar_t *wide = path_of(path);
-  const bool allowed = wide && _waccess(wide, 2) == 0;
-  free(wide);
-  return allowed;
+  AUTO_WIDE *wide = path_of(path);
+  return wide && _waccess(wide, 2) == 0;
 }
 
 char *pags_port_real_path(const char *path) {
-  wchar_t *wide = path_of(path), *full = NULL;
-  char *narrow = NULL;
-  const HANDLE file = wide ? CreateFileW(wide, 0, FILE_SHARE_READ | FILE_SHARE_WRITE | FILE_SHARE_DELETE, NULL,
-                                         OPEN_EXISTING, FILE_FLAG_BACKUP_SEMANTICS, NULL)
-                           : INVALID_HANDLE_VALUE;
+  AUTO_WIDE *wide = path_of(path);
+  AUTO_HANDLE file = wide ? open_to_look(wide) : INVALID_HANDLE_VALUE;
   const DWORD size = file != INVALID_HANDLE_VALUE ? GetFinalPathNameByHandleW(file, NULL, 0, 0) : 0;
-  if (size && (full = malloc((size + 1) * sizeof *full)) && GetFinalPathNameByHandleW(file, full, size + 1, 0)) {
-    /* Without "\\?\" where the rest is a drive's path; '/' separates, as everywhere here. */
-    narrow = pags_port_narrow(wcsncmp(full, L"\\\\?\\", 4) == 0 && full[4] && full[5] == L':' ? full + 4 : full);
-    for (char *at = narrow; at && *at && *narrow != '\\'; at++)
-      if (*at == '\\')
-        *at = '/';
-  } else if (wide) {
-    set_errno();
+  AUTO_WIDE *full = size ? malloc((size + 1) * sizeof *full) : NULL;
+  if (!full || !GetFinalPathNameByHandleW(file, full, size + 1, 0)) {
+    if (wide)
+      set_errno();
+    return NULL;
   }
-  if (file != INVALID_HANDLE_VALUE)
-    CloseHandle(file);
-  free(full);
-  free(wide);
+  /* Without "\\?\" where the rest is a drive's path; '/' separates, as everywhere here. */
+  char *narrow = pags_port_narrow(wcsncmp(full, L"\\\\?\\", 4) == 0 && full[4] && full[5] == L':' ? full + 4 : full);
+  for (char *at = narrow; at && *at && *narrow != '\\'; at++)
+    if (*at == '\\')
+      *at = '/';
   return narrow;
 }
 
@@ -187,23 +182,20 @@ char *pags_port_read_link(const char *path) {
 /* ---- Streams ---- */
 
 FILE *pags_port_open(const char *path, const char *mode) {
-  wchar_t *wide = path_of(path), *wide_mode = pags_port_wide(mode);
+  AUTO_WIDE *wide = path_of(path), *wide_mode = pags_port_wide(mode);
   FILE *stream = wide && wide_mode ? _wfopen(wide, wide_mode) : NULL;
   if (!stream && wide && errno == EACCES) {
     const DWORD attributes = GetFileAttributesW(wide);
     errno = attributes != INVALID_FILE_ATTRIBUTES && attributes & FILE_ATTRIBUTE_DIRECTORY ? EISDIR : EACCES;
   }
-  free(wide);
-  free(wide_mode);
   return stream;
 }
 
 FILE *pags_port_open_part(const char *path) {
-  wchar_t *wide = path_of(path);
+  AUTO_WIDE *wide = path_of(path);
   FILE *stream = wide ? _wfsopen(wide, L"wb", _SH_DENYWR) : NULL;
   if (!stream && wide && GetLastError() == ERROR_SHARING_VIOLATION)
     errno = EBUSY;
-  free(wide);
   return stream;
 }
 
@@ -235,31 +227,26 @@ bool pags_port_is_writable(FILE *stream) {
 /* ---- Names ---- */
 
 bool pags_port_rename(const char *from, const char *to) {
-  wchar_t *old_name = path_of(from), *new_name = path_of(to);
-  bool done = false;
+  AUTO_WIDE *old_name = path_of(from), *new_name = path_of(to);
+  if (!old_name || !new_name)
+    return false;
   /* A program that looks at the file for a moment (a virus scanner, an indexer) makes the first tries fail. */
-  for (int i = 0; old_name && new_name && !done && i < 20; i++) {
-    done = MoveFileExW(old_name, new_name, MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH) != 0;
-    if (done || (GetLastError() != ERROR_ACCESS_DENIED && GetLastError() != ERROR_SHARING_VIOLATION))
+  for (int i = 0; i < 20; i++) {
+    if (MoveFileExW(old_name, new_name, MOVEFILE_REPLACE_EXISTING | MOVEFILE_WRITE_THROUGH))
+      return true;
+    const DWORD error = GetLastError();
+    if (error != ERROR_ACCESS_DENIED && error != ERROR_SHARING_VIOLATION)
       break;
     Sleep(10);
   }
-  if (!done && old_name && new_name)
-    set_errno();
-  free(old_name);
-  free(new_name);
-  return done;
+  return fail();
 }
 
 typedef BOOL(WINAPI *name_fn)(LPCWSTR path);
 
 static bool call(name_fn fn, const char *path) {
-  wchar_t *wide = path_of(path);
-  const bool done = wide && fn(wide);
-  if (wide && !done)
-    set_errno();
-  free(wide);
-  return done;
+  AUTO_WIDE *wide = path_of(path);
+  return wide && (fn(wide) || fail());
 }
 
 static BOOL WINAPI make_folder(LPCWSTR path) {
@@ -284,12 +271,11 @@ bool pags_port_try_file(char *pattern) {
   for (uint64_t i = 0, seed = GetTickCount64() ^ (uint64_t)GetCurrentProcessId() << 20; i < 100; i++) {
     for (int k = 0; k < 6; k++)
       end[k] = letters[(seed + i * 2654435761u) >> (5 * k) & 31];
-    wchar_t *wide = path_of(pattern);
+    AUTO_WIDE *wide = path_of(pattern);
     const HANDLE file = wide ? CreateFileW(wide, GENERIC_WRITE, 0, NULL, CREATE_NEW, FILE_FLAG_DELETE_ON_CLOSE, NULL)
                              : INVALID_HANDLE_VALUE;
     if (file == INVALID_HANDLE_VALUE && wide)
       set_errno();
-    free(wide);
     if (file != INVALID_HANDLE_VALUE)
       return CloseHandle(file) != 0;
     if (errno != EEXIST)
@@ -313,14 +299,13 @@ pags_port_folder *pags_port_folder_open(const char *path) {
     memcpy(pattern, path, length);
     memcpy(pattern + length, "/*", 3);
   }
-  wchar_t *wide = pattern ? path_of(pattern) : NULL;
+  AUTO_WIDE *wide = pattern ? path_of(pattern) : NULL;
   if (!pattern)
     errno = ENOMEM;
   free(pattern);
   if (wide) {
     folder->find = FindFirstFileW(wide, &folder->entry);
     folder->first = true;
-    free(wide);
     if (folder->find != INVALID_HANDLE_VALUE)
       return folder;
     set_errno();
@@ -365,19 +350,16 @@ static HANDLE open_lock(const wchar_t *path, bool read_only) {
 
 static void read_text(const wchar_t *path, char *text, size_t size) {
   DWORD got = 0;
-  const HANDLE file = open_lock(path, true);
+  AUTO_HANDLE file = open_lock(path, true);
   text[0] = '\0';
-  if (file == INVALID_HANDLE_VALUE)
-    return;
-  if (ReadFile(file, text, (DWORD)size - 1, &got, NULL))
+  if (file != INVALID_HANDLE_VALUE && ReadFile(file, text, (DWORD)size - 1, &got, NULL))
     text[got] = '\0';
-  CloseHandle(file);
 }
 
 pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size) {
   enum { TRIES = 5, TRIES_WITHOUT_HOLDER = 100 }; /* a holder may not have written its name yet */
   holder[0] = '\0';
-  wchar_t *wide = path_of(path);
+  AUTO_WIDE *wide = path_of(path);
   pags_port_lock_state state = PAGS_PORT_LOCK_FAILS;
   for (int i = 0; wide && i < (holder[0] ? TRIES : TRIES_WITHOUT_HOLDER); i++) {
     const HANDLE file = open_lock(wide, false);
@@ -387,8 +369,7 @@ pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t
       WriteFile(file, text, (DWORD)strlen(text), &written, NULL); /* on a full disk the lock holds without its text */
       FlushFileBuffers(file);
       *lock = (intptr_t)file;
-      state = PAGS_PORT_LOCKED;
-      break;
+      return PAGS_PORT_LOCKED;
     }
     const DWORD error = GetLastError();
     /* A file that is being deleted answers that access is denied, and so does a folder that can't be written to. */
@@ -402,7 +383,6 @@ pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t
     set_errno();
     Sleep(20);
   }
-  free(wide);
   return state;
 }
 
@@ -412,7 +392,7 @@ void pags_port_unlock(const char *path, intptr_t lock) {
 }
 
 bool pags_port_is_locked(const char *path, char *holder, size_t size) {
-  wchar_t *wide = path_of(path);
+  AUTO_WIDE *wide = path_of(path);
   if (!wide)
     return false;
   /* A successful exclusive open shows that no process holds the lock. */
@@ -422,32 +402,25 @@ bool pags_port_is_locked(const char *path, char *holder, size_t size) {
   if (file != INVALID_HANDLE_VALUE)
     CloseHandle(file);
   read_text(wide, holder, size);
-  free(wide);
   return held;
 }
 
 /* ---- Mapping ---- */
 
 bool pags_port_map(const char *path, uint64_t size, uint8_t **bytes) {
-  wchar_t *wide = path_of(path);
+  AUTO_WIDE *wide = path_of(path);
   *bytes = NULL;
-  const HANDLE file = wide ? CreateFileW(wide, GENERIC_READ, FILE_SHARE_READ | FILE_SHARE_DELETE, NULL, OPEN_EXISTING,
-                                         FILE_ATTRIBUTE_NORMAL, NULL)
-                           : INVALID_HANDLE_VALUE;
-  const HANDLE mapping =
+  if (!wide)
+    return false;
+  AUTO_HANDLE file = CreateFileW(wide, GENERIC_READ, FILE_SHARE_READ | FILE_SHARE_DELETE, NULL, OPEN_EXISTING,
+                                 FILE_ATTRIBUTE_NORMAL, NULL);
+  AUTO_HANDLE mapping =
       file != INVALID_HANDLE_VALUE
           ? CreateFileMappingW(file, NULL, PAGE_WRITECOPY, (DWORD)(size >> 32), (DWORD)(size & 0xffffffffu), NULL)
           : NULL;
   if (mapping)
-    *bytes = MapViewOfFile(mapping, FILE_MAP_COPY, 0, 0, (SIZE_T)size);
-  if (!*bytes && wide)
-    set_errno();
-  if (mapping)
-    CloseHandle(mapping); /* the view keeps both */
-  if (file != INVALID_HANDLE_VALUE)
-    CloseHandle(file);
-  free(wide);
-  return *bytes != NULL;
+    *bytes = MapViewOfFile(mapping, FILE_MAP_COPY, 0, 0, (SIZE_T)size); /* the view keeps both */
+  return *bytes || fail();
 }
 
 void pags_port_unmap(uint8_t *bytes, uint64_t size) {

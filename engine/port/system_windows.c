@@ -176,7 +176,7 @@ void pags_port_begin_program(int *argc, char ***argv) {
 
 bool pags_port_program_folder(char *path, size_t size) {
   enum { LONGEST = 32768 }; /* characters of a path */
-  wchar_t *wide = malloc(LONGEST * sizeof *wide);
+  AUTO_WIDE *wide = malloc(LONGEST * sizeof *wide);
   const DWORD length = wide ? GetModuleFileNameW(NULL, wide, LONGEST) : 0;
   char *const narrow = length > 0 && length < LONGEST ? pags_port_narrow(wide) : NULL;
   char *const slash = narrow ? strrchr(narrow, '\\') : NULL;
@@ -186,7 +186,6 @@ bool pags_port_program_folder(char *path, size_t size) {
     path[slash - narrow] = '\0';
   }
   free(narrow);
-  free(wide);
   return fits;
 }
 

@@ -8,9 +8,22 @@
 #ifndef _WIN32_WINNT
 #define _WIN32_WINNT 0x0A00 /* Windows 10 */
 #endif
+#include <stdlib.h>
 #include <windows.h>
 
 #include "port/port.h"
+
+/* In declarations: the text is freed, the handle closed, where the scope ends. */
+#define AUTO_WIDE __attribute__((cleanup(free_wide))) wchar_t
+#define AUTO_HANDLE __attribute__((cleanup(close_handle))) HANDLE
+
+static inline void free_wide(wchar_t **text) {
+  free(*text);
+}
+static inline void close_handle(HANDLE *handle) {
+  if (*handle && *handle != INVALID_HANDLE_VALUE)
+    CloseHandle(*handle);
+}
 
 /* Freed by the caller; NULL with errno. */
 wchar_t *pags_port_wide(const char *text);
