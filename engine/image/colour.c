@@ -155,30 +155,33 @@ static void finish(pags_colour *out, const double d50_from[9], const char *name)
   out->kind = find_change(out) < as_srgb ? PAGS_COLOUR_SRGB : PAGS_COLOUR_OTHER;
 }
 
+static void finish_primaries(pags_colour *out, const double xy[8], const char *name) {
+  double d50[9];
+  if (d50_from_primaries(xy, d50))
+    finish(out, d50, name);
+  else
+    pags_colour_set_unknown(out, "primaries that are none");
+}
+
 void pags_colour_set_gamma(pags_colour *out, double gamma, const double xy[8], const char *name) {
   const double usual = 2.2;
   char numbers[PAGS_IMAGE_NAME];
-  double d50[9];
   memset(out, 0, sizeof *out);
   if (gamma == 0)
     snprintf(numbers, sizeof numbers, "primaries of its own");
   else
     snprintf(numbers, sizeof numbers, "gamma %.3g%s%s", gamma, gamma == 1 ? ", linear light" : "",
              xy ? ", primaries of its own" : "");
-  if (!d50_from_primaries(xy ? xy : bt709, d50)) {
-    pags_colour_set_unknown(out, "primaries that are none");
-    return;
-  }
   /* A gamma of 2.2 with the primaries of sRGB means sRGB: programs that write sRGB state it for those that know no
    * other way. */
   if (gamma == 0 || fabs(gamma / usual - 1) < 0.02) {
     set_curves(out, CURVE_SRGB, 0);
-    finish(out, d50, name ? name : numbers);
+    finish_primaries(out, xy ? xy : bt709, name ? name : numbers);
     if (gamma == 0 || out->kind == PAGS_COLOUR_SRGB)
       return;
   }
   set_curves(out, CURVE_GAMMA, gamma);
-  finish(out, d50, name ? name : numbers);
+  finish_primaries(out, xy ? xy : bt709, name ? name : numbers);
 }
 
 void pags_colour_set_adobe_rgb(pags_colour *out) {
@@ -186,14 +189,9 @@ void pags_colour_set_adobe_rgb(pags_colour *out) {
 }
 
 void pags_colour_set_primaries(pags_colour *out, const double xy[8]) {
-  double d50[9];
   memset(out, 0, sizeof *out);
-  if (!d50_from_primaries(xy, d50)) {
-    pags_colour_set_unknown(out, "primaries that are none");
-    return;
-  }
   set_curves(out, CURVE_SRGB, 0); /* compares the primaries; light isn't encoded */
-  finish(out, d50, "linear light of primaries of its own");
+  finish_primaries(out, xy, "linear light of primaries of its own");
 }
 
 void pags_colour_set_cicp(pags_colour *out, int primaries, int transfer, bool full_range) {
@@ -210,7 +208,6 @@ void pags_colour_set_cicp(pags_colour *out, int primaries, int transfer, bool fu
                {11, "DCI P3", {0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.314, 0.351}},
                {12, "Display P3", {0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.3290}}};
   char name[PAGS_IMAGE_NAME];
-  double d50[9];
   size_t i = 0;
   memset(out, 0, sizeof *out);
   while (i < sizeof known / sizeof *known && known[i].number != primaries)
@@ -228,10 +225,10 @@ void pags_colour_set_cicp(pags_colour *out, int primaries, int transfer, bool fu
     set_curves(out, CURVE_SRGB, 0);
   else
     full_range = false; /* not known */
-  if (i == sizeof known / sizeof *known || !full_range || !d50_from_primaries(known[i].xy, d50))
+  if (i == sizeof known / sizeof *known || !full_range)
     pags_colour_set_unknown(out, name);
   else
-    finish(out, d50, name);
+    finish_primaries(out, known[i].xy, name);
 }
 
 void pags_colour_state(const pags_colour *colour, pags_image_facts *facts) {

@@ -101,7 +101,6 @@ void describe(reader *r, pags_oiio_info *info) {
   std::snprintf(info->space, sizeof info->space, "%s", space.c_str());
   r->part = spec.get_string_attribute("oiio:subimagename");
   info->part = r->part.c_str();
-  std::snprintf(info->format, sizeof info->format, "%s", format.c_str());
 }
 
 pags_result open_reader(const char *path, void **out, pags_oiio_info *info, pags_oiio_message *message) {

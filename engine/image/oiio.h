@@ -12,7 +12,7 @@
 extern "C" {
 #endif
 
-#define PAGS_OIIO_VERSION 6 /* version of this table; a module built for another one is refused */
+#define PAGS_OIIO_VERSION 7 /* version of this table; a module built for another one is refused */
 #define PAGS_OIIO_SYMBOL "pags_oiio_table"
 
 typedef struct pags_oiio_message {
@@ -38,7 +38,6 @@ typedef struct pags_oiio_info {
   float chromaticities[8]; /* of red, green, blue and white; all 0: not stated */
   int cicp[4];             /* primaries, transfer, matrix, full range (ITU-T H.273); all 0: not stated */
   char space[32];          /* OpenImageIO's name of the colour space, "": none */
-  char format[16];         /* "png", "jpeg", "openexr", ... */
 } pags_oiio_info;
 
 typedef struct pags_oiio {

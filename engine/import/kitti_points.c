@@ -64,26 +64,22 @@ pags_result pags_kitti_form_find(const char *path, pags_kitti_form *out) {
   double range, near;
   *out = forms[0];
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  for (int i = 0; i < FORMS; i++) {
-    const size_t rows = size / row_bytes(&forms[i]);
-    if (size % row_bytes(&forms[i]) || plausible_share(&forms[i], bytes, rows, reach, &range, &near) < 0.95)
+  for (int i = 0; i < 2 * FORMS; i++) {
+    const pags_kitti_form *form = &forms[i % FORMS];
+    const bool far = i >= FORMS; /* places out of reach: millimetres, or the world's axes */
+    const size_t rows = size / row_bytes(form);
+    if (size % row_bytes(form) || plausible_share(form, bytes, rows, far ? 1e8 : reach, &range, &near) < 0.95)
       continue;
-    *out = forms[i];
-    if (rows < LEAST || near != 0)
+    *out = *form;
+    if (!far && rows >= LEAST && near == 0)
+      return pags_fail(PAGS_ERROR_FORMAT,
+                       "%s: no point lies within 15 m of the LiDAR; expected its own axes (x forward, y left, z up), "
+                       "not those of the world",
+                       path);
+    if (!far)
       return PAGS_OK;
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: no point lies within 15 m of the LiDAR; expected its own axes (x forward, y left, z up), not "
-                     "those of the world",
-                     path);
-  }
-  /* Places out of reach: millimetres, or the world's axes. */
-  for (int i = 0; i < FORMS; i++) {
-    const size_t rows = size / row_bytes(&forms[i]);
-    if (size % row_bytes(&forms[i]) || plausible_share(&forms[i], bytes, rows, 1e8, &range, &near) < 0.95)
-      continue;
-    *out = forms[i];
     out->scale = 0.001;
-    if (plausible_share(&forms[i], bytes, rows, 1000 * reach, &range, &near) >= 0.95 && range > 15e3)
+    if (plausible_share(form, bytes, rows, 1000 * reach, &range, &near) >= 0.95 && range > 15e3)
       return PAGS_OK;
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: 95 of 100 points lie up to %g away; expected metres (up to %g) in the LiDAR's own axes, not "

@@ -3,7 +3,6 @@
  * flat or tiled roofs. Measures and materials are drawn at random for each house. */
 #include <math.h>
 
-#include "base/vec3.h"
 #include "synth/models.h"
 
 /* The measures and materials of the house that is being built. Below, u is metres along the front from its corner, z
@@ -29,16 +28,23 @@ static void at(const house *h, float u, float d, float z, float out[3]) {
     out[k] = h->plot->base[k] + u * h->plot->along[k] + d * h->plot->into[k] + z * up[k];
 }
 
+/* Adds a quad from the point `from` (u, d, z) with two edges in the same coordinates. */
+static void quad(const house *h, const float from[3], const float edge[3], const float rise[3], const float uv[2],
+                 uint16_t material) {
+  const float *ways[2] = {edge, rise};
+  float corner[3], edges[2][3];
+  at(h, from[0], from[1], from[2], corner);
+  for (int i = 0; i < 2; i++)
+    for (int k = 0; k < 3; k++)
+      edges[i][k] = ways[i][0] * h->plot->along[k] + ways[i][1] * h->plot->into[k] + ways[i][2] * up[k];
+  pags_mesh_quad(h->mesh, corner, edges[0], edges[1], uv, material);
+}
+
 /* Adds the wall rectangle [u0, u1] x [z0, z1], parallel to the front and d metres behind it, unless it is empty. */
 static void piece(const house *h, float u0, float u1, float z0, float z1, float d, uint16_t material) {
-  float corner[3], along[3], rise[3];
-  const float uv[2] = {u0 + h->shade, z0};
-  if (u1 <= u0 || z1 <= z0)
-    return;
-  at(h, u0, d, z0, corner);
-  pags_scale3f(u1 - u0, h->plot->along, along);
-  pags_scale3f(z1 - z0, up, rise);
-  pags_mesh_quad(h->mesh, corner, along, rise, uv, material);
+  if (u1 > u0 && z1 > z0)
+    quad(h, (float[3]){u0, d, z0}, (float[3]){u1 - u0, 0, 0}, (float[3]){0, 0, z1 - z0}, (float[2]){u0 + h->shade, z0},
+         material);
 }
 
 /* Adds a box over [u0, u1] x [z0, z1] that reaches `out` metres from the front plane towards the street (into the
@@ -54,18 +60,11 @@ static void block(const house *h, float u0, float u1, float z0, float z1, float 
 
 /* Adds the four side faces (reveal) of an opening in the front that is `depth` metres deep. */
 static void reveal(const house *h, float u0, float u1, float z0, float z1, float depth) {
-  float corner[3], along[3], rise[3], in[3];
-  const float uv[2] = {u0 + h->shade, z0};
-  pags_scale3f(depth, h->plot->into, in);
-  pags_scale3f(z1 - z0, up, rise);
-  pags_scale3f(u1 - u0, h->plot->along, along);
-  at(h, u0, 0.0f, z0, corner);
-  pags_mesh_quad(h->mesh, corner, in, rise, uv, h->wall);
-  pags_mesh_quad(h->mesh, corner, along, in, uv, h->trim);
-  at(h, u1, 0.0f, z0, corner);
-  pags_mesh_quad(h->mesh, corner, in, rise, uv, h->wall);
-  at(h, u0, 0.0f, z1, corner);
-  pags_mesh_quad(h->mesh, corner, along, in, uv, h->wall);
+  const float uv[2] = {u0 + h->shade, z0}, in[3] = {0, depth, 0}, rise[3] = {0, 0, z1 - z0}, wide[3] = {u1 - u0, 0, 0};
+  quad(h, (float[3]){u0, 0, z0}, in, rise, uv, h->wall);
+  quad(h, (float[3]){u0, 0, z0}, wide, in, uv, h->trim);
+  quad(h, (float[3]){u1, 0, z0}, in, rise, uv, h->wall);
+  quad(h, (float[3]){u0, 0, z1}, wide, in, uv, h->wall);
 }
 
 /* Adds a quad of glass that shows `panes` windows side by side. Each window covers one unit of u and v; the whole
@@ -167,45 +166,21 @@ static void shop_floor(const house *h) {
   }
   block(h, 0.3f, h->plot->width - 0.3f, h->ground - 0.75f, h->ground - 0.2f, 0.12f, h->sign);
   letters(h, h->ground - 0.64f, h->ground - 0.32f);
-  if (pags_dice_pick(h->dice, 2)) {
-    float corner[3], along[3], slope[3];
-    at(h, 0.4f, 0.0f, h->ground - 0.85f, corner);
-    pags_scale3f(h->plot->width - 0.8f, h->plot->along, along);
-    for (int k = 0; k < 3; k++)
-      slope[k] = -1.1f * h->plot->into[k] - 0.45f * up[k];
-    pags_mesh_quad(h->mesh, corner, along, slope, NULL, h->sign);
-  }
+  if (pags_dice_pick(h->dice, 2))
+    quad(h, (float[3]){0.4f, 0, h->ground - 0.85f}, (float[3]){h->plot->width - 0.8f, 0, 0},
+         (float[3]){0, -1.1f, -0.45f}, NULL, h->sign);
 }
 
 /* ---- Walls and roofs ---- */
-
-/* Adds plain walls of height `top` at both sides and the back. */
-static void outer_walls(const house *h, float top) {
-  const pags_plot *plot = h->plot;
-  float corner[3], along[3], in[3], rise[3];
-  const float uv[2] = {h->shade, 0.0f};
-  pags_scale3f(top, up, rise);
-  pags_scale3f(plot->depth, plot->into, in);
-  pags_scale3f(plot->width, plot->along, along);
-  at(h, 0.0f, 0.0f, 0.0f, corner);
-  pags_mesh_quad(h->mesh, corner, in, rise, uv, h->wall);
-  at(h, plot->width, 0.0f, 0.0f, corner);
-  pags_mesh_quad(h->mesh, corner, in, rise, uv, h->wall);
-  at(h, 0.0f, plot->depth, 0.0f, corner);
-  pags_mesh_quad(h->mesh, corner, along, rise, uv, h->wall);
-}
 
 /* Adds a gable roof whose ridge runs along the front, the gable walls at both sides and a chimney. */
 static void tiled_roof(const house *h, float top) {
   const pags_plot *plot = h->plot;
   const float rise = 0.32f * plot->depth, half = 0.5f * plot->depth;
-  float corner[3], along[3], slope[3], apex[3], a[3], b[3];
-  pags_scale3f(plot->width, plot->along, along);
+  float corner[3], apex[3], a[3], b[3];
   for (int side = 0; side < 2; side++) {
-    at(h, 0.0f, side ? plot->depth + 0.35f : -0.35f, top - 0.2f, corner);
-    for (int k = 0; k < 3; k++)
-      slope[k] = (side ? -1.0f : 1.0f) * (half + 0.35f) * plot->into[k] + (rise + 0.2f) * up[k];
-    pags_mesh_quad(h->mesh, corner, along, slope, (float[2]){h->shade, 0.0f}, h->roof);
+    quad(h, (float[3]){0, side ? plot->depth + 0.35f : -0.35f, top - 0.2f}, (float[3]){plot->width, 0, 0},
+         (float[3]){0, (side ? -1.0f : 1.0f) * (half + 0.35f), rise + 0.2f}, (float[2]){h->shade, 0}, h->roof);
     const float u = side ? plot->width : 0.0f;
     at(h, u, 0.0f, top, a);
     at(h, u, plot->depth, top, b);
@@ -310,15 +285,16 @@ void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *di
   piece(&h, 0.0f, plot->width, h.ground + h.storey * (float)(h.floors - 1), top, 0.0f, h.wall);
   block(&h, -0.02f, plot->width + 0.02f, h.ground - 0.1f, h.ground + 0.08f, 0.1f, h.trim);
   block(&h, -0.03f, plot->width + 0.03f, top - 0.35f, top - 0.12f, 0.22f, h.trim);
-  outer_walls(&h, top);
+
+  /* Plain walls at both sides and the back. */
+  const float uv[2] = {h.shade, 0}, rise[3] = {0, 0, top}, in[3] = {0, plot->depth, 0}, wide[3] = {plot->width, 0, 0};
+  quad(&h, (float[3]){0, 0, 0}, in, rise, uv, h.wall);
+  quad(&h, wide, in, rise, uv, h.wall);
+  quad(&h, in, wide, rise, uv, h.wall);
   if (tiled)
     tiled_roof(&h, top);
   else {
-    float corner[3], along[3], in[3];
-    at(&h, 0.0f, 0.0f, top - 0.5f, corner);
-    pags_scale3f(plot->width, plot->along, along);
-    pags_scale3f(plot->depth, plot->into, in);
-    pags_mesh_quad(mesh, corner, along, in, NULL, h.roof);
+    quad(&h, (float[3]){0, 0, top - 0.5f}, wide, in, NULL, h.roof);
     block(&h, -0.02f, plot->width + 0.02f, top - 0.12f, top + 0.08f, -0.35f, h.trim);
   }
 }
