@@ -235,17 +235,6 @@ static exr_result_t read_blocks(exr_state *state, exr_decode_pipeline_t *pipelin
   return code;
 }
 
-/* Reads the primaries, which are those of sRGB where none are stated. */
-static void find_colour(const exr_state *state, pags_colour *colour) {
-  exr_attr_chromaticities_t c;
-  memset(colour, 0, sizeof *colour);
-  if (exr_attr_get_chromaticities(state->context, state->layer.part, "chromaticities", &c) != EXR_ERR_SUCCESS)
-    return;
-  const double xy[8] = {(double)c.red_x,  (double)c.red_y,  (double)c.green_x, (double)c.green_y,
-                        (double)c.blue_x, (double)c.blue_y, (double)c.white_x, (double)c.white_y};
-  pags_colour_set_primaries(colour, xy);
-}
-
 pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts, pags_colour *colour) {
   PAGS_AUTO(finish) exr_state state = {.file = file};
   uint64_t least;
@@ -259,7 +248,14 @@ pags_result pags_exr_inspect(const pags_encoded *file, pags_image_facts *facts, 
                               .window = state.window,
                               .layer_rule = state.layer.rule};
   memcpy(facts->layer, state.layer.name, sizeof facts->layer);
-  find_colour(&state, colour);
+  /* The primaries are those of sRGB where none are stated. */
+  exr_attr_chromaticities_t c;
+  memset(colour, 0, sizeof *colour);
+  if (exr_attr_get_chromaticities(state.context, state.layer.part, "chromaticities", &c) == EXR_ERR_SUCCESS) {
+    const double xy[8] = {(double)c.red_x,  (double)c.red_y,  (double)c.green_x, (double)c.green_y,
+                          (double)c.blue_x, (double)c.blue_y, (double)c.white_x, (double)c.white_y};
+    pags_colour_set_primaries(colour, xy);
+  }
   pags_colour_state(colour, facts);
   return PAGS_OK;
 }

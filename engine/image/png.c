@@ -165,19 +165,6 @@ static pags_result begin(png_state *state, int most, pags_picture_info *info, ui
   return PAGS_OK;
 }
 
-/* Returns the orientation that a chunk eXIf before the pixels gives. */
-static int find_orientation(const png_state *state) {
-#ifdef PNG_eXIf_SUPPORTED
-  png_uint_32 size;
-  png_bytep bytes;
-  if (png_get_eXIf_1(state->png, state->info, &size, &bytes))
-    return pags_orientation_of_exif(bytes, size);
-#else
-  (void)state;
-#endif
-  return 1;
-}
-
 /* A chunk before the pixels; NULL: not found. check_chunks has found that all lie in the file. */
 static const uint8_t *find_chunk(const pags_encoded *file, const char *type, uint32_t least) {
   for (size_t at = SIGNATURE; file->size >= HEAD && at <= file->size - HEAD;) {
@@ -242,13 +229,20 @@ pags_result pags_png_inspect(const pags_encoded *file, pags_image_facts *facts, 
   uint64_t least;
   PAGS_TRY(begin(&state, 4, &info, &least));
   PAGS_TRY(pags_encoded_check(file, &info, 0));
+  int orientation = 1;
+#ifdef PNG_eXIf_SUPPORTED
+  png_uint_32 size;
+  png_bytep exif; /* of a chunk before the pixels */
+  if (png_get_eXIf_1(state.png, state.info, &size, &exif))
+    orientation = pags_orientation_of_exif(exif, size);
+#endif
   *facts =
       (pags_image_facts){.width = (int)info.width,
                          .height = (int)info.height,
                          .alpha = (png_get_color_type(state.png, state.info) & PNG_COLOR_MASK_ALPHA) != 0 ||
                                   png_get_valid(state.png, state.info, PNG_INFO_tRNS),
                          .sample = png_get_bit_depth(state.png, state.info) == 16 ? PAGS_U16 : PAGS_U8,
-                         .orientation = find_orientation(&state),
+                         .orientation = orientation,
                          .pixel_aspect = pags_pixel_aspect((double)png_get_pixel_aspect_ratio(state.png, state.info))};
   find_colour(file, colour);
   pags_colour_state(colour, facts);

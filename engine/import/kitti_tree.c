@@ -259,26 +259,9 @@ static int64_t number_of_picture(const char *name) {
 
 /* ---- Sequence of the tracking benchmark ---- */
 
-static pags_result list_sequences(const char *root, const char *folder, const char *extension, choice *found) {
-  PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
-  PAGS_AUTOFREE char *path = pags_path_join(root, folder);
-  PAGS_CHECK_MEMORY(path, "%s", root);
-  if (pags_dir_exists(path))
-    PAGS_TRY(pags_dir_list_read(path, &list));
-  for (int64_t i = 0; i < list.count; i++) {
-    char *dot = strrchr(list.names[i], '.');
-    if (strcmp(dot ? dot : "", extension) != 0)
-      continue;
-    if (dot)
-      *dot = 0;
-    PAGS_TRY(add_choice(found, list.names[i]));
-  }
-  return PAGS_OK;
-}
-
 /* Collects candidates for the sequence: the one that the caller named, else all sequences in the first of these
  * folders that has any. */
-static pags_result find_sequence(pags_kitti_tree *tree, const char *wanted, choice *found) {
+static pags_result find_sequence(const pags_kitti_tree *tree, const char *wanted, choice *found) {
   static const struct {
     const char *folder, *extension;
   } places[] = {{"image_02", ""}, {"image_03", ""}, {"label_02", ".txt"}, {"oxts", ".txt"}, {"calib", ".txt"}};
@@ -286,8 +269,21 @@ static pags_result find_sequence(pags_kitti_tree *tree, const char *wanted, choi
     return pags_path_is_inside(wanted) && !strchr(wanted, '/')
                ? add_choice(found, wanted)
                : pags_fail(PAGS_ERROR_ARGUMENT, "sequence: expected a name such as 0000, got '%s'", wanted);
-  for (size_t i = 0; i < sizeof places / sizeof places[0] && found->count == 0; i++)
-    PAGS_TRY(list_sequences(tree->root, places[i].folder, places[i].extension, found));
+  for (size_t p = 0; p < sizeof places / sizeof places[0] && found->count == 0; p++) {
+    PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
+    PAGS_AUTOFREE char *path = pags_path_join(tree->root, places[p].folder);
+    PAGS_CHECK_MEMORY(path, "%s", tree->root);
+    if (pags_dir_exists(path))
+      PAGS_TRY(pags_dir_list_read(path, &list));
+    for (int64_t i = 0; i < list.count; i++) {
+      char *dot = strrchr(list.names[i], '.');
+      if (strcmp(dot ? dot : "", places[p].extension) != 0)
+        continue;
+      if (dot)
+        *dot = 0;
+      PAGS_TRY(add_choice(found, list.names[i]));
+    }
+  }
   return PAGS_OK;
 }
 

@@ -367,26 +367,23 @@ static void log_findings(importer *im) {
                    (long long)im->labelled, frames * im->info.camera_count);
 }
 
-static pags_result put_boxes(importer *im) {
-  if (!im->boxes.count && im->boxes.unusable.count)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: %lld boxes, but none has an id, a size and finite numbers; the first is %s", im->source,
-                     (long long)im->boxes.unusable.count, im->boxes.unusable.first);
-  if (!im->boxes.count) {
-    PAGS_TRY(drop_folder(im, "instances"));
-    return drop_folder(im, "dynamic_masks");
-  }
-  PAGS_TRY(pags_waymo_boxes_tracks(&im->boxes, im->source, &im->tracks, &im->track_count));
-  PAGS_TRY(pags_layout_put_instances(&im->layout, im->tracks, im->track_count));
-  return put_masks(im);
-}
-
 static pags_result finish(importer *im) {
   if (pags_layout_is_finished(&im->layout)) {
     report(im, 1, "done");
     return PAGS_OK;
   }
-  PAGS_TRY(put_boxes(im));
+  if (im->boxes.count) {
+    PAGS_TRY(pags_waymo_boxes_tracks(&im->boxes, im->source, &im->tracks, &im->track_count));
+    PAGS_TRY(pags_layout_put_instances(&im->layout, im->tracks, im->track_count));
+    PAGS_TRY(put_masks(im));
+  } else if (im->boxes.unusable.count)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: %lld boxes, but none has an id, a size and finite numbers; the first is %s", im->source,
+                     (long long)im->boxes.unusable.count, im->boxes.unusable.first);
+  else {
+    PAGS_TRY(drop_folder(im, "instances"));
+    PAGS_TRY(drop_folder(im, "dynamic_masks"));
+  }
   if (!im->sweeps) {
     im->info.lidar_columns = NULL;
     PAGS_TRY(drop_folder(im, "lidar"));

@@ -57,23 +57,18 @@ static double beam(const Pags__Waymo__LaserCalibration *c, int i, int rows) {
   return c->beam_inclination_min + (i + 0.5) / rows * (c->beam_inclination_max - c->beam_inclination_min);
 }
 
-static pags_result check_beams(const lidar *l, int rows) {
-  const Pags__Waymo__LaserCalibration *c = l->calibration;
-  if (c->n_beam_inclinations && c->n_beam_inclinations != (size_t)rows)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s has %zu beam inclinations, its range image %d rows", l->where,
-                     l->name, c->n_beam_inclinations, rows);
-  for (int i = 0; i < rows; i++)
-    if (!isfinite(beam(c, i, rows)))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s: beam inclination %d isn't finite", l->where, l->name, i);
-  return PAGS_OK;
-}
-
 /* Computes the sines and cosines of the rows' inclinations and of the columns' azimuths (see waymo_lidar.h). */
 static pags_result find_angles(lidar *l, int rows, int columns) {
   if (l->rows == rows && l->columns == columns)
     return PAGS_OK;
   forget_angles(l);
-  PAGS_TRY(check_beams(l, rows));
+  const size_t beams = l->calibration->n_beam_inclinations;
+  if (beams && beams != (size_t)rows)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s has %zu beam inclinations, its range image %d rows", l->where,
+                     l->name, beams, rows);
+  for (int i = 0; i < rows; i++)
+    if (!isfinite(beam(l->calibration, i, rows)))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s: beam inclination %d isn't finite", l->where, l->name, i);
   l->inclination = malloc((size_t)rows * 2 * sizeof *l->inclination);
   l->azimuth = malloc((size_t)columns * 2 * sizeof *l->azimuth);
   PAGS_CHECK_MEMORY(l->inclination && l->azimuth, "%s", l->where);

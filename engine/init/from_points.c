@@ -89,17 +89,6 @@ static int64_t choose_points(int64_t points, const float *xyz, int64_t most, int
   return taken;
 }
 
-/* Writes the order of the points along a Morton curve. */
-static pags_result order_points(int64_t count, const float *xyz, pags_tasks *tasks, int64_t *order) {
-  PAGS_AUTOFREE float *planes = malloc(3 * (size_t)count * sizeof *planes);
-  PAGS_CHECK_MEMORY(planes, "%lld points", (long long)count);
-  for (int64_t i = 0; i < count; i++)
-    for (int k = 0; k < 3; k++)
-      planes[k * count + i] = xyz[3 * i + k];
-  static_assert(PAGS_MEAN == 0, "means are the first planes");
-  return pags_morton_order(&(pags_gaussians){.count = count, .stride = count, .data = planes}, tasks, order);
-}
-
 int64_t pags_init_count(int64_t points, const float *xyz, int64_t most) {
   int64_t finite = 0;
   for (int64_t i = 0; i < points; i++)
@@ -118,13 +107,16 @@ pags_result pags_init_gaussians(const pags_train_config *config, int64_t points,
     return pags_fail(PAGS_ERROR_FORMAT, "the data set has no point to start from: %lld points, none finite",
                      (long long)points);
   PAGS_AUTOFREE float *positions = malloc((size_t)count * 4 * sizeof *positions);
-  PAGS_AUTOFREE int64_t *order = malloc((size_t)count * sizeof *order);
-  PAGS_CHECK_MEMORY(positions && order, "%lld points", (long long)points);
+  PAGS_AUTOFREE float *planes = malloc((size_t)count * 3 * sizeof *planes);
+  PAGS_AUTOFREE int64_t *order = malloc((size_t)count * sizeof *order); /* along a Morton curve */
+  PAGS_CHECK_MEMORY(positions && planes && order, "%lld points", (long long)points);
   float *const square = positions + 3 * count; /* mean squared neighbour distances */
   for (int64_t i = 0; i < count; i++)
-    pags_copy3f(xyz + 3 * chosen[i], positions + 3 * i);
+    for (int k = 0; k < 3; k++)
+      positions[3 * i + k] = planes[k * count + i] = xyz[3 * chosen[i] + k];
   PAGS_TRY(pags_knn_mean_squared(positions, count, tasks, square));
-  PAGS_TRY(order_points(count, positions, tasks, order));
+  static_assert(PAGS_MEAN == 0, "means are the first planes");
+  PAGS_TRY(pags_morton_order(&(pags_gaussians){.count = count, .stride = count, .data = planes}, tasks, order));
 
   const int64_t begin = rows ? rows[0] : 0, end = rows ? rows[1] : count;
   PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};

@@ -26,18 +26,13 @@ typedef struct tree {
   float *out;
 } tree;
 
-/* The three smallest squared distances found, ascending. */
-typedef struct nearest {
-  float d2[3];
-} nearest;
-
 static float distance2(const float a[3], const float b[3]) {
   const float dx = a[0] - b[0], dy = a[1] - b[1], dz = a[2] - b[2];
   return dx * dx + dy * dy + dz * dz;
 }
 
-static void nearest_add(nearest *near, float d2) {
-  float *d = near->d2;
+/* Adds a squared distance to `d`, the three smallest found, ascending. */
+static void nearest_add(float d[3], float d2) {
   if (d2 >= d[2])
     return;
   d[2] = d2;
@@ -102,7 +97,7 @@ static void build(tree *t, int64_t begin, int64_t end) {
 }
 
 /* Adds to `near` the distances from point `self` to the points of the range [begin, end) that may be nearer. */
-static void search(const tree *t, int64_t begin, int64_t end, int64_t self, nearest *near) {
+static void search(const tree *t, int64_t begin, int64_t end, int64_t self, float near[3]) {
   const float *p = t->points[self].p;
   while (end - begin > LEAF) {
     const int64_t middle = begin + (end - begin) / 2;
@@ -112,7 +107,7 @@ static void search(const tree *t, int64_t begin, int64_t end, int64_t self, near
     if (middle != self)
       nearest_add(near, distance2(p, t->points[middle].p));
     search(t, left_first ? begin : middle + 1, left_first ? middle : end, self, near);
-    if (beyond * beyond >= near->d2[2])
+    if (beyond * beyond >= near[2])
       return;
     begin = left_first ? middle + 1 : begin;
     end = left_first ? end : middle;
@@ -126,15 +121,15 @@ static void search_block(void *context, int64_t begin, int64_t end, int worker) 
   (void)worker;
   const tree *t = context;
   for (int64_t i = begin; i < end; i++) {
-    nearest near = {{FLT_MAX, FLT_MAX, FLT_MAX}};
-    search(t, 0, t->count, i, &near);
+    float near[3] = {FLT_MAX, FLT_MAX, FLT_MAX};
+    search(t, 0, t->count, i, near);
 
     /* With fewer than three other points, the mean is over all of them. */
     int64_t others = t->count - 1;
     const int used = others < 3 ? (int)others : 3;
     float sum = 0.0f;
     for (int k = 0; k < used; k++)
-      sum += near.d2[k];
+      sum += near[k];
     t->out[t->points[i].row] = used ? sum / (float)used : 0.0f;
   }
 }

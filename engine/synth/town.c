@@ -71,15 +71,19 @@ static void add_people(pags_street *town, pags_dice *dice, const pags_cast *mode
   }
 }
 
-static void add_all(pags_street *town, const pags_town_plan *plan) {
-  const uint64_t seed = town->options->seed;
+pags_result pags_town_build(const pags_street_options *options, const pags_town_plan *plan, pags_street *town) {
+  *town = (pags_street){.options = options,
+                        .end_x = pags_town_length(plan),
+                        .markings = {pags_town_lane_x(plan, 0), plan->block + PAGS_TOWN_LANE}};
+  const uint64_t seed = options->seed;
+  const int blocks = (plan->streets + 1) * plan->columns;
   pags_dice houses = {seed, STREAM_HOUSES, 0}, kinds = {seed, STREAM_KINDS, 0}, plants = {seed, STREAM_PLANTS, 0};
   pags_dice parked = {seed, STREAM_PARKED, 0}, people = {seed, STREAM_PEOPLE, 0};
   pags_planting planting;
   pags_cast models = {0};
   const int walls = pags_street_mesh(town), ground = pags_street_mesh(town);
   if (town->failed)
-    return;
+    return pags_out_of_memory("a town of %d blocks", blocks);
   pags_street_place(town, walls, -1, 0, 0, 0, 0, 1);
 
   /* Two rows of houses that close all streets at both ends. */
@@ -125,13 +129,6 @@ static void add_all(pags_street *town, const pags_town_plan *plan) {
       town->actors[i].start[1] += (double)y;
   }
   pags_street_set_time(town, 0.0);
-}
-
-pags_result pags_town_build(const pags_street_options *options, const pags_town_plan *plan, pags_street *town) {
-  *town = (pags_street){.options = options, .end_x = pags_town_length(plan)};
-  town->markings =
-      (pags_markings){.first_crossing = pags_town_lane_x(plan, 0), .spacing = plan->block + PAGS_TOWN_LANE};
-  add_all(town, plan);
-  PAGS_CHECK_MEMORY(pags_street_is_complete(town), "a town of %d blocks", (plan->streets + 1) * plan->columns);
+  PAGS_CHECK_MEMORY(pags_street_is_complete(town), "a town of %d blocks", blocks);
   return PAGS_OK;
 }
