@@ -9,7 +9,7 @@
 #include <pags/image.h>
 #include "base/file.h"
 #include "base/sort.h"
-#include "exporters/proxy/lidar_fit.h"
+#include "exporters/proxy/lidar.h"
 #include "exporters/proxy/mesh_query.h"
 
 #include "base/memory.h"

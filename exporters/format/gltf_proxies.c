@@ -11,7 +11,7 @@
 #include "exporters/format/gltf.h"
 #include "exporters/format/object_gaussians.h"
 #include "exporters/proxy/background.h"
-#include "exporters/proxy/objects.h"
+#include "exporters/proxy/object_proxy.h"
 #include "exporters/proxy/proxy_error.h"
 #include "scene/axes.h"
 #include "scene/object.h"

@@ -17,7 +17,7 @@
 
 #include "exporters/format/usd_text.h"
 #include "exporters/proxy/background.h"
-#include "exporters/proxy/objects.h"
+#include "exporters/proxy/object_proxy.h"
 #include "frame/owners.h"
 #include "maths/maths.h"
 #include "scene/object.h"

@@ -12,7 +12,6 @@
 #include <string.h>
 
 #include "base/parallel.h"
-#include "exporters/proxy/classes.h"
 #include "maths/maths.h"
 
 /* Most views that are drawn; Gaussians a cluster; a chunk of fewer triangles after decimation is left out. */

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Tells the classes of the background's surface. With semantic pictures a vertex has the class that most of the views
  * that see it show; without, it is guessed from its normal and colour. */
-#include "exporters/proxy/classes.h"
+#include "exporters/proxy/background.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,11 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The LiDAR points of a scene's recording, read from its data set if that is still present. */
+/* The LiDAR points of a scene's recording, read from its data set if that is still present (lidar.c), and the
+ * correction of an object's TSDF by those on it (lidar_fit.c). */
 #ifndef PAGS_PROXY_LIDAR_H
 #define PAGS_PROXY_LIDAR_H
 
 #include <pags/scene.h>
 
-#include "exporters/proxy/lidar_fit.h"
+#include "exporters/proxy/tsdf.h"
+
+/* The points on one object. */
+typedef struct pags_lidar_fit {
+  int64_t count, capacity;
+  float *points; /* 3 each, metres, the object's frame */
+} pags_lidar_fit;
+
+pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]);
+void pags_lidar_fit_destroy(pags_lidar_fit *cloud); /* frees and zeroes */
+
+/* Moves the zero surface of the grid's signed distance to the LiDAR points. Points at which the distance is `reach`
+ * metres or more are ignored. The distance at each point (its residual) is spread over neighbourhoods, coarse ones
+ * first, and subtracted from the grid (multilevel approximation of scattered data, Lee, Wolberg and Shin 1997). */
+pags_result pags_lidar_fit_pull(const pags_lidar_fit *cloud, pags_tsdf *grid, double reach);
 
 typedef struct pags_lidar {
   int64_t count;

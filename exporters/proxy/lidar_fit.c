@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Pulls the signed distance of an object to the LiDAR points on the object by multilevel approximation of scattered
  * data (Lee, Wolberg and Shin 1997). LiDAR points are sparse, but accurate in depth, where distant views are not. */
-#include "exporters/proxy/lidar_fit.h"
+#include "exporters/proxy/lidar.h"
 
 #include <math.h>
 #include <stdlib.h>

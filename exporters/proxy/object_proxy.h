@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Makes the proxy of one labelled object in the object's frame: first the surface fused from its depth views
- * (object_surface.c), then of that surface the level asked for (object_proxy.c). */
+ * (object_surface.c), then of that surface the level asked for (object_proxy.c). Several objects in parallel:
+ * objects.c. */
 #ifndef PAGS_PROXY_OBJECT_PROXY_H
 #define PAGS_PROXY_OBJECT_PROXY_H
 
@@ -76,5 +77,20 @@ void pags_object_shape_destroy(pags_object_shape *shape);
  * made, it makes the labelled box, changes the level, and facts.note (static) says why. */
 pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object, const pags_object_shape *shape,
                                    pags_built_level *out);
+
+/* ---- All objects (objects.c) ---- */
+
+typedef struct pags_built_object {
+  int level_count; /* levels made: 0 if the object is not chosen, else 1; with options->lod mesh to box, finest first;
+                      with the names of a program the mesh and what it collides with, unless that is the mesh */
+  pags_built_level levels[PAGS_PROXY_LEVELS];
+} pags_built_object;
+
+/* Makes an array with an entry for each of the scene's objects. With `measure`, facts have the measured distances and
+ * the silhouettes' overlap. The results are the same for any number of threads. `tell` (may be NULL) is called with
+ * fractions 0..1, by the calling thread only. After a failure, too, the caller destroys them. */
+pags_result pags_objects_make(const pags_proxy_maker *maker, bool measure, pags_progress_fn *tell, void *user,
+                              pags_built_object **out);
+void pags_objects_destroy(pags_built_object *objects, int64_t count); /* NULL is allowed */
 
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Makes the proxies of all objects in parallel: each worker takes the next object and draws it with its own frame.
  * Before, rough shapes are made of the best-seen vehicles, as shape priors for what no camera saw of the others. */
-#include "exporters/proxy/objects.h"
+#include "exporters/proxy/object_proxy.h"
 
 #include <stdatomic.h>
 #include <stdlib.h>

@@ -6,7 +6,7 @@
 
 #include <pags/object.h>
 
-#include "exporters/proxy/lidar_fit.h"
+#include "exporters/proxy/lidar.h"
 #include "exporters/proxy/tsdf.h"
 
 /* The shape of a vehicle: signed distances on a lattice that is scaled with its box. */
