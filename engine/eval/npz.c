@@ -44,19 +44,6 @@ static bool parse_shape(const char *p, pags_npz_array *array) {
   }
 }
 
-/* Reads the shape from an .npy header and checks the element type and order. `text` is the header's dictionary,
- * null-terminated. */
-static pags_result parse_header(const char *text, const char *path, pags_npz_array *array) {
-  const char *descr = find_key(text, "'descr':"), *order = find_key(text, "'fortran_order':");
-  const char *shape = find_key(text, "'shape':");
-  if (!descr || !order || !shape || !parse_shape(shape, array))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected an npy header with descr, fortran_order and shape", path,
-                     array->name);
-  if (strncmp(descr, "'<f4'", 5) != 0 || strncmp(order, "False", 5) != 0)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%s': expected little-endian float32 in C order", path, array->name);
-  return PAGS_OK;
-}
-
 static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path, pags_npz_array *array) {
   if (size < 12 || memcmp(bytes, "\x93NUMPY", 6) != 0 || bytes[6] < 1 || bytes[6] > 3)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected an npy array of version 1 to 3", path, array->name);
@@ -68,7 +55,13 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
   PAGS_CHECK_MEMORY(text, "%s", path);
   memcpy(text, bytes + begin, length);
   text[length] = '\0';
-  PAGS_TRY(parse_header(text, path, array));
+  const char *descr = find_key(text, "'descr':"), *order = find_key(text, "'fortran_order':");
+  const char *shape = find_key(text, "'shape':");
+  if (!descr || !order || !shape || !parse_shape(shape, array))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected an npy header with descr, fortran_order and shape", path,
+                     array->name);
+  if (strncmp(descr, "'<f4'", 5) != 0 || strncmp(order, "False", 5) != 0)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%s': expected little-endian float32 in C order", path, array->name);
   if ((size - begin - length) != (uint64_t)array->count * 4)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected %lld bytes of values, found %zu", path, array->name,
                      (long long)array->count * 4, size - begin - length);

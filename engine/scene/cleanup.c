@@ -121,23 +121,19 @@ static void find_frame(const pags_scene *scene, const rule *r, int64_t own, doub
   pags_rigid_inverse(pose, out);
 }
 
-static bool is_in(const crop *c, const double p[3]) {
-  double unit[3];
-  pags_rigid_point(c->unit_from_frame, p, unit);
-  if (c->ball)
-    return pags_dot3(unit, unit) <= 1;
-  return fabs(unit[0]) <= 1 && fabs(unit[1]) <= 1 && fabs(unit[2]) <= 1;
-}
-
 /* Whether a point is in one of the crops to keep, if the rule has any, and outside all crops to remove. */
 static bool is_left(const rule *r, const double p[3]) {
   bool inside = false, any = false;
   for (int i = 0; i < r->crop_count; i++) {
-    const bool in = is_in(&r->crops[i], p);
-    if (in && !r->crops[i].keep)
+    const crop *const c = &r->crops[i];
+    double unit[3];
+    pags_rigid_point(c->unit_from_frame, p, unit);
+    const bool in =
+        c->ball ? pags_dot3(unit, unit) <= 1 : fabs(unit[0]) <= 1 && fabs(unit[1]) <= 1 && fabs(unit[2]) <= 1;
+    if (in && !c->keep)
       return false;
-    any = any || r->crops[i].keep;
-    inside = inside || (in && r->crops[i].keep);
+    any = any || c->keep;
+    inside = inside || (in && c->keep);
   }
   return inside || !any;
 }

@@ -21,8 +21,7 @@ static pags_result allocate(pags_clusters *clusters, int64_t count, int size) {
   if (count == 0)
     return PAGS_OK;
   float *const data = calloc((size_t)clusters->count, BOUND_PLANES * sizeof(float));
-  if (!data)
-    return pags_out_of_memory("the bounds of %lld clusters", (long long)clusters->count);
+  PAGS_CHECK_MEMORY(data, "the bounds of %lld clusters", (long long)clusters->count);
   for (int k = 0; k < 3; k++) {
     clusters->lo[k] = data + k * clusters->count;
     clusters->hi[k] = data + (3 + k) * clusters->count;
@@ -47,11 +46,9 @@ void pags_clusters_drop_runs(pags_clusters *clusters) {
 }
 
 pags_result pags_clusters_add_runs(pags_clusters *clusters) {
-  pags_clusters *const runs = calloc(1, sizeof *runs);
-  if (!runs || allocate(runs, (clusters->count + RUN - 1) / RUN, RUN * clusters->size) != PAGS_OK) {
-    free(runs);
-    return pags_out_of_memory("the bounds of %lld clusters", (long long)clusters->count);
-  }
+  PAGS_AUTOFREE pags_clusters *runs = calloc(1, sizeof *runs);
+  PAGS_CHECK_MEMORY(runs && allocate(runs, (clusters->count + RUN - 1) / RUN, RUN * clusters->size) == PAGS_OK,
+                    "the bounds of %lld clusters", (long long)clusters->count);
   for (int64_t r = 0; r < runs->count; r++) {
     const int64_t begin = r * RUN, end = begin + RUN < clusters->count ? begin + RUN : clusters->count;
     runs->sigma[r] = 0.0f;
@@ -64,7 +61,7 @@ pags_result pags_clusters_add_runs(pags_clusters *clusters) {
     }
   }
   pags_clusters_drop_runs(clusters);
-  clusters->runs = runs;
+  clusters->runs = pags_take(&runs);
   return PAGS_OK;
 }
 

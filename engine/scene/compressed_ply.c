@@ -84,18 +84,6 @@ static void unpack_vector(uint32_t word, const double *lo, const double *hi, int
     pags_plane(out, plane + k)[row] = (float)mix(lo[k], hi[k], unit(word, shifts[k], bits[k]));
 }
 
-/* Unpacks a rotation (see the table above). */
-static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
-  const int largest = (int)(word >> 30);
-  double q[4];
-  for (int k = 0, shift = 20; k < 4; k++)
-    if (k != largest) {
-      q[k] = (unit(word, shift, 10) - 0.5) * 1.4142135623730951;
-      shift -= 10;
-    }
-  pags_splat_put_rotation(q, largest, row, out);
-}
-
 /* Unpacks the coefficients of degrees 1 and above: a byte encodes a value in -4..4, and the order is channel-major
  * as in INRIA's PLY. */
 static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
@@ -132,7 +120,14 @@ pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *o
       for (int i = 0; i < 4; i++)
         words[i] = (uint32_t)pags_ply_value(r.table, r.vertex, r.words[i], row);
       unpack_vector(words[0], bounds, bounds + 3, PAGS_MEAN, row, out);
-      unpack_rotation(words[1], row, out);
+      const int largest = (int)(words[1] >> 30);
+      double q[4];
+      for (int k = 0, shift = 20; k < 4; k++)
+        if (k != largest) {
+          q[k] = (unit(words[1], shift, 10) - 0.5) * 1.4142135623730951;
+          shift -= 10;
+        }
+      pags_splat_put_rotation(q, largest, row, out);
       unpack_vector(words[2], bounds + 6, bounds + 9, PAGS_SCALE, row, out);
 
       /* Colour 0..1 to the constant SH coefficient, opacity byte to its logit. */

@@ -16,19 +16,6 @@ enum { GLB_HEADER = 12, CHUNK_HEADER = 8 };
 
 /* ---- Document ---- */
 
-static pags_result make_list(const gltf_file *f, const char *key, gltf_list *out) {
-  const pags_json_value *array = pags_json_member(f->root, key);
-  if (!array || array->type != PAGS_JSON_ARRAY)
-    return PAGS_OK;
-  out->items = calloc((size_t)array->count + 1, sizeof *out->items);
-  PAGS_CHECK_MEMORY(out->items, "%s: '%s'", f->path, key);
-  for (const pags_json_value *v = array->first; v; v = v->next) {
-    PAGS_TRY(pags_json_as_object(f->json, v, key));
-    out->items[out->count++] = v;
-  }
-  return PAGS_OK;
-}
-
 pags_result pags_gltf_refer(const gltf_file *f, const pags_json_value *object, const char *key, gltf_array array,
                             const pags_json_value **out) {
   const gltf_list *const list = &f->lists[array];
@@ -81,8 +68,18 @@ pags_result pags_gltf_open(const char *path, const uint8_t *bytes, size_t size, 
   PAGS_TRY(pags_json_parse_text(f->path, text, length, &f->json));
   f->root = pags_json_root(f->json);
   PAGS_TRY(pags_json_as_object(f->json, f->root, "a glTF document"));
-  for (int i = 0; i < GLTF_LISTS; i++)
-    PAGS_TRY(make_list(f, keys[i], &f->lists[i]));
+  for (int i = 0; i < GLTF_LISTS; i++) {
+    const pags_json_value *array = pags_json_member(f->root, keys[i]);
+    if (!array || array->type != PAGS_JSON_ARRAY)
+      continue;
+    gltf_list *const list = &f->lists[i];
+    list->items = calloc((size_t)array->count + 1, sizeof *list->items);
+    PAGS_CHECK_MEMORY(list->items, "%s: '%s'", path, keys[i]);
+    for (const pags_json_value *v = array->first; v; v = v->next) {
+      PAGS_TRY(pags_json_as_object(f->json, v, keys[i]));
+      list->items[list->count++] = v;
+    }
+  }
   f->buffers = calloc((size_t)f->lists[GLTF_BUFFERS].count + 1, sizeof *f->buffers);
   PAGS_CHECK_MEMORY(f->buffers, "%s", path);
   return PAGS_OK;
@@ -99,26 +96,20 @@ void pags_gltf_close(gltf_file *f) {
 
 /* ---- Buffers ---- */
 
-static int base64_digit(char c) {
-  return c >= 'A' && c <= 'Z'   ? c - 'A'
-         : c >= 'a' && c <= 'z' ? c - 'a' + 26
-         : c >= '0' && c <= '9' ? c - '0' + 52
-         : c == '+' || c == '-' ? 62
-         : c == '/' || c == '_' ? 63
-                                : -1;
-}
-
 /* Decodes the text of a data URI behind its comma. */
 static pags_result read_data_uri(const gltf_file *f, const char *text, gltf_buffer *out) {
   out->owned = malloc(strlen(text) / 4 * 3 + 4);
   PAGS_CHECK_MEMORY(out->owned, "%s: a buffer", f->path);
+  /* The last two are those of the alphabet for URLs, in place of the two before. */
+  static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/-_";
   uint32_t bits = 0;
   int held = 0;
   for (; *text && *text != '='; text++) {
-    const int digit = base64_digit(*text);
-    if (digit < 0)
+    const char *const found = strchr(digits, *text);
+    if (!found)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: a buffer's data URI: expected base64, found '%c'", f->path, *text);
-    bits = (bits << 6 | (uint32_t)digit) & 0xffffff;
+    const uint32_t digit = (uint32_t)(found - digits);
+    bits = (bits << 6 | (digit < 64 ? digit : digit - 2)) & 0xffffff;
     held += 6;
     if (held >= 8) {
       held -= 8;

@@ -22,13 +22,6 @@
 enum { ROWS = PAGS_PACKED_ROWS, HEAD = 128, ALIGNMENT = 64, BOUND_PLANES = 7, CHUNK = 4096 };
 static const char magic[2][8] = {"PAGSPK01", "PAGSPK02"}; /* without and with whole rows */
 
-/* Sizes of the packed data. */
-typedef struct extent {
-  int64_t count, clusters; /* Gaussians, clusters */
-  int64_t mixed, whole;    /* clusters with whole rows, whole rows */
-  int degree;
-} extent;
-
 /* Byte offsets of the arrays in a file or memory block of packed Gaussians, and the size of it all. */
 typedef struct places {
   size_t bounds, geometry, colour, mixed, whole, size;
@@ -38,23 +31,24 @@ static size_t align(size_t size) {
   return (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
 }
 
-static places find_places(const extent *e) {
+/* By the counts and the SH degree of `packed`. */
+static places find_places(const pags_packed *packed) {
+  const size_t clusters = (size_t)packed->clusters.count;
   places p = {.bounds = HEAD};
-  p.geometry = align(p.bounds + (size_t)e->clusters * BOUND_PLANES * sizeof(float));
-  p.colour = p.geometry + (size_t)e->clusters * PAGS_PACKED_GEOMETRY;
-  p.mixed = p.colour + (size_t)e->clusters * pags_packed_colour_bytes(e->degree);
-  p.whole = align(p.mixed + (size_t)e->mixed * sizeof(pags_packed_mixed));
-  p.size = p.whole + (size_t)e->whole * pags_packed_whole_bytes(e->degree);
+  p.geometry = align(p.bounds + clusters * BOUND_PLANES * sizeof(float));
+  p.colour = p.geometry + clusters * PAGS_PACKED_GEOMETRY;
+  p.mixed = p.colour + clusters * pags_packed_colour_bytes(packed->shape.sh_degree);
+  p.whole = align(p.mixed + (size_t)packed->mixed_count * sizeof(pags_packed_mixed));
+  p.size = p.whole + (size_t)packed->whole_count * pags_packed_whole_bytes(packed->shape.sh_degree);
   return p;
 }
 
-/* Makes `packed` a view of `bytes`, a block of the layout above: sets its counts, its pointers and its size. */
-static void attach(pags_packed *packed, uint8_t *bytes, const extent *e) {
-  const int64_t clusters = e->clusters;
-  const places p = find_places(e);
+/* Makes `packed`, whose counts and SH degree are set, a view of `bytes`, a block of the layout above. */
+static void attach(pags_packed *packed, uint8_t *bytes) {
+  const int64_t clusters = packed->clusters.count;
+  const places p = find_places(packed);
   float *const bounds = (float *)(void *)(bytes + p.bounds);
-  packed->shape = (pags_gaussians){.count = e->count, .sh_degree = e->degree, .alpha_min = packed->shape.alpha_min};
-  packed->clusters = (pags_clusters){.count = clusters, .size = ROWS};
+  packed->clusters.size = ROWS;
   for (int k = 0; k < 3; k++) {
     packed->clusters.lo[k] = bounds + k * clusters;
     packed->clusters.hi[k] = bounds + (3 + k) * clusters;
@@ -64,8 +58,6 @@ static void attach(pags_packed *packed, uint8_t *bytes, const extent *e) {
   packed->colour = bytes + p.colour;
   packed->mixed = (const pags_packed_mixed *)(const void *)(bytes + p.mixed);
   packed->whole = bytes + p.whole;
-  packed->mixed_count = e->mixed;
-  packed->whole_count = e->whole;
   packed->block = bytes;
   packed->block_size = p.size;
 }
@@ -195,12 +187,11 @@ static void pack_cluster(const pags_gaussians *g, int64_t c, uint64_t whole, pag
 
   /* The logarithm of sigma, rotation, opacity logit and semantic priority. */
   for (int i = 0; i < rows; i++) {
-    for (int k = 0; k < 3; k++)
-      put_word(block, 3 + k, i,
-               quantise(pags_plane(g, PAGS_SCALE + k)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
+    for (int k = 0; k < 4; k++) {
+      const float value = pags_plane(g, k < 3 ? PAGS_SCALE + k : PAGS_OPACITY)[first + i];
+      put_word(block, k < 3 ? 3 + k : 9, i, quantise(value, PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
+    }
     pack_rotation(g, first + i, i, block);
-    put_word(block, 9, i,
-             quantise(pags_plane(g, PAGS_OPACITY)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
     if (g->s_sem)
       block[2 * PAGS_PACKED_WORDS * ROWS + i] =
           (uint8_t)(fminf(fmaxf(g->s_sem[first + i], 0.0f), 1.0f) * 255.0f + 0.5f);
@@ -221,31 +212,32 @@ static void pack_cluster(const pags_gaussians *g, int64_t c, uint64_t whole, pag
 }
 
 pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out) {
-  extent e = {.count = gaussians->count, .degree = gaussians->sh_degree};
-  e.clusters = (e.count + ROWS - 1) / ROWS;
-  *out = (pags_packed){.shape.alpha_min = gaussians->alpha_min};
-  PAGS_AUTOFREE uint64_t *whole =
-      malloc((size_t)(e.clusters + 1) * sizeof *whole); /* bit i of a cluster's: its row i */
-  PAGS_CHECK_MEMORY(whole, "packing %lld Gaussians", (long long)e.count);
-  for (int64_t c = 0; c < e.clusters; c++) {
-    const int64_t left = e.count - c * ROWS;
+  const int64_t count = gaussians->count, clusters = (count + ROWS - 1) / ROWS;
+  PAGS_AUTO(pags_packed_destroy)
+  pags_packed packed = {.shape = {.count = count, .sh_degree = gaussians->sh_degree, .alpha_min = gaussians->alpha_min},
+                        .clusters.count = clusters,
+                        .has_s_sem = gaussians->s_sem != NULL};
+  *out = (pags_packed){0};
+  PAGS_AUTOFREE uint64_t *whole = malloc((size_t)(clusters + 1) * sizeof *whole); /* bit i of a cluster's: its row i */
+  PAGS_CHECK_MEMORY(whole, "packing %lld Gaussians", (long long)count);
+  for (int64_t c = 0; c < clusters; c++) {
+    const int64_t left = count - c * ROWS;
     whole[c] = pags_packed_choose_whole(gaussians, c * ROWS, left < ROWS ? (int)left : ROWS);
-    e.mixed += whole[c] != 0;
-    e.whole += __builtin_popcountll(whole[c]);
+    packed.mixed_count += whole[c] != 0;
+    packed.whole_count += __builtin_popcountll(whole[c]);
   }
-  const size_t size = find_places(&e).size;
-  uint8_t *const bytes = pags_port_aligned_alloc(ALIGNMENT, align(size));
-  PAGS_CHECK_MEMORY(bytes, "packing %lld Gaussians", (long long)e.count);
-  memset(bytes, 0, align(size));
-  attach(out, bytes, &e);
-  out->has_s_sem = gaussians->s_sem != NULL;
-  out->mixed_count = out->whole_count = 0;
-  for (int64_t c = 0; c < e.clusters; c++)
-    pack_cluster(gaussians, c, whole[c], out);
-  const pags_result result = pags_clusters_add_runs(&out->clusters);
-  if (result != PAGS_OK)
-    pags_packed_destroy(out);
-  return result;
+  const size_t size = align(find_places(&packed).size);
+  uint8_t *const bytes = pags_port_aligned_alloc(ALIGNMENT, size);
+  PAGS_CHECK_MEMORY(bytes, "packing %lld Gaussians", (long long)count);
+  memset(bytes, 0, size);
+  attach(&packed, bytes);
+  packed.mixed_count = packed.whole_count = 0;
+  for (int64_t c = 0; c < clusters; c++)
+    pack_cluster(gaussians, c, whole[c], &packed);
+  PAGS_TRY(pags_clusters_add_runs(&packed.clusters));
+  *out = packed;
+  packed = (pags_packed){0};
+  return PAGS_OK;
 }
 
 void pags_packed_destroy(pags_packed *packed) {
@@ -286,15 +278,14 @@ pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out) {
 
 /* ---- Writing the file ---- */
 
-/* Fills the header: magic (byte 0), count (8), SH degree (16), rows per cluster (17), whether it has s_sem (18), up
- * axis (19), antialiased (20), origin (24, three doubles), background (48, three floats), alpha_min (60), numbers of
- * clusters with whole rows (64) and of whole rows (72); all other bytes are 0. */
-static void fill_head(const pags_packed *packed, const extent *e, uint8_t head[HEAD]) {
-  memset(head, 0, HEAD);
-  memcpy(head, magic[e->mixed > 0], sizeof *magic);
-  memcpy(head + 8, &e->count, sizeof e->count);
-  memcpy(head + 64, &e->mixed, sizeof e->mixed);
-  memcpy(head + 72, &e->whole, sizeof e->whole);
+/* Fills the header, of zeros: magic (byte 0), count (8), SH degree (16), rows per cluster (17), whether it has s_sem
+ * (18), up axis (19), antialiased (20), origin (24, three doubles), background (48, three floats), alpha_min (60),
+ * numbers of clusters with whole rows (64) and of whole rows (72); all other bytes are 0. */
+static void fill_head(const pags_packed *packed, uint8_t head[HEAD]) {
+  memcpy(head, magic[packed->mixed_count > 0], sizeof *magic);
+  memcpy(head + 8, &packed->shape.count, sizeof packed->shape.count);
+  memcpy(head + 64, &packed->mixed_count, sizeof packed->mixed_count);
+  memcpy(head + 72, &packed->whole_count, sizeof packed->whole_count);
   head[16] = (uint8_t)packed->shape.sh_degree;
   head[17] = ROWS;
   head[18] = packed->has_s_sem != 0;
@@ -335,26 +326,24 @@ static void move(uint8_t *floats, const double *offset) {
   memcpy(floats, x, sizeof x);
 }
 
-/* Writes the lists of the first `mixed` clusters with whole rows and of the first `whole` of these rows, once per copy
- * of `clusters` clusters. */
-static pags_result put_lists(pags_file_writer *file, const pags_packed *packed, const extent *one, int64_t copies,
-                             const double *offsets) {
-  const size_t bytes = pags_packed_whole_bytes(one->degree);
+/* Writes the lists of the clusters with whole rows and of these rows, once per copy. */
+static pags_result put_lists(pags_file_writer *file, const pags_packed *one, int64_t copies, const double *offsets) {
+  const size_t bytes = pags_packed_whole_bytes(one->shape.sh_degree);
   uint8_t row[sizeof(uint32_t) + PAGS_MAX_PLANES * sizeof(float)];
   for (int64_t c = 0; c < copies; c++)
-    for (int64_t m = 0; m < one->mixed; m++) {
-      pags_packed_mixed mixed = packed->mixed[m];
-      mixed.cluster += (uint32_t)(c * one->clusters);
-      mixed.first += (uint32_t)(c * one->whole);
+    for (int64_t m = 0; m < one->mixed_count; m++) {
+      pags_packed_mixed mixed = one->mixed[m];
+      mixed.cluster += (uint32_t)(c * one->clusters.count);
+      mixed.first += (uint32_t)(c * one->whole_count);
       move((uint8_t *)mixed.lo, offsets ? offsets + 3 * c : NULL);
       move((uint8_t *)mixed.hi, offsets ? offsets + 3 * c : NULL);
       PAGS_TRY(pags_file_writer_put(file, &mixed, sizeof mixed));
     }
-  const size_t written = (size_t)(copies * one->mixed) * sizeof(pags_packed_mixed);
+  const size_t written = (size_t)(copies * one->mixed_count) * sizeof(pags_packed_mixed);
   PAGS_TRY(put_zeros(file, align(written) - written));
   for (int64_t c = 0; c < copies; c++)
-    for (int64_t i = 0; i < one->whole; i++) {
-      memcpy(row, packed->whole + (size_t)i * bytes, bytes);
+    for (int64_t i = 0; i < one->whole_count; i++) {
+      memcpy(row, one->whole + (size_t)i * bytes, bytes);
       move(row + sizeof(uint32_t), offsets ? offsets + 3 * c : NULL);
       PAGS_TRY(pags_file_writer_put(file, row, bytes));
     }
@@ -362,22 +351,22 @@ static pags_result put_lists(pags_file_writer *file, const pags_packed *packed, 
 }
 
 pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_t copies, const double *offsets) {
-  extent one = {.count = packed->shape.count,
-                .clusters = packed->clusters.count,
-                .mixed = packed->mixed_count,
-                .whole = packed->whole_count,
-                .degree = packed->shape.sh_degree};
+  pags_packed one = *packed;
   if (copies > 1) { /* whole clusters alone */
-    one.clusters = one.count / ROWS;
-    one.count = one.clusters * ROWS;
-    if (one.mixed && packed->mixed[one.mixed - 1].cluster >= one.clusters)
-      one.whole = packed->mixed[--one.mixed].first;
+    one.clusters.count = one.shape.count / ROWS;
+    one.shape.count = one.clusters.count * ROWS;
+    if (one.mixed_count && one.mixed[one.mixed_count - 1].cluster >= one.clusters.count)
+      one.whole_count = one.mixed[--one.mixed_count].first;
   }
-  const extent all = {copies * one.count, copies * one.clusters, copies * one.mixed, copies * one.whole, one.degree};
+  pags_packed all = one;
+  all.shape.count *= copies;
+  all.clusters.count *= copies;
+  all.mixed_count *= copies;
+  all.whole_count *= copies;
   pags_file_writer file;
-  if (all.count > INT64_C(0x7FFFFFC0))
+  if (all.shape.count > INT64_C(0x7FFFFFC0))
     return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are more than the 2^31 - 64 of a packed file", path,
-                     (long long)all.count);
+                     (long long)all.shape.count);
   for (int k = 0; k < 3; k++)
     if (!isfinite(packed->origin[k]) || !isfinite(packed->background[k]))
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a finite origin and background, found %g and %g", path,
@@ -385,20 +374,21 @@ pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_
   PAGS_TRY(pags_file_writer_begin(&file, path));
 
   /* The header, the bounds (six planes of boxes, one of sigmas), the padding, the geometry, the colours, the lists. */
-  uint8_t head[HEAD];
+  uint8_t head[HEAD] = {0};
   const places p = find_places(&all);
-  fill_head(packed, &all, head);
+  fill_head(&all, head);
   PAGS_TRY(pags_file_writer_put(&file, head, HEAD));
   for (int k = 0; k < 6; k++)
-    PAGS_TRY(put_bounds(&file, k < 3 ? packed->clusters.lo[k] : packed->clusters.hi[k - 3], one.clusters, copies, k % 3,
-                        offsets));
-  PAGS_TRY(put_bounds(&file, packed->clusters.sigma, one.clusters, copies, -1, NULL));
-  PAGS_TRY(put_zeros(&file, p.geometry - p.bounds - (size_t)all.clusters * BOUND_PLANES * sizeof(float)));
+    PAGS_TRY(put_bounds(&file, k < 3 ? packed->clusters.lo[k] : packed->clusters.hi[k - 3], one.clusters.count, copies,
+                        k % 3, offsets));
+  PAGS_TRY(put_bounds(&file, packed->clusters.sigma, one.clusters.count, copies, -1, NULL));
+  PAGS_TRY(put_zeros(&file, p.geometry - p.bounds - (size_t)all.clusters.count * BOUND_PLANES * sizeof(float)));
   for (int64_t c = 0; c < copies; c++)
-    PAGS_TRY(pags_file_writer_put(&file, packed->geometry, (size_t)one.clusters * PAGS_PACKED_GEOMETRY));
+    PAGS_TRY(pags_file_writer_put(&file, packed->geometry, (size_t)one.clusters.count * PAGS_PACKED_GEOMETRY));
   for (int64_t c = 0; c < copies; c++)
-    PAGS_TRY(pags_file_writer_put(&file, packed->colour, (size_t)one.clusters * pags_packed_colour_bytes(one.degree)));
-  PAGS_TRY(put_lists(&file, packed, &one, copies, offsets));
+    PAGS_TRY(pags_file_writer_put(&file, packed->colour,
+                                  (size_t)one.clusters.count * pags_packed_colour_bytes(one.shape.sh_degree)));
+  PAGS_TRY(put_lists(&file, &one, copies, offsets));
   return pags_file_writer_commit(&file);
 }
 
@@ -455,29 +445,32 @@ static pags_result check_bounds(const char *path, const pags_packed *packed) {
 }
 
 /* Reads and checks the header and compares the file's size in bytes with the one it implies. */
-static pags_result read_head(const char *path, const uint8_t *head, uint64_t size, extent *e, pags_packed *out) {
+static pags_result read_head(const char *path, const uint8_t *head, uint64_t size, pags_packed *out) {
   const bool second = memcmp(head, magic[1], sizeof *magic) == 0;
   if (!second && memcmp(head, magic[0], sizeof *magic) != 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a packed splat file, which begins with 'PAGSPK01' or 'PAGSPK02'",
                      path);
-  *e = (extent){.degree = head[16]};
-  memcpy(&e->count, head + 8, sizeof e->count);
+  int64_t count;
+  memcpy(&count, head + 8, sizeof count);
   if (second) {
-    memcpy(&e->mixed, head + 64, sizeof e->mixed);
-    memcpy(&e->whole, head + 72, sizeof e->whole);
+    memcpy(&out->mixed_count, head + 64, sizeof out->mixed_count);
+    memcpy(&out->whole_count, head + 72, sizeof out->whole_count);
   }
-  if (e->count < 0 || e->count > INT64_C(0x7FFFFFC0) || e->degree > 3 || head[17] != ROWS || head[19] > PAGS_UP_Y)
+  if (count < 0 || count > INT64_C(0x7FFFFFC0) || head[16] > 3 || head[17] != ROWS || head[19] > PAGS_UP_Y)
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: head: expected at most 2^31 - 64 Gaussians of degree 0 to 3 in clusters of %d", path, ROWS);
-  e->clusters = (e->count + ROWS - 1) / ROWS;
-  if (e->mixed < 0 || e->mixed > e->clusters || e->whole < e->mixed || e->whole > e->count)
+  const int64_t clusters = (count + ROWS - 1) / ROWS;
+  if (out->mixed_count < 0 || out->mixed_count > clusters || out->whole_count < out->mixed_count ||
+      out->whole_count > count)
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: head: expected at most %lld clusters with whole rows, and at most %lld of these", path,
-                     (long long)e->clusters, (long long)e->count);
-  const places p = find_places(e);
-  if (p.size != size)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %llu bytes for %lld Gaussians of degree %d, found %llu", path,
-                     (unsigned long long)p.size, (long long)e->count, e->degree, (unsigned long long)size);
+                     (long long)clusters, (long long)count);
+  out->shape = (pags_gaussians){.count = count, .sh_degree = head[16]};
+  out->clusters.count = clusters;
+  const size_t expected = find_places(out).size;
+  if (expected != size)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %zu bytes for %lld Gaussians of degree %d, found %llu", path,
+                     expected, (long long)count, head[16], (unsigned long long)size);
   out->has_s_sem = head[18];
   out->up = head[19];
   out->antialiased = head[20] != 0;
@@ -496,7 +489,6 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
 pags_result pags_packed_open(const char *path, pags_packed *out) {
   uint64_t size;
   uint8_t *bytes = NULL;
-  extent e;
   *out = (pags_packed){0};
   PAGS_TRY(pags_file_size(path, &size));
   if (size < HEAD)
@@ -506,8 +498,8 @@ pags_result pags_packed_open(const char *path, pags_packed *out) {
   if (!pags_port_map(path, size, &bytes))
     return pags_fail(PAGS_ERROR_IO, "%s: can't be mapped into memory", path);
   PAGS_AUTO(pags_packed_destroy) pags_packed packed = {.block = bytes, .block_size = size, .mapped = 1};
-  PAGS_TRY(read_head(path, bytes, size, &e, &packed));
-  attach(&packed, bytes, &e);
+  PAGS_TRY(read_head(path, bytes, size, &packed));
+  attach(&packed, bytes);
   PAGS_TRY(check_bounds(path, &packed));
   PAGS_TRY(pags_packed_check_whole(path, &packed));
   PAGS_TRY(pags_clusters_add_runs(&packed.clusters));

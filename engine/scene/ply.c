@@ -60,19 +60,6 @@ static void name_fourier(int plane, char name[NAME_SIZE]) {
 
 /* ---- Reading ---- */
 
-/* Reads red, green, blue (nerfstudio's --ply-color-mode rgb) as the constant colour. Whole numbers are of the type's
- * whole range, others of 0 to 1. */
-static void read_rgb(const ply_table *table, const ply_element *vertex, const ply_property *const rgb[3],
-                     pags_gaussians *out) {
-  for (int k = 0; k < 3; k++) {
-    float *const values = pags_plane(out, PAGS_SH + k);
-    const ply_type type = rgb[k]->type;
-    const double most = type == PLY_FLOAT || type == PLY_DOUBLE ? 1 : type == PLY_USHORT ? 65535 : 255;
-    for (int64_t i = 0; i < out->count; i++)
-      values[i] = (float)((pags_ply_value(table, vertex, rgb[k], i) / most - 0.5) / PAGS_SH_C0);
-  }
-}
-
 /* The kinds of splats that other programs write with fewer properties than INRIA's: what is missing and how it is
  * taken. */
 typedef struct reduced {
@@ -116,8 +103,15 @@ static void complete(const ply_table *table, const ply_element *vertex, const re
   const long long count = out->count;
   if (count == 0) /* has no planes */
     return;
-  if (kind->rgb[0])
-    read_rgb(table, vertex, kind->rgb, out);
+  /* Red, green, blue (nerfstudio's --ply-color-mode rgb) are the constant colour. Whole numbers are of the type's whole
+   * range, others of 0 to 1. */
+  for (int k = 0; k < 3 && kind->rgb[0]; k++) {
+    const ply_type type = kind->rgb[k]->type;
+    const double most = type == PLY_FLOAT || type == PLY_DOUBLE ? 1 : type == PLY_USHORT ? 65535 : 255;
+    for (int64_t i = 0; i < count; i++)
+      pags_plane(out, PAGS_SH + k)[i] =
+          (float)((pags_ply_value(table, vertex, kind->rgb[k], i) / most - 0.5) / PAGS_SH_C0);
+  }
   if (kind->flat) {
     fill(out, PAGS_SCALE + 2, PAGS_LEAST_SCALE);
     pags_log_message(PAGS_LOG_INFO, "%s: 2D Gaussian splats (no scale_2), taken as flat discs", table->path);

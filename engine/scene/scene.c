@@ -141,26 +141,23 @@ pags_result pags_scene_load_in_axes(const char *path, int axes, pags_scene *scen
 
 /* ---- Saving ---- */
 
-/* The PLY of the background repeats the metadata of scene.json, for programs that open it alone. Those of
- * objects are in the object's frame, whose z is up. */
-static pags_result save_model(const char *folder, const pags_scene *scene, const pags_model *model) {
-  const bool background = model == scene->models;
-  pags_splat_facts facts = {.antialiased = scene->antialiased, .up = background ? scene->up : PAGS_UP_Z};
-  if (background)
-    pags_copy3(scene->origin, facts.origin);
-  assert(pags_path_is_inside(model->file));
-  PAGS_AUTOFREE char *path = pags_path_join(folder, model->file);
-  PAGS_AUTOFREE char *parent = path ? pags_path_folder(path) : NULL;
-  PAGS_CHECK_MEMORY(parent, "%s: a path", folder);
-  PAGS_TRY(pags_make_dirs(parent));
-  return pags_ply_save_facts(path, &model->gaussians, &facts);
-}
-
 /* scene.json is written last: if saving is interrupted, a new scene.json never names a model or sky that has not been
  * written completely. */
 pags_result pags_scene_write(const char *folder, const pags_scene *scene) {
-  for (int64_t i = 0; i < scene->model_count; i++)
-    PAGS_TRY(save_model(folder, scene, &scene->models[i]));
+  for (int64_t i = 0; i < scene->model_count; i++) {
+    /* The PLY of the background repeats the metadata of scene.json, for programs that open it alone. Those of objects
+     * are in the object's frame, whose z is up. */
+    const pags_model *const model = &scene->models[i];
+    pags_splat_facts facts = {.antialiased = scene->antialiased, .up = i == 0 ? scene->up : PAGS_UP_Z};
+    if (i == 0)
+      pags_copy3(scene->origin, facts.origin);
+    assert(pags_path_is_inside(model->file));
+    PAGS_AUTOFREE char *path = pags_path_join(folder, model->file);
+    PAGS_AUTOFREE char *parent = path ? pags_path_folder(path) : NULL;
+    PAGS_CHECK_MEMORY(parent, "%s: a path", folder);
+    PAGS_TRY(pags_make_dirs(parent));
+    PAGS_TRY(pags_ply_save_facts(path, &model->gaussians, &facts));
+  }
   PAGS_AUTOFREE char *sky = pags_path_join(folder, PAGS_SKY_FILE), *json = pags_path_join(folder, "scene.json");
   PAGS_CHECK_MEMORY(sky && json, "%s: a path", folder);
   if (scene->sky.size > 0)

@@ -83,18 +83,6 @@ static pags_result read_text(const pags_json *json, const pags_json_value *root,
   return text ? pags_json_string_copy(json, root, key, out) : PAGS_OK;
 }
 
-/* Reads how the photographs were opened for the training. */
-static pags_result read_photographs(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
-  const char *alpha;
-  PAGS_TRY(read_text(json, root, "image_folder", &scene->image_folder));
-  PAGS_TRY(pags_json_string_or(json, root, "image_alpha", alpha_names[0], &alpha));
-  scene->image_alpha = pags_text_find(alpha, alpha_names, 3);
-  if (scene->image_alpha >= 0)
-    return PAGS_OK;
-  return pags_json_fail(json, pags_json_member(root, "image_alpha"),
-                        "expected \"composite\", \"mask\" or \"ignore\" for 'image_alpha', found \"%.40s\"", alpha);
-}
-
 static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scene_files *files) {
   const pags_json_value *root = pags_json_root(json);
   double time[2], background[3];
@@ -102,7 +90,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
 
   /* Version and units come first, since they decide whether the other keys can be understood. */
   int64_t version;
-  const char *units, *up;
+  const char *units, *up, *alpha;
   PAGS_TRY(pags_json_integer(json, root, "version", 1, INT32_MAX, &version));
   if (version > VERSION)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s:%d: the scene's version is %lld, this program reads up to %d",
@@ -134,7 +122,13 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   /* How the scene was trained: data set, seed, steps, configuration, notes on the models. */
   PAGS_TRY(read_text(json, root, "dataset", &scene->dataset));
   PAGS_TRY(read_text(json, root, "colmap", &scene->colmap));
-  PAGS_TRY(read_photographs(json, root, scene));
+  /* How the photographs were opened for the training. */
+  PAGS_TRY(read_text(json, root, "image_folder", &scene->image_folder));
+  PAGS_TRY(pags_json_string_or(json, root, "image_alpha", alpha_names[0], &alpha));
+  scene->image_alpha = pags_text_find(alpha, alpha_names, 3);
+  if (scene->image_alpha < 0)
+    return pags_json_fail(json, pags_json_member(root, "image_alpha"),
+                          "expected \"composite\", \"mask\" or \"ignore\" for 'image_alpha', found \"%.40s\"", alpha);
   PAGS_TRY(pags_json_unsigned_or(json, root, "seed", 0, &scene->seed));
   PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &scene->iterations));
   PAGS_TRY(read_raw(json, root, "config", &scene->config));

@@ -319,25 +319,18 @@ static pags_result decode_quats(sog_file *f, pags_gaussians *out) {
   return PAGS_OK;
 }
 
-static pags_result decode_scales(sog_file *f, pags_gaussians *out) {
+/* Decodes the three bytes of each pixel of an attribute to the planes from `plane` on. */
+static pags_result decode_bytes(sog_file *f, const char *attribute, const sog_scale *scale, int plane,
+                                pags_gaussians *out) {
   PAGS_AUTO(pags_webp_destroy) pags_webp picture = {0};
-  PAGS_TRY(read_rows(f, "scales", 0, &picture));
-  PAGS_TRY(check_indices(f, "scales", &f->scales, &picture, f->count));
-  for (int64_t i = 0; i < f->count; i++)
-    for (int k = 0; k < 3; k++)
-      pags_plane(out, PAGS_SCALE + k)[i] = f->scales.book[k][picture.rgba[4 * i + k]];
-  return PAGS_OK;
-}
-
-static pags_result decode_sh0(sog_file *f, pags_gaussians *out) {
-  PAGS_AUTO(pags_webp_destroy) pags_webp picture = {0};
-  PAGS_TRY(read_rows(f, "sh0", 0, &picture));
-  PAGS_TRY(check_indices(f, "sh0", &f->sh0, &picture, f->count));
+  PAGS_TRY(read_rows(f, attribute, 0, &picture));
+  PAGS_TRY(check_indices(f, attribute, scale, &picture, f->count));
   for (int64_t i = 0; i < f->count; i++) {
     const uint8_t *pixel = picture.rgba + 4 * i;
     for (int k = 0; k < 3; k++)
-      pags_plane(out, PAGS_SH + k)[i] = f->sh0.book[k][pixel[k]];
-    pags_plane(out, PAGS_OPACITY)[i] = f->version == 2 ? pags_logit_of_byte(pixel[3]) : f->sh0.book[3][pixel[3]];
+      pags_plane(out, plane + k)[i] = scale->book[k][pixel[k]];
+    if (plane == PAGS_SH)
+      pags_plane(out, PAGS_OPACITY)[i] = f->version == 2 ? pags_logit_of_byte(pixel[3]) : scale->book[3][pixel[3]];
   }
   return PAGS_OK;
 }
@@ -392,8 +385,8 @@ static pags_result decode_all(sog_file *f, pags_gaussians *out) {
     PAGS_TRY(read_palette(f, &palette));
   PAGS_TRY(decode_means(f, out));
   PAGS_TRY(decode_quats(f, out));
-  PAGS_TRY(decode_scales(f, out));
-  PAGS_TRY(decode_sh0(f, out));
+  PAGS_TRY(decode_bytes(f, "scales", &f->scales, PAGS_SCALE, out));
+  PAGS_TRY(decode_bytes(f, "sh0", &f->sh0, PAGS_SH, out)); /* and the opacity */
   if (f->sh_degree)
     PAGS_TRY(decode_shn(f, &palette, out));
   if (f->lossy.count)

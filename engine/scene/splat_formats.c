@@ -34,26 +34,13 @@ pags_result pags_splat_create(const char *path, int64_t count, int stored_degree
 
 /* ---- The check of decoded Gaussians ---- */
 
-/* Replaces all-zero quaternions by the identity. Returns how many. */
-static int64_t fix_rotations(pags_gaussians *g) {
-  int64_t fixed = 0;
-  float *q[4];
-  for (int k = 0; k < 4; k++)
-    q[k] = pags_plane(g, PAGS_ROTATION + k);
-  for (int64_t i = 0; i < g->count; i++)
-    if (q[0][i] == 0 && q[1][i] == 0 && q[2][i] == 0 && q[3][i] == 0) {
-      q[0][i] = 1;
-      fixed++;
-    }
-  return fixed;
-}
-
-/* Replaces infinite opacities and scales of -inf, which are limits of valid ones. Returns of how many Gaussians. */
-static int64_t take_limits(pags_gaussians *g) {
-  int64_t taken = 0;
+/* Replaces infinite opacities and scales of -inf, which are limits of valid ones, and all-zero quaternions by the
+ * identity. *limits, *fixed: of how many Gaussians. */
+static void mend_rows(pags_gaussians *g, int64_t *limits, int64_t *fixed) {
+  *limits = *fixed = 0;
   for (int64_t i = 0; i < g->count; i++) {
     float *const opacity = pags_plane(g, PAGS_OPACITY) + i;
-    bool limit = isinf(*opacity);
+    bool limit = isinf(*opacity), turned = false;
     if (limit)
       *opacity = copysignf(PAGS_MOST_OPACITY, *opacity);
     for (int k = 0; k < 3; k++) {
@@ -63,9 +50,13 @@ static int64_t take_limits(pags_gaussians *g) {
         limit = true;
       }
     }
-    taken += limit;
+    for (int k = 0; k < 4; k++)
+      turned = turned || pags_plane(g, PAGS_ROTATION + k)[i] != 0;
+    if (!turned)
+      pags_plane(g, PAGS_ROTATION)[i] = 1;
+    *limits += limit;
+    *fixed += !turned;
   }
-  return taken;
 }
 
 /* Leaves out the `bad` rows that aren't finite. */
@@ -98,7 +89,9 @@ static pags_result leave_out(const char *path, pags_gaussians *g, int64_t bad) {
 static pags_result accept(const char *path, pags_gaussians *g) {
   if (g->count == 0 || pags_gaussians_find_bad(g, NULL) == 0)
     return PAGS_OK;
-  const int64_t limits = take_limits(g), fixed = fix_rotations(g), bad = pags_gaussians_find_bad(g, NULL);
+  int64_t limits, fixed;
+  mend_rows(g, &limits, &fixed);
+  const int64_t bad = pags_gaussians_find_bad(g, NULL);
   if (limits)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld Gaussians have an infinite opacity or scale, which is taken as its limit",
                      path, (long long)limits);

@@ -200,8 +200,7 @@ static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *
     uInt got = step - stream->avail_out;
     out += got;
     size -= got;
-    if (code == Z_MEM_ERROR)
-      return pags_out_of_memory("%s", path);
+    PAGS_CHECK_MEMORY(code != Z_MEM_ERROR, "%s", path);
     if (size && (code != Z_OK || got == 0))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the gzip data %s, %llu bytes before the end of the Gaussians",
                        path, (unsigned long long)stream->total_in, code == Z_DATA_ERROR ? "is damaged" : "ends",
@@ -284,8 +283,7 @@ static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t 
   /* zlib counts input in 32 bits. 16 + MAX_WBITS makes it expect a gzip header. */
   if (size > UINT32_MAX)
     return pags_fail(PAGS_ERROR_LIMIT, "%s: SPZ files of more than 4 GB can't be read", path);
-  if (inflateInit2(&stream, 16 + MAX_WBITS) != Z_OK)
-    return pags_out_of_memory("%s", path);
+  PAGS_CHECK_MEMORY(inflateInit2(&stream, 16 + MAX_WBITS) == Z_OK, "%s", path);
   stream.next_in = (z_const Bytef *)(uintptr_t)bytes;
   stream.avail_in = (uInt)size;
   pags_result result = decode_gzip(path, &stream, size, h, out);
