@@ -6,12 +6,22 @@
 
 #include <assert.h>
 #include <errno.h>
+#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
 #include "base/text.h"
 #include "port/port.h"
+
+pags_result pags_fail_at(const char *where, const char *format, ...) {
+  char text[1024];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: %s", where, text);
+}
 
 pags_result pags_fail_errno(const char *path, const char *what) {
   return pags_fail(errno == ENOMEM ? PAGS_ERROR_MEMORY : PAGS_ERROR_IO, "%s: %s: %s", path, what, strerror(errno));

@@ -28,6 +28,9 @@ static inline void pags_file_close(FILE **stream) {
     fclose(*stream);
 }
 
+/* Fails with PAGS_ERROR_FORMAT and the message "WHERE: ...", WHERE being a file or what of it has the fault. */
+pags_result pags_fail_at(const char *where, const char *format, ...) PAGS_PRINTF(2, 3);
+
 /* Fails with "path: what: " and the text of errno. PAGS_ERROR_IO, or PAGS_ERROR_MEMORY for ENOMEM. */
 pags_result pags_fail_errno(const char *path, const char *what);
 

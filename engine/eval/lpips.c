@@ -7,6 +7,7 @@
  *
  * x is the network's input. A tap is a layer whose features a and b of the two pictures are compared. Both pictures
  * go through the network side by side, layer by layer, so that only two layers of each are in memory. */
+#include "base/file.h"
 #include "base/memory.h"
 #include "eval/layers.h"
 #include "eval/metric.h"
@@ -92,17 +93,16 @@ static void put_shape(char *text, size_t size, int rank, const int64_t *shape) {
 static pags_result get(const loader *l, const char *name, int rank, const int64_t *shape, const float **data) {
   const pags_npz_array *array = pags_npz_find(l->npz, name);
   if (!array)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: weights of %s: expected a member '%s'", l->path, l->network, name);
+    return pags_fail_at(l->path, "weights of %s: expected a member '%s'", l->network, name);
   if (array->rank != rank || memcmp(array->shape, shape, (size_t)rank * sizeof *shape) != 0) {
     char found[100], expected[100];
     put_shape(found, sizeof found, array->rank, array->shape);
     put_shape(expected, sizeof expected, rank, shape);
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: weights of %s: '%s' is %s, expected %s", l->path, l->network, name, found,
-                     expected);
+    return pags_fail_at(l->path, "weights of %s: '%s' is %s, expected %s", l->network, name, found, expected);
   }
   for (int64_t i = 0; i < array->count; i++)
     if (!isfinite(array->data[i]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': value %lld is not finite", l->path, name, (long long)i);
+      return pags_fail_at(l->path, "'%s': value %lld is not finite", name, (long long)i);
   *data = array->data;
   return PAGS_OK;
 }
@@ -128,14 +128,14 @@ static pags_result find_network(const pags_npz *npz, const char *path, const net
           found[n] = npz->arrays[k].name;
       }
   if (found[0] && found[1])
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected the weights of one network, found '%s' of %s and '%s' of %s",
-                     path, found[0], networks[0].name, found[1], networks[1].name);
+    return pags_fail_at(path, "expected the weights of one network, found '%s' of %s and '%s' of %s", found[0],
+                        networks[0].name, found[1], networks[1].name);
   if (!found[0] && !found[1])
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: expected LPIPS weights of SqueezeNet 1.1 ('fire2.squeeze.weight', ...) or AlexNet "
-                     "('conv2.weight', ...) as docs/eval.md makes them, found %lld arrays%s%s%s",
-                     path, (long long)npz->count, npz->count ? ", the first '" : "",
-                     npz->count ? npz->arrays[0].name : "", npz->count ? "'" : "");
+    return pags_fail_at(path,
+                        "expected LPIPS weights of SqueezeNet 1.1 ('fire2.squeeze.weight', ...) or AlexNet "
+                        "('conv2.weight', ...) as docs/eval.md makes them, found %lld arrays%s%s%s",
+                        (long long)npz->count, npz->count ? ", the first '" : "", npz->count ? npz->arrays[0].name : "",
+                        npz->count ? "'" : "");
   *out = &networks[found[0] ? 0 : 1];
   return PAGS_OK;
 }
@@ -177,7 +177,7 @@ static pags_result read_network(const char *npz_path, pags_lpips *lpips) {
   PAGS_TRY(get(&l, "scale", 1, &(int64_t){3}, &lpips->scale));
   for (int c = 0; c < 3; c++)
     if (lpips->scale[c] == 0.0f)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: 'scale' holds a zero", npz_path);
+      return pags_fail_at(npz_path, "'scale' holds a zero");
   return PAGS_OK;
 }
 

@@ -46,11 +46,11 @@ static bool parse_shape(const char *p, pags_npz_array *array) {
 
 static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path, pags_npz_array *array) {
   if (size < 12 || memcmp(bytes, "\x93NUMPY", 6) != 0 || bytes[6] < 1 || bytes[6] > 3)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected an npy array of version 1 to 3", path, array->name);
+    return pags_fail_at(path, "'%s': expected an npy array of version 1 to 3", array->name);
   size_t begin = bytes[6] == 1 ? 10 : 12;
   size_t length = bytes[6] == 1 ? pags_load_u16(bytes + 8) : pags_load_u32(bytes + 8);
   if (size - begin < length)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': the npy header is cut off", path, array->name);
+    return pags_fail_at(path, "'%s': the npy header is cut off", array->name);
   PAGS_AUTOFREE char *text = malloc(length + 1);
   PAGS_CHECK_MEMORY(text, "%s", path);
   memcpy(text, bytes + begin, length);
@@ -58,13 +58,12 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
   const char *descr = find_key(text, "'descr':"), *order = find_key(text, "'fortran_order':");
   const char *shape = find_key(text, "'shape':");
   if (!descr || !order || !shape || !parse_shape(shape, array))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected an npy header with descr, fortran_order and shape", path,
-                     array->name);
+    return pags_fail_at(path, "'%s': expected an npy header with descr, fortran_order and shape", array->name);
   if (strncmp(descr, "'<f4'", 5) != 0 || strncmp(order, "False", 5) != 0)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%s': expected little-endian float32 in C order", path, array->name);
   if ((size - begin - length) != (uint64_t)array->count * 4)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': expected %lld bytes of values, found %zu", path, array->name,
-                     (long long)array->count * 4, size - begin - length);
+    return pags_fail_at(path, "'%s': expected %lld bytes of values, found %zu", array->name,
+                        (long long)array->count * 4, size - begin - length);
   array->data = malloc(array->count ? (size_t)array->count * sizeof(float) : 1);
   PAGS_CHECK_MEMORY(array->data, "%s", path);
   for (int64_t i = 0; i < array->count; i++)

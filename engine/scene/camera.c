@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
 
@@ -149,7 +150,7 @@ double pags_rigid_unscale(double m[12]) {
 static pags_result check_finite(const double m[12], const char *what) {
   for (int i = 0; i < 12; i++)
     if (!isfinite(m[i]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not finite", what);
+      return pags_fail_at(what, "the pose is not finite");
   return PAGS_OK;
 }
 
@@ -157,18 +158,18 @@ pags_result pags_rigid_check(double m[12], const char *what) {
   PAGS_TRY(check_finite(m, what));
   const double away = fmax(fmax(fabs(m[3]), fabs(m[7])), fabs(m[11]));
   if (away > 1e12)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is %.3g away; expected at most 1e12", what, away);
+    return pags_fail_at(what, "the pose is %.3g away; expected at most 1e12", away);
   double c[9], turned[12];
   const double error = orthonormal_error(m), volume = cofactors(m, c);
   memcpy(turned, m, sizeof turned);
   const double scale = pags_rigid_unscale(turned);
   if (scale != 1)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: the pose is not a rotation and a translation: it scales by %.6g; expected axes of length 1",
-                     what, scale);
+    return pags_fail_at(
+        what, "the pose is not a rotation and a translation: it scales by %.6g; expected axes of length 1", scale);
   if (error > rigid_tolerance || volume < 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not a rotation and a translation (%s)", what,
-                     error <= rigid_tolerance ? "it mirrors" : "its axes are not at right angles or differ in length");
+    return pags_fail_at(
+        what, "the pose is not a rotation and a translation (%s)",
+        error <= rigid_tolerance ? "it mirrors" : "its axes are not at right angles or differ in length");
   make_orthonormal(m);
   return PAGS_OK;
 }
@@ -182,8 +183,7 @@ pags_result pags_affine_check(double m[12], const char *what) {
   double c[9];
   const double longest = pags_affine_stretch(m), volume = cofactors(m, c);
   if (!(fabs(volume) > 1e-9 * longest * longest * longest))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: the pose flattens what it moves: expected a scale other than 0 in every direction", what);
+    return pags_fail_at(what, "the pose flattens what it moves: expected a scale other than 0 in every direction");
   if (volume > 0 && orthonormal_error(m) <= 2e-5) /* of R R^T: twice that of an entry */
     make_orthonormal(m);
   return PAGS_OK;
@@ -248,29 +248,26 @@ const char *pags_shutter_direction(const pags_shutter *shutter) {
 
 pags_result pags_camera_check(pags_camera *camera, const char *what) {
   if (camera->width < 1 || camera->width > 65535 || camera->height < 1 || camera->height > 65535)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a picture of 1 to 65535 pixels a side, found %d x %d", what,
-                     camera->width, camera->height);
+    return pags_fail_at(what, "expected a picture of 1 to 65535 pixels a side, found %d x %d", camera->width,
+                        camera->height);
   if (!(camera->fx > 0 && camera->fy > 0 && isfinite(camera->fx) && isfinite(camera->fy)))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected positive focal lengths, found fx %g, fy %g", what, camera->fx,
-                     camera->fy);
+    return pags_fail_at(what, "expected positive focal lengths, found fx %g, fy %g", camera->fx, camera->fy);
   if (!isfinite(camera->cx) || !isfinite(camera->cy))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a finite principal point, found cx %g, cy %g", what, camera->cx,
-                     camera->cy);
+    return pags_fail_at(what, "expected a finite principal point, found cx %g, cy %g", camera->cx, camera->cy);
   const pags_shutter *const s = &camera->shutter;
   double speed = 0;
   for (int k = 0; k < 6; k++)
     speed += fabs(s->velocity[k]);
   if (!(fabs(s->across) <= 1 && fabs(s->down) <= 1 && (s->across == 0 || s->down == 0) && isfinite(speed)))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: expected a rolling shutter that reads the picture across or down in at most 1 s, and a "
-                     "finite velocity; found %g s across, %g s down and a velocity of %g",
-                     what, s->across, s->down, speed);
+    return pags_fail_at(what,
+                        "expected a rolling shutter that reads the picture across or down in at most 1 s, and a "
+                        "finite velocity; found %g s across, %g s down and a velocity of %g",
+                        s->across, s->down, speed);
   PAGS_TRY(pags_lens_model_check(&camera->lens, what));
   if (pags_camera_bends(camera) && pags_camera_rolls(camera))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: has a rolling shutter and a lens other than a pinhole, which aren't drawn together; expected "
-                     "one of them (the photographs can be undistorted)",
-                     what);
+    return pags_fail_at(what,
+                        "has a rolling shutter and a lens other than a pinhole, which aren't drawn together; "
+                        "expected one of them (the photographs can be undistorted)");
   return pags_rigid_check(camera->world_from_camera, what);
 }
 

@@ -10,6 +10,7 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "base/file.h"
 #include "base/log.h"
 #include "scene/splat_formats.h"
 
@@ -35,30 +36,29 @@ static pags_result bind(reader *r, const ply_table *table) {
                 .vertex = pags_ply_table_find(table, "vertex"),
                 .sh = pags_ply_table_find(table, "sh")};
   if (!r->chunk)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected an element 'chunk' of a compressed PLY", table->path);
+    return pags_fail_at(table->path, "expected an element 'chunk' of a compressed PLY");
   for (int i = 0; i < BOUNDS; i++) {
     r->bounds[i] = pags_ply_property_find(table, r->chunk, bound_names[i]);
     if (!r->bounds[i] && (i < 12 || r->bounds[12]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'chunk'", table->path, bound_names[i]);
+      return pags_fail_at(table->path, "no property '%s' in element 'chunk'", bound_names[i]);
   }
   for (int i = 0; i < 4; i++) {
     r->words[i] = pags_ply_property_find(table, r->vertex, word_names[i]);
     if (!r->words[i] || r->words[i]->type != PLY_UINT)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' of type uint in element 'vertex'", table->path,
-                       word_names[i]);
+      return pags_fail_at(table->path, "no property '%s' of type uint in element 'vertex'", word_names[i]);
   }
   PAGS_TRY(pags_ply_table_need(table, r->chunk));
   PAGS_TRY(pags_ply_table_need(table, r->vertex));
   const int64_t chunks = r->vertex->count / CHUNK_ROWS + (r->vertex->count % CHUNK_ROWS != 0);
   if (r->chunk->count < chunks)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %lld chunks for %lld vertices, found %lld", table->path,
-                     (long long)chunks, (long long)r->vertex->count, (long long)r->chunk->count);
+    return pags_fail_at(table->path, "expected %lld chunks for %lld vertices, found %lld", (long long)chunks,
+                        (long long)r->vertex->count, (long long)r->chunk->count);
   if (!r->sh)
     return PAGS_OK;
   if (pags_ply_degree(r->sh->property_count) < 1 || r->sh->count != r->vertex->count)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: expected 9, 24, 45 or 72 properties and %lld rows in element 'sh', found %d and %lld",
-                     table->path, (long long)r->vertex->count, r->sh->property_count, (long long)r->sh->count);
+    return pags_fail_at(table->path,
+                        "expected 9, 24, 45 or 72 properties and %lld rows in element 'sh', found %d and %lld",
+                        (long long)r->vertex->count, r->sh->property_count, (long long)r->sh->count);
   return pags_ply_table_need(table, r->sh);
 }
 
@@ -93,7 +93,7 @@ static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
     snprintf(name, sizeof name, "f_rest_%d", i / rest * stored + i % rest);
     const ply_property *property = pags_ply_property_find(r->table, r->sh, name);
     if (!property)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'sh'", r->table->path, name);
+      return pags_fail_at(r->table->path, "no property '%s' in element 'sh'", name);
     float *plane = pags_plane(out, PAGS_SH + 3 * (1 + i % rest) + i / rest);
     for (int64_t row = 0; row < out->count; row++)
       plane[row] = (float)(pags_ply_value(r->table, r->sh, property, row) * (8.0 / 255.0) - 4.0);

@@ -34,14 +34,13 @@ pags_result pags_gltf_refer(const gltf_file *f, const pags_json_value *object, c
 /* Finds JSON and binary chunk of a .glb. */
 static pags_result read_chunks(gltf_file *f, const uint8_t *bytes, size_t size, const char **text, size_t *length) {
   if (size < GLB_HEADER + CHUNK_HEADER)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: a .glb of %zu bytes is cut off", f->path, size);
+    return pags_fail_at(f->path, "a .glb of %zu bytes is cut off", size);
   const uint32_t version = pags_load_u32(bytes + 4), json_size = pags_load_u32(bytes + GLB_HEADER);
   if (version != 2)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: glTF version %u; version 2 can be read", f->path, version);
   size_t left = size - GLB_HEADER - CHUNK_HEADER;
   if (pags_load_u32(bytes + 16) != 0x4e4f534a || json_size > left)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 12: expected a JSON chunk within the file's %zu bytes", f->path,
-                     size);
+    return pags_fail_at(f->path, "byte 12: expected a JSON chunk within the file's %zu bytes", size);
   *text = (const char *)bytes + GLB_HEADER + CHUNK_HEADER;
   *length = json_size;
   const uint8_t *rest = bytes + GLB_HEADER + CHUNK_HEADER + json_size;
@@ -52,8 +51,8 @@ static pags_result read_chunks(gltf_file *f, const uint8_t *bytes, size_t size, 
   if (pags_load_u32(rest + 4) != 0x004e4942)
     return PAGS_OK; /* another chunk, which readers ignore */
   if (chunk > left - CHUNK_HEADER)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the binary chunk needs %u bytes, %zu are there: the file is cut off",
-                     f->path, chunk, left - CHUNK_HEADER);
+    return pags_fail_at(f->path, "the binary chunk needs %u bytes, %zu are there: the file is cut off", chunk,
+                        left - CHUNK_HEADER);
   f->chunk = (gltf_buffer){rest + CHUNK_HEADER, chunk, NULL};
   return PAGS_OK;
 }
@@ -107,7 +106,7 @@ static pags_result read_data_uri(const gltf_file *f, const char *text, gltf_buff
   for (; *text && *text != '='; text++) {
     const char *const found = strchr(digits, *text);
     if (!found)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: a buffer's data URI: expected base64, found '%c'", f->path, *text);
+      return pags_fail_at(f->path, "a buffer's data URI: expected base64, found '%c'", *text);
     const uint32_t digit = (uint32_t)(found - digits);
     bits = (bits << 6 | (digit < 64 ? digit : digit - 2)) & 0xffffff;
     held += 6;
@@ -139,7 +138,7 @@ static pags_result read_file_uri(const gltf_file *f, const char *uri, gltf_buffe
   snprintf(name, sizeof name, "%s", uri);
   unescape(name);
   if (!pags_path_is_inside(name) || strlen(uri) >= sizeof name)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected buffers in files beside it, found '%.80s'", f->path, uri);
+    return pags_fail_at(f->path, "expected buffers in files beside it, found '%.80s'", uri);
   PAGS_AUTOFREE char *folder = pags_path_folder(f->path);
   PAGS_AUTOFREE char *path = folder ? pags_path_join(folder, name) : NULL;
   PAGS_CHECK_MEMORY(path, "%s: a path", f->path);

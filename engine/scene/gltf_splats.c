@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
@@ -188,8 +189,8 @@ static pags_result add_node(gltf_splats *s, const pags_json_value *number, const
   PAGS_TRY(pags_json_as_number(f->json, number, key, &value));
   const int64_t index = value >= 0 && value < 1e9 ? (int64_t)value : -1;
   if (index < 0 || index >= nodes->count || depth > DEEPEST || s->visited[index])
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: node %lld: expected a tree of %lld nodes, at most %d deep", f->path,
-                     (long long)index, (long long)nodes->count, DEEPEST);
+    return pags_fail_at(f->path, "node %lld: expected a tree of %lld nodes, at most %d deep", (long long)index,
+                        (long long)nodes->count, DEEPEST);
   const pags_json_value *node = nodes->items[index], *mesh, *children = pags_json_member(node, "children");
   const char *name;
   double own[12], pose[12];
@@ -219,7 +220,7 @@ static pags_result add_nodes(gltf_splats *s) {
   for (int64_t i = 0; i < chosen && scene; i++)
     scene = scene->next;
   if (!scene)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a scene with nodes, found none", f->path);
+    return pags_fail_at(f->path, "expected a scene with nodes, found none");
   PAGS_TRY(pags_json_array(f->json, scene, "nodes", &nodes));
   for (const pags_json_value *v = nodes->first; v; v = v->next)
     PAGS_TRY(add_node(s, v, "nodes", s->own ? identity : to_ply, 0));
@@ -444,9 +445,8 @@ pags_result pags_gltf_decode(const char *path, const uint8_t *bytes, size_t size
   PAGS_CHECK_MEMORY(s.visited, "%s: its nodes", path);
   PAGS_TRY(add_nodes(&s));
   if (!s.count)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a glTF without Gaussians (%s), with %lld other primitives: expected a splat file", path,
-                     EXTENSION, (long long)s.other_primitives);
+    return pags_fail_at(path, "a glTF without Gaussians (%s), with %lld other primitives: expected a splat file",
+                        EXTENSION, (long long)s.other_primitives);
   PAGS_TRY(read_items(&s, out, facts->taken_off));
   facts->up = s.up;
   pags_add3(facts->origin, facts->taken_off, facts->origin);

@@ -12,6 +12,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
 
@@ -172,18 +173,16 @@ int pags_lens_model_same(const pags_lens_model *a, const pags_lens_model *b) {
 
 pags_result pags_lens_model_check(pags_lens_model *lens, const char *what) {
   if (!pags_lens_kind_name(lens->kind) || !is_finite(lens))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a lens of finite numbers and a kind that is known", what);
+    return pags_fail_at(what, "expected a lens of finite numbers and a kind that is known");
   if (!(lens->field >= 0 && lens->field <= 360))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a lens's field of 0 to 360 degrees, found %g", what, lens->field);
+    return pags_fail_at(what, "expected a lens's field of 0 to 360 degrees, found %g", lens->field);
   if (lens->kind == PAGS_LENS_FOV && !(fabs(lens->k[0]) < PI))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: FOV's omega is %g, expected an angle in radians between -pi and pi", what,
-                     lens->k[0]);
+    return pags_fail_at(what, "FOV's omega is %g, expected an angle in radians between -pi and pi", lens->k[0]);
   if (lens->kind == PAGS_LENS_EUCM && !(lens->k[0] >= 0 && lens->k[0] <= 1 && lens->k[1] > 0))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: EUCM's alpha is %g and beta %g, expected 0..1 and above 0", what,
-                     lens->k[0], lens->k[1]);
+    return pags_fail_at(what, "EUCM's alpha is %g and beta %g, expected 0..1 and above 0", lens->k[0], lens->k[1]);
   if (lens->kind == PAGS_LENS_FTHETA && !(1 + lens->s[0] > lens->s[1] * lens->s[2]))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: F-theta's matrix [%g %g; %g 1] mirrors the picture", what, 1 + lens->s[0],
-                     lens->s[1], lens->s[2]);
+    return pags_fail_at(what, "F-theta's matrix [%g %g; %g 1] mirrors the picture", 1 + lens->s[0], lens->s[1],
+                        lens->s[2]);
   if (lens->kind == PAGS_LENS_EQUIRECTANGULAR) {
     lens->limit = PI;
   } else if (pags_lens_is_of_angle(lens->kind)) {
@@ -361,12 +360,11 @@ int pags_lens_look(const pags_lens_model *lens, const double at[2], double v[3])
 pags_result pags_lens_prepare(pags_lens *lens, const char *where) {
   if (!is_finite(&lens->model) || !isfinite(lens->fx) || !isfinite(lens->fy) || !isfinite(lens->cx) ||
       !isfinite(lens->cy))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite intrinsics", where);
+    return pags_fail_at(where, "expected finite intrinsics");
   if (lens->width < 1 || lens->width > 65535 || lens->height < 1 || lens->height > 65535)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected 1..65535", where, lens->width, lens->height);
+    return pags_fail_at(where, "%d x %d pixels, expected 1..65535", lens->width, lens->height);
   if (!(lens->fx > 0) || !(lens->fy > 0))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: focal lengths %g and %g, expected them above 0", where, lens->fx,
-                     lens->fy);
+    return pags_fail_at(where, "focal lengths %g and %g, expected them above 0", lens->fx, lens->fy);
   PAGS_TRY(pags_lens_model_check(&lens->model, where));
   /* Largest angle from the optical axis, 85 degrees: a pinhole image becomes useless beyond it. */
   const double widest = 85 * PI / 180, end = pags_tan(widest) * pags_tan(widest);
@@ -486,11 +484,11 @@ pags_result pags_lens_check_inverse(const pags_lens *lens, const char *where, do
   *share = (double)lost / ((STEPS + 1) * (STEPS + 1));
   if (*share < 0.1)
     return PAGS_OK;
-  return pags_fail(
-      PAGS_ERROR_FORMAT,
-      "%s: the distortion can't be undone at %.0f %% of the picture: its radial function stops growing %.0f pixels "
-      "from the centre of %d x %d pixels; expected parameters of a lens that shows each direction once",
-      where, 100 * *share, at, lens->width, lens->height);
+  return pags_fail_at(
+      where,
+      "the distortion can't be undone at %.0f %% of the picture: its radial function stops growing %.0f pixels from "
+      "the centre of %d x %d pixels; expected parameters of a lens that shows each direction once",
+      100 * *share, at, lens->width, lens->height);
 }
 
 /* ---- The pinhole camera of a lens ---- */
@@ -538,6 +536,6 @@ pags_result pags_lens_pinhole(const pags_lens *lens, const char *where, pags_cam
   out->width = whole_pixels(bounds[0], bounds[2], &out->cx);
   out->height = whole_pixels(bounds[1], bounds[3], &out->cy);
   if (out->width == 0 || out->height == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the distortion leaves no usable rectangle of the picture", where);
+    return pags_fail_at(where, "the distortion leaves no usable rectangle of the picture");
   return PAGS_OK;
 }

@@ -84,9 +84,8 @@ static pags_result find_iteration(const char *folder, char **file) {
     }
   }
   if (best < 0)
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s: expected iteration_N/point_cloud.ply, as training writes it, found %lld iterations without one", clouds,
+    return pags_fail_at(
+        clouds, "expected iteration_N/point_cloud.ply, as training writes it, found %lld iterations without one",
         (long long)count);
   if (best < newest)
     PAGS_WARN("%s: iteration_%lld, the newest, has no point_cloud.ply; iteration_%lld is taken", clouds,

@@ -439,7 +439,7 @@ static pags_result check_bounds(const char *path, const pags_packed *packed) {
       good = good && c->lo[k][i] <= c->hi[k][i] && isfinite(c->lo[k][i]) && isfinite(c->hi[k][i]) &&
              (mixed || isfinite(c->hi[k][i] - c->lo[k][i]));
     if (!good)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: cluster %lld: expected finite bounds, lowest first", path, (long long)i);
+      return pags_fail_at(path, "cluster %lld: expected finite bounds, lowest first", (long long)i);
   }
   return PAGS_OK;
 }
@@ -448,8 +448,7 @@ static pags_result check_bounds(const char *path, const pags_packed *packed) {
 static pags_result read_head(const char *path, const uint8_t *head, uint64_t size, pags_packed *out) {
   const bool second = memcmp(head, magic[1], sizeof *magic) == 0;
   if (!second && memcmp(head, magic[0], sizeof *magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a packed splat file, which begins with 'PAGSPK01' or 'PAGSPK02'",
-                     path);
+    return pags_fail_at(path, "expected a packed splat file, which begins with 'PAGSPK01' or 'PAGSPK02'");
   int64_t count;
   memcpy(&count, head + 8, sizeof count);
   if (second) {
@@ -457,20 +456,18 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
     memcpy(&out->whole_count, head + 72, sizeof out->whole_count);
   }
   if (count < 0 || count > INT64_C(0x7FFFFFC0) || head[16] > 3 || head[17] != ROWS || head[19] > PAGS_UP_Y)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: head: expected at most 2^31 - 64 Gaussians of degree 0 to 3 in clusters of %d", path, ROWS);
+    return pags_fail_at(path, "head: expected at most 2^31 - 64 Gaussians of degree 0 to 3 in clusters of %d", ROWS);
   const int64_t clusters = (count + ROWS - 1) / ROWS;
   if (out->mixed_count < 0 || out->mixed_count > clusters || out->whole_count < out->mixed_count ||
       out->whole_count > count)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: head: expected at most %lld clusters with whole rows, and at most %lld of these", path,
-                     (long long)clusters, (long long)count);
+    return pags_fail_at(path, "head: expected at most %lld clusters with whole rows, and at most %lld of these",
+                        (long long)clusters, (long long)count);
   out->shape = (pags_gaussians){.count = count, .sh_degree = head[16]};
   out->clusters.count = clusters;
   const size_t expected = find_places(out).size;
   if (expected != size)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %zu bytes for %lld Gaussians of degree %d, found %llu", path,
-                     expected, (long long)count, head[16], (unsigned long long)size);
+    return pags_fail_at(path, "expected %zu bytes for %lld Gaussians of degree %d, found %llu", expected,
+                        (long long)count, head[16], (unsigned long long)size);
   out->has_s_sem = head[18];
   out->up = head[19];
   out->antialiased = head[20] != 0;
@@ -479,10 +476,10 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
   memcpy(&out->shape.alpha_min, head + 60, sizeof out->shape.alpha_min);
   const float least = out->shape.alpha_min;
   if (least != 0.0f && !(least >= PAGS_LEAST_ALPHA_MIN && least < 1.0f))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a least alpha from 1/255 to 1", path);
+    return pags_fail_at(path, "head: expected a least alpha from 1/255 to 1");
   for (int k = 0; k < 3; k++)
     if (!isfinite(out->origin[k]) || !isfinite(out->background[k]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a finite origin and background", path);
+      return pags_fail_at(path, "head: expected a finite origin and background");
   return PAGS_OK;
 }
 
@@ -492,8 +489,7 @@ pags_result pags_packed_open(const char *path, pags_packed *out) {
   *out = (pags_packed){0};
   PAGS_TRY(pags_file_size(path, &size));
   if (size < HEAD)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a head of %d bytes, found %llu", path, HEAD,
-                     (unsigned long long)size);
+    return pags_fail_at(path, "expected a head of %d bytes, found %llu", HEAD, (unsigned long long)size);
   /* A private copy-on-write mapping, so that the file itself is never written to. */
   if (!pags_port_map(path, size, &bytes))
     return pags_fail(PAGS_ERROR_IO, "%s: can't be mapped into memory", path);

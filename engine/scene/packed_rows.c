@@ -12,6 +12,7 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "base/sort.h"
 #include "maths/maths.h"
 
@@ -163,8 +164,7 @@ pags_result pags_packed_check_whole(const char *path, const pags_packed *packed)
   }
   return good && next == packed->whole_count
              ? PAGS_OK
-             : pags_fail(PAGS_ERROR_FORMAT, "%s: cluster %lld: expected whole rows within its bounds, in order", path,
-                         (long long)before);
+             : pags_fail_at(path, "cluster %lld: expected whole rows within its bounds, in order", (long long)before);
 }
 
 /* ---- Unpacking ---- */

@@ -76,9 +76,8 @@ static pags_result find_reduced(const ply_table *table, const ply_element *verte
   static const char *const must[] = {"x", "y", "z", "scale_0"};
   for (int i = 0; i < 4; i++)
     if (!pags_ply_property_find(table, vertex, must[i]))
-      return pags_fail(
-          PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat%s", table->path,
-          must[i],
+      return pags_fail_at(
+          table->path, "no property '%s' in element 'vertex': not a 3D Gaussian splat%s", must[i],
           i == 3 ? " but points, which only a training can start from (ply_file_path of a transforms.json)" : "");
   kind->round = !pags_ply_property_find(table, vertex, "scale_1");
   kind->flat = !kind->round && !pags_ply_property_find(table, vertex, "scale_2");
@@ -87,8 +86,8 @@ static pags_result find_reduced(const ply_table *table, const ply_element *verte
   for (int k = 0; k < 3 && !pags_ply_property_find(table, vertex, "f_dc_0"); k++) {
     kind->rgb[k] = pags_ply_property_find(table, vertex, rgb_names[k]);
     if (!kind->rgb[k])
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: neither 'f_dc_0' nor '%s' in element 'vertex': Gaussians without colour",
-                       table->path, rgb_names[k]);
+      return pags_fail_at(table->path, "neither 'f_dc_0' nor '%s' in element 'vertex': Gaussians without colour",
+                          rgb_names[k]);
   }
   return PAGS_OK;
 }
@@ -149,8 +148,8 @@ static pags_result read_optional(const ply_table *table, const ply_element *vert
   }
   for (int64_t i = 0; i < out->count && s_sem; i++)
     if (!(out->s_sem[i] >= 0 && out->s_sem[i] <= 1))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 's_sem' from 0 to 1, found %g", table->path,
-                       (long long)i, (double)out->s_sem[i]);
+      return pags_fail_at(table->path, "vertex %lld: expected 's_sem' from 0 to 1, found %g", (long long)i,
+                          (double)out->s_sem[i]);
 
   const ply_property *const object_id = pags_ply_property_find(table, vertex, "object_id");
   if (object_id)
@@ -158,8 +157,8 @@ static pags_result read_optional(const ply_table *table, const ply_element *vert
   for (int64_t i = 0; i < out->count && object_id; i++) {
     const double id = pags_ply_value(table, vertex, object_id, i);
     if (!(id >= -1 && id <= INT32_MAX))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 'object_id' from -1 to 2147483647, found %g",
-                       table->path, (long long)i, id);
+      return pags_fail_at(table->path, "vertex %lld: expected 'object_id' from -1 to 2147483647, found %g",
+                          (long long)i, id);
     out->object_id[i] = (int32_t)id;
   }
 
@@ -176,8 +175,7 @@ static pags_result read_optional(const ply_table *table, const ply_element *vert
   if (found == 0)
     return PAGS_OK;
   if (found < PAGS_FOURIER_PLANES)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected all of 'f_dc_t1_0' to 'f_dc_t4_2' or none, no '%s'", table->path,
-                     missing);
+    return pags_fail_at(table->path, "expected all of 'f_dc_t1_0' to 'f_dc_t4_2' or none, no '%s'", missing);
   PAGS_TRY(pags_gaussians_add_fourier(out));
   for (int p = 0; p < PAGS_FOURIER_PLANES && out->count; p++)
     pags_ply_column(table, vertex, terms[p], 0, 0, out->count, out->fourier + p * out->stride);
@@ -196,8 +194,7 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
     given += pags_text_starts(table->properties[vertex->first_property + i].name, "f_rest_");
   const int stored = pags_ply_degree(given), degree = stored > 3 ? 3 : stored;
   if (stored < 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 0, 9, 24, 45 or 72 properties f_rest_*, found %d", table->path,
-                     given);
+    return pags_fail_at(table->path, "expected 0, 9, 24, 45 or 72 properties f_rest_*, found %d", given);
   PAGS_TRY(find_reduced(table, vertex, &kind));
   const int count = list_columns(degree, columns);
 
@@ -208,8 +205,8 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
       snprintf(columns[i].name, NAME_SIZE, "f_rest_%d", channel * (given / 3) + harmonic);
     properties[i] = lacks(&kind, plane) ? NULL : pags_ply_property_find(table, vertex, columns[i].name);
     if (!properties[i] && !lacks(&kind, plane))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat",
-                       table->path, columns[i].name);
+      return pags_fail_at(table->path, "no property '%s' in element 'vertex': not a 3D Gaussian splat",
+                          columns[i].name);
   }
 
   PAGS_TRY(pags_ply_table_need(table, vertex));
@@ -235,7 +232,7 @@ pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size,
   *facts = table.facts;
   const ply_element *vertex = pags_ply_table_find(&table, "vertex");
   if (!vertex)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected an element 'vertex'", path);
+    return pags_fail_at(path, "expected an element 'vertex'");
   const bool compressed = pags_ply_property_find(&table, vertex, "packed_position");
   facts->kind = compressed ? "compressed PLY" : "PLY";
   PAGS_TRY(compressed ? pags_compressed_ply_decode(&table, out, facts->taken_off)
@@ -252,7 +249,7 @@ pags_result pags_ply_load(const char *path, pags_gaussians *out) {
   *out = (pags_gaussians){0};
   PAGS_TRY(pags_file_read(path, &bytes, &size));
   if (!pags_ply_is(bytes, size))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a PLY file, which begins with 'ply'", path);
+    return pags_fail_at(path, "expected a PLY file, which begins with 'ply'");
   PAGS_TRY(pags_splat_run(pags_ply_decode, path, bytes, size, out, &facts));
   pags_large_put_back(out, facts.taken_off);
   return PAGS_OK;

@@ -10,6 +10,7 @@
 #include <strings.h>
 
 #include "base/bytes.h"
+#include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
@@ -198,7 +199,7 @@ static pags_result parse_header(ply_table *t, size_t length) {
   bool has_format = false;
   int line = 1;
   if (memchr(t->header, 0, length))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the header holds a zero byte", t->path);
+    return pags_fail_at(t->path, "the header holds a zero byte");
   for (char *at = strchr(t->header, '\n') + 1; strncmp(at, "end_header", 10) != 0;) {
     char *end = strchr(at, '\n'); /* never NULL: at least the line of end_header ends with a line break */
     *end = 0;
@@ -233,9 +234,9 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
         *at += strspn(*at, " \t\r\n");
         if (!**at)
           return PAGS_OK;
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected a number for '%s' of %s %lld", t->path,
-                         (unsigned long long)((const uint8_t *)*at - t->bytes), property->name, e->name,
-                         (long long)row);
+        return pags_fail_at(t->path, "byte %llu: expected a number for '%s' of %s %lld",
+                            (unsigned long long)((const uint8_t *)*at - t->bytes), property->name, e->name,
+                            (long long)row);
       }
 
       uint8_t *out = rows + row * e->stride + property->offset;
@@ -298,7 +299,7 @@ pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_
     return pags_fail(PAGS_ERROR_FORMAT, "%s:1: expected 'ply'", path);
   size_t header = header_length(bytes, size);
   if (header == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'end_header' within its %zu bytes", path, size);
+    return pags_fail_at(path, "expected 'end_header' within its %zu bytes", size);
   PAGS_TRY(parse_header(table, header));
   return find_rows(table, header);
 }
@@ -328,16 +329,16 @@ pags_result pags_ply_table_need(const ply_table *table, const ply_element *eleme
       return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%s' can't be read: element '%s' has a list property", table->path,
                        element->name, e->name);
   if (table->ascii)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected %lld rows of '%s', the file ends at byte %zu",
-                     table->path, (long long)element->count, element->name, table->size);
+    return pags_fail_at(table->path, "truncated: expected %lld rows of '%s', the file ends at byte %zu",
+                        (long long)element->count, element->name, table->size);
   for (const ply_element *e = table->elements; e < element; e++)
     if (!e->rows)
       element = e;
-  return pags_fail(
-      PAGS_ERROR_FORMAT,
-      "%s: truncated: expected %lld rows of '%s' (%lld bytes each) from byte %llu on, the file ends at byte %zu",
-      table->path, (long long)element->count, element->name, (long long)element->stride,
-      (unsigned long long)element->offset, table->size);
+  return pags_fail_at(
+      table->path,
+      "truncated: expected %lld rows of '%s' (%lld bytes each) from byte %llu on, the file ends at byte %zu",
+      (long long)element->count, element->name, (long long)element->stride, (unsigned long long)element->offset,
+      table->size);
 }
 
 const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property) {

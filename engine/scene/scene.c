@@ -33,9 +33,8 @@ static pags_result load_model(const char *folder, pags_scene *scene, pags_model 
   PAGS_TRY(pags_splat_read(path, PAGS_AXES_UNKNOWN, &model->gaussians, &facts));
   const int64_t found = model->gaussians.count + facts.left_out;
   if (found != expected || model->gaussians.sh_degree != expected_degree)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d", path,
-                     (long long)expected, expected_degree, (long long)found, model->gaussians.sh_degree);
+    return pags_fail_at(path, "scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d",
+                        (long long)expected, expected_degree, (long long)found, model->gaussians.sh_degree);
   if (alpha_min > 0.0f)
     model->gaussians.alpha_min = alpha_min;
   if (model == scene->models)

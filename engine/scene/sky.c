@@ -50,14 +50,13 @@ static const char *find_entry(const char *header, const char *key) {
 static pags_result read_header(const char *path, const uint8_t *bytes, size_t length, int *size) {
   char header[MAX_HEADER];
   if (length >= sizeof header)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a header of less than %d bytes, found %zu", path, MAX_HEADER,
-                     length);
+    return pags_fail_at(path, "expected a header of less than %d bytes, found %zu", MAX_HEADER, length);
   memcpy(header, bytes, length);
   header[length] = 0;
   const char *type = find_entry(header, "'descr':"), *order = find_entry(header, "'fortran_order':");
   const char *shape = find_entry(header, "'shape':");
   if (!type || !order || !shape)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'descr', 'fortran_order' and 'shape' in the npy header", path);
+    return pags_fail_at(path, "expected 'descr', 'fortran_order' and 'shape' in the npy header");
   if (strncmp(type, "'<f2'", 5) != 0 || strncmp(order, "False", 5) != 0)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: expected little-endian float16 ('<f2') in C order, found %.8s", path,
                      type);
@@ -65,8 +64,8 @@ static pags_result read_header(const char *path, const uint8_t *bytes, size_t le
   int faces, rows, columns, channels;
   if (sscanf(shape, "(%4d , %5d , %5d , %4d", &faces, &rows, &columns, &channels) != 4 || faces != FACES ||
       channels != CHANNELS || rows != columns || rows < 1 || rows > MAX_SIZE)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a 'shape' of (6, N, N, 3), N from 1 to %d, found %.*s", path,
-                     MAX_SIZE, (int)strcspn(shape, ")\n") + (strchr(shape, ')') != NULL), shape);
+    return pags_fail_at(path, "expected a 'shape' of (6, N, N, 3), N from 1 to %d, found %.*s", MAX_SIZE,
+                        (int)strcspn(shape, ")\n") + (strchr(shape, ')') != NULL), shape);
   *size = rows;
   return PAGS_OK;
 }
@@ -75,23 +74,23 @@ static pags_result read_header(const char *path, const uint8_t *bytes, size_t le
 static pags_result decode(const char *path, const uint8_t *bytes, size_t size, pags_sky *sky) {
   int texels;
   if (size < PREFIX + 2 || memcmp(bytes, magic, 6) != 0 || bytes[6] < 1 || bytes[6] > 3)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected an npy array of version 1 to 3", path);
+    return pags_fail_at(path, "expected an npy array of version 1 to 3");
   size_t begin = bytes[6] == 1 ? PREFIX : PREFIX + 2;
   size_t length = bytes[6] == 1 ? pags_load_u16(bytes + 8) : pags_load_u32(bytes + 8);
   if (size - begin < length)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the npy header is cut off", path);
+    return pags_fail_at(path, "the npy header is cut off");
   PAGS_TRY(read_header(path, bytes + begin, length, &texels));
   begin += length;
   if (size - begin != 2 * value_count(texels))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %zu bytes of texels from byte %zu, found %zu", path,
-                     2 * value_count(texels), begin, size - begin);
+    return pags_fail_at(path, "expected %zu bytes of texels from byte %zu, found %zu", 2 * value_count(texels), begin,
+                        size - begin);
   PAGS_TRY(pags_sky_create(sky, texels));
   float least = 0.0f, most = 0.0f;
   for (size_t i = 0; i < value_count(texels); i++) {
     sky->texels[i] = pags_float_from_half(pags_load_u16(bytes + begin + 2 * i));
     if (!isfinite(sky->texels[i]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite numbers, found %s at byte %zu", path,
-                       isnan(sky->texels[i]) ? "nan" : "inf", begin + 2 * i);
+      return pags_fail_at(path, "expected finite numbers, found %s at byte %zu", isnan(sky->texels[i]) ? "nan" : "inf",
+                          begin + 2 * i);
     least = sky->texels[i] < least ? sky->texels[i] : least;
     most = sky->texels[i] > most ? sky->texels[i] : most;
   }

@@ -206,7 +206,7 @@ static pags_result read_meta(sog_file *f) {
 static pags_result fetch(const sog_source *s, const char *name, char shown[MOST_SHOWN], uint8_t **bytes, size_t *size) {
   snprintf(shown, MOST_SHOWN, "%.300s: %.299s%.299s", s->path, s->inner, name);
   if (!pags_path_is_inside(name))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected names of files beside meta.json, found '%.80s'", s->path, name);
+    return pags_fail_at(s->path, "expected names of files beside meta.json, found '%.80s'", name);
   if (s->folder) {
     PAGS_AUTOFREE char *path = pags_path_join(s->folder, name);
     PAGS_CHECK_MEMORY(path, "%s: a path", s->path);
@@ -218,7 +218,7 @@ static pags_result fetch(const sog_source *s, const char *name, char shown[MOST_
   snprintf(full, sizeof full, "%s%.299s", s->inner, name);
   const pags_zip_member *found = pags_zip_find(s->zip, full);
   if (!found)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: meta.json names '%.80s', which isn't in the archive", s->path, name);
+    return pags_fail_at(s->path, "meta.json names '%.80s', which isn't in the archive", name);
   *size = found->size;
   return pags_zip_read(s->zip, found, bytes);
 }
@@ -244,8 +244,7 @@ static pags_result read_picture(sog_file *f, const char *attribute, int index, i
   PAGS_TRY(pags_json_as_string(f->json, v, "files", &name));
   PAGS_TRY(fetch(&f->source, name, shown, &bytes, &size));
   if (index == 0 && strcmp(attribute, "means") == 0 && least / 1024 > (int64_t)size)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: %zu bytes are no picture of %lld Gaussians", shown, size,
-                     (long long)f->count);
+    return pags_fail_at(shown, "%zu bytes are no picture of %lld Gaussians", size, (long long)f->count);
   PAGS_TRY(pags_webp_decode(shown, bytes, size, least, most, out));
   if (out->lossy)
     pags_tally_add(&f->lossy, "%.299s", name);
@@ -263,9 +262,9 @@ static pags_result check_indices(const sog_file *f, const char *attribute, const
   for (int64_t i = 0; scale->size && i < pixels; i++)
     for (int c = 0; c < 3; c++)
       if (picture->rgba[4 * i + c] >= scale->size)
-        return pags_fail(PAGS_ERROR_FORMAT,
-                         "%s: '%s': pixel %lld: expected an index of the %d values of its codebook, found %d",
-                         f->source.path, attribute, (long long)i, scale->size, picture->rgba[4 * i + c]);
+        return pags_fail_at(f->source.path,
+                            "'%s': pixel %lld: expected an index of the %d values of its codebook, found %d", attribute,
+                            (long long)i, scale->size, picture->rgba[4 * i + c]);
   return PAGS_OK;
 }
 
@@ -347,8 +346,8 @@ static pags_result read_palette(sog_file *f, pags_webp *out) {
   }
   const int terms = pags_sh_coefficients(f->sh_degree) - 1;
   if (out->width != PALETTE_ROW * terms)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: 'shN': expected a palette %d pixels wide for degree %d, found %d x %d",
-                     f->source.path, PALETTE_ROW * terms, f->sh_degree, out->width, out->height);
+    return pags_fail_at(f->source.path, "'shN': expected a palette %d pixels wide for degree %d, found %d x %d",
+                        PALETTE_ROW * terms, f->sh_degree, out->width, out->height);
   if (f->palette > (int64_t)PALETTE_ROW * out->height)
     f->palette = (int64_t)PALETTE_ROW * out->height; /* splat-transform counts entries that it didn't need */
   return check_indices(f, "shN", &f->shn, out, f->palette * terms);
@@ -441,9 +440,8 @@ pags_result pags_sog_decode_zip(const char *path, const uint8_t *bytes, size_t s
   sog_source source = {.path = path, .zip = &zip};
   const pags_zip_member *found = find_meta(&zip, &source);
   if (!found)
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s: a zip archive without meta.json, so no SOG: expected a splat file; unpack other archives first", path);
+    return pags_fail_at(
+        path, "a zip archive without meta.json, so no SOG: expected a splat file; unpack other archives first");
   PAGS_TRY(pags_zip_read(&zip, found, &meta));
   return decode(&source, meta, found->size, out, facts);
 }

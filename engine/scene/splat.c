@@ -5,6 +5,7 @@
 #include <math.h>
 
 #include "base/bytes.h"
+#include "base/file.h"
 #include "maths/maths.h"
 #include "scene/splat_formats.h"
 
@@ -14,8 +15,7 @@ pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t siz
                               pags_splat_facts *facts) {
   facts->kind = "splat";
   if (size % ROW_BYTES != 0 || size == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a positive multiple of %d bytes in a .splat file, found %zu",
-                     path, ROW_BYTES, size);
+    return pags_fail_at(path, "expected a positive multiple of %d bytes in a .splat file, found %zu", ROW_BYTES, size);
   PAGS_TRY(pags_gaussians_create(out, (int64_t)(size / ROW_BYTES), 0));
   for (int64_t i = 0; i < out->count; i++) {
     const uint8_t *const row = bytes + i * ROW_BYTES;

@@ -24,14 +24,13 @@
 static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
   const size_t blanks = strspn((const char *)bytes, " \t\r\n");
   if (size > blanks && (bytes[blanks] == '{' || bytes[blanks] == '['))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a JSON file of another program: expected a splat file, the meta.json of a SOG, a glTF, or "
-                     "the scene.json of a scene folder",
-                     path);
+    return pags_fail_at(path,
+                        "a JSON file of another program: expected a splat file, the meta.json of a SOG, a glTF, or "
+                        "the scene.json of a scene folder");
   if (size > blanks && bytes[blanks] == '<')
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: a web page or other XML: expected a splat file", path);
+    return pags_fail_at(path, "a web page or other XML: expected a splat file");
   if (blanks == size)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: empty: expected a splat file", path);
+    return pags_fail_at(path, "empty: expected a splat file");
   bool text = true; /* no control characters but blanks in the first bytes */
   for (size_t i = 0; i < size && i < 256; i++)
     text = text && (bytes[i] >= ' ' || (bytes[i] && strchr("\t\r\n\f", bytes[i])));
@@ -39,10 +38,8 @@ static pags_result refuse(const char *path, const uint8_t *bytes, size_t size) {
   if (!text)
     snprintf(found, sizeof found, "bytes %02x %02x %02x %02x", bytes[0], size > 1 ? bytes[1] : 0,
              size > 2 ? bytes[2] : 0, size > 3 ? bytes[3] : 0);
-  return pags_fail(
-      PAGS_ERROR_FORMAT,
-      "%s: expected a splat file (PLY, SPZ, SOG, glTF with Gaussians, packed or one named .splat), found %s", path,
-      found);
+  return pags_fail_at(
+      path, "expected a splat file (PLY, SPZ, SOG, glTF with Gaussians, packed or one named .splat), found %s", found);
 }
 
 /* ---- Loading ---- */

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"
@@ -78,9 +79,8 @@ static pags_result leave_out(const char *path, pags_gaussians *g, int64_t bad) {
                            : plane < PAGS_SH       ? "opacity"
                                                    : "colour";
   if (bad == g->count)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: Gaussian %lld: expected finite numbers for its %s, found none in any of %lld Gaussians", path,
-                     (long long)first, name, (long long)g->count);
+    return pags_fail_at(path, "Gaussian %lld: expected finite numbers for its %s, found none in any of %lld Gaussians",
+                        (long long)first, name, (long long)g->count);
   PAGS_WARN("%s: %lld of %lld Gaussians are left out, since a value isn't finite; the first is %lld (its %s)", path,
             (long long)bad, (long long)g->count, (long long)first, name);
   return pags_gaussians_keep(g, good, g->count - bad);

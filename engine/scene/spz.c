@@ -16,6 +16,7 @@
 #include <zstd_errors.h>
 
 #include "base/bytes.h"
+#include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/vec3.h"
@@ -39,7 +40,7 @@ typedef struct spz_header {
 /* Parses and checks the first 16 bytes of the header, which are the same in all versions, and computes h->sizes. */
 static pags_result read_header(const char *path, const uint8_t *bytes, spz_header *h) {
   if (memcmp(bytes, "NGSP", 4) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'NGSP' at the begin of the SPZ data", path);
+    return pags_fail_at(path, "expected 'NGSP' at the begin of the SPZ data");
   *h = (spz_header){.version = pags_load_u32(bytes + 4),
                     .count = pags_load_u32(bytes + 8),
                     .sh_degree = bytes[12],
@@ -48,10 +49,9 @@ static pags_result read_header(const char *path, const uint8_t *bytes, spz_heade
   if (h->version < 2 || h->version > 4)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: SPZ version %u; versions 2 to 4 can be read", path, h->version);
   if (h->sh_degree > 4)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 12: expected an SH degree of 0 to 4, found %d", path, h->sh_degree);
+    return pags_fail_at(path, "byte 12: expected an SH degree of 0 to 4, found %d", h->sh_degree);
   if (h->fractional_bits > 24)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 13: expected at most 24 fractional bits, found %d", path,
-                     h->fractional_bits);
+    return pags_fail_at(path, "byte 13: expected at most 24 fractional bits, found %d", h->fractional_bits);
   int bytes_each[STREAMS] = {9, 1, 3, 3, h->version == 2 ? 3 : 4, 3 * (pags_sh_coefficients(h->sh_degree) - 1)};
   for (int i = 0; i < STREAMS; i++)
     h->sizes[i] = (uint64_t)h->count * (uint64_t)bytes_each[i];
@@ -202,9 +202,9 @@ static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *
     size -= got;
     PAGS_CHECK_MEMORY(code != Z_MEM_ERROR, "%s", path);
     if (size && (code != Z_OK || got == 0))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the gzip data %s, %llu bytes before the end of the Gaussians",
-                       path, (unsigned long long)stream->total_in, code == Z_DATA_ERROR ? "is damaged" : "ends",
-                       (unsigned long long)size);
+      return pags_fail_at(path, "byte %llu: the gzip data %s, %llu bytes before the end of the Gaussians",
+                          (unsigned long long)stream->total_in, code == Z_DATA_ERROR ? "is damaged" : "ends",
+                          (unsigned long long)size);
   }
   return PAGS_OK;
 }
@@ -245,8 +245,8 @@ static pags_result inflate_rest(const char *path, z_stream *stream, spz_header *
     extra += got;
   }
   if (code != Z_STREAM_END || extra > limit)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected the end of the gzip data after the Gaussians", path,
-                     (unsigned long long)stream->total_in);
+    return pags_fail_at(path, "byte %llu: expected the end of the gzip data after the Gaussians",
+                        (unsigned long long)stream->total_in);
   if (records)
     read_records(path, records, extra < RECORDS ? (size_t)extra : RECORDS, h);
   return PAGS_OK;
@@ -259,14 +259,13 @@ static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_s
   PAGS_TRY(inflate_exactly(path, stream, bytes, sizeof bytes));
   PAGS_TRY(read_header(path, bytes, h));
   if (h->version == 4)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: SPZ version 4 inside of gzip, which only versions 2 and 3 are", path);
+    return pags_fail_at(path, "SPZ version 4 inside of gzip, which only versions 2 and 3 are");
   uint64_t total = 0;
   for (int i = 0; i < STREAMS; i++)
     total += h->sizes[i];
   /* Deflate compresses at most 1032 to 1: a count that would need more is refused before memory is allocated. */
   if (total / 1032 > file_size)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld Gaussians can't be in %zu bytes", path, (long long)h->count,
-                     file_size);
+    return pags_fail_at(path, "%lld Gaussians can't be in %zu bytes", (long long)h->count, file_size);
   PAGS_AUTOFREE uint8_t *plain = NULL;
   PAGS_TRY(inflate_growing(path, stream, file_size, total, &plain));
   PAGS_TRY(inflate_rest(path, stream, h));
@@ -310,11 +309,11 @@ static pags_result decode_stream(const char *path, const spz_header *h, int inde
   } while (ZSTD_getErrorCode(got) == ZSTD_error_dstSize_tooSmall && capacity < size);
   PAGS_CHECK_MEMORY(ZSTD_getErrorCode(got) != ZSTD_error_memory_allocation, "%s", path);
   if (ZSTD_isError(got))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the zstd data of the %s are damaged: %s", path,
-                     (unsigned long long)offset, stream_names[index], ZSTD_getErrorName(got));
+    return pags_fail_at(path, "byte %llu: the zstd data of the %s are damaged: %s", (unsigned long long)offset,
+                        stream_names[index], ZSTD_getErrorName(got));
   if (got != size)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s, found %zu", path,
-                     (unsigned long long)offset, (unsigned long long)size, stream_names[index], got);
+    return pags_fail_at(path, "byte %llu: expected %llu bytes of %s, found %zu", (unsigned long long)offset,
+                        (unsigned long long)size, stream_names[index], got);
   if (index == 0) /* as many positions as the header gives Gaussians were there: allocate them now */
     PAGS_TRY(pags_splat_create(path, h->count, h->sh_degree, out));
   decoders[index](h, plain, out);
@@ -326,21 +325,20 @@ static pags_result decode_stream(const char *path, const spz_header *h, int inde
 static pags_result check_table(const char *path, const uint8_t *bytes, size_t size, const spz_header *h, uint64_t table,
                                int streams) {
   if (table < V4_HEADER || table > size || size - table < 16u * (unsigned)streams)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: byte 16: expected the table of streams within the file's %zu bytes, found %llu", path, size,
-                     (unsigned long long)table);
+    return pags_fail_at(path, "byte 16: expected the table of streams within the file's %zu bytes, found %llu", size,
+                        (unsigned long long)table);
   uint64_t offset = table + 16u * (unsigned)streams;
   for (int i = 0; i < streams; i++) {
     const uint8_t *entry = bytes + table + 16 * i;
     uint64_t packed = pags_load_u64(entry), plain = pags_load_u64(entry + 8);
     if (plain != h->sizes[i])
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s for %lld Gaussians, found %llu",
-                       path, (unsigned long long)(table + 16u * (unsigned)i + 8), (unsigned long long)h->sizes[i],
-                       stream_names[i], (long long)h->count, (unsigned long long)plain);
+      return pags_fail_at(path, "byte %llu: expected %llu bytes of %s for %lld Gaussians, found %llu",
+                          (unsigned long long)(table + 16u * (unsigned)i + 8), (unsigned long long)h->sizes[i],
+                          stream_names[i], (long long)h->count, (unsigned long long)plain);
     /* A zstd block has at least three bytes and decompresses to at most 128 KiB. */
     if (packed > size - offset || plain / (1 << 17) * 3 > packed)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected the %s from byte %llu on, the file ends at byte %zu",
-                       path, stream_names[i], (unsigned long long)offset, size);
+      return pags_fail_at(path, "truncated: expected the %s from byte %llu on, the file ends at byte %zu",
+                          stream_names[i], (unsigned long long)offset, size);
     offset += packed;
   }
   return PAGS_OK;
@@ -348,14 +346,12 @@ static pags_result check_table(const char *path, const uint8_t *bytes, size_t si
 
 static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size, spz_header *h, pags_gaussians *out) {
   if (size < V4_HEADER)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected a header of %d bytes, found %zu", path, V4_HEADER,
-                     size);
+    return pags_fail_at(path, "truncated: expected a header of %d bytes, found %zu", V4_HEADER, size);
   PAGS_TRY(read_header(path, bytes, h));
   if (h->version != 4)
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s: SPZ version %u without gzip, which only version 4 is: `gzip` makes it a file that can be read", path,
-        h->version);
+    return pags_fail_at(path,
+                        "SPZ version %u without gzip, which only version 4 is: `gzip` makes it a file that can be read",
+                        h->version);
   int streams = bytes[15], expected = h->sh_degree ? STREAMS : SH_STREAM;
   uint64_t table = pags_load_u32(bytes + 16);
   if (h->flags & FLAG_EXTENSIONS && table > V4_HEADER && table <= size)
@@ -363,8 +359,8 @@ static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size
   if (h->count == 0)
     return pags_splat_create(path, 0, h->sh_degree, out); /* a file without Gaussians has no streams */
   if (streams != expected)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 15: expected %d streams for SH degree %d, found %d", path, expected,
-                     h->sh_degree, streams);
+    return pags_fail_at(path, "byte 15: expected %d streams for SH degree %d, found %d", expected, h->sh_degree,
+                        streams);
   PAGS_TRY(check_table(path, bytes, size, h, table, streams));
   uint64_t offset = table + 16u * (unsigned)streams;
   for (int i = 0; i < streams; i++) {

@@ -8,6 +8,7 @@
 #include <webp/decode.h>
 #include <webp/encode.h>
 
+#include "base/file.h"
 #include "base/memory.h"
 
 pags_result pags_webp_decode(const char *path, const uint8_t *bytes, size_t size, int64_t least, int64_t most,
@@ -15,17 +16,17 @@ pags_result pags_webp_decode(const char *path, const uint8_t *bytes, size_t size
   WebPBitstreamFeatures features;
   *out = (pags_webp){0};
   if (WebPGetFeatures(bytes, size, &features) != VP8_STATUS_OK)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a WebP picture, the only kind that PAGS reads of a SOG", path);
+    return pags_fail_at(path, "expected a WebP picture, the only kind that PAGS reads of a SOG");
   if (features.has_animation)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a single WebP picture, found an animation", path);
+    return pags_fail_at(path, "expected a single WebP picture, found an animation");
   const int64_t pixels = (int64_t)features.width * features.height;
   if (pixels < least || pixels > most)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %lld to %lld pixels, found %d x %d", path, (long long)least,
-                     (long long)most, features.width, features.height);
+    return pags_fail_at(path, "expected %lld to %lld pixels, found %d x %d", (long long)least, (long long)most,
+                        features.width, features.height);
   PAGS_AUTOFREE uint8_t *rgba = malloc(4 * (size_t)pixels);
   PAGS_CHECK_MEMORY(rgba, "%s: %d x %d pixels", path, features.width, features.height);
   if (!WebPDecodeRGBAInto(bytes, size, rgba, 4 * (size_t)pixels, 4 * features.width))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the WebP picture is damaged or cut off", path);
+    return pags_fail_at(path, "the WebP picture is damaged or cut off");
   *out = (pags_webp){features.width, features.height, features.format == 1, pags_take(&rgba)};
   return PAGS_OK;
 }
