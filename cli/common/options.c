@@ -286,7 +286,7 @@ static int take_option(pags_parsed *parsed, const pags_option *option, const cha
   return PAGS_EXIT_OK;
 }
 
-/* Says which option may be meant by an unknown one. */
+/* Refuses an unknown option; suggests the one that may be meant. */
 static int refuse_long(const pags_verb *verb, const char *name, size_t length) {
   const char *names[MAX_ROWS + 2];
   char word[80], replacement[96];

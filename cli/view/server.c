@@ -160,14 +160,17 @@ static bool may_connect(const pags_server *server, struct lws *wsi) {
          pags_access_allows_origin(&server->access, origin) && has_cookie(server, wsi);
 }
 
+/* Tells a page why its WebSocket is closed; `text` may be NULL. Returns -1, which closes it. */
+static int disconnect(struct lws *wsi, enum lws_close_status status, const char *text) {
+  lws_close_reason(wsi, status, (unsigned char *)(uintptr_t)text, text ? strlen(text) : 0);
+  return -1;
+}
+
 static int open_session(const pags_server *server, struct lws *wsi, connection *c) {
   const char *full = server->settings.run_status ? "a run allows at most 8 open pages"
                                                  : "the maximum number of open pages is reached (pags view --clients)";
   *c = (connection){.session = 1 + pags_render_server_open_session(server->render_server)};
-  if (c->session)
-    return 0;
-  lws_close_reason(wsi, LWS_CLOSE_STATUS_PROTOCOL_ERR, (unsigned char *)(uintptr_t)full, strlen(full));
-  return -1;
+  return c->session ? 0 : disconnect(wsi, LWS_CLOSE_STATUS_PROTOCOL_ERR, full);
 }
 
 /* Answers a request about a run. */
@@ -182,10 +185,10 @@ static pags_result answer_run(const pags_server *server, int session, const pags
 
 /* Receives a fragment of a message and handles the message when it is complete. Returns -1 to close the connection. */
 static int receive(const pags_server *server, struct lws *wsi, connection *c, const void *data, size_t size) {
-  if (!c->session || lws_frame_is_binary(wsi) || size > sizeof c->message - c->size) {
-    lws_close_reason(wsi, c->session ? LWS_CLOSE_STATUS_MESSAGE_TOO_LARGE : LWS_CLOSE_STATUS_PROTOCOL_ERR, NULL, 0);
-    return -1;
-  }
+  if (!c->session)
+    return disconnect(wsi, LWS_CLOSE_STATUS_PROTOCOL_ERR, NULL);
+  if (lws_frame_is_binary(wsi) || size > sizeof c->message - c->size)
+    return disconnect(wsi, LWS_CLOSE_STATUS_MESSAGE_TOO_LARGE, NULL);
   memcpy(c->message + c->size, data, size);
   c->size += size;
   if (lws_remaining_packet_payload(wsi) || !lws_is_final_fragment(wsi))
@@ -205,19 +208,14 @@ static int receive(const pags_server *server, struct lws *wsi, connection *c, co
     pags_render_server_refuse(server->render_server, session, pags_error_message());
   lws_callback_on_writable(wsi);
   c->bad += bad;
-  if (!bad || c->bad < BAD_MESSAGES)
-    return 0;
-  lws_close_reason(wsi, LWS_CLOSE_STATUS_POLICY_VIOLATION, NULL, 0);
-  return -1;
+  return bad && c->bad >= BAD_MESSAGES ? disconnect(wsi, LWS_CLOSE_STATUS_POLICY_VIOLATION, NULL) : 0;
 }
 
 static int send_next(const pags_server *server, struct lws *wsi, connection *c) {
   pags_view_message message;
   const char *goodbye = atomic_load(&server->goodbye);
-  if (goodbye) {
-    lws_close_reason(wsi, LWS_CLOSE_STATUS_GOINGAWAY, (unsigned char *)(uintptr_t)goodbye, strlen(goodbye));
-    return -1;
-  }
+  if (goodbye)
+    return disconnect(wsi, LWS_CLOSE_STATUS_GOINGAWAY, goodbye);
   if (!c->session || lws_partial_buffered(wsi) ||
       !pags_render_server_next_message(server->render_server, c->session - 1, &message))
     return 0;
