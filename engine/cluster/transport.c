@@ -7,7 +7,6 @@
 #include <assert.h>
 #include <stdio.h>
 
-#include "base/clock.h"
 #include "base/memory.h"
 #include "cluster/backend.h"
 
@@ -42,11 +41,7 @@ static pags_result move(pags_transport *transport, pags_part *parts) {
     transport->counters.bytes_sent += parts[rank].send_bytes;
     transport->counters.bytes_received += parts[rank].receive_bytes;
   }
-  transport->counters.transfers++;
-  double since = pags_clock_ms();
-  const pags_result result = transport->backend->move(transport, parts);
-  transport->counters.waited_ms += pags_clock_lap_ms(&since);
-  return pags_transport_give_up(transport, result);
+  return pags_transport_give_up(transport, transport->backend->move(transport, parts));
 }
 
 /* ---- Collective calls ---- */

@@ -67,8 +67,6 @@ bool pags_transport_speaks(const pags_transport *transport);
 
 typedef struct pags_transport_counters {
   int64_t bytes_sent, bytes_received; /* to and from other ranks */
-  int64_t transfers;
-  double waited_ms; /* inside of calls that wait for other ranks */
 } pags_transport_counters;
 
 pags_transport_counters pags_transport_counted(const pags_transport *transport);

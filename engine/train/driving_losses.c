@@ -49,17 +49,10 @@ static void sum_rows(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-static pags_result check_sizes(const pags_picture *picture, const pags_photo *photo) {
-  if (picture->width == photo->width && picture->height == photo->height && picture->stride == photo->stride)
-    return PAGS_OK;
-  return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",
-                   picture->width, picture->height, photo->width, photo->height);
-}
-
 static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *value) {
   const char *why = "no vector kernels";
   *value = 0.0;
-  PAGS_TRY(check_sizes(t->picture, t->photo));
+  PAGS_TRY(pags_photo_check_size(t->picture, t->photo));
   const int64_t counted = t->photo->labels ? pags_photo_counted(t->photo) : 0;
   if (counted == 0 || weight == 0.0)
     return PAGS_OK;
@@ -218,7 +211,7 @@ pags_result pags_driving_loss_depth(pags_tasks *tasks, const pags_picture *pictu
                                     double share, float *depth_gradient, float *transmittance_gradient, double *value) {
   assert(picture->depth_sum && shrink >= 1 && share >= 0.0 && share <= 1.0);
   *value = 0.0;
-  PAGS_TRY(check_sizes(picture, photo));
+  PAGS_TRY(pags_photo_check_size(picture, photo));
   if (count <= 0 || weight == 0.0)
     return PAGS_OK;
   depth_job d = {.picture = picture,

@@ -108,18 +108,6 @@ static pags_result make_lottery(const pags_train_model *model, lottery *l) {
   return PAGS_OK;
 }
 
-/* The rank with the row whose interval of the cumulative opacities contains `at`; the last with any row behind the end
- * of all. */
-static int rank_at(const lottery *l, double at) {
-  int last = 0;
-  for (int r = 0; r < l->ranks; r++) {
-    if (l->of_rank[r].rows > 0 && l->of_rank[r].total > at)
-      return r;
-    last = l->of_rank[r].rows > 0 ? r : last;
-  }
-  return last;
-}
-
 /* Draws `count` rows in proportion to opacity: moves[i].from_rank has them, which alone knows moves[i].from; then gives
  * each drawn row the opacity and sigma of one of 1 + (times drawn) copies of it. */
 static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, pags_row_move *moves, int64_t count) {
@@ -129,9 +117,18 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, pags
   for (int64_t i = 0; i < l->count; i++)
     l->drawn[i] = 0;
   for (int64_t i = 0; i < count; i++) {
-    double u = pags_rng_uniform(seed, pags_draw(model->step, purpose), (uint64_t)i);
-    double at = u * all;
-    moves[i].from_rank = rank_at(l, at);
+    const double at = pags_rng_uniform(seed, pags_draw(model->step, purpose), (uint64_t)i) * all;
+
+    /* The rank with the row whose interval of the cumulative opacities contains `at`; the last with any row behind the
+     * end of all. */
+    moves[i].from_rank = 0;
+    for (int r = 0; r < l->ranks; r++) {
+      if (l->of_rank[r].rows == 0)
+        continue;
+      moves[i].from_rank = r;
+      if (l->of_rank[r].total > at)
+        break;
+    }
     if (moves[i].from_rank != l->rank)
       continue;
 

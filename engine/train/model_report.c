@@ -98,18 +98,6 @@ static void put_sky(pags_json_writer *w, const pags_train_state *s) {
   pags_json_end_object(w);
 }
 
-/* Up to which degree colours depend on the view. */
-static void put_colour(pags_json_writer *w, const pags_train_state *s) {
-  const int degree = s->schedule.config.color.sh_degree;
-  pags_json_begin_object(w, "colour");
-  pags_json_put_integer(w, "sh_degree", degree);
-  pags_json_put_string(w, "why",
-                       degree == 0 && s->one_colour ? "the photographs have one colour"
-                       : degree == 3                ? "captures see a thing from all sides"
-                                                    : "as asked for");
-  pags_json_end_object(w);
-}
-
 /* What is modelled of a driving set. */
 static void put_drive(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
   put_sky(w, s);
@@ -139,7 +127,15 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
   if (pags_dataset_fps(dataset) > 0.0)
     put_drive(&w, dataset, s);
   else {
-    put_colour(&w, s);
+    /* Up to which degree colours depend on the view. */
+    const int degree = s->schedule.config.color.sh_degree;
+    pags_json_begin_object(&w, "colour");
+    pags_json_put_integer(&w, "sh_degree", degree);
+    pags_json_put_string(&w, "why",
+                         degree == 0 && s->one_colour ? "the photographs have one colour"
+                         : degree == 3                ? "captures see a thing from all sides"
+                                                      : "as asked for");
+    pags_json_end_object(&w);
     pags_json_put_bool(&w, "exposure", s->exposures.count > 0);
     put_cameras(&w, dataset, s);
   }

@@ -232,15 +232,6 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
   return PAGS_OK;
 }
 
-static pags_result refuse_other_views(const pags_trainer *t) {
-  PAGS_AUTOFREE char *text = pags_other_views(t->output.folder, t->dataset);
-  return pags_fail(
-      PAGS_ERROR_ARGUMENT,
-      "%s: belongs to other views, or another choice of what is critical, than those of %s%s%s; give the data "
-      "set as it was, or --overwrite to begin afresh",
-      t->output.checkpoint, pags_dataset_path(t->dataset), text ? ": " : "", text ? text : "");
-}
-
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
   uint64_t fingerprint;
   const char *path = t->output.checkpoint;
@@ -255,8 +246,14 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   if (asked.schedule.half_until < 0) /* the run has decided it, or will */
     asked.schedule.half_until = s->schedule.config.schedule.half_until;
   const char *field = pags_config_difference(&asked, &s->schedule.config);
-  if (fingerprint != t->fingerprint || s->schedule.views != t->view_count)
-    return refuse_other_views(t);
+  if (fingerprint != t->fingerprint || s->schedule.views != t->view_count) {
+    PAGS_AUTOFREE char *text = pags_other_views(t->output.folder, t->dataset);
+    return pags_fail(
+        PAGS_ERROR_ARGUMENT,
+        "%s: belongs to other views, or another choice of what is critical, than those of %s%s%s; give the data "
+        "set as it was, or --overwrite to begin afresh",
+        path, pags_dataset_path(t->dataset), text ? ": " : "", text ? text : "");
+  }
   if (field)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "%s: was begun with another %s; pass the same, or --overwrite to begin afresh", path, field);

@@ -28,6 +28,13 @@ typedef struct loss_job {
   bool *done;                     /* per band and channel */
 } loss_job;
 
+pags_result pags_photo_check_size(const pags_picture *picture, const pags_photo *photo) {
+  if (picture->width == photo->width && picture->height == photo->height && picture->stride == photo->stride)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",
+                   picture->width, picture->height, photo->width, photo->height);
+}
+
 int64_t pags_photo_counted(const pags_photo *photo) {
   if (!photo->mask)
     return (int64_t)photo->width * photo->height;
@@ -127,9 +134,7 @@ pags_result pags_photometric_loss_evaluate(pags_tasks *tasks, const pags_picture
                                            const pags_comparison *how, float *const gradient[3],
                                            pags_photometric_loss *out) {
   assert(how->times >= 1.0 && how->ssim_weight >= 0.0 && how->ssim_weight <= 1.0);
-  if (picture->width != photo->width || picture->height != photo->height || picture->stride != photo->stride)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",
-                     picture->width, picture->height, photo->width, photo->height);
+  PAGS_TRY(pags_photo_check_size(picture, photo));
   const char *why = "no vector kernels";
   loss_job job = {.kernels = pags_kernels_get(&why),
                   .tasks = tasks,

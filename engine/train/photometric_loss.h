@@ -41,6 +41,9 @@ pags_result pags_photometric_loss_evaluate(pags_tasks *tasks, const pags_picture
                                            const pags_comparison *how, float *const gradient[3],
                                            pags_photometric_loss *out);
 
+/* PAGS_ERROR_ARGUMENT unless the photograph has the picture's size. */
+pags_result pags_photo_check_size(const pags_picture *picture, const pags_photo *photo);
+
 /* Returns the number of pixels inside of the photograph's mask, all pixels if it has none. */
 int64_t pags_photo_counted(const pags_photo *photo);
 

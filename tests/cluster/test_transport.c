@@ -102,7 +102,7 @@ static void test_one_gives_up(void **state) {
 /* Every rank sends `bytes` to every other. */
 typedef struct load {
   int64_t bytes;
-  double took_ms[THREAD_RANKS_MOST], waited_ms[THREAD_RANKS_MOST];
+  double took_ms[THREAD_RANKS_MOST];
 } load;
 
 static char sent[3000000], received[3][3000000];
@@ -117,7 +117,6 @@ static const char *exchange_load(pags_transport *transport, void *user) {
   if (pags_transport_exchange(transport, sent, bytes, received[rank], bytes) != PAGS_OK)
     return pags_error_message();
   l->took_ms[rank] = pags_clock_lap_ms(&since);
-  l->waited_ms[rank] = pags_transport_counted(transport).waited_ms;
   return "";
 }
 
@@ -128,7 +127,7 @@ static void test_rate(void **state) {
   load l = {.bytes = 1000000};
   assert_true(run_ranks(3, 20e6, 60, exchange_load, &l));
   for (int rank = 0; rank < 3; rank++)
-    assert_true(l.took_ms[rank] >= 100 && l.waited_ms[rank] > 90);
+    assert_true(l.took_ms[rank] >= 100);
 }
 
 int main(void) {
