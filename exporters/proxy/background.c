@@ -2,7 +2,7 @@
 /* Makes the proxies of the background. The scene without its labelled objects is drawn by an even choice of the
  * training cameras, and the depths are fused tile by tile into TSDFs (tsdf.h).
  *
- * Surface near the ground is left to the ground's mesh (ground.h). The rest is split by class (classes.h). */
+ * Surface near the ground is left to the ground's mesh (ground.h). The rest is split by class (classes.c). */
 #include "exporters/proxy/background.h"
 
 #include <math.h>
