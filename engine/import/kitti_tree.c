@@ -122,7 +122,7 @@ static bool has(const char *folder, const char *name) {
   return path && pags_path_exists(path);
 }
 
-/* Lists the missing files. If cameras are among them, it also says what would do. */
+/* Fails with a list of the missing files and, if cameras are among them, a remedy. */
 static pags_result report(const pags_kitti_tree *tree, const missing *m, const missing *optional) {
   const char *what = tree->raw ? "KITTI's raw recording" : "KITTI's tracking tree";
   char more[64] = "", also[128] = "";

@@ -137,13 +137,13 @@ static pags_result save_file(void *context, int64_t item, int worker) {
   enum { EACH = PLANES + 2 };
   const writer *w = context;
   const int index = (int)item, cameras = w->street->options->cameras, camera = index / EACH, kind = index % EACH;
-  const int beside = index - EACH * cameras; /* >= 0: a file of shifted camera beside / 2 */
+  const int extra = index - EACH * cameras; /* >= 0: a file of a shifted camera, two for each */
   PAGS_AUTOFREE char *path = NULL;
-  if (beside >= 0) {
-    const pags_street_view *view = &w->views[cameras + beside / 2];
-    PAGS_TRY(find_path(w, &path, "truth/shift/%s/%05d%s.png", shifts[beside / 2].name, w->frame / SHIFT_EVERY - 1,
-                       beside % 2 ? "_semantic" : ""));
-    return beside % 2 ? save_plane(w, view, SEMANTIC, path) : save_picture(view, path);
+  if (extra >= 0) {
+    const pags_street_view *view = &w->views[cameras + extra / 2];
+    PAGS_TRY(find_path(w, &path, "truth/shift/%s/%05d%s.png", shifts[extra / 2].name, w->frame / SHIFT_EVERY - 1,
+                       extra % 2 ? "_semantic" : ""));
+    return extra % 2 ? save_plane(w, view, SEMANTIC, path) : save_picture(view, path);
   }
   const pags_street_view *view = &w->views[camera];
   if (kind < PLANES) {
