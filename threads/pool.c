@@ -389,20 +389,6 @@ static void *worker_main(void *argument) {
   return NULL;
 }
 
-/* Starts the worker threads with all signals blocked: signal handlers run on the threads of the program. */
-static bool start_workers(pags_tasks *tasks) {
-  const pags_port_signals before = pags_port_block_signals();
-  bool started = true;
-  for (int i = 1; i < tasks->workers && started; ++i) {
-    hand *h = &tasks->crew[i];
-    *h = (hand){.tasks = tasks, .worker = i};
-    started = pthread_create(&h->thread, NULL, worker_main, h) == 0;
-    tasks->started += started;
-  }
-  pags_port_restore_signals(&before);
-  return started;
-}
-
 static pags_tasks *create_without_threads(int workers) {
   pags_tasks *tasks = pags_port_aligned_alloc(_Alignof(pags_tasks), sizeof *tasks);
   if (!tasks)
@@ -430,11 +416,20 @@ pags_tasks *pags_tasks_create(int threads) {
     return NULL;
   tasks->useful = processors > 2 ? processors - 1 : 1;
   tasks->crew = calloc((size_t)tasks->workers, sizeof *tasks->crew);
-  if (!tasks->crew || !start_workers(tasks)) {
-    pags_tasks_destroy(tasks);
-    return NULL;
+  bool started = tasks->crew != NULL;
+  /* With all signals blocked: signal handlers run on the threads of the program. */
+  const pags_port_signals before = pags_port_block_signals();
+  for (int i = 1; i < tasks->workers && started; i++) {
+    hand *h = &tasks->crew[i];
+    *h = (hand){.tasks = tasks, .worker = i};
+    started = pthread_create(&h->thread, NULL, worker_main, h) == 0;
+    tasks->started += started;
   }
-  return tasks;
+  pags_port_restore_signals(&before);
+  if (started)
+    return tasks;
+  pags_tasks_destroy(tasks);
+  return NULL;
 }
 
 pags_tasks *pags_tasks_create_with_runner(const pags_runner *runner) {

@@ -23,39 +23,38 @@ static void parabola(double before, double middle, double after, float *first, f
   *second = (float)(2.0 * (after + before) - 4.0 * middle);
 }
 
-static void scan_part(const pags_frame *f, const pags_part *part, pags_scan *scan) {
-  const pags_camera *const c = &f->camera;
+pags_result pags_frame_scan(pags_frame *frame) {
+  const pags_camera *const c = &frame->camera;
   const double direction = c->shutter.across + c->shutter.down > 0.0 ? 1.0 : -1.0;
   const double read_out = fabs(c->shutter.across + c->shutter.down); /* one of them is 0 */
-  double pose[3][12], eye[3][3];
-  *scan = (pags_scan){.x = (float)(c->shutter.across != 0.0 ? direction / c->width : 0.0),
-                      .y = (float)(c->shutter.down != 0.0 ? direction / c->height : 0.0),
-                      .start = (float)(-0.5 * direction)};
-  for (int k = 0; k < 3; k++) { /* at the beginning, in the middle and at the end */
-    const double seconds = 0.5 * (k - 1) * read_out;
-    double camera[12], model[12], model_from_camera[12];
-    pags_rigid_move(c->world_from_camera, c->shutter.velocity, seconds, camera);
-    pags_rigid_move(part->world_from_model, part->velocity, seconds, model);
-    pags_frame_pose(camera, f->options.origin, model, pose[k], model_from_camera);
-    pags_pose_position(model_from_camera, eye[k]);
-  }
-  for (int i = 0; i < 3; i++) {
-    for (int k = 0; k < 3; k++)
-      parabola(pose[0][4 * i + k], pose[1][4 * i + k], pose[2][4 * i + k], scan->r1 + 3 * i + k, scan->r2 + 3 * i + k);
-    parabola(pose[0][4 * i + 3], pose[1][4 * i + 3], pose[2][4 * i + 3], scan->t1 + i, scan->t2 + i);
-    parabola(eye[0][i], eye[1][i], eye[2][i], scan->eye1 + i, scan->eye2 + i);
-  }
-}
-
-pags_result pags_frame_scan(pags_frame *frame) {
   frame->scans = NULL;
   frame->held = NULL;
-  if (!pags_camera_rolls(&frame->camera))
+  if (!pags_camera_rolls(c))
     return PAGS_OK;
   PAGS_TRY(pags_frame_alloc(frame, &frame->scans, frame->part_count, sizeof *frame->scans, "parts"));
   for (int p = 0; p < frame->part_count; p++) {
-    scan_part(frame, frame->parts + p, frame->scans + p);
-    frame->projections[p].scan = frame->scans + p;
+    const pags_part *const part = frame->parts + p;
+    pags_scan *const scan = frame->scans + p;
+    double pose[3][12], eye[3][3]; /* at the beginning, in the middle and at the end */
+    for (int k = 0; k < 3; k++) {
+      const double seconds = 0.5 * (k - 1) * read_out;
+      double camera[12], model[12], model_from_camera[12];
+      pags_rigid_move(c->world_from_camera, c->shutter.velocity, seconds, camera);
+      pags_rigid_move(part->world_from_model, part->velocity, seconds, model);
+      pags_frame_pose(camera, frame->options.origin, model, pose[k], model_from_camera);
+      pags_pose_position(model_from_camera, eye[k]);
+    }
+    *scan = (pags_scan){.x = (float)(c->shutter.across != 0.0 ? direction / c->width : 0.0),
+                        .y = (float)(c->shutter.down != 0.0 ? direction / c->height : 0.0),
+                        .start = (float)(-0.5 * direction)};
+    for (int i = 0; i < 3; i++) {
+      for (int k = 0; k < 3; k++)
+        parabola(pose[0][4 * i + k], pose[1][4 * i + k], pose[2][4 * i + k], scan->r1 + 3 * i + k,
+                 scan->r2 + 3 * i + k);
+      parabola(pose[0][4 * i + 3], pose[1][4 * i + 3], pose[2][4 * i + 3], scan->t1 + i, scan->t2 + i);
+      parabola(eye[0][i], eye[1][i], eye[2][i], scan->eye1 + i, scan->eye2 + i);
+    }
+    frame->projections[p].scan = scan;
   }
   return PAGS_OK;
 }
