@@ -276,12 +276,12 @@ static pags_result check_plausible(const pags_dataset *dataset) {
   const pags_parsed_view *view = &dataset->parsed.views[first];
   const pags_lens *lens = &view->lens;
   if (odd)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld of %lld views have unlikely intrinsics, the first is %s: focal lengths %g and %g, "
-                     "centre %g, %g for %d x %d pixels, of which the distortion leaves %d x %d",
-                     dataset->parsed.source, (long long)odd, (long long)dataset->count,
-                     pags_path_name(view->image_path), lens->fx, lens->fy, lens->cx, lens->cy, lens->width,
-                     lens->height, dataset->cameras[first].width, dataset->cameras[first].height);
+    PAGS_WARN(
+        "%s: %lld of %lld views have unlikely intrinsics, the first is %s: focal lengths %g and %g, centre %g, %g for "
+        "%d x %d pixels, of which the distortion leaves %d x %d",
+        dataset->parsed.source, (long long)odd, (long long)dataset->count, pags_path_name(view->image_path), lens->fx,
+        lens->fy, lens->cx, lens->cy, lens->width, lens->height, dataset->cameras[first].width,
+        dataset->cameras[first].height);
   return PAGS_OK;
 }
 

@@ -9,7 +9,7 @@
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/vec3.h"
-#include "dataset/focus.h"
+#include "dataset/parsed.h"
 #include "maths/maths.h"
 #include "scene/splat_formats.h"
 #include "scene/survey.h"

@@ -2,11 +2,10 @@
 /* Estimates what a set of cameras looks at: the point with the least squared distance to all optical axes, and the
  * typical depth of that point. Random initial points and the plane sweep of match_points.c take their range of depths
  * from it. */
-#include "dataset/focus.h"
+#include "dataset/parsed.h"
 
 #include "base/memory.h"
 #include "base/sort.h"
-#include "dataset/parsed.h"
 #include "maths/maths.h"
 
 #include <math.h>

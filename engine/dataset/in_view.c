@@ -5,7 +5,7 @@
 #include "dataset/internal.h"
 
 #include "base/log.h"
-#include "dataset/focus.h"
+#include "dataset/parsed.h"
 
 void pags_dataset_check_in_view(const pags_dataset *dataset) {
   enum { MOST_POINTS = 2000, MOST_VIEWS = 64 };

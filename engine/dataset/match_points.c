@@ -19,7 +19,7 @@
 #include "base/parallel.h"
 #include "base/rng.h"
 #include "base/vec3.h"
-#include "dataset/focus.h"
+#include "dataset/parsed.h"
 #include "maths/maths.h"
 #include "port/port.h"
 

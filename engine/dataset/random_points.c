@@ -8,7 +8,6 @@
 #include "dataset/parsed.h"
 
 #include "base/rng.h"
-#include "dataset/focus.h"
 
 #include <assert.h>
 

@@ -43,17 +43,6 @@ static pags_result load_mask(const char *path, pags_sensor *sensor) {
   return PAGS_OK;
 }
 
-/* Loads the mask of one camera from a picture, which serves all cameras, or from a folder of C.png. *loaded becomes 0
- * if the folder has no file for this camera. */
-static pags_result load_given(const pags_driving *driving, const char *given, pags_sensor *sensor, int *loaded) {
-  if (!pags_dir_exists(given))
-    return load_mask(given, sensor);
-  PAGS_AUTOFREE char *path = pags_text_format("%s/%d.png", given, sensor->number);
-  PAGS_CHECK_MEMORY(path, "%s", driving->root);
-  *loaded = pags_file_exists(path);
-  return *loaded ? load_mask(path, sensor) : PAGS_OK;
-}
-
 static pags_result check_size(const pags_dataset *dataset, const pags_sensor *sensor, const char *given) {
   for (int64_t i = 0; i < dataset->count; i++) {
     const pags_parsed_view *view = &dataset->parsed.views[i];
@@ -84,27 +73,30 @@ static void warn_of_masks(const pags_driving *driving, const char *given) {
       first_wide = wide++ ? first_wide : sensor->number;
   }
   if (ones > 0)
-    pags_log_message(
-        PAGS_LOG_WARNING,
+    PAGS_WARN(
         "%s: %d of %d ego masks are of 0 and 1, the first is camera %d's, in place of 0 and 255: 1 is taken as white",
         given, ones, total, first_one);
   if (wide > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %d of %d ego masks leave out more than half of the picture, the first is camera %d's: they "
-                     "may be inverted; expected white for the recording car",
-                     given, wide, total, first_wide);
+    PAGS_WARN(
+        "%s: %d of %d ego masks leave out more than half of the picture, the first is camera %d's: they may be "
+        "inverted; expected white for the recording car",
+        given, wide, total, first_wide);
 }
 
+/* Loads the masks of the cameras from a picture, which serves all cameras, or from a folder of C.png. */
 static pags_result take_given(pags_dataset *dataset, const char *given) {
   pags_driving *driving = dataset->parsed.driving;
+  const bool each = pags_dir_exists(given);
   int total = 0;
   for (int64_t i = 0; i < driving->sensor_count; i++) {
     pags_sensor *sensor = &driving->sensors[i];
-    int loaded = 1;
-    PAGS_TRY(load_given(driving, given, sensor, &loaded));
-    total += loaded;
-    if (loaded)
-      PAGS_TRY(check_size(dataset, sensor, given));
+    PAGS_AUTOFREE char *path = each ? pags_text_format("%s/%d.png", given, sensor->number) : pags_text_copy(given);
+    PAGS_CHECK_MEMORY(path, "%s", driving->root);
+    if (each && !pags_file_exists(path))
+      continue;
+    total++;
+    PAGS_TRY(load_mask(path, sensor));
+    PAGS_TRY(check_size(dataset, sensor, given));
   }
   warn_of_masks(driving, given);
   return pags_driving_note(driving, "ego mask: of %d cameras from %s", total, given);

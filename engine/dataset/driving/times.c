@@ -174,8 +174,7 @@ static void find_exposure_unit(const times *t, const char *path, const char *tol
   if (name && name != told)
     PAGS_WARN("%s: times of exposures are taken as %s; expected seconds", path, name);
   if (off > 0)
-    pags_log_message(
-        PAGS_LOG_WARNING,
+    PAGS_WARN(
         "%s: %lld of %lld exposures are far from the time of their frame, the first by %g s: 'cameras' may be wrong",
         path, (long long)off, (long long)count, first_off);
 }

@@ -3,7 +3,7 @@
  * texture. */
 #include <pags/dataset.h>
 
-#include "dataset/focus.h"
+#include "dataset/parsed.h"
 #include "unit/scratch.h"
 
 #include <math.h>

@@ -68,11 +68,11 @@ static pags_result check_sizes(const pags_driving *driving, const pags_parsed_da
  * lies from the middle before it is reported, and before another size of the picture is looked for. */
 static const double least_focal = 0.1, most_focal = 30, far_off = 0.3, off = 0.06;
 
-/* Whether the principal point is the middle of a picture of another size; *scale: that size by this one's. */
-static bool is_of_another_size(const pags_lens *lens, double *scale) {
+/* Whether the principal point is the middle of a picture of another size. */
+static bool is_of_another_size(const pags_lens *lens) {
   const double x = 2 * lens->cx / lens->width, y = 2 * lens->cy / lens->height;
-  *scale = 0.5 * (x + y);
-  return fabs(x - 1) > 2 * off && fabs(y - 1) > 2 * off && fabs(x - y) < 0.06 * *scale && *scale > 0;
+  const double scale = 0.5 * (x + y); /* that size by this one's */
+  return fabs(x - 1) > 2 * off && fabs(y - 1) > 2 * off && fabs(x - y) < 0.06 * scale && scale > 0;
 }
 
 static pags_result check_lenses(const pags_driving *driving, const pags_parsed_dataset *parsed) {
@@ -85,7 +85,6 @@ static pags_result check_lenses(const pags_driving *driving, const pags_parsed_d
       continue;
     const pags_lens *lens = &view->lens;
     const double x = lens->fx / lens->width, y = lens->fy / lens->height;
-    double scale;
     total++;
     if (x < least_focal || y < least_focal || x > most_focal || y > most_focal)
       return pags_fail(PAGS_ERROR_FORMAT,
@@ -96,7 +95,7 @@ static pags_result check_lenses(const pags_driving *driving, const pags_parsed_d
                        lens->cx <= 1 && lens->cy <= 1 && lens->fx < 10
                            ? "; values divided by the picture's size are to be multiplied by it"
                            : "");
-    if (is_of_another_size(lens, &scale))
+    if (is_of_another_size(lens))
       first_resized = resized++ ? first_resized : view;
     else if (fabs(lens->cx / lens->width - 0.5) > far_off || fabs(lens->cy / lens->height - 0.5) > far_off)
       first_aside = aside++ ? first_aside : view;
@@ -106,25 +105,23 @@ static pags_result check_lenses(const pags_driving *driving, const pags_parsed_d
 
   if (resized > 0) {
     const pags_lens *lens = &first_resized->lens;
-    pags_log_message(
-        PAGS_LOG_WARNING,
+    PAGS_WARN(
         "%s/intrinsics: %d of %d cameras have intrinsics of photographs of another size: the principal point of camera "
         "%d, %g %g, is the middle of about %.0f x %.0f pixels, its photographs have %d x %d",
         driving->root, resized, total, first_resized->sensor, lens->cx, lens->cy, 2 * lens->cx, 2 * lens->cy,
         lens->width, lens->height);
   }
   if (aside > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/intrinsics: %d of %d cameras have a principal point far from the middle, the first is camera "
-                     "%d: %g %g in photographs of %d x %d; intrinsics may be wrong",
-                     driving->root, aside, total, first_aside->sensor, first_aside->lens.cx, first_aside->lens.cy,
-                     first_aside->lens.width, first_aside->lens.height);
+    PAGS_WARN(
+        "%s/intrinsics: %d of %d cameras have a principal point far from the middle, the first is camera %d: %g %g in "
+        "photographs of %d x %d; intrinsics may be wrong",
+        driving->root, aside, total, first_aside->sensor, first_aside->lens.cx, first_aside->lens.cy,
+        first_aside->lens.width, first_aside->lens.height);
   if (stretched > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/intrinsics: %d of %d cameras have focal lengths that differ by more than a quarter, the first "
-                     "is camera %d: %g and %g; intrinsics may be wrong",
-                     driving->root, stretched, total, first_stretched->sensor, first_stretched->lens.fx,
-                     first_stretched->lens.fy);
+    PAGS_WARN(
+        "%s/intrinsics: %d of %d cameras have focal lengths that differ by more than a quarter, the first is camera "
+        "%d: %g and %g; intrinsics may be wrong",
+        driving->root, stretched, total, first_stretched->sensor, first_stretched->lens.fx, first_stretched->lens.fy);
   return PAGS_OK;
 }
 
@@ -209,11 +206,10 @@ static void check_way(const pags_driving *driving, const pags_parsed_dataset *pa
     way = sqrt(square);
   }
   if (climbing > 0)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: %d of %d cameras move up or down, the first is camera %d: by %.1f m on %.1f m; poses may "
-                     "be inverted, expected camera-to-world (or car-to-world), z up",
-                     driving->root, driving->rules.per_frame ? "extrinsics" : "ego_pose", climbing, total, first,
-                     height, way);
+    PAGS_WARN(
+        "%s/%s: %d of %d cameras move up or down, the first is camera %d: by %.1f m on %.1f m; poses may be inverted, "
+        "expected camera-to-world (or car-to-world), z up",
+        driving->root, driving->rules.per_frame ? "extrinsics" : "ego_pose", climbing, total, first, height, way);
 }
 
 pags_result pags_calibration_check(const pags_driving *driving, const pags_parsed_dataset *parsed) {

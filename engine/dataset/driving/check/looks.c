@@ -52,8 +52,8 @@ void pags_held_out_check(const pags_dataset *dataset) {
       pags_tally_add(&found, "camera %d, %lld of whose %lld photographs are", number, held, all);
   }
   if (found.count)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/images: more than half of the photographs of %lld of %lld cameras are held out, the first is "
-                     "%s; another --split-every holds out others, 0 none",
-                     driving->root, (long long)found.count, (long long)driving->sensor_count, found.first);
+    PAGS_WARN(
+        "%s/images: more than half of the photographs of %lld of %lld cameras are held out, the first is %s; another "
+        "--split-every holds out others, 0 none",
+        driving->root, (long long)found.count, (long long)driving->sensor_count, found.first);
 }

@@ -226,10 +226,10 @@ pags_result pags_look_for_mirror(const pags_dataset *dataset) {
         PAGS_TRY(look_at_pair(dataset, view, &v));
     }
   if (v.mirrored >= ENOUGH_PAIRS && v.mirrored >= 4 * v.upright && v.flipped - v.as_read > least_gain * v.pairs)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %d of %d pairs of photographs fit their cameras' poses better mirrored (correlation %.2f, as "
-                     "read %.2f): axes look left-handed, as CARLA's and Unreal's are, or photographs mirrored; "
-                     "expected right-handed axes: negate y of poses, sweeps and boxes before converting",
-                     driving->root, v.mirrored, v.pairs, v.flipped / v.pairs, v.as_read / v.pairs);
+    PAGS_WARN(
+        "%s: %d of %d pairs of photographs fit their cameras' poses better mirrored (correlation %.2f, as read %.2f): "
+        "axes look left-handed, as CARLA's and Unreal's are, or photographs mirrored; expected right-handed axes: "
+        "negate y of poses, sweeps and boxes before converting",
+        driving->root, v.mirrored, v.pairs, v.flipped / v.pairs, v.as_read / v.pairs);
   return PAGS_OK;
 }

@@ -144,15 +144,15 @@ static void warn(const pags_driving *driving, const points *a, const points *b, 
   if (better < least_share || better < least_ratio * as_read)
     return;
   if (turned > world && turned > inverse)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/lidar: %.0f %% of the points of two sweeps meet if they are turned by %d degrees about z, "
-                     "%.0f %% as they are: their axes may be wrong; expected those of %s",
-                     driving->root, 100 * turned, degrees, 100 * as_read, folder);
+    PAGS_WARN(
+        "%s/lidar: %.0f %% of the points of two sweeps meet if they are turned by %d degrees about z, %.0f %% as they "
+        "are: their axes may be wrong; expected those of %s",
+        driving->root, 100 * turned, degrees, 100 * as_read, folder);
   else if (world >= inverse)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/lidar: %.0f %% of the points of two sweeps meet without %s, %.0f %% with it: lidar_frame may "
-                     "be wrong; points in the world's frame want \"lidar_frame\": \"world\" in dataset.json",
-                     driving->root, 100 * world, folder, 100 * as_read);
+    PAGS_WARN(
+        "%s/lidar: %.0f %% of the points of two sweeps meet without %s, %.0f %% with it: lidar_frame may be wrong; "
+        "points in the world's frame want \"lidar_frame\": \"world\" in dataset.json",
+        driving->root, 100 * world, folder, 100 * as_read);
   else
     PAGS_WARN(
         "%s/%s: %.0f %% of the points of two sweeps meet with the inverse poses, %.0f %% with those read: the poses "

@@ -268,16 +268,15 @@ static pags_result check_rows(const pags_driving *driving, const char *path, con
                      "'lidar_columns' of dataset.json",
                      path, columns, how->columns, driving->rules.kind);
   if (alike) {
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: its %d columns hold the same kind of values: it may not be rows of x, y, z, ...; expected a "
-                     "row of %d float32 a point",
-                     path, how->columns, how->columns);
+    PAGS_WARN(
+        "%s: its %d columns hold the same kind of values: it may not be rows of x, y, z, ...; expected a row of %d "
+        "float32 a point",
+        path, how->columns, how->columns);
     return PAGS_OK;
   }
   const double flattest = fmin(look.spread[0], look.spread[1]);
   if (look.points >= FEW_POINTS && look.spread[2] > 1.5 * flattest)
-    pags_log_message(
-        PAGS_LOG_WARNING,
+    PAGS_WARN(
         "%s: its points spread by %.1f m along z, but %.1f m along %s: their axes may be wrong; expected z to point up",
         path, look.spread[2], flattest, look.spread[0] < look.spread[1] ? "x" : "y");
   return PAGS_OK;

@@ -41,17 +41,6 @@ static bool is_companion(const char *name) {
   return strncasecmp(name, "readme", 6) == 0 || strncasecmp(name, "license", 7) == 0;
 }
 
-/* Writes the name that the reader opens for a frame and a camera. */
-static void write_name(const survey *s, const known_folder *folder, int frame, int camera, char *out, size_t size) {
-  const int digits = s->driving->digits;
-  if (folder->form == FRAME_AND_CAMERA)
-    snprintf(out, size, "%0*d_%d%s", digits, frame, camera, folder->extension);
-  else if (folder->form == FRAME)
-    snprintf(out, size, "%0*d%s", digits, frame, folder->extension);
-  else
-    snprintf(out, size, "%d%s", camera, folder->extension);
-}
-
 /* Reads a number that is filled up with zeros to that number of digits, and to no more. */
 static bool has_number(const char **at, int digits, int *out) {
   const char *begin = *at;
@@ -103,8 +92,12 @@ static pags_result survey_folder(const survey *s, const known_folder *folder) {
       first_odd = odd++ ? first_odd : name;
     }
   }
-  char expected[64];
-  write_name(s, folder, s->pictures[0].frame, s->pictures[0].camera, expected, sizeof expected);
+  char expected[64] = "", camera[16]; /* the name that the reader opens for the first photograph */
+  snprintf(camera, sizeof camera, "%d", s->pictures[0].camera);
+  if (folder->form != CAMERA)
+    snprintf(expected, sizeof expected, "%0*d", s->driving->digits, s->pictures[0].frame);
+  snprintf(expected + strlen(expected), 32, "%s%s%s", folder->form == FRAME_AND_CAMERA ? "_" : "",
+           folder->form == FRAME ? "" : camera, folder->extension);
   if (odd > 0)
     PAGS_WARN(
         "%s: %lld of %lld files aren't read, the first is %s; expected names like %s (%s, as the photographs have "
@@ -114,10 +107,8 @@ static pags_result survey_folder(const survey *s, const known_folder *folder) {
         : folder->form == FRAME          ? "frame"
                                          : "camera");
   if (lone > 0)
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "%s: %lld of %lld files aren't read, since there is no photograph of their number; the first is %s", path,
-        (long long)lone, (long long)files, first_lone);
+    PAGS_WARN("%s: %lld of %lld files aren't read, since there is no photograph of their number; the first is %s", path,
+              (long long)lone, (long long)files, first_lone);
   return PAGS_OK;
 }
 

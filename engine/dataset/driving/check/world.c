@@ -66,18 +66,18 @@ void pags_world_check(const pags_driving *driving, const pags_parsed_dataset *pa
         "axes look earth-fixed (ECEF); expected z up: turn poses and boxes to east, north, up",
         driving->root, folder, radius / 1000, off);
   else if (off > steepest)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/%s: cameras don't stand upright in the world: their upward direction is %.0f degrees off its "
-                     "z in the mean of %lld photographs; expected z up: turn poses and boxes, or correct ego_pose",
-                     driving->root, folder, off, (long long)cameras.count);
+    PAGS_WARN(
+        "%s/%s: cameras don't stand upright in the world: their upward direction is %.0f degrees off its z in the mean "
+        "of %lld photographs; expected z up: turn poses and boxes, or correct ego_pose",
+        driving->root, folder, off, (long long)cameras.count);
 
   for (int64_t i = 0; i < driving->object_count; i++)
     for (int64_t k = 0; k < driving->objects[i].keyframe_count; k++)
       add(&boxes, driving->objects[i].keyframes[k].world_from_object, 2, 1);
   const double apart = angle(&boxes, cameras.sum);
   if (apart > steepest && angle(&boxes, up) > steepest)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s/instances/instances_info.json: %lld boxes stand %.0f degrees off the cameras' upward "
-                     "direction in the mean; expected boxes whose z points up",
-                     driving->root, (long long)boxes.count, apart);
+    PAGS_WARN(
+        "%s/instances/instances_info.json: %lld boxes stand %.0f degrees off the cameras' upward direction in the "
+        "mean; expected boxes whose z points up",
+        driving->root, (long long)boxes.count, apart);
 }
