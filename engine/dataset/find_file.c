@@ -2,8 +2,10 @@
 /* Finds files under other spellings of their names (find_file.h). */
 #include "dataset/find_file.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "base/log.h"
 #include "base/memory.h"
@@ -23,14 +25,25 @@ static bool same_letters(const char *a, const char *b, size_t count) {
   return i == count || (!a[i] && !b[i]);
 }
 
-bool pags_is_picture_name(const char *name) {
-  static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".exr",
-                                           ".hdr", ".jxl", ".avif", ".heic", ".dng", ".jp2",  ".tga", ".ppm"};
-  const char *extension = pags_path_extension(name);
-  for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++)
-    if (same_letters(extension, extensions[i], strlen(extension) + 1))
-      return name[0] != '.';
+const char *pags_words_next(const char **list, char out[64]) {
+  const size_t length = strcspn(*list, " ");
+  snprintf(out, 64, "%.*s", (int)length, *list);
+  *list += length + ((*list)[length] == ' ');
+  return length ? out : NULL;
+}
+
+bool pags_words_have(const char *list, const char *word) {
+  char known[64];
+  while (pags_words_next(&list, known))
+    if (strcasecmp(known, word) == 0)
+      return true;
   return false;
+}
+
+bool pags_is_picture_name(const char *name) {
+  return name[0] != '.' &&
+         pags_words_have(".png .jpg .jpeg .webp .tif .tiff .bmp .exr .hdr .jxl .avif .heic .dng .jp2 .tga .ppm",
+                         pags_path_extension(name));
 }
 
 bool pags_folder_is_data_set(const char *folder) {

@@ -50,6 +50,11 @@ pags_result pags_find_extension(const char *folder, const char *name, int length
 /* Whether a folder is a data set of transforms files or with a dataset.json. */
 bool pags_folder_is_data_set(const char *folder);
 
+/* Whether `word` is one of the words of `list`, which are separated by blanks, whatever the case of its letters. */
+bool pags_words_have(const char *list, const char *word);
+/* Takes the next word of the list and returns it, cut off after 63 bytes; NULL at the end. */
+const char *pags_words_next(const char **list, char out[64]);
+
 /* Whether a file of this name is a picture by its extension. */
 bool pags_is_picture_name(const char *name);
 

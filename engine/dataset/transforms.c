@@ -22,7 +22,6 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 typedef struct reader {
   pags_json *json;
@@ -78,24 +77,14 @@ static pags_result find_side(const reader *r, const pags_json_value *frame, cons
 
 /* Names of camera models, those of nerfstudio and of COLMAP. */
 static const struct {
-  const char *name;
   pags_lens_kind kind;
-} models[] = {{"OPENCV", PAGS_LENS_PERSPECTIVE},
-              {"PINHOLE", PAGS_LENS_PERSPECTIVE},
-              {"SIMPLE_PINHOLE", PAGS_LENS_PERSPECTIVE},
-              {"SIMPLE_RADIAL", PAGS_LENS_PERSPECTIVE},
-              {"RADIAL", PAGS_LENS_PERSPECTIVE},
-              {"PERSPECTIVE", PAGS_LENS_PERSPECTIVE},
-              {"OPENCV_FISHEYE", PAGS_LENS_FISHEYE},
-              {"SIMPLE_RADIAL_FISHEYE", PAGS_LENS_FISHEYE},
-              {"RADIAL_FISHEYE", PAGS_LENS_FISHEYE},
-              {"SIMPLE_FISHEYE", PAGS_LENS_FISHEYE},
-              {"FISHEYE", PAGS_LENS_FISHEYE},
-              {"FULL_OPENCV", PAGS_LENS_RATIONAL},
-              {"FOV", PAGS_LENS_FOV},
-              {"THIN_PRISM_FISHEYE", PAGS_LENS_THIN_PRISM},
-              {"EQUIRECTANGULAR", PAGS_LENS_EQUIRECTANGULAR},
-              {"LATLONG", PAGS_LENS_EQUIRECTANGULAR}};
+  const char *names;
+} models[] = {{PAGS_LENS_PERSPECTIVE, "OPENCV PINHOLE SIMPLE_PINHOLE SIMPLE_RADIAL RADIAL PERSPECTIVE"},
+              {PAGS_LENS_FISHEYE, "OPENCV_FISHEYE SIMPLE_RADIAL_FISHEYE RADIAL_FISHEYE SIMPLE_FISHEYE FISHEYE"},
+              {PAGS_LENS_RATIONAL, "FULL_OPENCV"},
+              {PAGS_LENS_FOV, "FOV"},
+              {PAGS_LENS_THIN_PRISM, "THIN_PRISM_FISHEYE"},
+              {PAGS_LENS_EQUIRECTANGULAR, "EQUIRECTANGULAR LATLONG"}};
 
 static pags_result find_kind(const reader *r, const pags_json_value *frame, pags_lens_kind *kind) {
   const char *model;
@@ -117,7 +106,7 @@ static pags_result find_kind(const reader *r, const pags_json_value *frame, pags
   PAGS_TRY(pags_json_bool_or(r->json, r->root, "is_fisheye", false, &fisheye));
   PAGS_TRY(pags_json_bool_or(r->json, frame, "is_fisheye", fisheye, &fisheye));
   for (size_t i = 0; i < sizeof models / sizeof *models; i++)
-    if (strcasecmp(model, models[i].name) == 0) {
+    if (pags_words_have(models[i].names, model)) {
       *kind = fisheye ? PAGS_LENS_FISHEYE : models[i].kind;
       return PAGS_OK;
     }

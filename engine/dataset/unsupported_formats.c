@@ -26,21 +26,9 @@
 #define REALITY_NAME "RealityScan's"
 #define REALITY_WAY "export the registration as COLMAP there, with undistorted pictures"
 #define REALITY REALITY_NAME, REALITY_WAY
-#define TRAJECTORY "a trajectory (.log, of Open3D or Tanks and Temples)", "it has no intrinsics: " PICTURES
-#define POLYCAM \
-  "Polycam's raw export", "`ns-process-data polycam --data FOLDER --output-dir OUT` writes a transforms.json"
 #define SDFSTUDIO "SDFStudio's", "give the COLMAP model or the transforms.json that it was made of"
 #define NEUS "of IDR or NeuS", PICTURES
-#define POINTS "a point cloud (LAS)", "points are no capture: " PICTURES
-#define VIDEO \
-  "a video", "`pags import photos VIDEO -o DATASET` takes pictures out of it and finds their cameras by COLMAP"
-#define PART "of a COLMAP model that lacks files", "expected cameras and images there, both .bin or both .txt"
 #define PICTURES "`pags import photos FOLDER -o DATASET` finds the cameras of the pictures by COLMAP"
-#define DATABASE                        \
-  "COLMAP's database, without a model", \
-      "`colmap mapper --database_path database.db --image_path images --output_path sparse` makes the model"
-#define SPLATS "a file of splats", "a data set has photographs: give their folder"
-#define MODEL_FILE "a file of a COLMAP model", "give the folder of the data set, or the model's by --colmap"
 #define INRIA                                                                       \
   "the cameras.json of a trained scene (INRIA's), without intrinsics of a capture", \
       "give the data set that it was trained on; `pags render --path` takes it as a camera path"
@@ -50,51 +38,43 @@
 #define LAYOUT "docs/dataset-layout.md describes the files to write from it"
 #define ARGOVERSE "a log of Argoverse 2", "pags import argoverse2 reads it"
 #define NUSCENES "nuScenes", "pags import nuscenes reads it"
-#define PANDASET "a raw sequence of PandaSet", "pags import pandaset reads it"
-#define NUPLAN \
-  "nuPlan", "drivestudio's datasets/preprocess.py makes of it the data set that is read, then with --kind nuplan"
-#define KITTI_360 "KITTI-360", "pags import kitti360 reads a drive of it"
 #define KITTI_OBJECTS \
   "KITTI's object benchmark: single photographs, no drive", "the tracking benchmark or a raw recording is needed"
 #define KITTI_ODOMETRY \
   "KITTI's odometry benchmark, which isn't imported", "the raw recording of the same drive is (pags import kitti)"
-#define ODOMETRY_SEQUENCE "a sequence of " KITTI_ODOMETRY
-#define BAG_2 "a ROS 2 bag, which isn't read", LAYOUT
 #define WEB_PAGE "a web page, not a recording: the download failed", NULL
 
 /* How a format is recognised. The first row that fits counts. */
 typedef enum sign {
-  RECORDING,  /* a folder that has the file or folder `name` and, unless it is NULL, `other` */
+  RECORDING,  /* a folder that has one of these files or folders and, unless it is NULL, `other` */
   IMPORTABLE, /* the same, and an importer reads the folder itself */
-  BYTES,      /* a file that begins with `name` */
-  FILE_ONLY,  /* a file of this name */
+  BYTES,      /* a file that begins so */
+  FILE_ONLY,  /* a file of one of these names */
   SPLAT_FILE, /* the same, of splats */
-  ENTRY,      /* a file of this name, or a folder that has a file or folder of this name */
-  KEY         /* a JSON file with this key in its root or, where that is an array, in its first element */
+  ENTRY,      /* a file of one of these names, or a folder that has such a file or folder */
+  KEY         /* a JSON file with one of these keys in its root or, where that is an array, in its first element */
 } sign;
 
 static const struct unsupported_format {
   sign sign;
-  const char *name, *other; /* "*.psx": any of this ending; in lower case where it is a file's own name */
+  const char *names, *other; /* several names are separated by blanks; "*.psx": any of this ending */
   const char *what, *remedy;
 } formats[] = {
     {RECORDING, "city_SE3_egovehicle.feather", NULL, ARGOVERSE},
     {RECORDING, "annotations.feather", "sensors", ARGOVERSE},
     {RECORDING, "samples", "sweeps", NUSCENES},
-    {RECORDING, "v1.0-mini", NULL, NUSCENES},
-    {RECORDING, "v1.0-trainval", NULL, NUSCENES},
-    {RECORDING, "camera/front_camera", "lidar", PANDASET},
-    {RECORDING, "annotations/cuboids", "lidar", PANDASET},
+    {RECORDING, "v1.0-mini v1.0-trainval", NULL, NUSCENES},
+    {RECORDING, "camera/front_camera annotations/cuboids", "lidar", "a raw sequence of PandaSet",
+     "pags import pandaset reads it"},
     {RECORDING, "camera_image", "vehicle_pose", "Waymo Open v2", "pags import waymo2 reads a segment of it"},
-    {RECORDING, "nuplan-v1.1", NULL, NUPLAN},
-    {RECORDING, "data_2d_raw", NULL, KITTI_360},
-    {RECORDING, "data_3d_raw", NULL, KITTI_360},
-    {RECORDING, "calibration/perspective.txt", NULL, KITTI_360},
+    {RECORDING, "nuplan-v1.1", NULL, "nuPlan",
+     "drivestudio's datasets/preprocess.py makes of it the data set that is read, then with --kind nuplan"},
+    {RECORDING, "data_2d_raw data_3d_raw calibration/perspective.txt", NULL, "KITTI-360",
+     "pags import kitti360 reads a drive of it"},
     {RECORDING, "image_2", "label_2", KITTI_OBJECTS},
     {RECORDING, "training/image_2", NULL, KITTI_OBJECTS},
     {RECORDING, "sequences", "poses", KITTI_ODOMETRY},
-    {RECORDING, "calib.txt", "image_2", ODOMETRY_SEQUENCE},
-    {RECORDING, "calib.txt", "image_0", ODOMETRY_SEQUENCE},
+    {RECORDING, "image_2 image_0", "calib.txt", "a sequence of " KITTI_ODOMETRY},
     {IMPORTABLE, "image_02", "calib", "KITTI's tracking benchmark: 'pags import kitti' makes a data set of it", NULL},
     {IMPORTABLE, "training/image_02", NULL,
      "KITTI's tracking benchmark: 'pags import kitti' makes a data set of its folder training", NULL},
@@ -103,10 +83,8 @@ static const struct unsupported_format {
      "a day of KITTI's raw recordings: 'pags import kitti' makes a data set of a drive", NULL},
     {IMPORTABLE, "*.tfrecord", NULL,
      "a folder of Waymo Open v1 segments: 'pags import waymo FILE' makes a data set of one", NULL},
-    {RECORDING, "*.parquet", NULL, "parquet files", PARQUET},
-    {RECORDING, "*/*.parquet", NULL, "parquet files", PARQUET},
-    {RECORDING, "metadata.yaml", "*.db3", BAG_2},
-    {RECORDING, "metadata.yaml", "*.mcap", BAG_2},
+    {RECORDING, "*.parquet */*.parquet", NULL, "parquet files", PARQUET},
+    {RECORDING, "*.db3 *.mcap", "metadata.yaml", "a ROS 2 bag, which isn't read", LAYOUT},
     {RECORDING, "*.bag", NULL, "a folder of ROS bags, which aren't read", LAYOUT},
 
     {BYTES, "PAR1", NULL, "a parquet file", PARQUET},
@@ -123,71 +101,48 @@ static const struct unsupported_format {
     {BYTES, "<html", NULL, WEB_PAGE},
     {BYTES, "PK\3\4", NULL, "an archive (zip)", "unpack it first"},
 
-    {FILE_ONLY, "cameras.txt", NULL, MODEL_FILE},
-    {FILE_ONLY, "cameras.bin", NULL, MODEL_FILE},
-    {FILE_ONLY, "images.txt", NULL, MODEL_FILE},
-    {FILE_ONLY, "images.bin", NULL, MODEL_FILE},
-    {FILE_ONLY, "points3d.txt", NULL, MODEL_FILE},
-    {FILE_ONLY, "points3d.bin", NULL, MODEL_FILE},
-    {FILE_ONLY, "rigs.txt", NULL, MODEL_FILE},
-    {FILE_ONLY, "rigs.bin", NULL, MODEL_FILE},
-    {FILE_ONLY, "frames.txt", NULL, MODEL_FILE},
-    {FILE_ONLY, "frames.bin", NULL, MODEL_FILE},
+    {FILE_ONLY,
+     "cameras.txt cameras.bin images.txt images.bin points3d.txt points3d.bin rigs.txt rigs.bin frames.txt frames.bin",
+     NULL, "a file of a COLMAP model", "give the folder of the data set, or the model's by --colmap"},
     {FILE_ONLY, "cfg_args", NULL, "of a training's output (INRIA's)", "give its folder to info, render or export"},
     {FILE_ONLY, "*.csv", NULL, "a table, perhaps " REALITY_NAME " cameras", REALITY_WAY},
     {FILE_ONLY, "*.out", NULL, "Bundler's", PICTURES},
     {SPLAT_FILE, "*.ply", NULL, "a file of points or splats", "a data set has photographs: give their folder"},
-    {SPLAT_FILE, "*.splat", NULL, SPLATS},
-    {SPLAT_FILE, "*.spz", NULL, SPLATS},
-    {SPLAT_FILE, "*.sog", NULL, SPLATS},
-    {SPLAT_FILE, "*.pagsz", NULL, SPLATS},
-    {SPLAT_FILE, "*.glb", NULL, SPLATS},
+    {SPLAT_FILE, "*.splat *.spz *.sog *.pagsz *.glb", NULL, "a file of splats",
+     "a data set has photographs: give their folder"},
 
-    {ENTRY, "reconstruction.json", NULL, OPENSFM},
-    {ENTRY, "opensfm/reconstruction.json", NULL, OPENSFM},
-    {ENTRY, "sfm_data.json", NULL, OPENMVG},
-    {ENTRY, "sfm_data.bin", NULL, OPENMVG},
-    {ENTRY, "matches/sfm_data.json", NULL, OPENMVG},
-    {ENTRY, "reconstruction/sfm_data.json", NULL, OPENMVG},
-    {ENTRY, "reconstruction/sfm_data.bin", NULL, OPENMVG},
+    {ENTRY, "reconstruction.json opensfm/reconstruction.json", NULL, OPENSFM},
+    {ENTRY, "sfm_data.json sfm_data.bin matches/sfm_data.json reconstruction/sfm_data.json reconstruction/sfm_data.bin",
+     NULL, OPENMVG},
     {ENTRY, "*.sfm", NULL, ALICEVISION},
-    {ENTRY, "*.psx", NULL, METASHAPE},
-    {ENTRY, "*.psz", NULL, METASHAPE},
-    {ENTRY, "cameras.xml", NULL, METASHAPE},
-    {ENTRY, "*.rcproj", NULL, REALITY},
-    {ENTRY, "*.rsproj", NULL, REALITY},
-    {ENTRY, "*.rcalign", NULL, REALITY},
-    {ENTRY, "keyframes", NULL, POLYCAM},
+    {ENTRY, "*.psx *.psz cameras.xml", NULL, METASHAPE},
+    {ENTRY, "*.rcproj *.rsproj *.rcalign", NULL, REALITY},
+    {ENTRY, "keyframes", NULL, "Polycam's raw export",
+     "`ns-process-data polycam --data FOLDER --output-dir OUT` writes a transforms.json"},
     {ENTRY, "meta_data.json", NULL, SDFSTUDIO},
     {ENTRY, "poses_bounds.npy", NULL, "of LLFF", PICTURES},
-    {ENTRY, "cameras.npz", NULL, NEUS},
-    {ENTRY, "cameras_sphere.npz", NULL, NEUS},
+    {ENTRY, "cameras.npz cameras_sphere.npz", NULL, NEUS},
     {ENTRY, "cams", NULL, "of MVSNet", PICTURES},
     {ENTRY, "*.nvm", NULL, "VisualSFM's", PICTURES},
     {ENTRY, "bundle.out", NULL, "Bundler's", PICTURES},
-    {ENTRY, "*.log", NULL, TRAJECTORY},
+    {ENTRY, "*.log", NULL, "a trajectory (.log, of Open3D or Tanks and Temples)", "it has no intrinsics: " PICTURES},
     {ENTRY, "*.e57", NULL, "a scan (E57)", "a scan is no capture: " PICTURES},
-    {ENTRY, "*.las", NULL, POINTS},
-    {ENTRY, "*.laz", NULL, POINTS},
-    {ENTRY, "database.db", NULL, DATABASE},
-    {ENTRY, "*.mp4", NULL, VIDEO},
-    {ENTRY, "*.mov", NULL, VIDEO},
+    {ENTRY, "*.las *.laz", NULL, "a point cloud (LAS)", "points are no capture: " PICTURES},
+    {ENTRY, "database.db", NULL, "COLMAP's database, without a model",
+     "`colmap mapper --database_path database.db --image_path images --output_path sparse` makes the model"},
+    {ENTRY, "*.mp4 *.mov", NULL, "a video",
+     "`pags import photos VIDEO -o DATASET` takes pictures out of it and finds their cameras by COLMAP"},
     {ENTRY, "*.insv", NULL, "a 360-degree video", "its pictures are panoramas, which can't be used yet"},
     {ENTRY, "*.xml", NULL, METASHAPE},
     {ENTRY, "*.p4d", NULL, "Pix4D's", PICTURES},
-    {ENTRY, "cameras.bin", NULL, PART},
-    {ENTRY, "cameras.txt", NULL, PART},
-    {ENTRY, "images.bin", NULL, PART},
-    {ENTRY, "images.txt", NULL, PART},
-    {ENTRY, "sparse/0/cameras.bin", NULL, PART},
-    {ENTRY, "sparse/0/cameras.txt", NULL, PART},
-    {ENTRY, "sparse/0/images.bin", NULL, PART},
-    {ENTRY, "sparse/0/images.txt", NULL, PART},
+    {ENTRY,
+     "cameras.bin cameras.txt images.bin images.txt sparse/0/cameras.bin sparse/0/cameras.txt sparse/0/images.bin "
+     "sparse/0/images.txt",
+     NULL, "of a COLMAP model that lacks files", "expected cameras and images there, both .bin or both .txt"},
 
     {KEY, "sfm_data_version", NULL, OPENMVG},
     {KEY, "shots", NULL, OPENSFM},
-    {KEY, "featuresFolders", NULL, ALICEVISION},
-    {KEY, "poses", NULL, ALICEVISION},
+    {KEY, "featuresFolders poses", NULL, ALICEVISION},
     {KEY, "img_name", NULL, INRIA},
     {KEY, "camera_path", NULL, "nerfstudio's camera path", "`pags render --path` takes it; a data set has photographs"},
     {KEY, "camtoworld", NULL, SDFSTUDIO},
@@ -217,14 +172,23 @@ static bool has(const char *folder, const char *name) {
   return false;
 }
 
+/* Returns the first of a row's names that the folder has, in `out`; NULL if it has none. */
+static const char *find_name(const char *folder, const char *names, char out[64]) {
+  while (pags_words_next(&names, out))
+    if (has(folder, out))
+      return out;
+  return NULL;
+}
+
 pags_result pags_unsupported_recording_check(const char *path, bool importers) {
   const bool folder = pags_dir_exists(path);
   uint8_t head[32];
+  char name[64];
   const bool has_head = !folder && pags_file_head(path, head, sizeof head) >= 8;
   for (const unsupported_format *f = formats; f < formats_end; f++)
-    if (folder ? (f->sign == RECORDING || (f->sign == IMPORTABLE && importers)) && has(path, f->name) &&
-                     (!f->other || has(path, f->other))
-               : has_head && f->sign == BYTES && memcmp(head, f->name, strlen(f->name)) == 0)
+    if (folder ? (f->sign == RECORDING || (f->sign == IMPORTABLE && importers)) && (!f->other || has(path, f->other)) &&
+                     find_name(path, f->names, name)
+               : has_head && f->sign == BYTES && memcmp(head, f->names, strlen(f->names)) == 0)
       return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: is %s%s%s", path, f->what, f->remedy ? "; " : "",
                        f->remedy ? f->remedy : "");
   if (importers && strcasecmp(pags_path_extension(path), ".tfrecord") == 0)
@@ -235,9 +199,17 @@ pags_result pags_unsupported_recording_check(const char *path, bool importers) {
 
 /* ---- Captures ---- */
 
-/* Whether `name`, without folders, is what the row says, whatever its letter case. */
-static bool fits(const unsupported_format *f, const char *name) {
-  return *f->name == '*' ? strcasecmp(f->name + 1, pags_path_extension(name)) == 0 : strcasecmp(f->name, name) == 0;
+/* Whether `file`, without folders, has this name, whatever its letter case. */
+static bool fits(const char *name, const char *file) {
+  return *name == '*' ? strcasecmp(name + 1, pags_path_extension(file)) == 0 : strcasecmp(name, file) == 0;
+}
+
+static bool fits_any(const unsupported_format *f, const char *file) {
+  char name[64];
+  for (const char *names = f->names; pags_words_next(&names, name);)
+    if (fits(name, file))
+      return true;
+  return false;
 }
 
 static pags_result refuse(const char *path, const char *file, const unsupported_format *f) {
@@ -269,11 +241,14 @@ static pags_result refuse_entries(const char *path, const pags_dir_list *list) {
           "%s: not a data set: it has no transforms.json and no transforms_train.json, but %s: give that file itself",
           path, list->names[i]);
   for (const unsupported_format *f = formats; f < formats_end; f++) {
-    if (f->sign == ENTRY && strchr(f->name, '/') && has(path, f->name))
-      return refuse(path, f->name, f);
-    for (int64_t i = 0; i < list->count && f->sign == ENTRY; i++)
-      if (fits(f, list->names[i]))
-        return refuse(path, list->names[i], f);
+    char name[64];
+    for (const char *names = f->names; f->sign == ENTRY && pags_words_next(&names, name);) {
+      if (strchr(name, '/') && has(path, name))
+        return refuse(path, name, f);
+      for (int64_t i = 0; i < list->count; i++)
+        if (fits(name, list->names[i]))
+          return refuse(path, list->names[i], f);
+    }
   }
   return PAGS_OK;
 }
@@ -295,7 +270,7 @@ static pags_result refuse_folder(const char *path) {
   const char *const kind = pags_scene_folder_kind(path), *splat = NULL;
   for (int64_t i = 0; i < list.count; i++)
     for (const unsupported_format *f = formats; f < formats_end; f++)
-      if (f->sign == SPLAT_FILE && fits(f, list.names[i])) {
+      if (f->sign == SPLAT_FILE && fits_any(f, list.names[i])) {
         splat = splat ? splat : list.names[i];
         splats++;
       }
@@ -328,14 +303,14 @@ static pags_result refuse_folder(const char *path) {
 
 static const unsupported_format *format_of_file(const char *path) {
   for (const unsupported_format *f = formats; f < formats_end; f++)
-    if ((f->sign == FILE_ONLY || f->sign == SPLAT_FILE || f->sign == ENTRY) && fits(f, pags_path_name(path)))
+    if ((f->sign == FILE_ONLY || f->sign == SPLAT_FILE || f->sign == ENTRY) && fits_any(f, pags_path_name(path)))
       return f;
   return NULL;
 }
 
 bool pags_unsupported_knows(const char *path) {
   const unsupported_format *f = format_of_file(path);
-  return f && strcmp(f->name, "*.ply") != 0;
+  return f && strcmp(f->names, "*.ply") != 0;
 }
 
 pags_result pags_unsupported_refuse(const char *path) {
@@ -354,10 +329,12 @@ pags_result pags_unsupported_refuse_json(const pags_json *json) {
   const pags_json_value *root = pags_json_root(json);
   const pags_json_value *object = root->type == PAGS_JSON_ARRAY ? root->first : root;
   const char *path = pags_json_path(json);
+  char key[64];
   PAGS_TRY(pags_unsupported_splats_check(path, NULL, 0, root));
   for (const unsupported_format *f = formats; f < formats_end && object; f++)
-    if (f->sign == KEY && pags_json_member(object, f->name))
-      return pags_json_fail(json, root, "not a data set that can be read: it is %s; %s", f->what, f->remedy);
+    for (const char *names = f->names; f->sign == KEY && pags_words_next(&names, key);)
+      if (pags_json_member(object, key))
+        return pags_json_fail(json, root, "not a data set that can be read: it is %s; %s", f->what, f->remedy);
   const unsupported_format *f = format_of_file(path);
   if (f)
     return refuse(path, pags_path_name(path), f);

@@ -7,6 +7,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "dataset/find_file.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -32,13 +33,8 @@ typedef struct known_folder {
 
 /* Files that tools leave next to data: hidden ones, notes, records and films. */
 static bool is_companion(const char *name) {
-  static const char *const extensions[] = {".json", ".md", ".mp4", ".log", ".part", ".yaml", ".yml", ".db", ".ini"};
-  if (*name == '.')
-    return true;
-  for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++)
-    if (strcasecmp(pags_path_extension(name), extensions[i]) == 0)
-      return true;
-  return strncasecmp(name, "readme", 6) == 0 || strncasecmp(name, "license", 7) == 0;
+  return *name == '.' || strncasecmp(name, "readme", 6) == 0 || strncasecmp(name, "license", 7) == 0 ||
+         pags_words_have(".json .md .mp4 .log .part .yaml .yml .db .ini", pags_path_extension(name));
 }
 
 /* Reads a number that is filled up with zeros to that number of digits, and to no more. */
@@ -133,43 +129,17 @@ static void survey_images(const survey *s, const pags_dir_list *list) {
 
 /* ---- Other folders and files ---- */
 
-/* Other names under which the parts of a set are found, in lower case. */
+/* Other names under which the parts of a set are found. */
 static const struct {
-  const char *other, *name;
-} synonyms[] = {{"sky", "sky_masks"},
-                {"skymask", "sky_masks"},
-                {"sky_mask", "sky_masks"},
-                {"sky_masks", "sky_masks"},
-                {"semantics", "semantic"},
-                {"semantic", "semantic"},
-                {"semantic_mask", "semantic"},
-                {"semantic_masks", "semantic"},
-                {"segmentation", "semantic"},
-                {"segmentations", "semantic"},
-                {"seg", "semantic"},
-                {"labels", "semantic"},
-                {"dynamic", "dynamic_masks/all"},
-                {"dynamic_mask", "dynamic_masks/all"},
-                {"dynamic_masks", "dynamic_masks/all"},
-                {"fine_dynamic_masks", "dynamic_masks/all"},
-                {"ego_mask", "ego_masks"},
-                {"lidar", "lidar"},
-                {"lidars", "lidar"},
-                {"velodyne", "lidar"},
-                {"velodyne_points", "lidar"},
-                {"pointcloud", "lidar"},
-                {"pointclouds", "lidar"},
-                {"point_clouds", "lidar"},
-                {"points", "lidar"},
-                {"pcd", "lidar"},
-                {"pose", "ego_pose"},
-                {"poses", "ego_pose"},
-                {"ego_poses", "ego_pose"},
-                {"lidar_poses", "lidar_pose"},
-                {"instance", "instances"},
-                {"objects", "instances"},
-                {"tracks", "instances"},
-                {"track", "instances"}};
+  const char *name, *others;
+} synonyms[] = {{"sky_masks", "sky skymask sky_mask sky_masks"},
+                {"semantic", "semantics semantic semantic_mask semantic_masks segmentation segmentations seg labels"},
+                {"dynamic_masks/all", "dynamic dynamic_mask dynamic_masks fine_dynamic_masks"},
+                {"ego_masks", "ego_mask"},
+                {"lidar", "lidar lidars velodyne velodyne_points pointcloud pointclouds point_clouds points pcd"},
+                {"ego_pose", "pose poses ego_poses"},
+                {"lidar_pose", "lidar_poses"},
+                {"instances", "instance objects tracks track"}};
 
 /* Whether a name of the set's folder is one that the reader opens, or another tool's next to it. */
 static bool is_known(const pags_driving *driving, const char *name) {
@@ -201,14 +171,11 @@ static pags_result count_files(const survey *s, const char *path, int64_t *files
 
 /* Whether a file next to the folders holds data of a part of the set, by its name. */
 static bool is_data_file(const char *name) {
-  static const char *const extensions[] = {".npz", ".npy", ".pkl", ".pcd",     ".las",     ".laz",
-                                           ".bin", ".h5",  ".bag", ".feather", ".parquet", ".tfrecord"};
   static const char *const words[] = {"timestamp", "instance", "track", "label", "annotation", "calib", "pose"};
   const char *extension = pags_path_extension(name);
-  for (size_t i = 0; i < sizeof extensions / sizeof *extensions; i++)
-    if (strcasecmp(extension, extensions[i]) == 0)
-      return true;
-  if (strcasecmp(extension, ".json") != 0 && strcasecmp(extension, ".txt") != 0 && strcasecmp(extension, ".csv") != 0)
+  if (pags_words_have(".npz .npy .pkl .pcd .las .laz .bin .h5 .bag .feather .parquet .tfrecord", extension))
+    return true;
+  if (!pags_words_have(".json .txt .csv", extension))
     return false;
   for (size_t i = 0; i < sizeof words / sizeof *words; i++)
     for (const char *at = name; *at; at++)
@@ -254,7 +221,7 @@ static pags_result survey_root(const survey *s) {
     PAGS_CHECK_MEMORY(path, "%s", root);
     const char *meant = NULL;
     for (size_t k = 0; k < sizeof synonyms / sizeof *synonyms && !meant; k++)
-      meant = strcasecmp(synonyms[k].other, name) == 0 ? synonyms[k].name : NULL;
+      meant = pags_words_have(synonyms[k].others, name) ? synonyms[k].name : NULL;
     PAGS_TRY(look_at(s, path, name, meant, &found));
   }
   if (found.folders > 0)
