@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Converts the planes of a rendered picture to images and writes PNG and EXR files, one per channel. */
+/* Renders pictures with their passes, converts their planes to images and writes PNG and EXR files, one per channel. */
 #include "cli/draw/picture.h"
+
+#include <stdio.h>
 
 #include "base/file.h"
 #include "base/memory.h"
@@ -88,6 +90,51 @@ void pags_picture_writer_destroy(pags_picture_writer *writer) {
   free(writer->priority_of);
   for (int m = 0; m < 2; m++)
     pags_matte_names_destroy(&writer->mattes[m]);
+}
+
+/* ---- Rendering ---- */
+
+pags_result pags_picture_render(pags_composition *composition, pags_frame *frame, const pags_camera *camera,
+                                const pags_frame_options *options, pags_picture *out) {
+  const pags_part *parts;
+  int count;
+  pags_compose(composition, camera->time, &parts, &count);
+  return pags_frame_render(frame, parts, count, camera, options, NULL, NULL, out);
+}
+
+typedef struct weighing {
+  const pags_part *parts;
+  pags_weight_fn *add;
+  void *user;
+} weighing;
+
+/* Receives the scores of one cluster; no two clusters share a Gaussian. */
+static void add_scores(void *user, const pags_cluster_score *score, int worker) {
+  const weighing *const w = user;
+  const pags_part *const part = &w->parts[score->part];
+  (void)worker;
+  for (int k = 0; k < score->count; k++) {
+    const int64_t row = score->first + k;
+    w->add(w->user, part->id ? part->id[row] : part->first_id + row, score->seen[k]);
+  }
+}
+
+pags_result pags_picture_weights(pags_composition *composition, pags_frame *frame, const pags_camera *camera,
+                                 const pags_frame_options *options, pags_weight_fn *add, void *user) {
+  weighing w = {.add = add, .user = user};
+  pags_frame_options kept = *options;
+  pags_picture picture;
+  int count;
+  kept.keep_for_backward = 1;
+  pags_compose(composition, camera->time, &w.parts, &count);
+  PAGS_TRY(pags_frame_render(frame, w.parts, count, camera, &kept, NULL, NULL, &picture));
+  const size_t pixels = (size_t)picture.stride * (((size_t)picture.height + 15) / 16 * 16);
+  PAGS_AUTOFREE float *ones = calloc(2 * pixels, sizeof *ones); /* then zeros */
+  PAGS_CHECK_MEMORY(ones, "a picture of %dx%d", picture.width, picture.height);
+  for (size_t i = 0; i < pixels; i++)
+    ones[i] = 1;
+  const pags_score_planes planes = {.counted = ones, .critical = ones + pixels};
+  return pags_frame_scores(frame, &planes, add_scores, &w);
 }
 
 /* ---- Conversion to images ---- */
@@ -217,11 +264,30 @@ static pags_result write_exr(const pags_picture_writer *writer, const pags_pictu
                              planes, picture->stride, texts);
 }
 
-pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
-                               const pags_passes *passes, const pags_camera *camera, pags_plane_scratch *scratch,
-                               const char *folder, const char *name) {
-  PAGS_CHECK_MEMORY(pags_grow(&scratch->data, (int64_t)3 * picture->stride * picture->height, &scratch->capacity,
-                              sizeof *scratch->data),
+/* pags_passes has only pointers to planes. */
+enum { MOST_SLOTS = 16, PICTURE_PLANES = 6, PASS_PLANES = sizeof(pags_passes) / sizeof(const float *) };
+enum { PLANES = PICTURE_PLANES + PASS_PLANES };
+
+struct pags_picture_slot {
+  pags_picture picture; /* its planes and those of the passes point into `memory` */
+  pags_passes passes;
+  pags_camera camera;
+  float *memory;
+  int64_t capacity; /* floats */
+  float *scratch;   /* three planes */
+  int64_t scratch_capacity;
+  char name[PAGS_STEM];
+  bool written;
+  pags_result result;
+  char message[1024]; /* copy of the error message, which is local to the worker thread that failed */
+};
+
+/* Writes every channel of a slot's picture. */
+static pags_result write_picture(const pags_picture_queue *queue, pags_picture_slot *slot) {
+  const pags_picture_writer *const writer = queue->writer;
+  const pags_picture *const picture = &slot->picture;
+  PAGS_CHECK_MEMORY(pags_grow(&slot->scratch, (int64_t)3 * picture->stride * picture->height, &slot->scratch_capacity,
+                              sizeof *slot->scratch),
                     "a picture of %dx%d", picture->width, picture->height);
   for (int c = 0; c < PAGS_CHANNEL_COUNT; c++) {
     const pags_channel channel = (pags_channel)c;
@@ -232,10 +298,10 @@ pags_result pags_picture_write(const pags_picture_writer *writer, const pags_pic
       continue;
     const bool color = channel == PAGS_CHANNEL_COLOR;
     const bool png = channel == PAGS_CHANNEL_HEAT || (writer->format == PAGS_PICTURE_PNG && c <= PAGS_CHANNEL_ALPHA);
-    snprintf(file, sizeof file, "%s%s%s%s", name, color ? "" : "_", color ? "" : channels[c].name,
+    snprintf(file, sizeof file, "%s%s%s%s", slot->name, color ? "" : "_", color ? "" : channels[c].name,
              png ? ".png" : ".exr");
-    PAGS_TRY(join(folder, file, &path));
-    find_planes(writer, picture, passes, camera, channel, scratch->data, planes);
+    PAGS_TRY(join(queue->folder, file, &path));
+    find_planes(writer, picture, &slot->passes, &slot->camera, channel, slot->scratch, planes);
     PAGS_TRY(png ? save_png(picture, planes, channels[c].planes, writer->bits, path)
                  : write_exr(writer, picture, planes, channel, path));
   }
@@ -244,4 +310,144 @@ pags_result pags_picture_write(const pags_picture_writer *writer, const pags_pic
 
 bool pags_picture_writer_needs_extras(const pags_picture_writer *writer) {
   return (writer->channels & ~(1u << PAGS_CHANNEL_COLOR | 1u << PAGS_CHANNEL_ALPHA | PAGS_CHANNELS_PASSES)) != 0;
+}
+
+/* ---- Passes ---- */
+
+pags_result pags_render_passes_moment(pags_render_passes *passes, int side, const pags_camera *camera) {
+  const pags_part *parts;
+  pags_moment *const moment = &passes->moments[side];
+  passes->known[side] = camera != NULL;
+  if (!camera)
+    return PAGS_OK;
+  moment->camera = *camera;
+  pags_compose(passes->composition, camera->time, &parts, &moment->part_count);
+  PAGS_CHECK_MEMORY(pags_grow(&passes->copies[side], moment->part_count + 1, &passes->capacity[side], sizeof *parts),
+                    "%d parts", moment->part_count);
+  memcpy(passes->copies[side], parts, (size_t)moment->part_count * sizeof *parts);
+  moment->parts = passes->copies[side];
+  return PAGS_OK;
+}
+
+pags_result pags_render_passes_draw(pags_render_passes *passes, pags_frame *frame, const pags_part *parts,
+                                    int part_count, pags_passes *out) {
+  pags_matte mattes[2];
+  pags_pass_request request = {
+      .normal = has(passes->writer, PAGS_CHANNEL_EXPECTED_NORMAL),
+      .pairs = has(passes->writer, PAGS_CHANNEL_BLENDED) || has(passes->writer, PAGS_CHANNEL_OVERDRAW)};
+  for (int m = 0; m < 2; m++) {
+    const pags_matte_names *const names = &passes->writer->mattes[m];
+    if (!has(passes->writer, m ? PAGS_CHANNEL_CRYPTO_CLASS : PAGS_CHANNEL_CRYPTO_OBJECT))
+      continue;
+    PAGS_CHECK_MEMORY(pags_grow(&passes->names[m], part_count + 1, &passes->capacity[2 + m], sizeof *passes->names[m]),
+                      "%d parts", part_count);
+    for (int p = 0; p < part_count; p++) /* the last label is the background's */
+      passes->names[m][p] = names->name_of_label[parts[p].label < 0 ? names->label_count - 1 : parts[p].label];
+    mattes[m] = (pags_matte){names->count, names->values, passes->names[m]};
+    request.matte[m] = &mattes[m];
+  }
+  if (has(passes->writer, PAGS_CHANNEL_MOTION)) {
+    /* The first and the last picture of a sequence have one neighbour; a single one has none, and nothing moves. */
+    request.before = passes->known[0] ? &passes->moments[0] : NULL;
+    request.after = passes->known[1] ? &passes->moments[1] : NULL;
+    request.motion = 1;
+  }
+  return pags_frame_passes(frame, &request, out);
+}
+
+void pags_render_passes_destroy(pags_render_passes *passes) {
+  for (int k = 0; k < 2; k++) {
+    free(passes->copies[k]);
+    free(passes->names[k]);
+  }
+}
+
+/* ---- The queue: pictures are copied into slots, all of which are written in parallel when they are full ---- */
+
+static void write_slots(void *context, int64_t begin, int64_t end, int worker) {
+  const pags_picture_queue *queue = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++) {
+    pags_picture_slot *slot = &queue->slots[i];
+    slot->result = write_picture(queue, slot);
+    slot->written = true;
+    if (slot->result != PAGS_OK)
+      snprintf(slot->message, sizeof slot->message, "%s", pags_error_message());
+  }
+}
+
+pags_result pags_picture_queue_create(const pags_picture_writer *writer, pags_tasks *tasks, const char *folder,
+                                      pags_picture_queue *out) {
+  int workers = pags_tasks_workers(tasks), count = workers < MOST_SLOTS ? workers : MOST_SLOTS;
+  *out = (pags_picture_queue){.writer = writer, .tasks = tasks, .folder = folder, .count = count};
+  out->slots = calloc((size_t)count, sizeof *out->slots);
+  PAGS_CHECK_MEMORY(out->slots, NULL);
+  return PAGS_OK;
+}
+
+void pags_picture_queue_destroy(pags_picture_queue *queue) {
+  if (queue->slots)
+    for (int i = 0; i < queue->count; i++) {
+      free(queue->slots[i].memory);
+      free(queue->slots[i].scratch);
+    }
+  free(queue->slots);
+}
+
+/* The pointers to planes in a slot; returns how many. */
+static int list_planes(pags_picture_slot *slot, const float **list[PLANES]) {
+  int count = 0;
+  for (int c = 0; c < 3; c++)
+    list[count++] = &slot->picture.rgb[c];
+  list[count++] = &slot->picture.transmittance;
+  list[count++] = &slot->picture.depth;
+  list[count++] = (const float **)(void *)&slot->picture.id;
+  const float **const passes = (const float **)&slot->passes;
+  for (int k = 0; k < PASS_PLANES; k++)
+    list[count++] = &passes[k];
+  return count;
+}
+
+pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_passes *passes,
+                                   const pags_camera *camera, const char *name) {
+  pags_picture_slot *slot = &queue->slots[queue->used];
+
+  /* Copy the planes into the slot, growing its memory if they need more than any before. */
+  const size_t count = (size_t)picture->stride * (size_t)picture->height;
+  const float **list[PLANES];
+  int64_t planes = 0;
+  slot->picture = *picture;
+  slot->passes = *passes;
+  const int listed = list_planes(slot, list);
+  for (int k = 0; k < listed; k++)
+    planes += *list[k] != NULL;
+  PAGS_CHECK_MEMORY(pags_grow(&slot->memory, planes * (int64_t)count, &slot->capacity, sizeof *slot->memory),
+                    "a picture of %dx%d", picture->width, picture->height);
+  float *to = slot->memory;
+  for (int k = 0; k < listed; k++)
+    if (*list[k]) {
+      memcpy(to, *list[k], count * sizeof *to);
+      *list[k] = to;
+      to += count;
+    }
+
+  slot->camera = *camera;
+  slot->picture.depth_sum = NULL;
+  snprintf(slot->name, sizeof slot->name, "%s", name);
+  slot->written = false;
+  queue->used++;
+  return queue->used == queue->count ? pags_picture_queue_finish(queue) : PAGS_OK;
+}
+
+pags_result pags_picture_queue_finish(pags_picture_queue *queue) {
+  int used = queue->used;
+  queue->used = 0;
+  pags_parallel_for(queue->tasks, used, 1, write_slots, queue);
+  for (int i = 0; i < used; i++) {
+    if (!queue->slots[i].written) /* the parallel loop was cancelled before it reached this slot */
+      write_slots(queue, i, i + 1, 0);
+    if (queue->slots[i].result != PAGS_OK)
+      return pags_fail(queue->slots[i].result, "%s", queue->slots[i].message);
+  }
+  return PAGS_OK;
 }

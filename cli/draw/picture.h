@@ -63,18 +63,6 @@ pags_result pags_picture_writer_create(const pags_composition *composition, unsi
                                        pags_picture_format format, int bits, pags_picture_writer *out);
 void pags_picture_writer_destroy(pags_picture_writer *writer);
 
-/* Scratch memory for three planes of the largest picture. Starts zeroed. */
-typedef struct pags_plane_scratch {
-  float *data; /* freed by the owner */
-  int64_t capacity;
-} pags_plane_scratch;
-
-/* Writes every channel of one picture into `folder`; `camera` is the one it was rendered with, `passes` are those that
- * its channels are of. Several threads may call this at once, each with its own scratch. */
-pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
-                               const pags_passes *passes, const pags_camera *camera, pags_plane_scratch *scratch,
-                               const char *folder, const char *name);
-
 /* Whether any channel needs the extra planes (depth and id) rendered. */
 bool pags_picture_writer_needs_extras(const pags_picture_writer *writer);
 
