@@ -7,8 +7,6 @@
 #include <string.h>
 #include <strings.h>
 
-#include "scene/sh_rotate.h"
-
 /* ---- Names ---- */
 
 static const char *const up_codes[] = {

@@ -3,8 +3,6 @@
 #ifndef PAGS_SCENE_GLTF_FILE_H
 #define PAGS_SCENE_GLTF_FILE_H
 
-#include <stdbool.h>
-
 #include "base/json.h"
 
 /* The arrays of the document. */

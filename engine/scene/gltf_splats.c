@@ -19,7 +19,6 @@
 #include "maths/maths.h"
 #include "scene/axes.h"
 #include "scene/gltf_file.h"
-#include "scene/sh_rotate.h"
 #include "scene/splat_formats.h"
 
 #define EXTENSION "KHR_gaussian_splatting"

@@ -207,15 +207,6 @@ static bool sort_pass(sorting *s) {
   return true;
 }
 
-static bool sort(sorting *s) {
-  bool going = run_blocks(s, make_codes);
-  for (int pass = 0; pass < PASSES && going; pass++) {
-    s->shift = pass * DIGIT_BITS;
-    going = sort_pass(s);
-  }
-  return going && run_blocks(s, write_index);
-}
-
 pags_result pags_morton_order(const pags_gaussians *g, pags_tasks *tasks, int64_t *index) {
   if (g->count == 0)
     return PAGS_OK;
@@ -234,7 +225,12 @@ pags_result pags_morton_order(const pags_gaussians *g, pags_tasks *tasks, int64_
   s.rows = block;
   s.other = block + g->count;
   s.place = place;
-  return sort(&s) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
+  bool going = run_blocks(&s, make_codes);
+  for (int pass = 0; pass < PASSES && going; pass++) {
+    s.shift = pass * DIGIT_BITS;
+    going = sort_pass(&s);
+  }
+  return going && run_blocks(&s, write_index) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
 }
 
 pags_result pags_gaussians_morton_order(const pags_gaussians *g, int64_t *index) {

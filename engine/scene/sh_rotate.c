@@ -3,7 +3,7 @@
  * maps the functions of each degree l = 1..3 to themselves by a matrix of (2 l + 1) x (2 l + 1). The matrix is found by
  * least squares: rotated basis functions are sampled in 40 directions and expressed in the basis. The result is exact
  * up to rounding, since rotated functions of a degree lie in the space of that degree. */
-#include "scene/sh_rotate.h"
+#include "scene/axes.h"
 
 #include <math.h>
 #include <string.h>

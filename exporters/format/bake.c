@@ -11,7 +11,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "maths/maths.h"
-#include "scene/sh_rotate.h"
+#include "scene/axes.h"
 #include "scene/splat_formats.h"
 
 /* ---- Baking ---- */

@@ -21,9 +21,8 @@
 #include "base/log.h"
 #include "base/rng.h"
 #include "base/text.h"
-#include "scene/sh_rotate.h"
+#include "scene/axes.h"
 
-#include "scene/sh_rotate.h"
 #include "scratch_folder.h"
 #include "splat_files.h"
 
