@@ -129,13 +129,11 @@ static int run(int argc, char **argv) {
             "pags: 'bench' is not a verb; benchmarks are in the program pags-bench, in the same folder of a build\n");
     return PAGS_EXIT_USAGE;
   }
-  const char *names[VERB_COUNT + 1];
+  pags_nearest nearest = {.word = argv[1]};
   for (int i = 0; i < VERB_COUNT; i++)
-    names[i] = verbs[i].name;
-  names[VERB_COUNT] = NULL;
-  const char *nearest = pags_nearest_name(argv[1], names);
-  if (nearest)
-    fprintf(stderr, "pags: unknown verb '%s'; did you mean '%s'?\n", argv[1], nearest);
+    pags_nearest_add(&nearest, verbs[i].name);
+  if (nearest.name)
+    fprintf(stderr, "pags: unknown verb '%s'; did you mean '%s'?\n", argv[1], nearest.name);
   else
     fprintf(stderr, "pags: unknown verb '%s'; 'pags --help' lists them\n", argv[1]);
   return PAGS_EXIT_USAGE;

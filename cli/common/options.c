@@ -61,17 +61,12 @@ static int edit_distance(const char *a, const char *b) {
   return row[nb];
 }
 
-const char *pags_nearest_name(const char *word, const char *const *names) {
-  const char *best = NULL;
-  int best_distance = 1 + (int)strlen(word) / 3;
-  for (; *names; names++) {
-    int distance = edit_distance(word, *names);
-    if (distance <= best_distance && (!best || distance < best_distance)) {
-      best = *names;
-      best_distance = distance;
-    }
-  }
-  return best;
+void pags_nearest_add(pags_nearest *nearest, const char *name) {
+  const int distance = edit_distance(nearest->word, name);
+  if (distance > (nearest->name ? nearest->distance - 1 : 1 + (int)strlen(nearest->word) / 3))
+    return;
+  nearest->name = name;
+  nearest->distance = distance;
 }
 
 /* Describes the values that an option accepts, for error messages: "a whole number of at least 1". */
@@ -288,20 +283,17 @@ static int take_option(pags_parsed *parsed, const pags_option *option, const cha
 
 /* Refuses an unknown option; suggests the one that may be meant. */
 static int refuse_long(const pags_verb *verb, const char *name, size_t length) {
-  const char *names[MAX_ROWS + 2];
   char word[80], replacement[96];
-  int count = 0;
-  for (const pags_option *row = verb->options; !is_end(row); row++)
-    if (row->name && count < MAX_ROWS)
-      names[count++] = row->name;
-  names[count++] = "help";
-  names[count] = NULL;
+  pags_nearest nearest = {.word = word};
   snprintf(word, sizeof word, "%.*s", (int)(length < 79 ? length : 79), name);
   if (verb->replacement && verb->replacement(word, replacement, sizeof replacement))
     return pags_usage_error(verb, "--%s is now %s", word, replacement);
-  const char *nearest = pags_nearest_name(word, names);
-  if (nearest)
-    return pags_usage_error(verb, "unknown option '--%s'; did you mean '--%s'?", word, nearest);
+  for (const pags_option *row = verb->options; !is_end(row); row++)
+    if (row->name)
+      pags_nearest_add(&nearest, row->name);
+  pags_nearest_add(&nearest, "help");
+  if (nearest.name)
+    return pags_usage_error(verb, "unknown option '--%s'; did you mean '--%s'?", word, nearest.name);
   return pags_usage_error(verb, "unknown option '--%s'; '%s %s --help' lists them", word, pags_program_name,
                           verb->name);
 }

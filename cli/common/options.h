@@ -145,8 +145,12 @@ void pags_options_real(char *text, size_t size, double value);
 /* Copies a choice of a list such as "off|on" into `text`. */
 void pags_options_choice(const char *choices, int index, char *text, size_t size);
 
-/* Returns the entry of `names` (NULL-terminated) with the smallest edit distance to `word`; NULL if none is close. */
-const char *pags_nearest_name(const char *word, const char *const *names);
+/* Of the names added, the first with the smallest edit distance to `word`. */
+typedef struct pags_nearest {
+  const char *word, *name; /* NULL: none is close */
+  int distance;
+} pags_nearest;
+void pags_nearest_add(pags_nearest *nearest, const char *name);
 
 /* ---- Options without effect on the given input ---- */
 

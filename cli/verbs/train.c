@@ -481,23 +481,21 @@ static int apply_settings(const pags_parsed *parsed, train_arguments *arguments)
   for (int i = 0; i < arguments->set.count; i++) {
     const char *word = arguments->set.items[i].name, *equals = strchr(word, '=');
     char name[64];
-    const char *names[128];
-    int count = 0;
+    pags_nearest nearest = {.word = name};
     snprintf(name, sizeof name, "%.*s", equals && equals - word < 63 ? (int)(equals - word) : 63, word);
     const pags_result set = equals ? pags_train_config_set(&arguments->config, name, equals + 1) : PAGS_ERROR_ARGUMENT;
     if (set == PAGS_OK)
       continue;
     if (equals && (pags_train_field_find(name) || set == PAGS_ERROR_UNSUPPORTED)) /* a field, or a former one */
       return pags_usage_error(parsed->verb, "--set %s", pags_error_message());
-    for (const pags_train_field *f; (f = pags_train_field_at(count)) && count < 127;)
-      names[count++] = f->name;
-    names[count] = NULL;
-    const char *nearest = pags_nearest_name(name, names);
+    const pags_train_field *f;
+    for (int k = 0; (f = pags_train_field_at(k)); k++)
+      pags_nearest_add(&nearest, f->name);
     if (!equals && pags_train_field_find(name))
       return pags_usage_error(parsed->verb, "--set %s: expected %s=VALUE", word, word);
-    if (nearest)
+    if (nearest.name)
       return pags_usage_error(parsed->verb, "--set %s: unknown training field '%s'; did you mean '%s'?", word, name,
-                              nearest);
+                              nearest.name);
     return pags_usage_error(parsed->verb, "--set %s: unknown training field '%s'; 'pags train --fields' lists them",
                             word, name);
   }
