@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Looks for COLMAP models below a folder, compares their numbers of pictures and states what is left out. */
+/* Looks for COLMAP models below a folder, compares their numbers of pictures and reports the others. */
 #include "dataset/colmap.h"
 
 #include <stdio.h>
@@ -128,8 +128,8 @@ static pags_result consider_below(candidates *all, const char *folder, int level
   return PAGS_OK;
 }
 
-/* Looks for models `depth` levels below the children of `folder`. Of those next to the child that has them, data sets a
- * level further down are noted, too: a/sparse lies next to b/sparse/0. */
+/* Looks for models `depth` levels below the children of `folder`. Data sets next to the child that has them are noted,
+ * a level further down, too: a/sparse lies next to b/sparse/0. */
 static pags_result consider_level(candidates *all, const char *folder, int depth, int *left, bool *found) {
   PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = list_of(folder);
   PAGS_AUTOFREE char *home = NULL; /* the child that has the models of `all` */

@@ -272,7 +272,7 @@ static const char *layer_of(const pags_parsed_view *view) {
   return view->picture.layer[0] ? view->picture.layer : "what has no layer";
 }
 
-/* The first view of a kind; an empty one if there is none. */
+/* The first view of a kind; an empty view without one. */
 static const pags_parsed_view *first_of(const tally *t) {
   static const pags_parsed_view none = {.name = ""};
   return t->count ? t->first : &none;

@@ -219,7 +219,7 @@ static pags_result read_rules(const char *root, const char *kind, bool per_frame
   return s->json ? pags_place_from_json(s->json, s->root, &rules->place) : PAGS_OK;
 }
 
-/* Parses dataset.json; s->json is NULL if there is none. */
+/* Parses dataset.json; s->json is NULL without that file. */
 static pags_result open_source(const char *root, pags_json **json, source *s) {
   PAGS_TRY(pags_json_parse_in_folder(root, "dataset.json", json));
   *s = (source){*json, *json ? pags_json_root(*json) : NULL};

@@ -47,7 +47,7 @@ static pags_result take_points(pags_parsed_dataset *model, const char *folder, p
   pags_driving *driving = parsed->driving;
   drop_far(driving, &model->points, folder);
   long long count = (long long)model->points.count;
-  /* The id of a view is that of the model's image with the same file name, or -1 (in no track) if there is none. */
+  /* The id of a view is that of the model's image with the same file name, or -1 (in no track) without one. */
   int64_t matched = 0;
   for (int64_t i = 0; i < parsed->count; i++) {
     pags_parsed_view *view = &parsed->views[i];

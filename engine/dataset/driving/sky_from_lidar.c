@@ -5,10 +5,10 @@
  * elevation of its returns. A pixel is sky if its direction is more than one degree above the horizon and more than
  * `margin` above the highest return within two bins on either side. Two cases are unknown and are not labelled sky, but
  * as unknown: bins without any return (the LiDAR didn't scan there), and a highest return near the top of the LiDAR's
- * field of view, because the object there may extend above it (the upper beams of common LiDARs are 3 to 4 degrees
- * apart). The top of the field of view is the highest elevation among far returns, for which the LiDAR's position on
- * the car doesn't matter. If a sweep has few points, sweeps of other time steps are added, since most things that hide
- * the sky are static. */
+ * field of view, because the object there may extend above it (the upper beams of common LiDARs have 3 to 4 degrees
+ * between them). The top of the field of view is the highest elevation among far returns, for which the LiDAR's
+ * position on the car doesn't matter. If a sweep has few points, sweeps of other time steps are added, since most
+ * things that hide the sky are static. */
 #include "dataset/driving/label_plane.h"
 #include "dataset/driving/reader.h"
 
