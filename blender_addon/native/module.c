@@ -164,7 +164,7 @@ static PyMethodDef methods[] = {
      "sweep_format($module, folder, /)\n--\n\nThe format of the sweeps in a driving set: floats per row, indices of x, "
      "y and z, and their frame: ego, laser or world."},
     {"heat", heat, METH_VARARGS,
-     "heat($module, value, /)\n--\n\nThe colour (r, g, b), as a screen shows it, that stands for a number from 0 to 1 "
+     "heat($module, value, /)\n--\n\nThe colour (r, g, b), as a screen shows it, of a number from 0 to 1 "
      "in pictures of priorities and other\nmodes: from dark violet over red to pale yellow."},
     {"available_threads", available_threads, METH_NOARGS,
      "available_threads($module, /)\n--\n\nProcessors that this process may use."},

@@ -271,8 +271,8 @@ static PyMethodDef renderer_methods[] = {
      "side.\nnames: of the placements, for crypto_object. clips: planes a, b, c, d; what has a x + b y + c z + d < 0 "
      "isn't drawn. deadline: a Deadline, whose time the picture keeps by giving up quality and size. exposure: gain "
      "and offset, 6 numbers. early_z: off, lossless or bounded=EPS. linear: decode sRGB. flip: bottom row first. cut: "
-     "leave out what isn't critical and whose opacity times area is under so many pixels. -1 and 0: as the scene asks "
-     "for."},
+     "leave out Gaussians that aren't critical and whose opacity times area is below this number of pixels. -1 and 0: "
+     "as in the scene."},
     {0}};
 static PyGetSetDef renderer_getset[] = {{"threads", renderer_threads, NULL, "that draw", NULL}, {0}};
 static PyType_Slot renderer_slots[] = {

@@ -2,7 +2,7 @@
 """Imports further recorded data on demand: LiDAR sweeps as points that follow the timeline, labelled boxes as wire objects along their tracks, held-out time
 steps as markers of the timeline.
 
-The engine says what format the files of the sweeps have."""
+The engine knows the format of the sweeps' files."""
 
 import os
 import re

@@ -30,13 +30,13 @@ void pags_page_begin(pags_html *html, const pags_report_run *runs, int count) {
   const struct tm *utc = gmtime(&now);
   if (utc)
     strftime(date, sizeof date, "%Y-%m-%d %H:%M UTC", utc);
-  const char *const a = pags_html_text(html, runs[0].name), *const beside = count > 1 ? " beside " : "";
+  const char *const a = pags_html_text(html, runs[0].name), *const compared = count > 1 ? " compared with " : "";
   const char *const b = count > 1 ? pags_html_text(html, runs[1].name) : "";
   pags_html_put(
       html,
       "%s<title>%s%s%s &ndash; PAGS report</title>\n<style>\n%s</style>\n</head>\n<body>\n<h1><bdi>%s%s%s</bdi></h1>\n"
       "<p class=\"soft\">PAGS report, written %s by version %s.</p>\n",
-      head, a, beside, b, report_style, a, beside, b, date, PAGS_VERSION_STRING);
+      head, a, compared, b, report_style, a, compared, b, date, PAGS_VERSION_STRING);
   if (count == 1)
     return;
   for (int k = 0; k < count; k++)

@@ -155,7 +155,8 @@ static const char installed[] =
     "  from pags_recordings.__main__ import main\n"
     "except ImportError:\n"
     "  sys.exit('pags: importing ' + sys.argv[1] + ' needs the Python package pags-recordings ' + '" PAGS_VERSION_STRING
-    "' + ', which is expected in ../share/pags/recordings beside this program, or installed for ' + sys.executable)\n"
+    "' + ', which is expected in ../share/pags/recordings relative to this program, or installed for ' + "
+    "sys.executable)\n"
     "if __version__ != '" PAGS_VERSION_STRING
     "':\n"
     "  sys.exit('pags: the Python package pags-recordings is of version ' + __version__ + ', this program is ' + "

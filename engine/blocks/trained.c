@@ -43,7 +43,7 @@ static pags_result check_block(const pags_blocks *split, int b, const char *fold
 
 static pags_result parse_config(const char *folder, const pags_scene *head, pags_json **json) {
   if (!head->config)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: its scene.json doesn't say how it was trained ('config')", folder);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: its scene.json has no training configuration ('config')", folder);
   return pags_json_parse_text(folder, head->config, strlen(head->config), json);
 }
 

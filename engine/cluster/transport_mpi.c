@@ -447,8 +447,8 @@ pags_result pags_transport_create_mpi(pags_transport **transport) {
   pags_port_load_module("pags_mpi.so", PAGS_MODULE_DIR, PAGS_MPI_SYMBOL, PAGS_MPI_VERSION, &module);
   if (!module.table)
     return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                     "started as one of several by mpirun, but MPI can't be loaded: %s; expected pags_mpi.so beside "
-                     "the program or in ../lib/pags, and Open MPI (Debian: libopenmpi3) installed",
+                     "started as one of several by mpirun, but MPI can't be loaded: %s; expected pags_mpi.so in the "
+                     "folder of the program or in ../lib/pags, and Open MPI (Debian: libopenmpi3) installed",
                      module.reason);
   /* With more ranks than cores Open MPI yields its time slice at each poll. The progress thread sleeps between polls;
    * yielding would make it wait once more for other threads that compute. */

@@ -261,7 +261,7 @@ pags_result pags_count_unused_pictures(const pags_parsed_dataset *parsed) {
     PAGS_TRY(count_unused_in(folder, &s));
   }
   if (s.unused)
-    PAGS_WARN("%s: %lld of %lld pictures beside the ones used are not in it, the first is %s", parsed->source,
-              (long long)s.unused, (long long)s.pictures, s.first ? s.first : folder);
+    PAGS_WARN("%s: %lld of %lld pictures in the folders of the ones used are not in it, the first is %s",
+              parsed->source, (long long)s.unused, (long long)s.pictures, s.first ? s.first : folder);
   return PAGS_OK;
 }

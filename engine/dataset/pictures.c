@@ -100,7 +100,8 @@ pags_result pags_pictures_relocate(const char *root, const char *image_folder, p
   if (parsed->count == 0)
     return PAGS_OK;
   if (image_folder && parsed->driving)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: an image folder is asked for, but a driving set's is always images",
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "%s: --image-folder isn't supported for driving sets; their photographs are in images",
                      parsed->source);
   if (image_folder)
     return move_views(root, image_folder, parsed);

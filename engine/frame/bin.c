@@ -76,7 +76,7 @@ pags_result pags_stage_list(pags_frame *frame) {
   list_context c = {.frame = frame};
   PAGS_TRY(count_dense(&c, count_drawn, &frame->drawn_count));
   frame->stats.shaded = frame->drawn_count;
-  PAGS_TRY(pags_frame_alloc(frame, &frame->drawn, frame->drawn_count, sizeof *frame->drawn, "list of what is drawn"));
+  PAGS_TRY(pags_frame_alloc(frame, &frame->drawn, frame->drawn_count, sizeof *frame->drawn, "list of drawn parts"));
   return pags_frame_for(frame, frame->dense_count, LISTED, list_drawn, &c);
 }
 

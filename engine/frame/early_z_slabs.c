@@ -231,7 +231,7 @@ static pags_result select_and_shade(slabs *s) {
     f->drawn_count += s->active[i].ready_count;
     f->stats.hidden += s->active[i].hidden_count;
   }
-  PAGS_TRY(pags_frame_alloc(f, &f->drawn, f->drawn_count, sizeof *f->drawn, "list of what is drawn"));
+  PAGS_TRY(pags_frame_alloc(f, &f->drawn, f->drawn_count, sizeof *f->drawn, "list of drawn parts"));
   f->stats.ms_project += pags_clock_lap_ms(&since);
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, shade_active, s));
 

@@ -339,7 +339,7 @@ static pags_result reserve(pass_context *c, int32_t **part_of) {
   pags_frame *const f = c->frame;
   const int workers = pags_tasks_workers(f->tasks);
   PAGS_TRY(pags_frame_alloc(f, &c->scratch, workers, sizeof *c->scratch, "pass sums"));
-  PAGS_TRY(pags_frame_alloc(f, part_of, f->dense_count / 16, sizeof **part_of, "parts of what is drawn"));
+  PAGS_TRY(pags_frame_alloc(f, part_of, f->dense_count / 16, sizeof **part_of, "drawn parts"));
   if (c->request->normal)
     PAGS_TRY(pags_frame_alloc(f, &c->normals, 3 * f->dense_count, sizeof *c->normals, "normals of Gaussians"));
   for (int side = 0; side < 2 && c->request->motion; side++)

@@ -160,7 +160,7 @@ static void finish_primaries(pags_colour *out, const double xy[8], const char *n
   if (d50_from_primaries(xy, d50))
     finish(out, d50, name);
   else
-    pags_colour_set_unknown(out, "primaries that are none");
+    pags_colour_set_unknown(out, "invalid primaries");
 }
 
 void pags_colour_set_gamma(pags_colour *out, double gamma, const double xy[8], const char *name) {

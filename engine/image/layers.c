@@ -136,7 +136,7 @@ static pags_result accept(const char *path, const pags_layer_channel *all, const
     const pags_layer_channel *const channel = &all[c->channels[i]];
     if (channel->number)
       return pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: the channel %s of this EXR file holds integers, of which nothing says what is white; "
+                       "%s: the channel %s of this EXR file holds integers without a value for white; "
                        "expected half or float",
                        path, channel->name);
     out->order[i] = channel->index;

@@ -44,10 +44,11 @@ pags_result pags_oiio_module(const pags_oiio **out) {
     return PAGS_OK;
   if (module.no_memory)
     return pags_fail(PAGS_ERROR_MEMORY, "%s", module.reason);
-  return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                   "%s; expected %s beside the program or in ../lib/pags, and OpenImageIO (Debian: libopenimageio2.4) "
-                   "installed",
-                   module.reason, MODULE_NAME);
+  return pags_fail(
+      PAGS_ERROR_UNSUPPORTED,
+      "%s; expected %s in the folder of the program or in ../lib/pags, and OpenImageIO (Debian: libopenimageio2.4) "
+      "installed",
+      module.reason, MODULE_NAME);
 }
 
 #endif

@@ -243,7 +243,7 @@ static pags_result find_root(pags_kitti_tree *tree, const char *path, const char
                    "%s: is no KITTI tree%s%s: of the tracking benchmark it lacks image_02, image_03, calib, oxts, "
                    "velodyne, label_02; of raw recordings it lacks DATE_drive_NNNN_sync with image_02/data, "
                    "image_03/data, oxts/data, velodyne_points/data, tracklet_labels.xml and calib_cam_to_cam.txt, "
-                   "calib_velo_to_cam.txt, calib_imu_to_velo.txt beside it",
+                   "calib_velo_to_cam.txt, calib_imu_to_velo.txt next to it",
                    path, sequence ? " with the sequence " : "", sequence ? sequence : "");
 }
 

@@ -138,7 +138,7 @@ static pags_result read_file_uri(const gltf_file *f, const char *uri, gltf_buffe
   snprintf(name, sizeof name, "%s", uri);
   unescape(name);
   if (!pags_path_is_inside(name) || strlen(uri) >= sizeof name)
-    return pags_fail_at(f->path, "expected buffers in files beside it, found '%.80s'", uri);
+    return pags_fail_at(f->path, "expected buffers in files of the same folder, found '%.80s'", uri);
   PAGS_AUTOFREE char *folder = pags_path_folder(f->path);
   PAGS_AUTOFREE char *path = folder ? pags_path_join(folder, name) : NULL;
   PAGS_CHECK_MEMORY(path, "%s: a path", f->path);

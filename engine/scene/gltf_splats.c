@@ -410,7 +410,7 @@ static void say(const gltf_splats *s) {
       {s->linear, "have colours in linear light, drawn as display values: too dark"},
       {s->kernels, "have another kernel than 'ellipse', drawn as ellipses"},
       {s->partial, "have a degree of harmonics with terms missing, which is dropped"},
-      {s->without_dc, "have no SH_DEGREE_0_COEF_0; COLOR_0, as linear light, stands for it"},
+      {s->without_dc, "have no SH_DEGREE_0_COEF_0; COLOR_0 is used as linear light"},
   };
   const char *path = s->file.path;
   const pags_json_value *animations = pags_json_member(s->file.root, "animations");

@@ -97,7 +97,7 @@ static void parse_vertical_axis(const char *path, int words, char *value[], pags
   else if (up[0] == 0 && up[1] != 0 && up[2] == 0)
     facts->up = up[1] > 0 ? PAGS_UP_Y : PAGS_UP_MINUS_Y;
   else
-    PAGS_WARN("%s: its vertical axis, %g %g %g, is none of z, y and -y and is not used", path, up[0], up[1], up[2]);
+    PAGS_WARN("%s: its vertical axis, %g %g %g, isn't z, y or -y and is not used", path, up[0], up[1], up[2]);
 }
 
 /* Reads the metadata that programs write as comments, in any case, with or without a colon: "SplatRenderMode: mip"

@@ -206,12 +206,12 @@ static pags_result read_meta(sog_file *f) {
 static pags_result fetch(const sog_source *s, const char *name, char shown[MOST_SHOWN], uint8_t **bytes, size_t *size) {
   snprintf(shown, MOST_SHOWN, "%.300s: %.299s%.299s", s->path, s->inner, name);
   if (!pags_path_is_inside(name))
-    return pags_fail_at(s->path, "expected names of files beside meta.json, found '%.80s'", name);
+    return pags_fail_at(s->path, "expected names of files in the folder of meta.json, found '%.80s'", name);
   if (s->folder) {
     PAGS_AUTOFREE char *path = pags_path_join(s->folder, name);
     PAGS_CHECK_MEMORY(path, "%s: a path", s->path);
     if (!pags_file_exists(path))
-      return pags_fail(PAGS_ERROR_IO, "%s: names '%.80s', which isn't beside it", s->path, name);
+      return pags_fail(PAGS_ERROR_IO, "%s: names '%.80s', which isn't in its folder", s->path, name);
     return pags_file_read(path, bytes, size);
   }
   char full[2 * MOST_NAME];

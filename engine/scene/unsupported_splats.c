@@ -32,7 +32,7 @@ static const unsupported_format formats[] = {
      NULL,
      {"lodLevels", "filenames"},
      "the list of a streamed SOG (lod-meta.json)",
-     "PAGS doesn't put its parts together: give one of them, such as the meta.json of a folder beside it"},
+     "PAGS doesn't put its parts together: give one of them, such as the meta.json of a folder next to it"},
     {"tileset.json", NULL, {"root", "geometricError"}, "a tileset of 3D Tiles (tileset.json)", TILES},
     {".b3dm", "b3dm", {NULL}, "a tile of 3D Tiles 1.0 (.b3dm)", NO_SPLATS},
     {".pnts", "pnts", {NULL}, "a tile of 3D Tiles 1.0 (.pnts)", NO_SPLATS},

@@ -44,10 +44,11 @@ pags_result pags_output_find(pags_output *output, const pags_train_options *opti
    * its run's checkpoint: a folder with a scene and no checkpoint holds somebody else's scene, or one whose checkpoint
    * was taken away, which a run that begins must not overwrite: an error. */
   if (pags_path_exists(scene))
-    return pags_fail(PAGS_ERROR_ARGUMENT,
-                     "%s: there is a scene.json but no checkpoint to go on from; expected checkpoint.pags beside it; "
-                     "pass --overwrite to begin afresh, or another folder",
-                     output->folder);
+    return pags_fail(
+        PAGS_ERROR_ARGUMENT,
+        "%s: there is a scene.json but no checkpoint to go on from; expected checkpoint.pags in the same folder; "
+        "pass --overwrite to begin afresh, or another folder",
+        output->folder);
   pags_log_message(PAGS_LOG_INFO, "%s: no checkpoint to go on from: the run begins with step 1", output->folder);
   return PAGS_OK;
 }

@@ -271,7 +271,7 @@ class Transforms(DataCase):
         self.save(frames=self.content["frames"][:6])
         facts, _ = self.info()
         self.assertEqual(len(facts["warnings"]), 1, facts["warnings"])
-        self.assertIn("3 of 11 pictures beside the ones used are not in it", facts["warnings"][0])
+        self.assertIn("3 of 11 pictures in the folders of the ones used are not in it", facts["warnings"][0])
         self.save("transforms_train.json")
         self.assertIn("transforms.json is used", self.info()[0]["warnings"][0])
         self.save(cx=0.5, cy=0.5)

@@ -437,7 +437,7 @@ class TimeTest(StreetCase):
     def test_a_rate_that_the_times_deny(self):
         described = json.loads(read(self.at("dataset.json")))
         write(self.at("dataset.json"), json.dumps({**described, "fps": 2}))
-        self.warns("timestamps.json: frames are 0.1 s apart, 10 a second, but dataset.json says fps 2")
+        self.warns("timestamps.json: the interval of frames is 0.1 s, 10 per second, but dataset.json has fps 2")
 
     def test_times_as_street_gaussians_writes_them(self):
         old = json.loads(read(self.at("timestamps.json")))["frames"]

@@ -691,7 +691,7 @@ class Photographs(fixtures.Case):
         content = self.change()
         self.change(frames=[content["frames"][4]])  # looks the other way
         beside, unseen = self.info()["warnings"]
-        self.assertIn("8 of 9 pictures beside the ones used are not in it", beside)
+        self.assertIn("8 of 9 pictures in the folders of the ones used are not in it", beside)
         self.assertIn("none of the 600 points looked at is in view of any camera", unseen)
         self.assertIn(
             "nothing of the scene is in view of its 1 training views", " ".join(self.train(steps=3)["warnings"])

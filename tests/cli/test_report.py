@@ -215,7 +215,7 @@ class Report(DataCase):
     def test_two_side_by_side(self):
         page, said, _ = self.report(self.scene, self.other)
         a, b = said["scenes"]
-        self.assertEqual(page.headings[0], "scene beside other")
+        self.assertEqual(page.headings[0], "scene compared with other")
         self.assertEqual(
             page.row("PSNR, held-out views"),
             ["PSNR, held-out views", f"{a['psnr']:.2f} dB", f"{b['psnr']:.2f} dB", f"{b['psnr'] - a['psnr']:+.2f} dB"],
@@ -239,7 +239,7 @@ class Report(DataCase):
         """Scenes of the same name are distinguished by their paths; only one of them may know the photographs."""
         shutil.copytree(self.other, self.path("b", "scene"))
         page, _, _ = self.report(self.scene, self.path("b", "scene"))
-        self.assertEqual(page.headings[0], f"{self.scene} beside {self.path('b', 'scene')}")
+        self.assertEqual(page.headings[0], f"{self.scene} compared with {self.path('b', 'scene')}")
         described = json.loads(read(self.path("b", "scene", "scene.json")))
         self.write("b/scene/scene.json", json.dumps({**described, "dataset": None}))
         page, _, errors = self.report(self.path("b", "scene"), self.scene)

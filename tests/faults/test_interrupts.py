@@ -223,7 +223,7 @@ class Together(Faults):
             )
             self.succeeds(*others[0] if others[0][0] != "import" else others[1])
             shutil.rmtree(out)
-        print(f"{TOGETHER} times a training beside three others: {refused} refused", flush=True)
+        print(f"{TOGETHER} times a training with three others: {refused} refused", flush=True)
 
     def test_ordinary_runs(self):
         """One command after the other, at once: none is refused."""

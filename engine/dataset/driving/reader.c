@@ -351,7 +351,7 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
   PAGS_TRY(make_steps(driving, chosen, count, pictures, options->split_every == -1 ? 4 : options->split_every));
   for (int64_t i = 0; i < selected.count; i++)
     if (!pags_driving_sensor(driving, selected.cameras[i]))
-      return pags_fail(PAGS_ERROR_ARGUMENT, "%s/images: camera %d is asked for, but no picture is its", driving->root,
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s/images: camera %d was requested, but it has no picture", driving->root,
                        selected.cameras[i]);
   PAGS_TRY(read_parts(driving, options, chosen, count, parsed));
   return pags_driving_say_unread(driving, list, pictures, all);

@@ -117,8 +117,8 @@ static pags_result read_all(const rolling *r) {
                                  (long long)r->driving->step_count));
     else if (strcmp(item->text, "none") != 0)
       PAGS_TRY(pags_driving_note(r->driving,
-                                 "rolling shutter: camera %s is read %s, but neither timestamps.json nor read_out says "
-                                 "how long that takes; drawn as read at once",
+                                 "rolling shutter: camera %s is read %s, but neither timestamps.json nor read_out has "
+                                 "its duration; drawn as read at once",
                                  item->key, item->text));
   }
   return PAGS_OK;

@@ -80,7 +80,7 @@ static pags_result choose_kind(const char *root, const char *asked, bool per_fra
   } else {
     return pags_fail(PAGS_ERROR_FORMAT,
                      "%s: nothing says whose axes these files have: pass --kind " KIND_NAMES
-                     ", or put dataset.json with \"kind\" beside them",
+                     ", or add a dataset.json with \"kind\" in the same folder",
                      root);
   }
   *rules = *kind;

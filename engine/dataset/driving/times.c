@@ -142,10 +142,10 @@ static const char *find_unit(const pags_driving *driving, const char *path) {
   if (unit >= 0) {
     for (int64_t i = 0; i < driving->step_count; i++)
       driving->steps[i].time *= units[unit].seconds;
-    PAGS_WARN("%s: times are taken as %s, since frames are %g apart; expected seconds", path, units[unit].name,
+    PAGS_WARN("%s: times are taken as %s, since the interval of frames is %g; expected seconds", path, units[unit].name,
               isnan(spacing) ? driving->steps[0].time / units[unit].seconds : spacing);
   } else if (spacing > longest || spacing < 1e-3) {
-    PAGS_WARN("%s: frames are %g s apart: the times may not be seconds", path, spacing);
+    PAGS_WARN("%s: the interval of frames is %g s: the times may not be seconds", path, spacing);
   }
   return unit >= 0 ? units[unit].name : NULL;
 }
@@ -190,8 +190,9 @@ static pags_result read_times(const times *t, const char *path) {
   const double spacing = spacing_of(driving), stated = driving->rules.fps;
   driving->fps = stated > 0 ? stated : isnan(spacing) ? usual_fps : 1 / spacing;
   if (stated > 0 && fabs(spacing * stated - 1) > 0.5)
-    PAGS_WARN("%s: frames are %g s apart, %g a second, but dataset.json says fps %g; one of them may be wrong", path,
-              spacing, 1 / spacing, stated);
+    PAGS_WARN(
+        "%s: the interval of frames is %g s, %g per second, but dataset.json has fps %g; one of them may be wrong",
+        path, spacing, 1 / spacing, stated);
   for (int64_t i = 1; i < driving->step_count; i++)
     if (!(driving->steps[i].time > driving->steps[i - 1].time)) /* equal in seconds, if not in the file's unit */
       return pags_fail(PAGS_ERROR_FORMAT, "%s: frame %d: expected a later time than frame %d's", path,

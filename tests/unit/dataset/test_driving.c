@@ -186,7 +186,7 @@ static void options_choose(void **state) {
   assert_true(count == 0 && random == 0);
   pags_dataset_close(dataset);
   options.cameras = "0,2";
-  scratch_expect(tree_open(&s, &options), PAGS_ERROR_ARGUMENT, "camera 2 is asked for");
+  scratch_expect(tree_open(&s, &options), PAGS_ERROR_ARGUMENT, "camera 2 was requested");
   options.cameras = "0,";
   scratch_expect(tree_open(&s, &options), PAGS_ERROR_ARGUMENT, "cameras '0,'");
   options.cameras = "1";

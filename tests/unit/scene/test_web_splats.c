@@ -176,8 +176,8 @@ static void sog_refuses_what_cannot_be(void **state) {
               {"\"count\": 5", "\"count\": 2000000000", "are no picture of 2000000000 Gaussians"},
               {"[-5, -4, -3, -2]", "[-5, -4]", "'scales': pixel 0: expected an index of the 2 values"},
               {"[-1, -2, 0]", "[-1, -200, 0]", "within -89 and 89"},
-              {"quats.webp", "none.webp", "meta.json: names 'none.webp', which isn't beside it"},
-              {"quats.webp", "../quats.webp", "expected names of files beside meta.json"},
+              {"quats.webp", "none.webp", "meta.json: names 'none.webp', which isn't in its folder"},
+              {"quats.webp", "../quats.webp", "expected names of files in the folder of meta.json"},
               {"quats.webp", "meta.json", "expected a WebP picture"},
               {"\"bands\": 1", "\"bands\": 2", "expected a palette 512 pixels wide for degree 2, found 192 x 1"}};
   for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
@@ -191,7 +191,7 @@ static void sog_refuses_what_cannot_be(void **state) {
   scratch_write(s, "bare/meta.json", files[0].data, files[0].size);
   free_sog(files);
   assert_string_equal(pags_scene_folder_kind(scratch_path(s, "bare")), "SOG");
-  refused(scratch_path(s, "bare"), PAGS_ERROR_IO, "names 'means_l.webp', which isn't beside it");
+  refused(scratch_path(s, "bare"), PAGS_ERROR_IO, "names 'means_l.webp', which isn't in its folder");
   scratch_text(s, "other/meta.json", "{\"frames\": []}");
   assert_null(pags_scene_folder_kind(scratch_path(s, "other")));
   scratch_text(s, "sog/meta.json", "{\"lodLevels\": 2, \"filenames\": [\"0_0/meta.json\"]}");

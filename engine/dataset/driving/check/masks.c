@@ -180,7 +180,7 @@ static pags_result check_labels(const pags_driving *driving, const files *f) {
     other = 100 * count_unknown(&pags_label_sets[i], counts) <= looked ? &pags_label_sets[i] : NULL;
   PAGS_WARN(
       "%s/semantic: %.0f %% of the pixels of %s have ids (up to %d) that %s labels don't have; expected 'labels' of "
-      "dataset.json to say what they are%s%s (%lld label images)",
+      "dataset.json to name them%s%s (%lld label images)",
       driving->root, 100.0 * (double)unknown / (double)looked, pags_path_name(view->semantic_path), most, set->name,
       other ? ", such as " : "", other ? other->name : "", (long long)f->count);
   return PAGS_OK;
