@@ -416,7 +416,7 @@ class TimeTest(StreetCase):
             self.assertAlmostEqual(self.fps(), 10, places=3)
             write(self.at("timestamps.json"), start)
         self.times(lambda t: 1000 * t)
-        self.warns("times are taken as milliseconds, since frames are 100 apart")
+        self.warns("times are taken as milliseconds, since the interval of frames is 100")
 
     def test_one_frame_in_nanoseconds(self):
         self.times(lambda t: int((1315967811 + t) * 1e9))
