@@ -39,7 +39,7 @@ typedef struct pags_support {
   double (*camera_from_scene)[12];
 } pags_support;
 
-/* Fails if views are to be counted, at least `least` of them, and there are none. */
+/* Fails if `least` isn't 0 and the scene has no views to count. */
 pags_result pags_support_check(const pags_support *support, int least);
 
 pags_result pags_support_find(const pags_scene *scene, pags_support *out);

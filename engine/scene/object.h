@@ -8,7 +8,7 @@
 
 #include <pags/object.h>
 
-/* Whether a track has six labels or more, far enough apart for a moving object, that nevertheless scatter about one
+/* Whether a track has six labels or more, with the distances of a moving object, that nevertheless scatter about one
  * place. */
 bool pags_object_jitters(const pags_object *object);
 

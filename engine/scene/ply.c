@@ -70,7 +70,7 @@ typedef struct reduced {
   const ply_property *rgb[3]; /* in place of f_dc_*; NULL: f_dc_* are there */
 } reduced;
 
-/* Finds the kind of the file; fails, naming the missing property, if it is none of them. */
+/* Finds the kind of the file; fails, naming the missing property, if the kind is not known. */
 static pags_result find_reduced(const ply_table *table, const ply_element *vertex, reduced *kind) {
   static const char *const rgb_names[3] = {"red", "green", "blue"};
   static const char *const must[] = {"x", "y", "z", "scale_0"};

@@ -47,7 +47,7 @@ typedef struct ply_table {
 /* Whether the bytes begin as a PLY file does. */
 bool pags_ply_is(const uint8_t *bytes, size_t size);
 
-/* Returns the SH degree, 0 to 4, of so many f_rest properties; -1 for other numbers. */
+/* Returns the SH degree, 0 to 4, of a file with this number of f_rest properties; -1 for other numbers. */
 int pags_ply_degree(int properties);
 
 /* Parses the header and finds the rows of each element. `bytes` must be terminated by a zero byte that `size` doesn't

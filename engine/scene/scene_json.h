@@ -57,7 +57,7 @@ pags_result pags_scene_objects_from_json(const pags_json *json, const pags_json_
 void pags_scene_objects_to_json(pags_json_writer *writer, const pags_scene *scene);
 
 /* Fails with "two <what> are named ..." and the line of `value` if two of the `count` names are the same. `first` is
- * the first name, a char *; the others follow `stride` bytes apart. */
+ * the first name, a char *; the others follow at intervals of `stride` bytes. */
 pags_result pags_json_names_differ(const pags_json *json, const pags_json_value *value, const char *what,
                                    const void *first, size_t stride, int64_t count);
 

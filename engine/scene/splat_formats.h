@@ -67,7 +67,7 @@ bool pags_plain_cut_make(pags_gaussians *g, int64_t i, double a);
 /* Reverses this for all rows and sets alpha_min. */
 void pags_plain_cut_undo(pags_gaussians *g, double a);
 
-/* From 4096 m on, neighbouring floats are half a millimetre apart (2^-11 m) or more: positions beyond it are taken
+/* From 4096 m on, floats have a spacing of half a millimetre (2^-11 m) or more: positions beyond it are taken
  * relative to an origin of whole metres. */
 #define PAGS_LARGE_COORDINATE 4096.0
 

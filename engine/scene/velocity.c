@@ -46,7 +46,7 @@ void pags_camera_see(const pags_camera *camera, const double middle[3], double o
 }
 
 void pags_object_velocity(const pags_object *object, double time, double velocity[6]) {
-  const double half = 0.05; /* seconds: where labels are a tenth apart, the parabola through three of them */
+  const double half = 0.05; /* seconds: where labels come every tenth, the parabola through three of them */
   /* A track is constant beyond its ends, which isn't the motion of the object. */
   const double begin = fmax(time - half, object->keyframes[0].time),
                end = fmin(time + half, object->keyframes[object->keyframe_count - 1].time);

@@ -245,7 +245,7 @@ PAGS_API const char *pags_dataset_note(const pags_dataset *dataset, int64_t inde
 PAGS_API int pags_box_outline(const pags_camera *camera, const double world_from_object[12], const double size[3],
                               double corners[32]);
 
-/* Sets `bits` in the bytes of `plane` (`height` rows that lie `stride` bytes apart) at all pixels whose centre
+/* Sets `bits` in the bytes of `plane` (`height` rows with a stride of `stride` bytes) at all pixels whose centre
  * lies inside of a convex outline of `count` corners. */
 PAGS_API void pags_outline_fill(const double *corners, int count, int width, int height, int stride, uint8_t bits,
                                 uint8_t *plane);
@@ -278,7 +278,7 @@ typedef struct pags_photo {
   int stride;            /* bytes from row to row: width rounded up to 16; the padding is 0 */
   const uint8_t *rgb;    /* display-referred sRGB */
   const uint8_t *mask;   /* 255: use the pixel; 0: masked out, or undistortion found no source; NULL: use all */
-  const uint8_t *labels; /* bits PAGS_LABEL_* per pixel, rows `stride` apart; NULL: nothing is known of this view */
+  const uint8_t *labels; /* bits PAGS_LABEL_* per pixel, with the same stride; NULL: nothing is known of this view */
 } pags_photo;
 
 /* A cache of decoded photographs within a size limit, which decodes announced views ahead on the thread pool. It

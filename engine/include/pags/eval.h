@@ -14,7 +14,7 @@ PAGS_BEGIN_C
 /* Computes the peak signal-to-noise ratio of two pictures in dB: 10 log10(1 / MSE), the mean squared error taken
  * over the three channels of the counted pixels.
  *
- * Of all metrics here: both pictures are PAGS_F32 with 3 channels, of the same size and display-referred; values
+ * For all metrics here: both pictures are PAGS_F32 with 3 channels, of the same size and display-referred; values
  * are clamped to [0, 1] first, and NaN counts as 0. `mask` has one byte per pixel, row by row; pixels with a
  * non-zero byte count; NULL counts all. The result is NaN if no pixel counts; PSNR of equal pictures is
  * +infinity. PAGS_ERROR_ARGUMENT for pictures of another kind or of different sizes. */

@@ -11,9 +11,9 @@
  *     alpha = min(0.99, opacity * exp(-d' S^-1 d / 2))
  *
  * where d is the pixel's centre minus the projected mean and S the 2D covariance. A Gaussian is skipped where
- * alpha < 1/255. Of Gaussians with an alpha_min a, (alpha - a) / (1 - a) is blended instead, where it is positive; with
- * the antialiased projection a is scaled as the opacity is, but not below 1/255. A pixel stops before the Gaussian that
- * would take its transmittance T below 1e-4. Such a pixel, and a tile all of whose pixels have stopped, is called
+ * alpha < 1/255. For Gaussians with an alpha_min a, (alpha - a) / (1 - a) is blended instead, where it is positive;
+ * with the antialiased projection a is scaled as the opacity is, but not below 1/255. A pixel stops before the Gaussian
+ * that would take its transmittance T below 1e-4. Such a pixel, and a tile all of whose pixels have stopped, is called
  * saturated. "The paper" is Priority-Adaptive Gaussian Splatting (arXiv:2510.12282).
  *
  * With a rolling shutter (pags_camera.shutter) each Gaussian is drawn with the poses that the camera and its part had
@@ -341,7 +341,7 @@ PAGS_API void pags_pose_gradient_by_world(const double world_from_model[12], con
 /* Returns the statistics of the last render and its backward pass, owned by the frame. */
 PAGS_API const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame);
 
-/* Returns the number of heap calls made so far, for tests that the steady state makes none. */
+/* Returns the number of heap calls until now, for tests that the steady state makes none. */
 PAGS_API uint64_t pags_frame_heap_calls(const pags_frame *frame);
 
 /* Returns the peak memory of the frame's arena and planes, bytes. */

@@ -120,7 +120,7 @@ PAGS_API void pags_fourier_basis(double u, double basis[5]);
 PAGS_API double pags_fourier_phase(double begin, double end, double time);
 
 /* Computes dc(t) of the rows [first, last) of a set with Fourier planes. `dc` receives three planes (one per
- * channel) that lie g->stride floats apart, indexed by row. Results beyond the range of a float are clamped to
+ * channel) with a stride of g->stride floats, indexed by row. Results beyond the range of a float are clamped to
  * it, so that they are finite for finite terms of any size. */
 PAGS_API void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last,
                                   float *dc);

@@ -99,9 +99,9 @@ PAGS_API pags_result pags_image_load_top(const char *path, pags_sample sample, i
 PAGS_API pags_result pags_image_save(const char *path, const pags_image *image);
 
 /* Writes an EXR file with `channels` (1..64) float channels of the given names, e.g. {"R","G","B"} or {"Z"}.
- * planes[c] holds channel c as `height` rows that lie `stride` floats apart. `texts`: string attributes of the header,
- * name and value by turns, ended by NULL; names of at most 31 bytes; NULL: none. The file appears complete or not at
- * all. Errors as pags_image_save. */
+ * planes[c] holds channel c as `height` rows with a stride of `stride` floats. `texts`: string attributes of the
+ * header, name and value by turns, ended by NULL; names of at most 31 bytes; NULL: none. The file appears complete or
+ * not at all. Errors as pags_image_save. */
 PAGS_API pags_result pags_image_save_exr(const char *path, int width, int height, int channels,
                                          const char *const *names, const float *const *planes, int stride,
                                          const char *const *texts);

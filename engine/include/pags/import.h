@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Importers: convert recordings of public driving data sets (KITTI, Waymo) to a data set in drivestudio's layout
- * (docs/dataset-layout.md), with a dataset.json beside it, which pags_dataset_open reads.
+ * (docs/dataset-layout.md), with a dataset.json in the same folder, which pags_dataset_open reads.
  *
  * An import that was stopped and is started again with the same source and folder continues: files that are
  * complete are kept. dataset.json is written last, so that an unfinished import is not taken for a data set. The member

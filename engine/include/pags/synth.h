@@ -13,7 +13,7 @@ PAGS_BEGIN_C
  * left to the right or from the right to the left. */
 typedef enum pags_read_out { PAGS_READ_DOWN, PAGS_READ_UP, PAGS_READ_RIGHT, PAGS_READ_LEFT } pags_read_out;
 
-/* What is wrong with the cameras of a street; 0: nothing. Errors are drawn by chance from the seed; those of poses and
+/* What is wrong with the cameras of a street; 0: nothing. Errors are random, by the seed; those of poses and
  * times are in what the data set says: truth/cameras/C.json has the true cameras. */
 typedef struct pags_street_faults {
   double rolling;         /* time to read a picture, 0..0.2 seconds; its middle is the time of the exposure */
