@@ -205,7 +205,7 @@ static pags_result measure_by_lidar(pags_proxy_bench *self, const pags_json_valu
 
 static pags_result run(pags_proxy_bench *self) {
   const pags_json_value *nodes = pags_glb_member(self->file.root, "nodes");
-  int found;
+  bool found;
   PAGS_TRY(pags_street_read_truth(self->scene.dataset ? self->scene.dataset : ".", &self->options, &found));
   self->pictures = !found;
   char *pictures = pags_path_join(self->scene.dataset ? self->scene.dataset : ".", "truth/ids");

@@ -161,7 +161,7 @@ static pags_result receive(threads_transport *self, int from, int64_t number, co
 
 static pags_result move(pags_transport *transport, const pags_part *parts) {
   threads_transport *self = (threads_transport *)transport;
-  moving state;
+  moving state = {0};
   PAGS_TRY(begin(transport, parts, &state));
   pags_result result = PAGS_OK;
   pthread_mutex_lock(&self->hub->lock);
