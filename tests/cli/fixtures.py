@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared by the command-line tests: running the program, and small files made here (PLY, PNG, a data set)."""
+"""Helpers of the command-line tests: they run the program and make small files (PLY, PNG, a data set)."""
 
 import json
 import math
@@ -25,7 +25,7 @@ PLY_NAMES = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"] + [
 ]
 
 
-# A camera at the origin that looks along z.
+# This camera stands at the origin and looks along z.
 FRONT = {
     "width": 65,
     "height": 49,
@@ -37,12 +37,13 @@ FRONT = {
     "camera_from_world_translation": [0, 0, 0],
 }
 
-# Few Gaussians, so that trainings are short.
+# Few Gaussians keep the trainings short.
 SMALL = ["--random-points", "500", "--max-gaussians", "1500"]
 
 
 def program(arguments):
-    """The command line: the program under test (or pags-bench in its folder, if that is the first word) and its arguments."""
+    """Returns the command line for `arguments`. If the first word is pags-bench, runs pags-bench from the folder of the
+    program under test."""
     words = [str(word) for word in arguments]
     return (
         [os.path.join(os.path.dirname(PAGS), *words[:1]), *words[1:]] if words[:1] == ["pags-bench"] else [PAGS, *words]
@@ -50,12 +51,12 @@ def program(arguments):
 
 
 def run(*arguments, timeout=300, **more):
-    """Runs the program under test to its end; the result has returncode, stdout and stderr as text."""
+    """Runs the program under test to its end. The result has returncode, stdout and stderr as text."""
     return subprocess.run(program(arguments), capture_output=True, text=True, timeout=timeout, **more)
 
 
 def numpy_python():
-    """A Python with numpy: this one, or the system's, or None."""
+    """Returns a Python interpreter that has numpy: the running one or the system's. Returns None if both lack numpy."""
     for python in (sys.executable, "/usr/bin/python3"):
         if (
             os.path.exists(python)
@@ -66,14 +67,14 @@ def numpy_python():
 
 
 def ply_bytes(rows):
-    """The bytes of a PLY of degree 0 in INRIA's layout; each row holds the 17 values of PLY_NAMES."""
+    """Returns the bytes of a PLY file in INRIA's layout, of degree 0. Each row holds the 17 values of PLY_NAMES."""
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
     header += [f"property float {name}" for name in PLY_NAMES] + ["end_header", ""]
     return "\n".join(header).encode() + b"".join(struct.pack("<17f", *row) for row in rows)
 
 
 def splat(x, y, z, rgb, sigma=0.1, opacity=4.0):
-    """A row for ply_bytes: a round Gaussian of the given display colour; opacity is a logit."""
+    """Returns a row for ply_bytes: a round Gaussian of the given display colour. `opacity` is a logit."""
     dc = [(c - 0.5) / 0.28209479177387814 for c in rgb]
     return [x, y, z, 0, 0, 0, *dc, opacity, *[math.log(sigma)] * 3, 1, 0, 0, 0]
 
@@ -84,7 +85,7 @@ def some_splats():
 
 
 def png_bytes(width, height, pixels):
-    """The bytes of an 8-bit RGB PNG; pixels: bytes of width * height * 3."""
+    """Returns the bytes of an 8-bit RGB PNG file. `pixels` holds width * height * 3 bytes."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -95,7 +96,8 @@ def png_bytes(width, height, pixels):
 
 
 def read_png(path):
-    """Returns width, height, channels, bits and the raw samples of a PNG without interlace, after undoing its filters."""
+    """Reads a PNG file without interlace. Returns width, height, channels, bits and the samples after its filters are
+    undone."""
     data = read(path)
     assert data[:8] == b"\x89PNG\r\n\x1a\n", path
     at, packed = 8, b""
@@ -139,7 +141,8 @@ def undo_filter(kind, row, before, step):
 
 
 def ring_pose(angle, radius=3.0, height=0.8):
-    """A camera-to-world pose in OpenGL axes on a ring around the origin, looking at the origin; world z is up."""
+    """Returns a camera-to-world pose in OpenGL axes. The camera stands on a ring around the origin and looks at the
+    origin; world z is up."""
     eye = [radius * math.cos(angle), radius * math.sin(angle), height]
     size = math.sqrt(sum(e * e for e in eye))
     back = [e / size for e in eye]
@@ -152,7 +155,7 @@ def ring_pose(angle, radius=3.0, height=0.8):
     return [[right[i], up[i], back[i], eye[i]] for i in range(3)] + [[0, 0, 0, 1]]
 
 
-# Centre, radius and colour of each sphere.
+# Each sphere has a centre, a radius and a colour.
 SPHERES = [
     ((0.0, 0.0, 0.0), 0.5, (220, 60, 40)),
     ((0.6, 0.3, 0.2), 0.3, (40, 180, 60)),
@@ -218,7 +221,7 @@ def files_below(folder):
 
 
 class Case(unittest.TestCase):
-    """A test case with a temporary folder of its own."""
+    """A test case that has a temporary folder."""
 
     def setUp(self):
         holder = tempfile.TemporaryDirectory(prefix="pags-cli-")
@@ -227,7 +230,7 @@ class Case(unittest.TestCase):
 
     @classmethod
     def shared_folder(cls):
-        """Makes a folder that all tests of the class share; call it in setUpClass."""
+        """Makes a folder that all tests of the class share. Call it in setUpClass."""
         holder = tempfile.TemporaryDirectory(prefix="pags-cli-")
         cls.addClassCleanup(holder.cleanup)
         return holder.name
@@ -244,8 +247,8 @@ class Case(unittest.TestCase):
         return done
 
     def fails(self, arguments, *words, code=1, **more):
-        """One line on stderr beginning with the program's name that holds each of `words`; nothing else of ours there but
-        warnings. (libpng prints a line of its own where a file ends too early.)"""
+        """Asserts that the program fails with one line on stderr. The line begins with the program's name and holds
+        each of `words`. Warnings and lines that libpng prints aren't counted."""
         done = run(*arguments, **more)
         self.assertEqual(done.returncode, code, f"{arguments}: {done.stdout}{done.stderr}")
         lines = [line for line in done.stderr.splitlines() if not line.startswith(("libpng ", "warning: "))]
@@ -258,7 +261,7 @@ class Case(unittest.TestCase):
 
 
 class DataCase(Case):
-    """Tests that train on one small data set."""
+    """The base class of tests that train on one small data set."""
 
     @classmethod
     def setUpClass(cls):

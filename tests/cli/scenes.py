@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small synthetic driving scene: a street with a wall, a parked car, a moving car, an object of three Gaussians, a flat object."""
+"""Makes a small synthetic driving scene: a street with a wall, a parked car, a moving car, an object of three Gaussians
+and a flat object."""
 
 import json
 import math
@@ -21,7 +22,8 @@ def gaussian(x, y, z, rgb, sigma=(0.08, 0.08, 0.08), opacity=4.0):
 
 
 def ply(rows, objects=None):
-    """The bytes of a PLY of degree 0 in INRIA's layout, with the property object_id if `objects` has a number for each row."""
+    """Returns the bytes of a PLY file in INRIA's layout, of degree 0. If `objects` has a number for each row, the
+    property object_id holds the numbers."""
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
     header += [f"property float {name}" for name in fixtures.PLY_NAMES]
     if objects is not None:
@@ -33,7 +35,7 @@ def ply(rows, objects=None):
 
 
 def on_box(count, size, at, rgb, seed):
-    """Flat Gaussians at random places on the sides of a box."""
+    """Returns `count` flat Gaussians at random places on the sides of a box."""
     dice, rows = random.Random(seed), []
     for _ in range(count):
         p = [dice.uniform(-0.5, 0.5) * s for s in size]
@@ -60,11 +62,11 @@ def knot(frame, position, yaw=0.0):
 
 
 def camera(frame, x, yaw):
-    """A camera 1.6 m above the ground that looks along yaw and slightly down."""
+    """Returns a camera 1.6 m above the ground that looks along `yaw` and slightly down."""
     c, s = math.cos(yaw), math.sin(yaw)
     cp, sp = math.cos(0.15), math.sin(0.15)
     right, down, forward = [s, -c, 0], [-sp * c, -sp * s, -cp], [cp * c, cp * s, -sp]
-    r = [right, down, forward]  # rows of the rotation from world to camera
+    r = [right, down, forward]  # the rows of the rotation from world to camera
     eye = [x + ORIGIN[0], ORIGIN[1], 1.6 + ORIGIN[2]]
     t = [-sum(row[k] * eye[k] for k in range(3)) for row in r]
     return {
@@ -85,7 +87,8 @@ def camera(frame, x, yaw):
 
 
 def quaternion(r):
-    """The quaternion of a rotation matrix, computed from the largest of its four squared components for accuracy."""
+    """Returns the quaternion of a rotation matrix. Computes it from the largest of the four squared components for
+    accuracy."""
     squares = [
         1 + r[0][0] + r[1][1] + r[2][2],
         1 + r[0][0] - r[1][1] - r[2][2],
@@ -101,7 +104,8 @@ def quaternion(r):
 
 
 def make_scene(folder):
-    """Writes the scene. Objects: 0 a parked car, 1 a moving car, 2 of three Gaussians, 3 flat, 4 without Gaussians."""
+    """Writes the scene. Object 0 is a parked car, 1 is a moving car, 2 has three Gaussians, 3 is flat, 4 has no
+    Gaussians."""
     size = [4.0, 1.8, 1.5]
     rows, owner = [], []
     for i in range(-20, 60):

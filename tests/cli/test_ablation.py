@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""benchmarks/ablation.py: rows and their names, written files, stopping and resuming, and the same bits as pags train alone."""
+"""Tests benchmarks/ablation.py: rows and their names, written files, stopping and resuming. A run has the same bits as
+`pags train`."""
 
 import csv
 import importlib.util
@@ -15,7 +16,7 @@ import xml.etree.ElementTree
 import fixtures
 from fixtures import DataCase, read
 
-# Few Gaussians, so that the runs are short.
+# Few Gaussians keep the runs short.
 SMALL = ["--max-gaussians", "1500", "--", "--random-points", "500"]
 
 
@@ -61,7 +62,7 @@ class Ablation(DataCase):
         return sorted(n for n in os.listdir(runs) if os.path.isdir(os.path.join(runs, n)))
 
     def written(self):
-        """Modification times of each run's scene and evaluation."""
+        """Returns the modification times of each run's scene and evaluation."""
         return {
             name: [os.stat(self.path("t.runs", name, f)).st_mtime_ns for f in ["scene/background.ply", "eval.json"]]
             for name in self.folders()
@@ -81,7 +82,7 @@ class Ablation(DataCase):
             self.assertIsNone(row["psnr_critical"])
         self.assertLess(rows[2]["bytes"], 0.5 * rows[0]["bytes"])
         self.assertNotEqual(rows[0]["psnr"], rows[1]["psnr"])
-        # At the intermediate moments both held-out views are evaluated, too.
+        # Both held-out views are also evaluated at the intermediate moments.
         self.assertEqual(rows[0]["moments"][-1]["psnr"], rows[0]["psnr"])
 
         table = read(self.path("t.md")).decode()
@@ -100,7 +101,7 @@ class Ablation(DataCase):
             self.assertEqual(self.said.count("the plot needs matplotlib"), 1, self.said)
             self.assertFalse(os.path.exists(self.path("t.svg")))
 
-        # Only missing runs are done: rows may be added, and LPIPS requested later.
+        # Only missing runs are trained: rows may be added, and LPIPS may be requested later.
         before = self.written()
         again = self.ablate("sh=0,plain*2,sh=1")
         self.assertEqual(again[0], rows[2])
@@ -109,7 +110,7 @@ class Ablation(DataCase):
         self.assertEqual(len(after), len(before) + 1)
         self.refuses("sh=0", "--moments", 4, *SMALL, iterations=39, words=["t.runs/settings.json", "another -o"])
 
-    def test_a_difference_within_the_spread_is_none(self):
+    def test_difference_within_the_spread_is_reported_as_none(self):
         """Two rows that name the same training show no difference."""
         self.ablate("default*2,--sh-degree=3")
         table = read(self.path("t.md")).decode()
@@ -117,7 +118,7 @@ class Ablation(DataCase):
         line = next(line for line in compared if line.startswith("| `--sh-degree=3`"))
         self.assertIn(" none |", line)
 
-    def test_a_row_beside_each(self):
+    def test_beside_option(self):
         rows = self.ablate("sh=0", "--beside", "sh=1")
         self.assertEqual(len(rows), 1)
         self.assertGreater(rows[0]["beside"], 0)
@@ -129,7 +130,7 @@ class Ablation(DataCase):
         self.ablate("sh=1,--sh-degree=1")
         self.assertEqual(self.folders(), ["sh-degree-1_seed-0"])
 
-    def test_the_bits_are_those_of_one_training(self):
+    def test_run_has_the_bits_of_a_single_training(self):
         self.ablate("sh=1")
         out = self.path("alone")
         small = [word for word in SMALL if word != "--"]
@@ -138,8 +139,8 @@ class Ablation(DataCase):
         self.assertEqual(here, read(os.path.join(out, "background.ply")))
 
     def test_rows_at_equal_count(self):
-        """With --equal-count each pruning row resumes from before its last prune, which then leaves as many Gaussians as in the
-        smallest row."""
+        """With --equal-count, each pruning row resumes from before its last prune. That prune then leaves as many
+        Gaussians as the smallest row has."""
         options = ["--moments", 4, "--equal-count", "--json", "-", *SMALL]
         done = self.run_script("plain,sp,sp+rate=30/10", *options, iterations=120)
         result = json.loads(done.stdout)
@@ -154,7 +155,7 @@ class Ablation(DataCase):
         self.assertEqual(equal["moments"][:3], own["moments"][:3])
         self.assertNotEqual(equal["moments"][3], own["moments"][3])
         self.assertIn("## At equal count", read(self.path("t.md")).decode())
-        # The same bits as a run that had this bound from the start.
+        # A run that had this bound from the start gives the same bits.
         out = self.path("alone")
         bounded = [
             "--preset",
@@ -174,7 +175,7 @@ class Ablation(DataCase):
         self.assertEqual(here, read(os.path.join(out, "background.ply")))
 
     def stopped(self, how, wait):
-        """Starts the script, stops it with the signal while its first run trains, and returns exit code and stderr."""
+        """Starts the script, sends it the signal while its first run trains, and returns its exit code and stderr."""
         command = self.command("sh=1", "--moments", 2, *SMALL, iterations=800)
         running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         log = self.path("t.runs", "sh-degree-1_seed-0", "scene", "log.jsonl")
@@ -192,7 +193,7 @@ class Ablation(DataCase):
             "rows"
         ][0]
 
-    def test_interrupted_and_killed_runs_go_on(self):
+    def test_interrupted_and_killed_runs_are_resumed(self):
         code, said = self.stopped(signal.SIGINT, 100)
         self.assertEqual(code, 3, said)
         self.assertIn("interrupted", said)
@@ -202,7 +203,7 @@ class Ablation(DataCase):
         self.assertGreater(state["seconds"], 0)
         code, _ = self.stopped(signal.SIGKILL, 200)
         self.assertEqual(code, -signal.SIGKILL)
-        time.sleep(0.5)  # until the orphaned training has ended
+        time.sleep(0.5)  # the orphaned training ends meanwhile
         result = self.finish()
         ply = ("t.runs", "sh-degree-1_seed-0", "scene", "background.ply")
         disturbed = read(self.path(*ply))
@@ -253,8 +254,8 @@ class Ablation(DataCase):
         self.assertTrue(row("default", 1).prunes and row("alpha=1", 1).prunes)
         self.assertFalse(row("sd", 1).prunes or row("default+no-prunes", 1).prunes)
 
-    def test_what_is_no_file_is_written_to(self):
-        """Output paths may be links, which are followed, or FIFOs, which aren't replaced by a file."""
+    def test_output_to_links_and_fifos(self):
+        """An output path may be a link, which is followed, or a FIFO, which no file replaces."""
         write = ablation.write
         os.mkfifo(self.path("fifo"))
         reader = subprocess.Popen(["cat", self.path("fifo")], stdout=subprocess.PIPE, text=True)

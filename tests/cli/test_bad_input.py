@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bad input: one line on stderr that names file and place, exit code 1, and no partial output."""
+"""Bad input gives exit code 1, one line on stderr that names file and place, and no partial output."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from fixtures import FRONT, Case, files_below, make_dataset, ply_bytes, png_byte
 
 class BadSplats(Case):
     def refused(self, path, *words):
-        """Asserts that render (which must not create its folder) and info refuse the file."""
+        """Asserts that render and info refuse the file. render must not create its output folder."""
         out = self.path("out")
         self.fails(["render", path, "-o", out], path, *words)
         self.assertFalse(os.path.exists(out), files_below(self.folder))
@@ -27,7 +27,7 @@ class BadSplats(Case):
             self.refused(self.write(f"cut{length}.ply", whole[:length]))
 
     def test_nan_in_ply(self):
-        """A row that isn't finite is left out and named; a file of none but such rows is refused."""
+        """A row with a value that isn't finite is left out and reported. A file that has only such rows is refused."""
         for column, name in [(0, "x"), (9, "opacity"), (10, "scale_0"), (13, "rot_0"), (6, "f_dc_0")]:
             rows = some_splats()
             rows[7][column] = float("nan")
@@ -39,7 +39,7 @@ class BadSplats(Case):
         rows[3][1] = float("inf")
         self.fails(["info", self.write("inf.ply", ply_bytes(rows)), "--strict"], "the first is 3")
 
-    def test_ply_with_a_count_it_does_not_hold(self):
+    def test_ply_shorter_than_its_count(self):
         text = ply_bytes(some_splats()).replace(b"vertex 40", b"vertex 9000000000000000000")
         self.refused(self.write("count.ply", text))
 
@@ -64,7 +64,7 @@ class BadScenes(Case):
         self.write("scene/scene.json", '{\n "version": 1,\n "models": [}\n')
         self.refused("scene.json:3")
 
-    def test_json_of_something_else(self):
+    def test_json_that_is_no_scene(self):
         self.write("scene/scene.json", "[1, 2]\n")
         self.refused("scene.json")
 
@@ -72,8 +72,8 @@ class BadScenes(Case):
         os.makedirs(self.path("scene"))
         self.refused(self.path("scene"))
 
-    def test_poses_beyond_arithmetic(self):
-        """A pose or a correction that is finite, but of which nothing finite can be made, is refused."""
+    def test_poses_that_overflow(self):
+        """A finite pose or correction is refused if calculations with it overflow."""
         scenes.make_scene(self.path("scene"))
         good = json.loads(read(self.path("scene/scene.json")))
         for key, value in [
@@ -193,11 +193,12 @@ class BadDatasets(Case):
         self.refused(self.data, "001.png")
 
     def test_cut_png(self):
-        # The header is complete, so that only decoding finds the fault, after training has begun.
+        # The header is complete. Only decoding finds the fault, after training has begun.
         path = self.path("data", "images", "001.png")
         whole = read(path)
         self.write("data/images/001.png", whole[: len(whole) * 2 // 3])
-        # libpng leaves OpenImageIO's reader by longjmp, which leaks a string there: not a leak of this program.
+        # libpng leaves OpenImageIO's reader by longjmp. This leaks a string of OpenImageIO; it isn't a leak of this
+        # program.
         environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}
         arguments = ["train", self.data, "-o", self.path("out"), "--iterations", "30", "--quiet"]
         self.fails(arguments, "001.png", env=environment)

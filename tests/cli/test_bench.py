@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags-bench render, scale and error: their tables, CSV, JSON and Markdown. No timing is asserted."""
+"""Tests pags-bench render, scale and error: their tables, CSV, JSON and Markdown. No time is checked."""
 
 import array
 import csv
@@ -30,7 +30,7 @@ class Bench(Case):
             self.assertEqual([m["mode"] for m in size["modes"]], ["off", "exp3", "sh0", "lossless", "bounded=0.02"])
             self.assertEqual((off["psnr"], off["max_error"], off["differing"]), (None, 0, 0))
             self.assertEqual(off["speed_up"], 1)
-            self.assertEqual(flat["differing"], 0)  # the splats are of degree 0
+            self.assertEqual(flat["differing"], 0)  # the splats are of degree 0, so sh0 changes nothing
             self.assertTrue(0 < fast["max_error"] < 0.01 and fast["psnr"] > 50)
             self.assertEqual((lossless["differing"], lossless["max_alpha_error"]), (0, 0))
             self.assertTrue(bounded["max_error"] <= 0.021)
@@ -74,7 +74,7 @@ class Bench(Case):
         kinds = [("shared", "off"), ("shared", "lossless"), ("packed", "off"), ("packed", "lossless")]
         self.assertEqual([(r["form"], r["mode"]) for r in rows], 2 * kinds)
         for row in rows:
-            # The scene is enlarged by copies of whole clusters of 64 rows, of which it has 120.
+            # The scene has 120 rows. Copies of whole clusters of 64 rows enlarge it.
             self.assertTrue(abs(row["gaussians"] - row["millions"] * 1e6) <= 64, row)
             self.assertTrue(0 < row["loaded"] <= row["in_view"] <= row["gaussians"])
             if row["mode"] == "lossless":
@@ -85,7 +85,7 @@ class Bench(Case):
         self.assertEqual([n for n in os.listdir(self.path()) if n.endswith(".pagsz")], [])
 
     def errors(self, splats, *more):
-        """The rows that pags-bench error prints, by name."""
+        """Returns the rows that `pags-bench error` prints, by name."""
         scene = self.write("a.ply", ply_bytes(splats))
         camera = self.write("camera.json", json.dumps(CAMERA))
         self.succeeds(
@@ -111,12 +111,12 @@ class Bench(Case):
         for name in ["alpha cut at 1/255", "stop at T < 1e-4", "tiles by exact extent", "packed form"]:
             count = rows[name]["counts"][0]
             self.assertTrue(0 < count["used"] <= count["exact"], name)
-        # A pixel has few layers here, each of which loses less than 1/255 by the alpha cut-off.
+        # A pixel has few layers here. The alpha cut-off makes each layer lose less than 1/255.
         self.assertTrue(0 < rows["alpha cut at 1/255"]["max"] < 10)
         self.assertTrue(0 < rows["affine image, slopes clamped"]["max"] < 5)
         self.assertTrue(rows["gradient by means"]["max"] < 0.01)
         self.assertTrue(rows["Adam, paid when seen"]["max"] < 1e-3 and rows["Adam in float"]["max"] < 1e-2)
-        self.assertNotIn("colour of degree 0", rows)  # the splats are of degree 0
+        self.assertNotIn("colour of degree 0", rows)  # the splats are of degree 0, so this row is missing
         table = [line.split(" | ") for line in read(self.path("e.md")).decode().splitlines() if line.startswith("| ")]
         self.assertEqual([cells[0][2:] for cells in table[1:]], list(rows))
         script = os.path.join(os.path.dirname(__file__), "../../scripts/error_page.py")
@@ -127,11 +127,11 @@ class Bench(Case):
         self.assertEqual([cells[0][2:] for cells in lines[1 : len(rows) + 1]], list(rows))
         self.assertEqual(lines[1][3:4], [lines[1][4].removesuffix(" |")])
 
-    def test_error_sees_the_cap_and_the_clamp(self):
+    def test_error_of_alpha_cap_and_slope_clamp(self):
         rows = self.errors([splat(0, 0, 0, (0.9, 0.9, 0.9), sigma=0.4, opacity=12.0)])
-        self.assertTrue(2 < rows["alpha capped at 0.99"]["max"] < 3)  # 1 % of 0.9 * 255
-        # In the picture's centre the affine projection is nearly exact, with and without the clamp of the Jacobian's slopes; a giant
-        # Gaussian next to the picture needs the clamp.
+        self.assertTrue(2 < rows["alpha capped at 0.99"]["max"] < 3)  # 1 % of 0.9 * 255 is about 2.3
+        # The affine projection is nearly exact in the picture's centre, with and without the clamp of the Jacobian's
+        # slopes. A giant Gaussian next to the picture needs the clamp.
         self.assertTrue(rows["affine image, slopes clamped"]["max"] < 5)
         self.assertEqual(rows["affine image, slopes clamped"]["max"], rows["affine image, no clamp"]["max"])
         beside = self.errors([splat(12, 0, -3, (0.9, 0.9, 0.9), sigma=1.5, opacity=4.0)])
@@ -161,7 +161,7 @@ class Bench(Case):
         ours = [int.from_bytes(data[i : i + 2], "big") / 65535 for i in range(0, len(data), 2)]
         theirs = [
             v for y in reversed(range(height)) for v in found[0][3 * width * y : 3 * width * (y + 1)]
-        ]  # rows from below
+        ]  # a PFM file begins with the lowest row
         self.assertTrue(max(ours) > 0.5)
         self.assertTrue(max(abs(a - min(b, 1)) for a, b in zip(ours, theirs)) < 1e-4)
         more = [b - a for a, b in zip(*found)]
@@ -195,7 +195,7 @@ class Bench(Case):
         chapter += read(os.path.join(docs, "command-line.md")).decode().split("\n## train\n")[0]
         chapter += read(os.path.join(docs, "cluster.md")).decode()
         for what in ["stages", "roofline", "error", "reference", "train", "render", "scale", "scaling", "proxies"]:
-            shown = fixtures.run(what, "--help").stdout  # empty if this build lacks the command
+            shown = fixtures.run(what, "--help").stdout  # the help is empty if this build lacks the command
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
                 self.assertTrue(name in chapter or name == "--help", f"{what} {name} is not in docs/pags-bench.md")
 

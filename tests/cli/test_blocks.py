@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags split and pags merge: scenes of blocks made here by hand, whose merging is known row by row, and a small street that is split, trained
+"""Tests pags split and pags merge. Blocks made by hand check the merging row by row. A small street is split, trained
 and merged."""
 
 import json
@@ -17,7 +17,7 @@ ID = "0123456789abcdef"
 
 
 def ply_rows(path):
-    """The rows of a PLY of pags, each a dictionary by property."""
+    """Returns the rows of a PLY file written by pags. Each row is a dictionary of its properties."""
     head, body = read(path).split(b"end_header\n", 1)
     names = [line.split()[1:] for line in head.decode().splitlines() if line.startswith("property ")]
     form = "<" + "".join({"float": "f", "int": "i"}[kind] for kind, _ in names)
@@ -33,7 +33,8 @@ def load(*names):
 
 
 def camera(x, origin=0.0):
-    """A camera at (x, 0, 0) that looks along the world's x axis, for a scene whose origin doesn't matter to it."""
+    """Returns a camera at (x, 0, 0) that looks along the world's x axis. The scene's origin doesn't change the
+    camera."""
     lens = {"width": 101, "height": 101, "fx": 100.0, "fy": 100.0, "cx": 50.5, "cy": 50.5}
     return {**lens, "camera_from_world_quaternion_wxyz": AHEAD, "camera_from_world_translation": [0, 0, -x]}
 
@@ -66,11 +67,11 @@ RANGES = [
     ((0, 5), (0, 3)),
     ((2, 9), (4, 7)),
     ((6, 11), (8, 11)),
-]  # trained on, own; the rig is at x = 10 times the time step
+]  # trained time steps, own time steps; the rig is at x = 10 m times the time step
 
 
 def make_blocks(folder):
-    """Three blocks of a drive along x with seams at x = 35 and 75."""
+    """Writes three blocks of a drive along x, with seams at x = 35 and 75 m."""
     blocks = [{"frames": list(used), "own": list(own)} for used, own in RANGES]
     write(
         os.path.join(folder, "split.json"),
@@ -111,16 +112,17 @@ def make_block(folder, b):
         ),
     )
     origin = [0.0, 0.0, 0.0] if b < 2 else [100.0, 0.0, 0.0]
-    # Every block has something everywhere; the red value tells which block a row is of, the green one which row it is.
+    # Every block has rows at all places. A row's red value tells its block, its green value tells its number.
     places = [0, 30, 34, 36, 60, 74, 76, 110, 500]
     rows = [splat(x - origin[0], 0, 0, (0.1 * (b + 1), 0.05 * i, 0)) for i, x in enumerate(places)]
     ids = [-1] * len(rows)
-    # A parked car whose box is at x = 34 and reaches over the seam: block 0's alone. Block 1 lists it second.
+    # The box of the parked car is at x = 34 m and reaches over the seam. The car belongs to block 0 only. Block 1 lists
+    # it as its second object.
     objects = [record("parked", False, [knot(3, 34, True)])] if b < 2 else []
     if b < 2:
         rows += [splat(33, 1, 0, (0.1 * (b + 1), 0.5, 0)), splat(36, 1, 0, (0.1 * (b + 1), 0.55, 0))]
         ids += [1 if b else 0] * 2
-    # A car that drives ahead of the rig, 30 m before it at first, and comes nearer: block 1 sees more of it than block 0.
+    # The moving car is 30 m ahead of the rig at first and comes nearer. Block 1 sees more of it than block 0.
     models = [{"name": "background", "file": "background.ply", "gaussians": len(rows), "sh_degree": 0}]
     if b < 2:
         moving = record(
@@ -184,7 +186,7 @@ class Merge(Case):
         self.assertEqual(scene["origin"], [33.0, 0, 0])
         self.assertEqual(scene["time"], [0, 11])
 
-        # Each place once, from the block in whose cell it is; what is parked, whole from block 0.
+        # Each place occurs once, from the block whose cell holds it. The parked car comes whole from block 0.
         rows = ply_rows(os.path.join(out, "background.ply"))
         got = sorted(
             (round(row["x"] + 33, 3), round((row["f_dc_0"] * 0.28209479177387814 + 0.5) * 10) - 1, row["object_id"])
@@ -212,7 +214,7 @@ class Merge(Case):
         self.assertEqual(facts["gaussians"], 12)
         self.assertEqual(facts["ghosts"], 9 * 3 + 4 - 11)
 
-        # The moving car once, with the model and the track of block 1, which is nearer to it.
+        # The moving car occurs once, with the model and the track of block 1, which comes nearer to it.
         self.assertEqual([m["file"] for m in scene["models"]], ["background.ply", "objects/car.ply"])
         (car,) = ply_rows(os.path.join(out, "objects", "car.ply"))
         self.assertAlmostEqual(car["f_dc_0"] * 0.28209479177387814 + 0.5, 0.2, 5)
@@ -220,14 +222,15 @@ class Merge(Case):
         self.assertEqual(track["model"], "car")
         self.assertEqual([k["translation"][0] for k in track["knots"]], [0.25] * 10)
 
-        # Each view once, with the exposure of the block whose own it is.
+        # Each view occurs once, with the exposure of the block that owns it.
         self.assertEqual([v["frame"] for v in scene["cameras"]], list(range(12)))
         self.assertEqual([round(v.get("gain", [1])[0], 3) for v in scene["cameras"]], [1.0] * 4 + [1.1] * 4 + [1.2] * 4)
         self.assertEqual([v["frame"] for v in scene["cameras"] if v["test"]], [4])
         self.succeeds("info", out, "--objects")
 
-    def test_a_drive_that_comes_back(self):
-        """The last block's path leads back 30 m from the second's: objects along the first path stay in the second block."""
+    def test_drive_that_comes_back(self):
+        """The last block leads back, at a distance of 30 m from the second block's path. Objects along the outbound
+        path stay in the second block."""
         path = os.path.join(self.blocks, "split.json")
         split = load(path)
         split["path"] = [[f, 10.0 * f if f < 8 else 150 - 10.0 * f, 0 if f < 8 else 30, 0] for f in range(12)]
@@ -250,7 +253,8 @@ class Merge(Case):
             self.assertEqual(read(self.path("out1", name)), read(self.path("out4", name)), name)
 
     def test_degrees_of_colour(self):
-        """With sh_error a background is several files; rows of one degree stay together."""
+        """With sh_error, the background is several files, one for each degree of colour. Merging keeps rows of one
+        degree together."""
         path = os.path.join(self.blocks, "001", "scene", "background.ply")
         plain = read(path)
         head, body = plain.split(b"end_header\n", 1)
@@ -275,7 +279,7 @@ class Merge(Case):
         row = ply_rows(os.path.join(out, "background.ply"))[0]
         self.assertEqual([row[f"f_rest_{i}"] for i in range(9)], list(range(1, 10)))
 
-    def test_what_does_not_fit(self):
+    def test_blocks_that_do_not_match(self):
         scene1 = os.path.join(self.blocks, "001", "scene")
         self.change(1, iterations=12)
         self.refused(scene1, "stopped after step 12 of 30", "--resume")
@@ -296,7 +300,7 @@ class Merge(Case):
         self.change(1, cameras=[{**view, "width": 50} for view in views])
         self.refused(scene1, "camera 0 has 50 x 101 pixels, but 101 x 101", "--downscale")
 
-    def test_what_is_not_there(self):
+    def test_missing_blocks(self):
         shutil.rmtree(os.path.join(self.blocks, "001", "scene"))
         shutil.rmtree(os.path.join(self.blocks, "002", "scene"))
         self.refused(
@@ -313,7 +317,7 @@ class Merge(Case):
         self.fails(["merge", self.blocks, "-o", done], done, "holds a scene already")
         self.assertEqual(read(os.path.join(done, "scene.json")), before)
 
-    def test_the_recording_is_gone(self):
+    def test_missing_recording(self):
         block = os.path.join(self.blocks, "000")
         self.fails(["info", block], "block.json", "/no/such/drive", "recording")
         self.fails(["info", self.blocks], "split into blocks", "000")
@@ -342,7 +346,7 @@ class Street(Case):
             "3000",
             "--no-shifts",
         )
-        # Photographs get darker along the drive, as by a camera that sets its exposure itself.
+        # Photographs get darker along the drive, as automatic exposure of a camera makes them.
         for frame in range(24):
             darken(os.path.join(cls.street, "images", f"{frame:03d}_0.png"), 1 - 0.01 * frame)
         cls.small = ["-n", "60", "--max-gaussians", "4000", "--set", "lidar_points=2000"]
@@ -374,7 +378,7 @@ class Street(Case):
     def block(self, b, *names):
         return os.path.join(self.blocks, f"{b:03d}", *names)
 
-    def test_the_cut(self):
+    def test_time_steps_of_blocks(self):
         self.assertEqual(len(self.split["blocks"]), 3)
         own = [
             frame for block in self.split["blocks"] for frame in range(int(block["own"][0]), int(block["own"][1]) + 1)
@@ -386,14 +390,14 @@ class Street(Case):
         self.assertEqual(self.split["blocks"][0]["frames"][0], 0)
         self.assertEqual(self.split["blocks"][2]["frames"][1], 23)
 
-    def test_a_block_is_a_data_set_that_copies_nothing(self):
+    def test_block_is_a_data_set_without_copies(self):
         self.assertEqual([name for name in files_below(self.block(1)) if not name.startswith("scene/")], ["block.json"])
         frames = self.split["blocks"][1]["frames"]
         facts = json.loads(self.succeeds("info", self.block(1), "--json", "-").stdout)
         self.assertEqual(facts["views_train"] + facts["views_test"], frames[1] - frames[0] + 1)
         self.assertEqual(facts["lidar_sweeps"], frames[1] - frames[0] + 1)
         self.assertTrue(any("block 1 of 3" in note for note in facts["notes"]), facts["notes"])
-        # The same steps are held out as in the whole, and eval finds the photographs through the block.
+        # A block holds out the same time steps as the whole drive. eval finds the photographs through the block.
         whole = {v["name"]: v["test"] for v in load(self.blocks, "whole", "scene.json")["cameras"]}
         for view in load(self.block(1), "scene", "scene.json")["cameras"]:
             self.assertEqual(view["test"], whole[view["name"]])
@@ -425,9 +429,9 @@ class Street(Case):
                 self.assertAlmostEqual(mean[c], sum(whole[v["name"]]["gain"][c] for v in views) / len(views), 9)
             self.assertTrue(
                 any(abs(v["gain"][0] - whole[v["name"]]["gain"][0]) > 1e-4 for v in views)
-            )  # each is trained on
+            )  # training a block changes its exposures
             means.append(mean[0])
-        self.assertGreater(means[0] - means[2], 0.02)  # darker, as the photographs get
+        self.assertGreater(means[0] - means[2], 0.02)  # the exposures get darker, as the photographs do
 
     def test_the_merged_scene(self):
         facts = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)
@@ -454,8 +458,8 @@ class Street(Case):
         for name in ["scene.json", "background.ply", "sky.npy"]:
             self.assertEqual(read(os.path.join(again, name)), read(self.block(1, "scene", name)), name)
 
-    def test_a_batch(self):
-        """Blocks are trained with several photographs a step as well, and any threads give the same bits."""
+    def test_batches(self):
+        """Blocks can be trained with several photographs per step. Any number of threads gives the same bits."""
         for threads in (1, 3):
             self.succeeds(
                 "train", self.block(1), "-o", self.path(f"s{threads}"), *self.small, "--batch", "4", "-j", threads
@@ -463,15 +467,16 @@ class Street(Case):
         for name in ["scene.json", "background.ply", "sky.npy"]:
             self.assertEqual(read(self.path("s1", name)), read(self.path("s3", name)), name)
         self.assertNotEqual(read(self.path("s1", "background.ply")), read(self.block(1, "scene", "background.ply")))
-        self.assertEqual(read(self.path("s1", "sky.npy")), read(self.block(1, "scene", "sky.npy")))  # the whole drive's
+        # The sky stays that of the whole drive.
+        self.assertEqual(read(self.path("s1", "sky.npy")), read(self.block(1, "scene", "sky.npy")))
 
-    def test_options_are_the_recordings(self):
+    def test_options_that_only_split_takes(self):
         train = ["train", self.block(0), "-o", self.path("x")]
         self.fails([*train, "--cameras", "0"], "block.json", "--cameras 0", "split with none given")
         self.fails([*train, "--reconstruction"], "block.json", "--split-every 0")
         self.fails([*train, "--frames", "0-3"], "block.json", "--frames", "0 to")
 
-    def test_the_scene_of_the_whole_lacks_a_photograph(self):
+    def test_scene_of_the_whole_drive_lacks_a_photograph(self):
         blocks = self.path("blocks")
         shutil.copytree(self.blocks, blocks, ignore=shutil.ignore_patterns("scene"))
         path = os.path.join(blocks, "whole", "scene.json")
@@ -480,7 +485,7 @@ class Street(Case):
         write(path, json.dumps(scene))
         self.fails(["train", os.path.join(blocks, "000"), "-o", self.path("x"), "-n", "5"], "whole", "001_0.png")
 
-    def test_the_same_command_again(self):
+    def test_repeated_split(self):
         before = read(self.block(1, "block.json"))
         shutil.copytree(self.blocks, self.path("b"), ignore=shutil.ignore_patterns("scene"))
         shutil.rmtree(self.path("b", "001"))
@@ -489,7 +494,7 @@ class Street(Case):
         self.assertEqual(read(self.path("b", "001", "block.json")), before)
         self.fails([*again, "13"], self.path("b"), "another split: 3 blocks")
 
-    def test_what_is_not_split(self):
+    def test_data_sets_that_cannot_be_split(self):
         static = fixtures.make_dataset(self.path("static"), views=3)
         self.fails(["split", static, "-o", self.path("b"), "--length", "5"], static, "static set")
         self.fails(["split", self.block(1), "-o", self.path("b"), "--length", "5"], "a block itself", self.street)
@@ -504,7 +509,7 @@ class Street(Case):
         self.assertEqual(files_below(self.path("full")), ["notes.txt"])
 
     def test_ctrl_c(self):
-        """The scene of the whole drive is saved, and the same command continues from it."""
+        """Ctrl-C saves the scene of the whole drive. The same command continues from it."""
         words = ["split", self.street, "-o", self.path("b"), "--length", "9", "-j", "1"]
         run = subprocess.Popen(fixtures.program(words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         for line in run.stdout:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Corrections of camera poses, vignettes and response curves, and rolling shutters: a street whose cameras have faults is trained with them and evaluated; the same
-bits for threads and for a run that was stopped."""
+"""Tests corrections of camera poses, vignettes, response curves and rolling shutters. A street whose cameras have
+faults is trained and evaluated. Any number of threads and a resumed run give the same bits."""
 
 import json
 import math
@@ -39,8 +39,9 @@ class Cameras(Case):
         assert done.returncode == 0, done.stderr
         cls.succeeds(cls(), "train", cls.noisy, "-o", cls.scene, *TRAIN, "--iterations", 800)
 
-    def test_found(self):
-        """Corrections switch themselves on and bring the cameras nearer to the truth; eval takes them and the recorded data set."""
+    def test_corrections_are_found(self):
+        """Corrections are switched on automatically and bring the cameras nearer to the truth. eval uses them and the
+        recorded data set."""
         modelled = load(self.scene, "scene.json")["modelled"]["camera_poses"]
         self.assertTrue(modelled["corrected"], modelled)
         self.assertGreater(modelled["gain_db"], 0.3)
@@ -56,9 +57,9 @@ class Cameras(Case):
         for sensor in range(3):
             vignette = next(view["vignette"] for view in views if view["sensor"] == sensor)
             corner = (1 + vignette[3]) / (1 + vignette[0])
-            self.assertTrue(0.5 < corner < 0.85, vignette)  # 0.4 of the light is about 0.66 of the value
+            self.assertTrue(0.5 < corner < 0.85, vignette)  # 0.4 of the light is about 0.66 of the display value
 
-        # A scene whose corrections are taken away draws its photographs worse, and is another camera than the data set's.
+        # Without its corrections, the scene draws its photographs worse, and its cameras differ from the data set's.
         for view in views:
             del view["correction"]
         bare = self.path("bare")
@@ -72,7 +73,8 @@ class Cameras(Case):
         self.fails(["eval", bare], "is not the one that the scene was trained with")
 
     def test_same_bits(self):
-        """Two threads, and a run that ended in the trial and another that ended after it, give the bits of one run by one thread."""
+        """A run with two threads gives the bits of one thread. So does a run stopped during the trial of the
+        corrections and again after the trial."""
         once, threads, resumed = self.path("once"), self.path("threads"), self.path("resumed")
         self.succeeds("train", self.noisy, "-o", once, "-j", 1, *TRAIN)
         self.succeeds("train", self.noisy, "-o", threads, "-j", 2, *TRAIN)
@@ -90,7 +92,8 @@ class Cameras(Case):
         self.assertEqual(read(os.path.join(once, "background.ply")), read(os.path.join(resumed, "background.ply")))
 
     def test_capture(self):
-        """A capture whose poses are off is trained with corrections of each, one whose poses are exact as recorded; eval reports the cost of poses; no light is fitted."""
+        """A capture with wrong poses is trained with corrections; one with exact poses is trained as recorded. eval
+        reports how much the poses cost. No light is fitted."""
         size, gains = ["--random-points", 2000, "--max-gaussians", 4000, "--iterations", 900], {}
         for name, angle in (("exact", 0), ("off", 0.03)):
             data, scene = fixtures.make_dataset(self.path(name), views=48), self.path(name + "-scene")
@@ -98,7 +101,7 @@ class Cameras(Case):
             for i, frame in enumerate(root["frames"]):
                 turned = [list(row) for row in frame["transform_matrix"]]
                 c, s = math.cos(angle), (-1) ** (i // 2) * math.sin(angle)
-                for row in turned[:3]:  # about the camera's own vertical axis
+                for row in turned[:3]:  # turns about the camera's vertical axis
                     row[0], row[2] = c * row[0] - s * row[2], s * row[0] + c * row[2]
                 frame["transform_matrix"] = turned
             with open(os.path.join(data, "transforms.json"), "w") as file:
@@ -111,15 +114,17 @@ class Cameras(Case):
             self.assertEqual(corrected, [angle > 0] * len(corrected))
             self.succeeds("eval", scene, "--fit-poses", "--json", self.path("eval.json"))
             gains[name] = {split: load(self.path("eval.json"))[split] for split in ("train", "test")}
-        self.assertGreater(gains["off"]["train"]["psnr"], 31)  # 33.1; as recorded 28.9, with exact poses 38.6
-        held_out = gains["off"]["test"]  # whose own poses are still off
+        # 33.1 dB are usual; recorded poses give 28.9 dB, exact poses 38.6 dB.
+        self.assertGreater(gains["off"]["train"]["psnr"], 31)
+        held_out = gains["off"]["test"]  # the poses of held-out photographs aren't corrected
         self.assertGreater(held_out["psnr_right_fitted"], held_out["psnr_right"] + 1)
         for split in ("train", "test"):
             self.assertLess(gains["exact"][split]["psnr_right_fitted"], gains["exact"][split]["psnr_right"] + 1)
         self.fails(["eval", self.scene, "--fit-poses"], "--fit-poses is for captures")
 
     def test_rolling_shutter(self):
-        """A street that was read line by line is evaluated as its scene was trained: with the shutter, or without."""
+        """A street recorded with a rolling shutter is evaluated as its scene was trained: with the shutter or
+        without."""
         data, scenes = self.path("rolling"), {1: self.path("with"), 0: self.path("without")}
         self.succeeds("synth", "street", "-o", data, *STREET, "--fault", "rolling-down=0.08")
         for rolls, scene in scenes.items():
@@ -138,8 +143,8 @@ class Cameras(Case):
                 view.pop("rolling_shutter", None)
         self.assertGreater(scores["kept"], scores["taken"] + 1)
 
-    def test_off(self):
-        """A street without faults keeps its recorded poses, and says why."""
+    def test_no_corrections_without_faults(self):
+        """A street without faults keeps its recorded poses, and the scene says why."""
         clean, scene = self.path("clean"), self.path("scene")
         self.succeeds("synth", "street", "-o", clean, *STREET)
         self.succeeds("train", clean, "-o", scene, *TRAIN)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Captures as people bring them: several COLMAP models, names of other systems, stated splits, formats of other programs, a run that is
-resumed with another data set."""
+"""Tests captures as users have them: several COLMAP models, names of other systems, stated splits, formats of other
+programs. A run is also resumed with another data set."""
 
 import json
 import os
@@ -14,12 +14,12 @@ CAMERA = "1 PINHOLE 16 12 20 20 8 6\n"
 
 
 def colmap_text(names, first=0):
-    """The text of an images.txt: cameras in a row that look along z."""
+    """Returns the text of an images.txt file. The cameras stand in a row and look along z."""
     return "".join(f"{i + 1} 1 0 0 0 {-i - first} 0 0 1 {name}\n\n" for i, name in enumerate(names))
 
 
 class Colmap(Case):
-    """COLMAP models of pictures 0.png, 1.png, ..."""
+    """Tests COLMAP models of the pictures 0.png, 1.png and so on."""
 
     def pictures(self, count=6, folder="images", ending=".png"):
         for i in range(count):
@@ -31,7 +31,7 @@ class Colmap(Case):
         self.write(f"{folder}/images.txt", colmap_text(names))
 
     def info(self, *more):
-        """The JSON that `info` writes, and the lines that it prints."""
+        """Returns the JSON that `info` writes, and the lines that it prints."""
         done = self.succeeds("info", self.folder, "--json", self.path("out.json"), *more)
         return json.loads(read(self.path("out.json"))), done.stdout
 
@@ -43,7 +43,7 @@ class Colmap(Case):
         for word in words:
             self.assertIn(word, facts["warnings"][0])
 
-    def test_the_largest_model(self):
+    def test_largest_model_is_used(self):
         names = self.pictures()
         self.model("sparse/0", names[:2])
         self.model("sparse/1", names)
@@ -64,7 +64,7 @@ class Colmap(Case):
         self.assertEqual(facts["warnings"], [])
         self.assertIn("sparse/1", printed)
 
-    def test_models_below(self):
+    def test_models_in_subfolders(self):
         for model, images in [
             ("sparse/1", "images"),
             ("dense/sparse", "dense/images"),
@@ -79,7 +79,7 @@ class Colmap(Case):
                 self.folder = os.path.dirname(self.folder)
 
     def test_several_captures(self):
-        """The first by name is used, which is a warning unless the others are models of the same pictures."""
+        """The first capture by name is used, with a warning. Models of the same pictures cause no warning."""
         self.model("a/reconstruction", self.pictures(5, "a/images"))
         self.model("b/sparse/0", self.pictures(6, "b/images"))
         self.model("c/sparse", self.pictures(5, "c/images"))
@@ -100,7 +100,7 @@ class Colmap(Case):
         facts, printed = self.info("--strict")
         self.assertIn("the first is distorted/sparse", printed)
 
-    def test_names_of_windows(self):
+    def test_windows_paths(self):
         self.pictures(folder="images/Left")
         self.model("sparse/0", [f"Left\\{i}.png" for i in range(6)])
         facts, _ = self.info()
@@ -125,8 +125,8 @@ class Colmap(Case):
         self.assertEqual(self.views(facts), 6)
         self.warning(facts, "there is no folder images", "/Images")
 
-    def test_two_pictures_of_a_stem(self):
-        """Which of them is meant can't be known."""
+    def test_two_pictures_with_one_stem(self):
+        """A name that matches two pictures is refused."""
         names = self.pictures()
         self.write("images/0.jpg", GREY)
         self.model("sparse/0", ["0.tif"] + names[1:])
@@ -145,7 +145,7 @@ class Colmap(Case):
         self.warning(self.info()[0], "1 of its 2 names are of no picture")
 
     def test_images_without_their_empty_lines(self):
-        """Whatever words a name has, the next image is not taken for observations; comments may stand between."""
+        """No name of an image makes the next image look like observations. Comments may stand between images."""
         for pattern in ("{}.png", "a ({}).png", "a b {}.png", "{} 1 2", "a b c d e {}.png"):
             for end in ("\n", "\r\n"):
                 names = [pattern.format(i) for i in range(6)]
@@ -175,7 +175,8 @@ class Colmap(Case):
         self.fails(["info", self.folder], "an angle of view of 180 degrees", "millimetres")
 
     def test_folds(self):
-        """A distortion that can't be undone in the corners is said, one that can't be in much of the picture is refused."""
+        """A distortion that can't be undone in the corners causes a warning. One that can't be undone in much of the
+        picture is refused."""
         self.model("sparse/0", self.pictures())
         self.write("sparse/0/cameras.txt", "1 SIMPLE_RADIAL 16 12 10 8 6 -0.21\n")
         self.warning(self.info()[0], "the distortion can't be undone at up to", "of a picture", "0.png")
@@ -184,7 +185,7 @@ class Colmap(Case):
 
 
 class Remembered(DataCase):
-    """The scene remembers the model that it was trained with."""
+    """A scene remembers the COLMAP model that it was trained with."""
 
     def test_eval_finds_the_model(self):
         data, scene = self.path("data"), self.path("scene")
@@ -217,7 +218,7 @@ class Remembered(DataCase):
 
 
 class Transforms(DataCase):
-    """Variants of one transforms.json."""
+    """Tests variants of one transforms.json."""
 
     def setUp(self):
         super().setUp()
@@ -262,10 +263,10 @@ class Transforms(DataCase):
         self.save(test_filenames=names[:1])
         self.assertEqual(self.info()[0]["views_train"], 8)
 
-    def test_what_is_beside(self):
+    def test_pictures_beside_the_listed_ones(self):
         write(
             os.path.join(self.data, "images/000.jpg"), GREY
-        )  # a copy in another format, and a mask, aren't counted as left out
+        )  # a copy in another format and a mask aren't counted as left out
         write(os.path.join(self.data, "images/001.png.png"), GREY)
         self.assertEqual(self.info()[0]["warnings"], [])
         self.save(frames=self.content["frames"][:6])
@@ -319,7 +320,7 @@ class Transforms(DataCase):
         done = self.succeeds("eval", scene, "--dataset", os.path.join(self.data, "transforms_some.json"))
         self.assertIn("3 of the scene's 5 views are not in it", done.stdout)
 
-    def test_names_of_other_machines(self):
+    def test_paths_of_other_machines(self):
         write(os.path.join(self.data, "mattes", "0.png"), png_bytes(64, 48, bytes([255]) * (64 * 48 * 3)))
         for prefix in ["C:\\Users\\x\\data\\", "/home/x/data/", "../data2/"]:
             frames = [{**f, "file_path": prefix + f["file_path"]} for f in self.content["frames"]]
@@ -339,7 +340,7 @@ class Transforms(DataCase):
         self.assertEqual(len(facts["warnings"]), 2, facts["warnings"])
 
     def scaled(self, *scales):
-        """The frames, the axes of the first cameras multiplied by the scales."""
+        """Returns the frames. The axes of the first cameras are multiplied by `scales`."""
         frames = json.loads(json.dumps(self.content["frames"]))
         for frame, scale in zip(frames, scales, strict=False):
             for row in frame["transform_matrix"][:3]:
@@ -347,7 +348,7 @@ class Transforms(DataCase):
         return frames
 
     def test_matrices_with_a_scale(self):
-        """The scale of a camera object says nothing of the view; other matrices are no poses."""
+        """The scale of a camera object is ignored. Other matrices that are no poses are refused."""
         self.save()
         self.succeeds("train", self.data, "-o", self.path("plain"), "-n", 1, *SMALL)
         self.save(frames=self.scaled([0.33] * 3, [100] * 3))
@@ -376,7 +377,7 @@ class Transforms(DataCase):
         self.fails(["info", self.data], "the last row of 'transform_matrix'", "expected 0 0 0 1")
 
     def test_names_without_extension(self):
-        """Where two pictures may be meant, the one that is taken is named."""
+        """If a name matches two pictures, the warning names the picture that is used."""
         names = [f["file_path"] for f in self.content["frames"]]
         self.save(
             frames=[
@@ -391,8 +392,8 @@ class Transforms(DataCase):
         self.assertIn("images/002.png for 'images/002'", facts["warnings"][0])
 
     def test_dialects(self):
-        """Names of camera models, angles in degrees, and keys that aren't used."""
-        angle = 56.144973871  # twice the arc tangent of 32 / 60, degrees
+        """Tests names of camera models, angles in degrees, and keys that aren't used."""
+        angle = 56.144973871  # 2 * atan(32 / 60) in degrees
         self.save(fl_x=None, fl_y=None, x_fov=angle, w=None, h=None, cx=None, cy=None)
         facts, _ = self.info("--strict")
         self.assertEqual((facts["width"], facts["height"]), (64, 48))
@@ -409,7 +410,7 @@ class Transforms(DataCase):
 
 
 class Foreign(Case):
-    """Formats of other programs are named, with the way from there to COLMAP."""
+    """A message names the other program's format and tells how to convert it to COLMAP."""
 
     def test_folders(self):
         for name, words in {
@@ -455,7 +456,7 @@ class Foreign(Case):
             self.fails(["train", path, "-o", self.path("out")], path, word)
 
     def test_scenes_and_splats_are_no_captures(self):
-        """For a folder that holds something else, the message names it and what is needed."""
+        """For a folder that holds something else, the message names the content and what is needed."""
         self.write("splats/a.ply", "ply")
         self.write("splats/thumb.png", GREY)
         self.write("inria/point_cloud/iteration_7/point_cloud.ply", "ply")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Man pages and completions: what bash, zsh and fish offer is what --help lists."""
+"""Tests man pages and completions: bash, zsh and fish offer the options that --help lists."""
 
 import glob
 import os
@@ -13,19 +13,19 @@ from fixtures import Case, run
 
 
 def share(name):
-    """A file that the build made in the program's folder."""
+    """Returns the path of a file that the build made in the program's folder."""
     return os.path.join(os.path.dirname(os.path.abspath(fixtures.PAGS)), "share", name)
 
 
 def listed(verb):
-    """The options in a verb's help, found without the script that makes the completions."""
+    """Returns the options in a verb's help. Doesn't use the script that makes the completions."""
     text = run(verb, "--help").stdout
     starts = re.findall(r"^ {2,6}(-.*)$", text, re.M)
     return {name for start in starts for name in re.findall(r"(?:^|, )(--?[\w-]+)", start.split("   ")[0])}
 
 
 def bash(*words):
-    """Bash's completions of these words, the last of which is being typed."""
+    """Returns bash's completions of these words. The last word is being typed."""
     file = share("bash-completion/completions/pags")
     script = f'. "{file}"; compopt() {{ :; }}; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _pags; printf "%s\\n" "${{COMPREPLY[@]}}"'
     done = subprocess.run(["bash", "-c", script, "bash", "pags", *words], capture_output=True, text=True)
@@ -34,7 +34,7 @@ def bash(*words):
 
 
 def zsh(*words):
-    """The arguments with which zsh's completion calls the functions that do the rest."""
+    """Returns the arguments that zsh's completion passes to _arguments and _describe."""
     file = share("zsh/site-functions/_pags")
     script = f'_arguments() {{ print -rl -- "$@" }}; _describe() {{ print -rl -- $verbs }}; compdef() {{ : }}; . {file}; words=("$@"); CURRENT=$#; _pags'
     done = subprocess.run(["zsh", "-f", "-c", script, "zsh", "pags", *words], capture_output=True, text=True)

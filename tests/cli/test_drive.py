@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags render and pags info on a scene with moving and parked objects and a sky, made here by hand."""
+"""Tests pags render and pags info on a scene made by hand, with moving and parked objects and a sky."""
 
 import json
 import os
@@ -8,13 +8,14 @@ import struct
 import fixtures
 from fixtures import Case, files_below, ply_bytes, read, read_png, splat, write
 
-# World: x ahead, y left, z up. A point (10, y, 0) in front of the camera at the origin projects to column 50.5 - 10 y.
+# In the world, x points ahead, y left and z up. A point (10, y, 0) in front of the camera at the origin is drawn in
+# column 50.5 - 10 y.
 ORIGIN = [500000.0, 2000.0, 10.0]
-AHEAD = [0.5, 0.5, -0.5, 0.5]  # camera from world: right = -y, down = -z, forward = x
+AHEAD = [0.5, 0.5, -0.5, 0.5]  # the camera's axes in the world: right = -y, down = -z, forward = x
 
 
 def camera(x=0.0, **more):
-    """A camera (OpenCV axes) at ORIGIN + (x, 0, 0) that looks along the world's x axis."""
+    """Returns a camera (OpenCV axes) at ORIGIN + (x, 0, 0) that looks along the world's x axis."""
     eye = [ORIGIN[0] + x, ORIGIN[1], ORIGIN[2]]
     lens = {"width": 101, "height": 101, "fx": 100.0, "fy": 100.0, "cx": 50.5, "cy": 50.5}
     pose = {
@@ -39,7 +40,7 @@ def knot(frame, y, yaw_right):
 
 
 def with_object_id(rows, ids):
-    """The bytes of ply_bytes with the property object_id added."""
+    """Returns the bytes of ply_bytes with the property object_id added."""
     plain = ply_bytes(rows)
     head, body = plain.split(b"end_header\n", 1)
     size = len(body) // len(rows)
@@ -54,8 +55,9 @@ def sky_npy(rgb):
 
 
 def make_drive(folder, more=()):
-    """Red: a car that drives from left to right within 2 s. Green: a parked one. White: a wall far ahead and above. The
-    recording car goes 2 m ahead, its side camera (sensor 1) is never to be followed. `more`: rows of the background."""
+    """Writes a drive. A red car drives from left to right within 2 s, a green car is parked, and a white wall is far
+    ahead and above. The recording car drives 2 m ahead. No path may follow its side camera (sensor 1). `more` holds
+    further rows of the background."""
     solid = {"sigma": 0.1, "opacity": 12.0}
     rows = [splat(10, 0, 3, (1, 1, 1), **solid), splat(10, 1.5, 0, (0, 1, 0), **solid), *more]
     write(os.path.join(folder, "background.ply"), with_object_id(rows, [-1, 0] + [-1] * len(more)))
@@ -102,7 +104,8 @@ def make_drive(folder, more=()):
 
 
 def column(path, channel):
-    """The column of the picture's middle row at which a channel is brightest; None if it is dark there or not of that colour."""
+    """Returns the column of the picture's middle row at which a channel is brightest. Returns None if the row is dark
+    there or has another colour."""
     width, height, _, _, rows = read_png(path)
     row = rows[height // 2 * width * 3 :][: width * 3]
     best = max(range(width), key=lambda x: row[3 * x + channel])
@@ -124,12 +127,12 @@ class Drive(Case):
         return out
 
     def columns(self, *options):
-        """The columns of the red and the green object in the picture of the camera at the origin."""
+        """Returns the columns of the red and the green object in the picture of the camera at the origin."""
         picture = os.path.join(self.render("--camera", self.front, *options), "00000.png")
         return column(picture, 0), column(picture, 1)
 
     def test_time(self):
-        self.assertEqual(self.columns(), (10, 35))  # the begin of the scene
+        self.assertEqual(self.columns(), (10, 35))  # by default, the time is the scene's begin
         self.assertEqual(self.columns("--time", 1), (50, 35))
         self.assertEqual(self.columns("--time", 0.5), (30, 35))
         self.assertEqual(self.columns("--time", 2.25), (90, 35))
@@ -146,7 +149,7 @@ class Drive(Case):
         _, _, _, _, rows = read_png(os.path.join(out, "00000.png"))
         self.assertEqual(tuple(rows[:3]), (255, 0, 0))
 
-    def test_without(self):
+    def test_option_without(self):
         self.assertEqual(self.columns("--time", 1, "--without", "c=2"), (None, 35))
         self.assertEqual(self.columns("--time", 1, "--without", "class:Vehicle"), (None, None))
         self.assertEqual(self.columns("--time", 1, "--without", "class:car,c=2"), (None, None))
@@ -156,8 +159,8 @@ class Drive(Case):
         self.assertNotIn("\n", message)
         self.fails(["render", self.scene, "-o", self.path("x"), "--without", "class:cyclist"], "class:cyclist")
 
-    def test_move(self):
-        # The car faces right: ahead is to the right. Its id has a '='.
+    def test_option_move(self):
+        # The car faces right, so it moves ahead to the right. Its id has a '='.
         self.assertEqual(self.columns("--time", 1, "--move", "c=2=1,0,0,0"), (60, 35))
         self.assertEqual(self.columns("--time", 1, "--move", "p,1", "0,1,0,0"), (50, 25))
         self.assertEqual(self.columns("--time", 1, "--move", "p,1=0,0,0,180", "--without", "c=2"), (None, 45))
@@ -169,10 +172,10 @@ class Drive(Case):
         )
         self.fails(["render", self.scene, "-o", self.path("x"), "--move", "q", "0,1,0,0"], "--move", "'q'")
 
-    def test_ego(self):
+    def test_path_of_the_recording_car(self):
         out = self.render("--path", "ego")
         self.assertEqual(files_below(out), ["00000.png", "00001.png", "00002.png"])
-        # The car moves from (10, 4) to (10, -4), the camera 2 m ahead.
+        # The car drives from (10, 4) to (10, -4), the camera drives 2 m ahead.
         self.assertEqual([column(os.path.join(out, f"{i:05d}.png"), 0) for i in (0, 1)], [10, 50])
         out = self.render("--path", "ego", "--fps", 2)
         self.assertEqual(len(files_below(out)), 5)
@@ -221,7 +224,7 @@ class Drive(Case):
         )
         width, _, _, _, rows = read_png(os.path.join(out, "00000_heat.png"))
         at = (50 * width + 50) * 3
-        self.assertGreater(rows[at], 240)  # critical objects are light
+        self.assertGreater(rows[at], 240)  # critical objects are bright
         at = (20 * width + 50) * 3
         self.assertLess(rows[at], 30)  # the wall is dark
         self.assertGreater(rows[at + 2], 30)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that have no effect on what is given are refused, or warned of where they change nothing anyway."""
+"""Options that have no effect on the input are refused. If they would change nothing anyway, they cause a warning."""
 
 import json
 import os
@@ -9,7 +9,7 @@ from fixtures import SMALL, DataCase, ply_bytes, png_bytes, run, some_splats
 
 
 class Effect(DataCase):
-    """A small static set, a scene of one step trained on it, and a splat file."""
+    """Makes a small static data set, a scene trained on it for one step, and a splat file."""
 
     @classmethod
     def setUpClass(cls):

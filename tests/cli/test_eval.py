@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags eval of a driving scene and pags info --overlay of its data set, on a small synthetic street."""
+"""Tests pags eval of a driving scene and pags info --overlay of its data set, on a small synthetic street."""
 
 import json
 import os
@@ -11,7 +11,7 @@ REGIONS = ["critical", "noncritical", "moving", "vehicles", "pedestrians", "cycl
 
 
 def pixels_of(path):
-    """Width and rows of pixels (r, g, b) of a PNG of 8 bits."""
+    """Returns the width and the rows of pixels (r, g, b) of an 8-bit PNG file."""
     width, height, channels, _, samples = fixtures.read_png(path)
     pixels = [tuple(samples[i : i + 3]) for i in range(0, len(samples), channels)]
     return width, [pixels[y * width : (y + 1) * width] for y in range(height)]
@@ -55,7 +55,8 @@ class Eval(fixtures.Case):
             self.assertGreater(shift["road_psnr"], 5)
 
     def test_road_of_shifted_views(self):
-        """The road is taken from the classes stored with the true pictures; a set without them has no figure for it."""
+        """The classes stored with the true pictures tell where the road is. A data set without them has no figure for
+        the road."""
         street = self.path("street")
         shutil.copytree(self.street, street)
         shifted = os.path.join(street, "truth", "shift", "right2")
@@ -86,7 +87,8 @@ class Eval(fixtures.Case):
     def test_errors_of_noisy_poses(self):
         poses = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)["poses"]
         self.assertGreater(poses["objects"], 0)
-        # Label noise of sigma 0.1 m in x and y has a mean length of 0.125 m; 2 degrees of noise have a mean of 1.6 degrees.
+        # Label noise with a sigma of 0.1 m in x and y has a mean length of 0.125 m. Noise with a sigma of 2 degrees has
+        # a mean of 1.6 degrees.
         self.assertGreater(poses["absolute"]["label_metres"], 0.06)
         self.assertLess(poses["absolute"]["label_metres"], 0.25)
         self.assertGreater(poses["absolute"]["label_degrees"], 0.7)
@@ -101,7 +103,7 @@ class Eval(fixtures.Case):
         self.assertGreater(poses["held_out"]["label_metres"], 0.06)
         self.assertLess(poses["held_out"]["metres"], 0.3)
 
-    def test_priorities_beside_the_truth(self):
+    def test_priorities_compared_with_the_truth(self):
         figures = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)["priorities"]
         self.assertGreater(figures["seen"], 300)
         self.assertEqual(figures["counted"], figures["critical"] + figures["other"])
@@ -175,7 +177,8 @@ class Eval(fixtures.Case):
         self.assertGreaterEqual(facts["objects_moving"]["all"], 2)
 
     def test_sheet_of_a_drive(self):
-        """Cells are the photographs; the map has the drive's cameras, held-out ones in red, its LiDAR and its boxes."""
+        """The cells show the photographs. The map shows the drive's cameras (held-out ones in red), its LiDAR points
+        and its boxes."""
         facts = json.loads(self.succeeds("info", self.street, "--sheet", self.path("sheet.png"), "--json", "-").stdout)
         self.assertEqual(facts["sheet"], {"file": self.path("sheet.png"), "cameras": ["0: front"]})
         width, sheet = pixels_of(self.path("sheet.png"))
@@ -183,7 +186,7 @@ class Eval(fixtures.Case):
         self.assertEqual(width, 1600)
         self.assertEqual(
             [row[36:164] for row in sheet[20:72]], photograph[20:]
-        )  # below its number; small enough not to be shrunk
+        )  # the rows below its number; it is too small to be shrunk
         drawn = [pixel for row in sheet[76:] for pixel in row]
         counts = {
             name: drawn.count(colour)
@@ -197,9 +200,9 @@ class Eval(fixtures.Case):
         self.assertGreater(counts["LiDAR"], 300)
         self.assertGreater(counts["vehicles"], 200)
         self.assertLess(counts["held out"], counts["path"])
-        self.assertGreaterEqual(counts["held out"], 18)  # two of nine cameras, 3 x 3 pixels each
+        self.assertGreaterEqual(counts["held out"], 18)  # 2 of 9 cameras are held out, with 3 x 3 pixels each
 
-    def test_sheet_says_what_is_wrong(self):
+    def test_sheet_refuses_wrong_arguments(self):
         self.fails(["info", self.street, "--sheet", self.path("sheet.txt")], "sheet.txt")
         self.fails(["info", self.scene, "--sheet", self.path("sheet.png")], "--sheet", "only on data sets")
 

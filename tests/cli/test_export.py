@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags export: size limits are kept, a proxy's report is true, unusual objects become boxes, unusual scenes give a message or a file."""
+"""Tests pags export: it keeps size limits, its report is true, unusual objects become boxes, unusual scenes give a
+message or a file."""
 
 import collections
 import json
@@ -11,11 +12,11 @@ import fixtures
 import scenes
 from fixtures import Case, main
 
-QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # options of the background mesh
+QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # options for a coarse background mesh
 
 
 class Glb:
-    """A GLB file with one buffer, read with Python's own JSON parser."""
+    """Reads a GLB file that has one buffer, with Python's JSON parser."""
 
     def __init__(self, path):
         data = fixtures.read(path)
@@ -122,7 +123,7 @@ class Proxies(Case):
         glb, _, _ = self.export("proxy.glb", *QUICK, "--only", "car_1")
         nodes = glb.nodes()
         heights = [p[2] for p in glb.positions(nodes["ground"])]
-        self.assertLess(max(map(abs, heights)), 0.06)  # the street is level at height 0 relative to the origin
+        self.assertLess(max(map(abs, heights)), 0.06)  # the street is level, at height 0 relative to the origin
 
     def test_groups_and_tracks(self):
         glb, _, _ = self.export("proxy.glb", "--no-background")
@@ -141,7 +142,7 @@ class Proxies(Case):
         places = glb.accessor(samplers[channels[0]["sampler"]]["output"])
         self.assertAlmostEqual(places[27], 5 + 0.6 * 9, 4)
 
-    def test_several_files_in_one(self):
+    def test_several_extensions_in_one_file(self):
         glb, facts, _ = self.export("proxy.glb", "--lod", "--physics", "--invisible", "--no-background")
         node = glb.nodes()["car_0001_lod0"]
         levels = [glb.json["nodes"][i] for i in node["extensions"]["MSFT_lod"]["ids"]]
@@ -151,8 +152,9 @@ class Proxies(Case):
             self.assertIn(name, glb.json["extensionsUsed"])
         self.assertNotIn("extensionsRequired", glb.json)
 
-    def test_names_of_programs(self):
-        """Colliders lie below the moving node, which has the visible mesh; Unreal recognises them by the mesh's name."""
+    def test_names_for_unreal_and_godot(self):
+        """Colliders lie below the moving node, which has the visible mesh. Unreal recognises colliders by the name of
+        their mesh."""
         options = ["--no-background", "--triangles", 200]
         for naming, level, car, person in (
             ("unreal", "hull", ["UCX_car_0001_00"], ["UBX_pedestrian_0002_00"]),
@@ -199,7 +201,8 @@ class Proxies(Case):
         self.assertEqual(fixtures.read(self.path("1.glb")), fixtures.read(self.path("3.glb")))
 
     def test_textures(self):
-        """The car is blue; its picture holds what its vertices held, and each triangle has its own place in it."""
+        """The car is blue. Its picture holds the colours that its vertices had, and each triangle has a separate place
+        in the picture."""
         glb, _, _ = self.export("proxy.glb", "--texture", 128, "--no-background", "--triangles", 200, "--only", "car_1")
         primitive = glb.json["meshes"][glb.nodes()["car_0001"]["mesh"]]["primitives"][0]
         self.assertEqual(set(primitive["attributes"]), {"POSITION", "NORMAL", "TEXCOORD_0"})
@@ -210,10 +213,11 @@ class Proxies(Case):
         width, height, channels, _, pixels = fixtures.read_png(
             self.write("texture.png", glb.bytes[begin : begin + view["byteLength"]])
         )
-        self.assertEqual((width, height, channels), (120, 120, 3))  # ten cells of twelve pixels a side
+        self.assertEqual((width, height, channels), (120, 120, 3))  # 10 cells a side, 12 pixels each
         places = glb.accessor(primitive["attributes"]["TEXCOORD_0"])
         self.assertEqual(len(set(zip(places[::2], places[1::2]))), len(places) // 2)
-        # A cell of twelve pixels has two triangles with legs of nine, from middle to middle of a texel: two pixels lie between them, one at the cell's edge.
+        # A cell of 12 x 12 pixels holds two triangles with legs of 9 pixels, measured between centres of texels. Two
+        # pixels lie between the triangles, and one lies at the cell's edge.
         texels = [(u * width - 0.5, v * height - 0.5) for u, v in zip(places[::2], places[1::2])]
         for i in range(0, len(texels), 3):
             (u0, v0), (u1, v1), (u2, v2) = texels[i : i + 3]
@@ -230,7 +234,7 @@ class Proxies(Case):
             (red, 0.1),
             (green, 0.2),
             (blue, 0.8),
-        ):  # as scenes.py paints it, with some of what is behind it
+        ):  # the colour of scenes.py, mixed with some colour from behind it
             self.assertAlmostEqual(got / 255, wanted, delta=0.08)
         own = glb.accessor(primitive["indices"])
         self.assertEqual(sorted(own), list(range(len(own))))
@@ -292,8 +296,8 @@ class Odd(Case):
 
 
 class Usdz(Case):
-    def test_a_pipe_is_refused(self):
-        """The archive's head is written last, which a pipe can't take back."""
+    def test_pipe_is_refused(self):
+        """The archive's head is written last, and a pipe can't be rewound."""
         path = self.write("three.ply", fixtures.ply_bytes(fixtures.some_splats()[:3]))
         os.symlink("/dev/stdout", self.path("x.usdz"))
         self.fails(["export", path, self.path("x.usdz")], "x.usdz", "expected a regular file")
@@ -309,7 +313,7 @@ class Splats(Case):
             with open(info) as file:
                 self.assertGreater(json.load(file)["gaussians"], 5000, name)
 
-    def test_moves(self):
+    def test_moving_objects_depend_on_time(self):
         scene = scenes.make_scene(self.path("scene"))
         for time in (0.0, 0.9):
             self.succeeds("export", scene, self.path(f"{time}.ply"), "--time", time)

@@ -9,6 +9,7 @@ import unittest
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import mpirun
 
+
 class Transport(unittest.TestCase):
     def test_checks(self):
         for ranks in (1, 2, 3):
@@ -35,6 +36,7 @@ class Transport(unittest.TestCase):
         done = mpirun.run(2, [RANKS, "stop"], PAGS_WATCHDOG="2")
         self.assertNotEqual(done.returncode, 0)
         self.assertIn("rank 0: rank 1 of 2 has been silent for 2 s", done.stderr)
+
 
 if __name__ == "__main__":
     RANKS = sys.argv.pop(1)
