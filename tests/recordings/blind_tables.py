@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The synthetic street as raw trees of PandaSet, Waymo v2 and KITTI-360, like those of blind_trees.py.
+"""Writes the synthetic street as raw recordings of PandaSet, Waymo version 2 and KITTI-360, as blind_trees.py does
+for nuScenes and Argoverse 2.
 
-Documentation: pandaset-devkit README.md and the docstrings of python/pandaset; waymo-open-dataset src/waymo_open_dataset/v2 (perception/*.py name
-the columns and their types, utils/range_image_utils.py the geometry of a range image); cvlibs.net/datasets/kitti-360/documentation.php and
-kitti360scripts (helpers/annotation.py, helpers/project.py, devkits/accumuLaser).
-"""
+The file formats come from these documents. PandaSet: README.md of pandaset-devkit and the docstrings of
+python/pandaset. Waymo: src/waymo_open_dataset/v2 of waymo-open-dataset (perception/*.py lists columns and types,
+utils/range_image_utils.py defines the geometry of range images). KITTI-360:
+cvlibs.net/datasets/kitti-360/documentation.php and kitti360scripts (helpers/annotation.py, helpers/project.py,
+devkits/accumuLaser)."""
 
 import gzip
 import json
@@ -26,7 +28,7 @@ PANDASET_CAMERAS = ["front_camera", "front_left_camera", "front_right_camera"]
 
 
 def _packed(columns, name):
-    """A pickled table of pandas 1.0 whose rows are numbered by an index of their own, as the README prints it."""
+    """Returns a pickled table of pandas 1.0 with an explicit row index, as the README of pandaset-devkit prints it."""
     table = old_pickle.table(columns)
     manager = table.state["_data"]
     rows = len(next(iter(columns.values())))
@@ -47,7 +49,7 @@ def _heading(pose, random, keys="wxyz"):
 
 def _pandaset_sequence(street, root, name, frames, shift, random, truth):
     stamp = 1557539924.49
-    lidar = turned(-np.pi / 2, 1.0, 0.0, 1.8)  # Pandar64: y forward
+    lidar = turned(-np.pi / 2, 1.0, 0.0, 1.8)  # Pandar64: y points forward
     poses = [shift @ street.ego[t] @ lidar for t in frames]
     text = lambda path, value: save(root, f"{name}/{path}", json.dumps(value, indent=1).replace("\n", "\r\n").encode())  # noqa: E731
     text("lidar/poses.json", [_heading(pose, random) for pose in poses])
@@ -95,7 +97,7 @@ def _pandaset_sequence(street, root, name, frames, shift, random, truth):
         first, second = (
             str(uuid.uuid5(uuid.NAMESPACE_URL, i)) for i in ("moving_car_029", "moving_car_029 by the other LiDAR")
         )
-        if first in boxes:  # where both LiDARs see a moving thing, it has two cuboids
+        if first in boxes:  # a moving object that both LiDARs see has two cuboids
             kind, pose, size = boxes[first][:3]
             boxes[first] = (kind, pose, size, 0, second)
             boxes[second] = (kind, pose @ turned(0, 0.4), size, 1, first)
@@ -119,7 +121,7 @@ def _pandaset_sequence(street, root, name, frames, shift, random, truth):
             truth.spare[t] = {i: b[:3] for i, b in boxes.items() if i == second}
         order = [list(boxes)[i] for i in random.permutation(len(boxes))]
         of = lambda get: [get(boxes[i]) for i in order]  # noqa: E731
-        yaw = lambda b: np.arctan2(b[1][1, 0], b[1][0, 0]) - np.pi / 2  # 0 looks along +y  # noqa: E731
+        yaw = lambda b: np.arctan2(b[1][1, 0], b[1][0, 0]) - np.pi / 2  # yaw 0 looks along +y  # noqa: E731
         columns = {
             "uuid": order,
             "label": of(lambda b: b[0]),
@@ -146,7 +148,7 @@ def _pandaset_sequence(street, root, name, frames, shift, random, truth):
 
 
 def pandaset(street, root):
-    """Two sequences."""
+    """Writes two sequences of PandaSet."""
     random = np.random.default_rng(3)
     truth = Truth(str(root), ["--sequence", "057"])
     _pandaset_sequence(street, root, "002", range(2), turned(0.2), random, None)
@@ -160,11 +162,12 @@ WAYMO_TYPES = {"Car": 1, "Pedestrian": 2, "Cyclist": 4, "Sign": 3}
 WAYMO_CLASSES = {1: "vehicle", 2: "pedestrian", 4: "cyclist"}
 OPENCV_FROM_WAYMO = np.array(
     [[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
-)  # their cameras: x forward, y left, z up
+)  # Waymo's camera axes: x forward, y left, z up
 
 
 def _parquet(root, tag, segment, rows, types, random):
-    """One component's file: rows in the order of chance and in row groups, the segment's name as a dictionary, as partitioned sets have it."""
+    """Writes the file of one component: shuffled rows, several row groups, and the segment's name as a dictionary
+    column, as in partitioned data sets."""
     path = os.path.join(root, tag, segment + ".parquet")
     os.makedirs(os.path.dirname(path), exist_ok=True)
     rows = [rows[i] for i in random.permutation(len(rows))]
@@ -192,7 +195,8 @@ def _box_row(component, name, pose, size):
 
 
 def _directions(height, width, inclinations, extrinsic):
-    """Unit vectors in the sensor's frame of a range image's pixels, row 0 the highest (range_image_utils.compute_range_image_polar)."""
+    """Returns the unit vectors of a range image's pixels in the sensor's frame; row 0 is the highest. See
+    range_image_utils.compute_range_image_polar."""
     azimuth = ((np.arange(width, 0, -1) - 0.5) / width * 2 - 1) * np.pi - np.arctan2(extrinsic[1, 0], extrinsic[0, 0])
     inclination = np.asarray(inclinations)[::-1, None]
     return (
@@ -210,7 +214,7 @@ def _directions(height, width, inclinations, extrinsic):
 
 
 def _euler(pose):
-    """roll, pitch, yaw, x, y, z of R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Returns roll, pitch, yaw, x, y and z of a pose whose rotation is Rz(yaw) Ry(pitch) Rx(roll)."""
     r = pose[:3, :3]
     return [np.arctan2(r[2, 1], r[2, 2]), -np.arcsin(r[2, 0]), np.arctan2(r[1, 0], r[0, 0]), *pose[:3, 3]]
 
@@ -225,13 +229,14 @@ def _from_euler(values):
 
 
 def _range_image(world, column_poses, extrinsic, directions):
-    """Points of the world on a range image whose columns each have a pose: the image, and where its points are by its own geometry."""
+    """Draws points of the world into a range image in which each column has a pose. Returns the image, and the
+    points' positions as the image's geometry gives them."""
     rays, azimuth, inclination = directions
     height, width = rays.shape[:2]
     image = np.full((height, width, 4), -1.0, np.float32)
     column = np.full(len(world), width // 2)
     lasers = np.linalg.inv(np.array(column_poses) @ extrinsic)
-    for _ in range(3):  # the pose belongs to the column, the column to the pose
+    for _ in range(3):  # repeated, as the column's pose moves the point to another column
         laser = lasers[column]
         local = np.einsum("nij,nj->ni", laser[:, :3, :3], world) + laser[:, :3, 3]
         turn = np.mod(azimuth[0] - np.arctan2(local[:, 1], local[:, 0]), 2 * np.pi)
@@ -270,7 +275,7 @@ def _waymo_segment(street, root, segment, frames, shift, random, truth):
         [{**of(t), "[StatsComponent].time_of_day": "Day", "[StatsComponent].weather": "sunny"} for t in frames],
         {**at, "[StatsComponent].time_of_day": pa.string(), "[StatsComponent].weather": pa.string()},
     )
-    # Cameras: five are calibrated, three have photographs, FRONT_RIGHT has none in frame 4.
+    # Five cameras are calibrated, three have photographs; FRONT_RIGHT has no photograph in frame 4.
     camera, image = "[CameraCalibrationComponent].", "[CameraImageComponent]."
     lens = ["f_u", "f_v", "c_u", "c_v", "k1", "k2", "p1", "p2", "k3"]
     bends = [0.04, -0.3, 0.001, -0.0005, 0.0]
@@ -345,7 +350,8 @@ def _waymo_segment(street, root, segment, frames, shift, random, truth):
         },
     }
     write("camera_image", photographs, types)
-    # LiDAR: TOP has inclinations of its own and a pose for each pixel, FRONT evenly spread ones and none.
+    # The LiDAR TOP has listed inclinations and a pose for each pixel; FRONT has evenly spread inclinations and no
+    # poses.
     top, front = turned(2.6, 1.43, 0.0, 2.18), turned(0.05, 4.07, 0.0, 0.69)
     spread = np.sort(np.tan(np.linspace(-0.31, 0.042, 32)))
     limits = (-0.6, 0.5)
@@ -387,7 +393,7 @@ def _waymo_segment(street, root, segment, frames, shift, random, truth):
         for laser, (extrinsic, directions) in views.items():
             height, width = directions[0].shape[:2]
             columns = np.array([_euler(ego[t])] * width)
-            if laser == 1:  # a turn takes a tenth of a second, in which the car drives on
+            if laser == 1:  # the car drives on during the scanner's turn of 0.1 s
                 columns[:, 3:] += ((np.arange(width) + 0.5) / width - 0.5)[:, None] * ahead
                 columns = columns.astype(np.float32)
                 values = np.broadcast_to(columns, (height, width, 6)).ravel()
@@ -426,7 +432,7 @@ def _waymo_segment(street, root, segment, frames, shift, random, truth):
         {**at, "key.laser_name": _I8, **image_type("LiDARComponent", 1), **image_type("LiDARComponent", 2)},
     )
     write("lidar_pose", pixel_poses, {**at, "key.laser_name": _I8, **image_type("LiDARPoseComponent", 1)})
-    # Boxes: of the vehicle's frame; those synchronised with the cameras are another component.
+    # Boxes are in the vehicle's frame; boxes synchronised with the cameras are a separate component.
     boxes, synced = [], []
     for t in frames:
         known = dict(street.boxes[t])
@@ -490,7 +496,7 @@ def _waymo_segment(street, root, segment, frames, shift, random, truth):
 
 
 def waymo2(street, root):
-    """Two segments; of the first the poses are 32-bit, as in the source's own test data."""
+    """Writes two segments of Waymo. The first has 32-bit poses, as has Waymo's test data."""
     random = np.random.default_rng(4)
     segment = "10023947602400723454_1120_000_1140_000"
     truth = Truth(str(root), ["--sequence", segment], point_error=0.02)
@@ -507,7 +513,7 @@ KITTI360_CLASSES = {
     "Car": ("car", 13),
     "Pedestrian": ("person", 19),
     "Cyclist": ("rider", 20),
-}  # label, KITTI-360's own number of it
+}  # label, and its number in KITTI-360
 CORNERS = np.array(
     [
         [0.5, 0.5, 0.5],
@@ -523,7 +529,7 @@ CORNERS = np.array(
 
 
 def _rodrigues(vectors):
-    """Rotations by rotation vectors, (..., 3) to (..., 3, 3)."""
+    """Converts rotation vectors of shape (..., 3) into rotation matrices of shape (..., 3, 3)."""
     theta = np.maximum(np.linalg.norm(vectors, axis=-1), 1e-300)[..., None, None]
     x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
     k = np.stack([np.stack([0 * x, -z, y], -1), np.stack([z, 0 * x, -x], -1), np.stack([-y, x, 0 * x], -1)], -2) / theta
@@ -531,8 +537,9 @@ def _rodrigues(vectors):
 
 
 def uncurl(points, delta):
-    """The measurements of a turning scanner, and which points it measures: the inverse of helpers/curlVelodyneData_impl.c, by iterating. Straight
-    behind, where a turn begins and ends, some points have no inverse: the scanner passes them before it begins and after it ends."""
+    """Returns what a turning scanner measures of the points, and a mask of the points that it measures. This
+    iterates towards the inverse of helpers/curlVelodyneData_impl.c. A few points straight behind the car, where a
+    turn begins and ends, have no inverse, because the scanner passes them outside of the turn."""
     q = np.array(quaternion(delta))
     q *= np.sign(q[0])
     sine = np.linalg.norm(q[1:])
@@ -551,12 +558,13 @@ def _opencv(name, matrix, indent="    "):
 
 
 def _kitti360_drive(street, root, drive, frames, shift, random, truth):
-    """Frame t of the street is frame t + 1; frame 6 has no pose (the car's poses are left out where it stands), 8 no velodyne points."""
+    """Writes a drive of KITTI-360 in which frame t of the street is frame t + 1. Frame 6 has no pose, as KITTI-360
+    leaves out poses while the car stands; frame 8 has no Velodyne points."""
     sequence = f"2013_05_28_drive_{drive:04d}_sync"
     imu = np.diag([1.0, -1, -1, 1])  # x forward, y right, z down
     imu[:3, 3] = 0.05, 0.32, 0.6
     tilt = turned(0.0)
-    tilt[:3, :3] = _rodrigues(np.array([0.004, -0.012, 0.003]))  # the rectification
+    tilt[:3, :3] = _rodrigues(np.array([0.004, -0.012, 0.003]))  # rotation by the rectification
     cam_to_imu = [np.linalg.inv(imu) @ street.camera[c] @ tilt for c in range(2)]
     cam_to_velo = np.linalg.inv(turned(0.01, 0.8, 0.0, 1.7)) @ imu @ cam_to_imu[0]
     lines = lambda path, rows: save(root, path, "".join(row + "\r\n" for row in rows).encode())  # noqa: E731
@@ -604,12 +612,12 @@ def _kitti360_drive(street, root, drive, frames, shift, random, truth):
         "data_3d_raw/{}/sick_points",
     ):
         lines(f"{folder.format(sequence)}/timestamps.txt", times)
-    velo = np.linalg.inv(cam_to_velo @ np.linalg.inv(cam_to_imu[0]))  # velodyne to imu
+    velo = np.linalg.inv(cam_to_velo @ np.linalg.inv(cam_to_imu[0]))  # pose of the Velodyne in the frame of the IMU
     for t in frames:
         for c in range(2):
             data = pathlib.Path(street.file(t, c)).read_bytes() + drive.to_bytes(
                 2, "big"
-            )  # what follows a PNG's end isn't read
+            )  # bytes behind the end of a PNG aren't read
             digest = save(root, f"data_2d_raw/{sequence}/image_{c:02d}/data_rect/{t + 1:010d}.png", data)
             if truth and t in pose:
                 truth.photographs[digest] = (
@@ -636,7 +644,7 @@ def _kitti360_drive(street, root, drive, frames, shift, random, truth):
         )
         if truth and t in pose:
             truth.points[t] = move(shift @ street.ego[t], street.sweep[t][seen, :3].astype(float))
-    # Boxes: what stands is one element, what moves one a frame; a building and the ground are in the file, too.
+    # A standing object has one box element, a moving object one per frame. The file also has a building and the ground.
     elements, names = [], sorted({i for t in frames for i in street.boxes[t]})
     for number, identity in enumerate(names):
         there = [t for t in frames if identity in street.boxes[t]]
@@ -700,7 +708,7 @@ def _kitti360_drive(street, root, drive, frames, shift, random, truth):
 
 
 def kitti360(street, root):
-    """Two drives under one calibration."""
+    """Writes two drives that share one calibration."""
     random = np.random.default_rng(5)
     truth = Truth(str(root), ["--sequence", "2013_05_28_drive_0002_sync"], point_error=0.005)
     _kitti360_drive(street, root, 0, range(2), turned(0.3, 800.0, 3900.0, 100.0), random, None)

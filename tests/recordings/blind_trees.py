@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The synthetic street as raw trees of nuScenes v1.0 and Argoverse 2, written from these sources' documentation alone by someone who hadn't read our importers.
+"""Writes the synthetic street as raw recordings of nuScenes v1.0 and Argoverse 2. The author used only the
+documentation of these data sets and hadn't read our importers.
 
-Each writer uses what the documentation allows and other trees leave out, and gives back what the tree says (Truth). PandaSet, Waymo v2 and
-KITTI-360 are in blind_tables.py. Documentation: the schema page of nuscenes-devkit; the README of av2-api's src/av2/datasets/sensor.
-"""
+Each writer uses variants that the documentation allows and that other test data leave out. It returns the
+recording's contents (Truth). PandaSet, Waymo version 2 and KITTI-360 are in blind_tables.py. Documentation: the
+schema page of nuscenes-devkit; the README of src/av2/datasets/sensor in av2-api."""
 
 import dataclasses
 import hashlib
@@ -21,23 +22,23 @@ from PIL import Image
 
 @dataclasses.dataclass
 class Truth:
-    """Contents of a tree: frames count the street's; poses are of OpenCV's axes to the tree's world; boxes look along +x."""
+    """The contents of a raw recording. Frame numbers are those of the street; poses map OpenCV's camera axes to the
+    recording's world; boxes face +x."""
 
     raw: str  # the folder to import
-    options: list  # --sequence and the like
-    photographs: dict = dataclasses.field(
-        default_factory=dict
-    )  # digest of the file -> frame, name, world_from_camera, fx fy cx cy k1 k2 p1 p2 k3
+    options: list  # further options of pags import, such as --sequence
+    # SHA-1 of the file -> frame, name, world_from_camera, fx fy cx cy k1 k2 p1 p2 k3
+    photographs: dict = dataclasses.field(default_factory=dict)
     boxes: dict = dataclasses.field(default_factory=dict)  # frame -> {id: (class, world_from_box, length width height)}
-    spare: dict = dataclasses.field(default_factory=dict)  # the same of boxes that may be left out
+    spare: dict = dataclasses.field(default_factory=dict)  # boxes that an import may leave out, as in boxes
     points: dict = dataclasses.field(default_factory=dict)  # frame -> points in the world
     rows: dict = dataclasses.field(default_factory=dict)  # frame -> intensities
-    point_error: float = 1e-3  # metres, by the file's own type
-    box_error: float = 1e-3  # metres, by what lies between labels
+    point_error: float = 1e-3  # tolerance in metres, set by the file's number type
+    box_error: float = 1e-3  # tolerance in metres, set by the interpolation between labels
 
 
 class Street:
-    """A data set of `pags synth street`: poses, boxes and sweeps by numpy, photographs as JPEG."""
+    """A data set of `pags synth street`, read by numpy: poses, boxes and sweeps, and photographs converted to JPEG."""
 
     def __init__(self, folder, count=None):
         self.folder = str(folder)
@@ -64,7 +65,7 @@ class Street:
         return os.path.join(self.folder, "images", f"{t:03d}_{c}.png")
 
     def jpeg(self, t, c, mark=""):
-        """The photograph as JPEG; the mark is a comment in it, so that no two files are the same."""
+        """Returns the photograph as JPEG. A comment with the mark makes every file different."""
         out = io.BytesIO()
         with Image.open(self.file(t, c)) as picture:
             picture.save(out, "JPEG", quality=92, comment=f"{t} {c} {mark}".encode())
@@ -72,7 +73,7 @@ class Street:
 
 
 def quaternion(pose, random=None):
-    """w x y z of a pose's rotation by its greatest component; with a generator, of either sign."""
+    """Returns the quaternion w x y z of a pose's rotation; with a random generator, its sign is random."""
     r = pose[:3, :3]
     k = np.array(
         [
@@ -84,13 +85,13 @@ def quaternion(pose, random=None):
     )
     x, y, z, w = np.linalg.eigh(k)[1][
         :, -1
-    ]  # Bar-Itzhack 2000: the eigenvector of the greatest eigenvalue, of the lower triangle
+    ]  # Bar-Itzhack 2000: the eigenvector of the greatest eigenvalue; eigh reads only the lower triangle
     sign = random.choice([-1.0, 1.0]) if random is not None else 1.0
     return [float(sign * v) for v in (w, x, y, z)]
 
 
 def turned(angle, x=0.0, y=0.0, z=0.0):
-    """A pose turned about z."""
+    """Returns a pose turned about z by the angle and moved to x, y, z."""
     out = np.eye(4)
     out[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     out[:3, 3] = x, y, z
@@ -110,7 +111,7 @@ def save(root, name, data):
 
 
 def inside(box, world_points):
-    """How many points are in a box."""
+    """Returns the number of points in a box."""
     local = move(np.linalg.inv(box[1]), world_points)
     return int(np.all(np.abs(local) <= box[2] / 2, axis=1).sum())
 
@@ -129,7 +130,8 @@ CHANNELS = ["CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT"]
 
 
 class _Tables:
-    """Tables of rows by name; a token is any text that is unique, so these have blanks, slashes and letters of others' alphabets."""
+    """Tables of rows by name. The schema allows any unique text as token, so these tokens have blanks, slashes and
+    letters outside of ASCII."""
 
     def __init__(self):
         self.rows = {}
@@ -141,7 +143,8 @@ class _Tables:
 
 
 def _nuscenes_scene(tables, street, root, truth, name, frames, stamp, random, shift):
-    """Every second frame is a sample, the frames between are sweeps; frame 5 has no CAM_FRONT_RIGHT, sample 4 no label of moving_car_030."""
+    """Writes a scene: even frames are samples, odd frames are sweeps. Frame 5 has no photograph of CAM_FRONT_RIGHT;
+    sample 4 has no label of moving_car_030."""
     log = tables.add(
         "log",
         logfile="n015-2018-07-24-11-22-45+0800",
@@ -185,7 +188,7 @@ def _nuscenes_scene(tables, street, root, truth, name, frames, stamp, random, sh
         "CAM_FRONT_RIGHT": 1549,
         "LIDAR_TOP": 0,
         "RADAR_FRONT": -16951,
-    }  # microseconds after the sample's stamp
+    }  # delay after the sample's timestamp in microseconds
     for channel, pose in sensor_pose.items():
         camera = CHANNELS.index(channel) if channel in CHANNELS else -1
         token = next((s["token"] for s in tables.rows.get("sensor", []) if s["channel"] == channel), None)
@@ -228,7 +231,7 @@ def _nuscenes_scene(tables, street, root, truth, name, frames, stamp, random, sh
                     path,
                     b"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z dyn_prop id rcs vx vy vx_comp vy_comp\nWIDTH 0\nHEIGHT 1\nPOINTS 0\nDATA binary\n",
                 )
-            after = samples[min(t + t % 2, keys[-1])]  # a sweep points to the sample that follows
+            after = samples[min(t + t % 2, keys[-1])]  # a sweep refers to the sample after it
             token = tables.add(
                 "sample_data",
                 sample_token=after,
@@ -292,12 +295,13 @@ def _nuscenes_scene(tables, street, root, truth, name, frames, stamp, random, sh
                 labelled = t in there or (t - 1 in there and t + 1 in there)
                 box = street.boxes[t][identity]
                 (truth.boxes if labelled else truth.spare).setdefault(t, {})[instance] = (kind, shift @ box[1], box[2])
-            elif t - 1 in there or t + 1 in there:  # labelled at one side only
+            elif t - 1 in there or t + 1 in there:  # labelled on one side only
                 truth.spare.setdefault(t, {})[instance] = (kind, None, None)
 
 
 def nuscenes(street, root):
-    """v1.0-mini with two scenes; tables in the order of chance, with lines of Windows and columns that the schema doesn't name."""
+    """Writes v1.0-mini with two scenes. Tables have shuffled rows, Windows line ends, and columns that aren't in the
+    schema."""
     random, tables = np.random.default_rng(1), _Tables()
     truth = Truth(str(root), ["--sequence", "scene-0103"], box_error=0.05)
     for name in [*UNUSED_CLASSES[:2], *NUSCENES_CLASSES.values(), *UNUSED_CLASSES[2:]]:
@@ -350,7 +354,7 @@ def _feather(root, name, columns):
 
 
 def _poses(rows, random, first):
-    """Columns of the sources' poses: qw qx qy qz tx_m ty_m tz_m, in the order of chance."""
+    """Returns the columns qw qx qy qz tx_m ty_m tz_m of Argoverse 2's pose tables, with the rows shuffled."""
     order = random.permutation(len(rows))
     q = np.array([quaternion(rows[i][1], random) for i in order])
     out = {first: [rows[i][0] for i in order]}
@@ -360,7 +364,8 @@ def _poses(rows, random, first):
 
 
 def _argoverse_log(street, root, log, frames, random, shift, truth):
-    """Cameras at 20 Hz, LiDAR and labels at 10 Hz, each sensor with stamps of its own; the pose table holds each stamp and others between."""
+    """Writes a log with cameras at 20 Hz, and LiDAR and labels at 10 Hz. Each sensor has different timestamps; the
+    pose table has all of them, and times in between."""
     start, step = 315966265259836000, 50_000_000
     stamps = {
         name: start + np.arange(len(frames)) * step + late for name, late in zip(RING, (0, 3_500_001, -2_750_003))
@@ -368,7 +373,7 @@ def _argoverse_log(street, root, log, frames, random, shift, truth):
     poses = [
         (int(start + t * step + late), shift @ street.ego[t]) for t in frames for late in (0, 3_500_001, -2_750_003)
     ]
-    for a, b in zip(frames[:-1], frames[1:]):  # half way, so that the table is denser than the sensors
+    for a, b in zip(frames[:-1], frames[1:]):  # poses between frames make the pose table denser than the sensors
         middle = np.array(street.ego[a])
         middle[:3, 3] = (street.ego[a][:3, 3] + street.ego[b][:3, 3]) / 2
         poses.append((int(start + a * step + step // 2), shift @ middle))
@@ -400,7 +405,7 @@ def _argoverse_log(street, root, log, frames, random, shift, truth):
     for t in frames:
         for c, name in enumerate(RING):
             if c == 2 and t == 3:
-                continue  # a photograph was lost
+                continue  # this photograph is missing
             digest = save(root, f"{log}/sensors/cameras/{name}/{stamps[name][t]}.jpg", street.jpeg(t, c, log))
             if truth:
                 fx, fy, cx, cy = street.lens[c][:4]
@@ -409,7 +414,7 @@ def _argoverse_log(street, root, log, frames, random, shift, truth):
                     name,
                     shift @ street.ego[t] @ street.camera[c],
                     [fx, fy, cx, cy, 0, 0, 0, 0, 0],
-                )  # the source has undone k1, k2 and k3
+                )  # Argoverse 2's photographs are undistorted, so k1, k2 and k3 don't count
         save(
             root, f"{log}/sensors/cameras/stereo_front_left/{start + t * step}.jpg", street.jpeg(t, 0, log + " stereo")
         )
@@ -418,7 +423,7 @@ def _argoverse_log(street, root, log, frames, random, shift, truth):
             for i, b in street.boxes[t].items()
         }
         if t % 2:
-            if truth:  # between two labels
+            if truth:  # no labels at odd frames
                 truth.boxes[t] = (
                     {i: b for i, b in boxes.items() if i in truth.boxes[t - 1]} if t + 1 < len(frames) else {}
                 )
@@ -464,7 +469,7 @@ def _argoverse_log(street, root, log, frames, random, shift, truth):
 
 
 def argoverse2(street, root):
-    """A split of two logs."""
+    """Writes a split of two logs."""
     random = np.random.default_rng(2)
     log = "54bc6dbc-ebfb-3fba-b5b3-57f88b4b79ca"
     truth = Truth(str(root), ["--sequence", log], point_error=0.004, box_error=0.06)

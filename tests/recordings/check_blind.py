@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""check_blind.py PAGS: compares the blind trees' own numbers (Truth), which test_blind.py checks our importers against, with what the sources' own packages read of
-them. Run by a Python that has these packages (make check-recordings makes one); prints the largest differences."""
+"""check_blind.py PAGS: reads the raw recordings of blind_trees.py by the data sets' development kits and compares
+the results with Truth, by which test_blind.py checks our importers. Run it by a Python that has these kits (make
+check-recordings makes one). It prints the largest differences."""
 
 import hashlib
 import os
@@ -93,7 +94,7 @@ def argoverse2(truth, note):
 
 
 def kitti360(truth, note):
-    for name in ("skimage", "matplotlib"):  # the package draws with these; nothing is drawn here
+    for name in ("skimage", "matplotlib"):  # kitti360Scripts imports these for drawing; the check draws nothing
         sys.modules[name] = types.ModuleType(name)
     sys.modules["skimage"].io = sys.modules["skimage"].filters = sys.modules["skimage"].morphology = None
     sys.modules["matplotlib"].cm = types.SimpleNamespace(get_cmap=lambda name: None)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""check_damage.py PAGS: each sort of file of the blind trees is taken away, cut, emptied and filled with other bytes. An import then ends with one line and
-exit code 1, or, where what is gone may be missing, with a data set; never otherwise, and never with a file written outside of its folder."""
+"""check_damage.py PAGS: damages files of each kind in the raw recordings of blind_trees.py: removes, cuts or empties
+them, or fills them with other bytes. The import must fail with one line and exit code 1, or, where that file may be
+missing, write a data set. It must never write outside of its folder."""
 
 import contextlib
 import io
@@ -34,7 +35,7 @@ DAMAGE = {
 
 
 def run(kind, truth, out):
-    """The program's main in this process: exit code, words on standard error."""
+    """Runs the importer's main function in this process; returns its exit code and standard error."""
     words, was = io.StringIO(), sys.argv
     sys.argv = ["pags import", kind, truth.raw, "-o", out, *truth.options, "--quiet"]
     try:
@@ -52,11 +53,11 @@ OTHERS = (
     "stereo_",
     "image_02",
     "RADAR",
-)  # sequences and sensors that aren't asked for
+)  # sequences and sensors that the check doesn't import
 
 
 def sorts(raw):
-    """One file of each folder and ending, the one in the middle, of what is imported; each table by its name."""
+    """Returns one file, the middle one, for each folder and file ending that is imported; and every table."""
     found = {}
     for name in files_below(raw):
         if any(name.startswith(other) or other in name for other in OTHERS):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags import photos with COLMAP itself: check_photos.py PAGS. `make check-photos` runs it.
+"""check_photos.py PAGS: imports photographs with the real COLMAP and trains from them. `make check-photos` runs it.
 
-The photographs of ../shared/data/found/colmap4-plush (or below PAGS_SHARED_DATA) alone, and a video made of them, each from files to a trained scene in two lines; prints how
-many got cameras, PSNR of held-out views and minutes. Then once more by pycolmap, if it is installed with the importer."""
+The photographs of ../shared/data/found/colmap4-plush (or below PAGS_SHARED_DATA) and a video made of them are each
+imported and trained. Then the photographs are imported once more with pycolmap, if it is installed with the
+importer. For each run it prints the number of registered photographs, PSNR of held-out views, and times."""
 
 import json
 import os
@@ -26,7 +27,7 @@ def run(*command, **more):
 
 
 def check(name, raw, importer, folder, of, least):
-    """Imports and trains; fails if fewer than `least` of `of` photographs get cameras."""
+    """Imports and trains; fails if fewer than `least` of the `of` photographs get cameras."""
     data, scene, report = (os.path.join(folder, f"{name}-{part}") for part in ("data", "scene", "report.json"))
     begun = time.monotonic()
     run(*importer, raw, "-o", data, "--json", report)
@@ -38,7 +39,7 @@ def check(name, raw, importer, folder, of, least):
     run(PAGS, "train", data, "-o", scene, "--downscale", 2, "--iterations", STEPS, "--quiet")
     found = subprocess.run([PAGS, "eval", scene, "--json", "-", "--quiet"], check=True, capture_output=True, text=True)
     psnr = json.loads(found.stdout)["test"]["psnr"]
-    assert psnr > 20, psnr  # 23 in 700 steps with the cameras of a run of pycolmap's own
+    assert psnr > 20, psnr  # a model by pycolmap without pags gives 23 dB after 700 steps
     print(
         f"{name}: {facts['registered']} of {of} with cameras, {facts['reprojection_error']:.2f} px, {imported - begun:.0f} s; {STEPS} steps at half size "
         f"{psnr:.1f} dB, {time.monotonic() - imported:.0f} s",

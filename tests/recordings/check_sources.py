@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""check_sources.py PAGS: trees of the tests are read by the sources' own packages, nuscenes-devkit, av2 and kitti360Scripts, and by our importers: poses, intrinsics,
-boxes and LiDAR must be equal. Run by a Python that has these packages (make check-recordings makes one); prints the largest differences."""
+"""check_sources.py PAGS: reads the tests' raw recordings by the development kits nuscenes-devkit, av2 and
+kitti360Scripts, and by our importers. Poses, intrinsics, boxes and LiDAR points must be equal. Run it by a Python
+that has these kits (make check-recordings makes one). It prints the largest differences."""
 
 import os
 import shutil
@@ -21,7 +22,7 @@ TOLERANCE = {
     "box": 1e-6,
     "size": 1e-9,
     "LiDAR": 1e-3,
-}  # metres and pixels; LiDAR: half floats and float32 at 100 m
+}  # tolerances in metres and pixels; LiDAR points are half floats, or float32 at 100 m
 
 
 class Differences:
@@ -87,11 +88,13 @@ def check_nuscenes(folder):
             @ pose(theirs.get("calibrated_sensor", data["calibrated_sensor_token"]))
         )
         found.note("LiDAR", world_points(out, t), cloud.points[:3].T)
-        for box in theirs.get_boxes(data["token"]):  # between key frames by the package's own interpolation
+        for box in theirs.get_boxes(data["token"]):  # nuscenes-devkit interpolates boxes between key frames
             annotation = theirs.get("sample_annotation", box.token)
             key = (t, annotation["instance_token"])
             before = max((k for k in case.KEYS if k < t), default=None)
-            if t in case.KEYS or (before, key[1]) in boxes:  # else the package takes the later label as it is
+            if (
+                t in case.KEYS or (before, key[1]) in boxes
+            ):  # without a label before, nuscenes-devkit doesn't interpolate the later label
                 found.note("box", boxes[key][1][:3, 3], box.center)
                 found.note("box", boxes[key][1][:3, :3], box.rotation_matrix)
                 found.note("size", boxes[key][2], box.wlh[[1, 0, 2]])
@@ -144,7 +147,7 @@ def check_kitti360(folder):
 
     import cv2
 
-    for name in ("skimage", "matplotlib"):  # the package draws with these; nothing is drawn here
+    for name in ("skimage", "matplotlib"):  # kitti360Scripts imports these for drawing; the check draws nothing
         sys.modules[name] = types.ModuleType(name)
     sys.modules["skimage"].io = sys.modules["skimage"].filters = None
     sys.modules["matplotlib"].cm = types.SimpleNamespace(get_cmap=lambda name: None)
@@ -177,7 +180,7 @@ def check_kitti360(folder):
             .astype(np.float64)
         )
         world_from_velo = poses[first + t] @ pose_from_velo
-        if t:  # helpers/curlVelodyneData isn't built by pip: its formula, with the motion that devkits/accumuLaser gives it
+        if t:  # pip doesn't build helpers/curlVelodyneData: its formula, with the motion of devkits/accumuLaser
             motion = np.linalg.inv(world_from_velo) @ poses[first + t - 1] @ pose_from_velo
             turn = cv2.Rodrigues(motion[:3, :3])[0][:, 0]
             share = 0.5 * np.arctan2(rows[:, 1], rows[:, 0]) / np.pi

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""fuzz_tables.py TARGET [SECONDS [SEED]]: damaged tables of recordings: what is read of them is right, or RecordingError names the fault; nothing else
-comes of it. Targets: pickle (PandaSet), parquet (Waymo, version 2), feather (Argoverse 2).
+"""fuzz_tables.py TARGET [SECONDS [SEED]]: reads damaged tables of recordings. Reading must give right values or
+raise a RecordingError that names the fault, and do nothing else. Targets: pickle (PandaSet), parquet (Waymo version
+2), feather (Argoverse 2).
 
-With atheris (pip install atheris) `FUZZ=atheris` lets libFuzzer choose the inputs by what of our code they reach. Otherwise inputs are small tables
-that are changed here and there, the same ones for the same seed. An input that fails is left in fuzz-TARGET-input, as is one that ends the process."""
+With atheris (pip install atheris), `FUZZ=atheris` lets libFuzzer choose inputs by code coverage. Otherwise small
+tables are changed at random; equal seeds give equal inputs. An input that fails or ends the process is kept in
+fuzz-TARGET-input."""
 
 import functools
 import gzip
@@ -26,11 +28,11 @@ import old_pickle  # noqa: E402
 from pags_recordings import RecordingError  # noqa: E402
 from pags_recordings.account import Account  # noqa: E402
 
-MEMORY = 6 << 30  # bytes of addresses that a target may take
-SLOW = 20  # seconds for an input
+MEMORY = 6 << 30  # limit of the address space of a target in bytes
+SLOW = 20  # time limit of an input in seconds
 
 
-# ---- What is read ----
+# ---- Readers ----
 
 
 def read_pickle(path):
@@ -46,7 +48,7 @@ def read_pickle(path):
 
 
 def read_parquet(path):
-    """Every row of the one component, as an import reads it."""
+    """Reads every row of one component, as an import does."""
     from pags_recordings import waymo2
 
     folder, segment = os.path.dirname(path), os.path.basename(path)[: -len(".parquet")]
@@ -73,7 +75,7 @@ def read_feather(path):
     poses.interpolate(stations, ways, 0.5)
 
 
-# ---- Tables to begin from ----
+# ---- Undamaged tables ----
 
 RETURNS = [f"range_image_return{n}.{part}" for n in (1, 2) for part in ("values", "shape")]
 BOX = ["box.center.x", "box.center.y", "box.center.z", "box.heading", "box.size.x", "box.size.y", "box.size.z", "type"]
@@ -153,13 +155,14 @@ def feathers():
     return out
 
 
-# ---- Changing them ----
+# ---- Changes ----
 
 NUMBERS = [0, 1, -1, 127, 128, 255, 256, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1]
 
 
 def changed(data, dice):
-    """The bytes with one to six changes: bits, bytes, whole numbers at their edges, parts cut out, doubled or moved."""
+    """Returns the bytes with one to six random changes: flipped bits, other bytes, extreme integers, and parts
+    removed, doubled or moved."""
     data = bytearray(data)
     for _ in range(dice.choice((1, 1, 2, 3, 6))):
         at, kind = dice.randrange(len(data) + 1), dice.randrange(7)
@@ -185,13 +188,13 @@ def changed(data, dice):
 
 
 class Target:
-    """Gives a table's bytes to what reads it, by a file in a folder of its own."""
+    """Writes the bytes of a table to a file in a scratch folder and calls its reader."""
 
     def __init__(self, name, folder):
         self.name, self.folder, self.read_count = name, folder, 0
 
     def begin(self, dice):
-        """A table, and where it is to lie."""
+        """Returns an undamaged table and the path to write it to."""
         if self.name == "pickle":
             return dice.choice(pickles()), "00.pkl"
         if self.name == "parquet":
@@ -233,7 +236,8 @@ class Target:
 
 
 def run(name, seconds=None, seed=1, count=None, keep=None):
-    """Reads damaged tables for a time, or a number of them; returns how many were tried and how many could be read. Raises the error that an input led to."""
+    """Reads damaged tables for some seconds or for a count of tables. Returns how many were tried and how many could
+    be read; raises the error of an input that fails."""
     warnings.simplefilter("ignore")
     dice, begun, done = random.Random(seed), time.process_time(), 0
     with tempfile.TemporaryDirectory(prefix="pags-fuzz-") as folder, np.errstate(all="ignore"):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes a table as pandas up to 1.2 pickled it, which is how PandaSet's tables come: the names of pandas' classes of then, their states "0.14.1"."""
+"""Writes tables as pandas up to 1.2 pickled them, which is the form of PandaSet's tables: with the class names of
+that time and block states "0.14.1"."""
 
 import gzip
 import io
@@ -9,7 +10,7 @@ import numpy as np
 
 
 class Named:
-    """An object pickled by name: a class, or a function that is called with arguments, and a state."""
+    """An object that is pickled by name: a class or a function, the arguments of its call, and a state."""
 
     def __init__(self, name, arguments=(), state=None):
         self.name, self.arguments, self.state = name, arguments, state
@@ -37,7 +38,8 @@ def dumps(thing):
 
 
 def table(columns):
-    """Columns of equal length by name: numbers of one kind share a block, as they did; texts are objects."""
+    """Returns a table of named columns of equal length. Numbers of one type share a block, as in old pandas; texts
+    are objects."""
     names, kinds = list(columns), {}
     for i, name in enumerate(names):
         column = np.asarray(columns[name])
@@ -66,5 +68,5 @@ def table(columns):
 
 
 def packed(columns):
-    """The file of a table."""
+    """Returns the bytes of the table's pickle."""
     return gzip.compress(dumps(table(columns)), 1)

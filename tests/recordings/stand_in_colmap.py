@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Replaces the colmap program in test_photos.py: keeps a database and writes a model as COLMAP 3.8 does, by rules of its own.
+"""Replaces the program colmap in test_photos.py: keeps a database and writes a model as COLMAP 3.8 does, by simple
+rules.
 
-A photograph's name sets its kind: "few" has 50 features, "alone" fits no other, "aside" is in a second model; all others fit each other. The
-words of each call are added to $COLMAP_CALLS. $COLMAP_DOES: "fail" makes every step fail, "nothing" maps nothing, "wait" lets matching hang.
-"""
+The name of a photograph sets its role: "few" has 50 features, "alone" matches no other photograph, "aside" is in a
+second model; all others match each other. The arguments of each call are appended to the file $COLMAP_CALLS.
+$COLMAP_DOES sets a fault: "fail" makes every step fail, "nothing" registers no photograph, "wait" lets matching
+hang."""
 
 import os
 import sqlite3

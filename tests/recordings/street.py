@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The small synthetic street that recordings of tests are made from, read by numpy, and what turns its poses into others' notations."""
+"""Makes the small synthetic street from which tests write raw recordings, reads it by numpy, and converts its poses
+to other notations."""
 
 import json
 import os
@@ -10,7 +11,7 @@ from fixtures import read
 
 
 def make_street(folder, frames=8):
-    """Writes a street of two cameras, 160 x 96."""
+    """Writes a street with two cameras of 160 x 96 pixels."""
     done = fixtures.run(
         "synth",
         "street",
@@ -43,7 +44,7 @@ def sweep(folder, name):
 
 
 def world_points(folder, step):
-    """A step's sweep of an imported set in the world, or None."""
+    """Returns the sweep of a step in world coordinates, or None if there is none."""
     told = load(folder, "dataset.json")
     digits = len(os.listdir(os.path.join(folder, "ego_pose"))[0].split(".")[0])
     path = os.path.join(folder, "lidar", f"{step:0{digits}d}.bin")
@@ -60,7 +61,7 @@ def world_points(folder, step):
 
 
 def labels(folder):
-    """The boxes of a data set: (frame, id) -> class, pose, size."""
+    """Returns the boxes of a data set: (frame, id) -> class, pose, size."""
     out = {}
     for box in load(folder, "instances", "instances_info.json").values():
         marks = box["frame_annotations"]
@@ -70,19 +71,19 @@ def labels(folder):
 
 
 def about(axis, angle):
-    """The rotation about an axis by Rodrigues' formula."""
+    """Returns the rotation about an axis by Rodrigues' formula."""
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
 
 
 def half_angle(axis, angle):
-    """The quaternion x y z w of the same rotation."""
+    """Returns the quaternion x y z w of the rotation about an axis."""
     return [*(np.sin(angle / 2) * np.asarray(axis, float) / np.linalg.norm(axis)), np.cos(angle / 2)]
 
 
 def parts(pose):
-    """Quaternion x y z w and translation of a pose, by the eigenvector of the rotation."""
+    """Returns the quaternion x y z w and the translation of a pose; the rotation's eigenvector is the axis."""
     r = pose[:3, :3]
     values, vectors = np.linalg.eig(r)
     axis = np.real(vectors[:, np.argmin(np.abs(values - 1))])

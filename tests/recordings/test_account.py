@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The importers' reports of data read and left out: sources with lost photographs, files in other forms, labels given twice. The trees are tiny and
-written here; test_importers.py compares poses and boxes."""
+"""Tests the importers' reports of what was read and left out: lost photographs, files in unexpected forms, duplicate
+labels. The tests write tiny raw recordings; test_importers.py compares poses and boxes."""
 
 import contextlib
 import gzip
@@ -33,7 +33,7 @@ from pags_recordings.account import Account, lines  # noqa: E402
 from pags_recordings.importing import joined, listed, optional, partners  # noqa: E402
 from PIL import Image  # noqa: E402
 
-FORWARD = [0.5, -0.5, 0.5, -0.5]  # w x y z of a camera that looks along x
+FORWARD = [0.5, -0.5, 0.5, -0.5]  # quaternion w x y z of a camera that looks along x
 
 
 def jpeg(path, shade):
@@ -57,7 +57,8 @@ class WithImports(Case):
         return code, said.getvalue(), wrong.getvalue()
 
     def imports(self, *more):
-        """The messages, and the result stored in import.json; `left` has the counts by what and why."""
+        """Imports and returns the messages and the result in import.json. Stores the counts of what was left out, by
+        subject and reason, in self.left."""
         code, said, wrong = self.run_import(*more)
         self.assertEqual((code, wrong), (0, ""))
         result = json.loads(read(os.path.join(self.out, "import.json")))["result"]
@@ -84,12 +85,12 @@ class Parts(Case):
         self.assertEqual(partners([0, 10, 20], [1, 9, 22], 3), [0, 1, 2])
         self.assertEqual(
             partners([0, 20], [0, 12, 16], 9), [0, -1, 1]
-        )  # 12 and 16 are near to 20, which goes to the nearer one
+        )  # 12 and 16 are both near 20, which goes to the nearer, 16
         self.assertEqual(partners([5, 15, 25, 35], [0, 10, 20, 30], 5), [0, 1, 2, 3])  # half a period late
         self.assertEqual(partners([5, 25, 35, 45], [0, 10, 20, 30], 5), [0, -1, 1, 2])
         self.assertEqual(
             partners([0, 3, 9, 12, 15, 18], [0, 3, 6, 9, 12, 15], 5), [0, 1, -1, 2, 3, 4]
-        )  # the others don't shift
+        )  # 6 has no partner; the others keep theirs
         self.assertEqual(partners([0, 0, 10], [0, 10], 3), [0, 2])
         self.assertEqual(partners([0], [0, 0], 3).count(0), 1)
         self.assertEqual(partners([], [1, 2], 3), [-1, -1])
@@ -101,10 +102,10 @@ class Parts(Case):
             )
             found = partners(times, at, 5)
             used = [j for j in found if j >= 0]
-            self.assertEqual(used, sorted(set(used)))  # each once, and in the order of time
+            self.assertEqual(used, sorted(set(used)))  # each at most once, and in the order of time
             self.assertLessEqual(max((abs(times[j] - at[i]) for i, j in enumerate(found) if j >= 0), default=0), 5)
             score = lambda pairs: sum(5.005 - abs(times[j] - at[i]) for i, j in pairs)  # noqa: E731
-            if len(times) <= 5 and len(at) <= 5:  # every choice in order
+            if len(times) <= 5 and len(at) <= 5:  # all possible choices that keep the order
                 choices = (
                     list(zip(i, j))
                     for n in range(6)
@@ -170,20 +171,21 @@ class Parts(Case):
 
 
 class Damage(Case):
-    """Faults that fuzz_tables.py found, and some of those it tries."""
+    """Damaged tables: faults that fuzz_tables.py has found, and a small part of its inputs."""
 
     def test_some_of_each(self):
         for name, count in (("pickle", 700), ("parquet", 300), ("feather", 200)):
             done, read_whole = fuzz_tables.run(name, seed=5, count=count)
             self.assertEqual(done, count)
-            self.assertGreater(read_whole, 0, name)  # some changes do no harm
+            self.assertGreater(read_whole, 0, name)  # some changes are harmless
 
     def test_row_groups_that_claim_more(self):
-        """A number of rows that isn't the file's: pyarrow would make room for it."""
+        """A row count in the row groups that differs from the file's is refused; pyarrow would allocate memory by
+        it."""
         whole, said = fuzz_tables.parquets("vehicle_pose")[0], []
         for at in (
             i for i in range(whole.rindex(b"PAR1") - 1500, len(whole)) if whole[i] == 12
-        ):  # 6 rows, as its notation has them
+        ):  # the byte 12 is 6 rows in Parquet's zigzag notation
             write(self.path("vehicle_pose", "a.parquet"), whole[:at] + bytes([10]) + whole[at + 1 :])
             try:
                 fuzz_tables.read_parquet(self.path("vehicle_pose", "a.parquet"))
@@ -199,7 +201,7 @@ class Damage(Case):
         return pandaset.table(path, ["x"])
 
     def test_arrays_that_lie(self):
-        """numpy's own types, filled with such states, read and write memory that isn't theirs."""
+        """Refuses pickled states that would make numpy's types read or write memory outside of their arrays."""
         kind = lambda code, state=(3, "<", None, None, None, -1, -1, 0): old_pickle.Named(
             ("numpy", "dtype"), (code, False, True), state
         )  # noqa: E731
@@ -343,7 +345,8 @@ class NuScenes(WithImports):
         self.assertEqual({key: facts[key] for key in result}, result)
 
     def test_lost_photographs(self):
-        """Rows that are missing, and files that are: no photograph goes to two time steps, and the steps without one are counted."""
+        """If rows or files are missing, no photograph belongs to two time steps, and steps without a photograph are
+        counted."""
         for name in ("rows", "files"):
             gone = self.data("CAM_BACK")[4:7]
             if name == "rows":
@@ -362,7 +365,8 @@ class NuScenes(WithImports):
         self.assertEqual(self.left["photographs", "of CAM_FRONT, which match no time step"], 6)
 
     def test_a_slow_camera(self):
-        """At half the rate, between the first one's photographs, none is used twice."""
+        """A second camera at half the rate, with times between the first camera's, gives each photograph to one time
+        step only."""
         keep = [row["token"] for row in self.data("CAM_BACK")[::2]]
         for row in self.data("CAM_BACK"):
             row["timestamp"] += 41_000
@@ -473,7 +477,7 @@ class PandaSet(WithImports):
                     os.remove(path + ".pkl.gz")
 
     def test_compressed_or_not(self):
-        """Unzipped tables give the same data set, whatever their names end in."""
+        """Decompressed tables give the same data set, whether their names end in .pkl.gz or .pkl."""
         self.assertEqual(self.counts(), [4, 8, 4, 4])
         self.assertEqual(
             [row for row in self.left if row[0] != "cameras"],
@@ -518,7 +522,7 @@ class PandaSet(WithImports):
         self.assertEqual(self.counts("--overwrite", "--frames", "2-3")[:2], [2, 4])
 
     def test_numbers(self):
-        """Columns that hold no numbers, rows that aren't finite, a box twice."""
+        """Refuses columns without numbers; leaves out rows with non-finite numbers, and a duplicate box."""
         self.put("lidar", 1, {name: np.array(["x"], object) for name in pandaset.SWEEP})
         self.refused("01.pkl.gz: expected numbers in the columns x, y, z, i, d")
         self.put("lidar", 1, {name: np.array([1.0, np.nan]) for name in pandaset.SWEEP})

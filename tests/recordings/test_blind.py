@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`pags import` of raw trees that were written from the sources' documentation by someone who hadn't read the importers: all that the trees say must be there."""
+"""Imports raw recordings whose author had read only the data sets' documentation, not the importers. The data sets
+must have all of the recordings' contents."""
 
 import hashlib
 import os
@@ -27,11 +28,15 @@ from fixtures import Case, files_below  # noqa: E402
 from pags_recordings import waymo2  # noqa: E402
 from street import labels, load, matrix, world_points  # noqa: E402
 
-FORWARD = {"+x": np.eye(4), "+y": turned(-np.pi / 2)}  # box of front +y's axes from those of front +x
+FORWARD = {
+    "+x": np.eye(4),
+    "+y": turned(-np.pi / 2),
+}  # turns the axes of a box that faces +x into those of one that faces +y
 
 
 def photographs(folder):
-    """The photographs of a data set: digest -> step, camera, name, world_from_camera of OpenCV's axes, fx fy cx cy k1 k2 p1 p2 k3."""
+    """Returns the photographs of a data set: SHA-1 -> step, camera, name, world_from_camera of OpenCV's axes, fx fy
+    cx cy k1 k2 p1 p2 k3."""
     told = load(folder, "dataset.json")
     turn = np.eye(4) if told["camera_axes"] == "opencv" else blind_tables.OPENCV_FROM_WAYMO.T
     out = {}
@@ -54,13 +59,13 @@ def photographs(folder):
 
 
 def lens_of(file):
-    """fx fy cx cy k1 k2 p1 p2 k3 of a file of intrinsics."""
+    """Returns fx fy cx cy k1 k2 p1 p2 k3 of a file of intrinsics."""
     values = np.loadtxt(file)
     return np.append(values.ravel(), np.zeros(9))[:9]
 
 
 def farthest(points, others):
-    """The largest distance from a point to the nearest of others."""
+    """Returns the largest distance from a point to the nearest of the others."""
     order = np.lexsort(np.round(others, 1).T)
     others = others[order]
     return max(float(np.sqrt(((others - p) ** 2).sum(1).min())) for p in points)
@@ -100,8 +105,8 @@ class Blind(Case):
         return self.path("d")
 
     def compare(self, truth, folder, unseen=()):
-        """Photographs, poses, lenses, boxes and sweeps of a data set, compared with the tree's own numbers; of unseen frames nothing is there, since a camera lacks
-        its photograph or, where the tree's other cameras are quicker, the sweep does."""
+        """Compares photographs, poses, lenses, boxes and sweeps of a data set with the recording's contents. Frames
+        in `unseen` must be left out, because a photograph or a sweep of them is missing."""
         steps, worst = {}, {"pose": 0.0, "lens": 0.0, "box": 0.0, "point": 0.0}
         found = photographs(folder)
         for digest, (frame, name, pose, lens) in truth.photographs.items():
@@ -137,7 +142,7 @@ class Blind(Case):
                 )
         print("   ", ", ".join(f"{name} {value:.2g}" for name, value in worst.items()))
         self.assertLess(worst["pose"], 2e-3)
-        self.assertLess(worst["lens"], 0.5 + 1e-6)  # where the first pixel's middle lies is the importer's to know
+        self.assertLess(worst["lens"], 0.5 + 1e-6)  # data sets place the middle of the first pixel at 0 or at 0.5
         self.assertLess(worst["box"], truth.box_error)
         self.assertLess(worst["point"], truth.point_error)
         self.assertTrue(steps)
@@ -152,7 +157,8 @@ class Blind(Case):
         self.compare(truth, self.bring("argoverse2", truth), unseen=range(1, 10, 2))
 
     def test_a_hostile_name_in_a_table(self):
-        """A camera's name is a folder's: one that leads out of the log is refused, though photographs are there."""
+        """A camera's name is part of a path: a name that leads out of the log's folder is refused, even if
+        photographs are there."""
         truth = self.tree(blind_trees.argoverse2)
         log = os.path.join(truth.raw, truth.options[1])
         os.rename(os.path.join(log, "sensors", "cameras", "ring_front_left"), self.path("elsewhere"))
@@ -183,7 +189,7 @@ class Blind(Case):
         self.compare(truth, self.bring("waymo2", truth), unseen=[4])
 
     def test_waymo2_rows_of_chance(self):
-        """Rows that lie in the order of chance cost their row group, not the file up to them."""
+        """Access to a row of a shuffled table reads only its row group, not the file up to it."""
         order = np.random.default_rng(1).permutation(60)
         os.makedirs(self.path("stats"))
         pyarrow.parquet.write_table(

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The importers of tools/recordings: trees in the sources' own raw formats, made here from the synthetic street, against the street's truth."""
+"""Tests the importers of tools/recordings: the synthetic street is written in the raw format of each data set,
+imported, and compared with the street."""
 
 import gzip
 import io
@@ -53,10 +54,12 @@ def jpeg(path):
 
 
 class Importer(Case):
-    """A case with one raw tree for all of its tests."""
+    """A test case whose tests share one raw recording."""
 
     def refused(self, raw, *words, more=()):
-        done = run(self.kind, raw, "-o", self.path("out"), "-q", *more)  # no line of progress, however slow the machine
+        done = run(
+            self.kind, raw, "-o", self.path("out"), "-q", *more
+        )  # -q, as a slow machine would print progress lines
         self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
         self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
         for word in words:
@@ -69,7 +72,7 @@ class Importer(Case):
         return done.stdout
 
     def changed(self, name, change):
-        """A copy of the tree, by links, in which one table is another."""
+        """Returns a copy of the raw recording, made of links, in which `change` replaces one file."""
         copy = self.path("copy")
         subprocess.run(["cp", "-rs", self.raw, copy], check=True)
         path = os.path.join(copy, name)
@@ -78,7 +81,7 @@ class Importer(Case):
         return copy
 
     def hold_to_street(self, out, first=0, tolerance=1e-8):
-        """Compares poses with the street's: 17 digits went through a quaternion and back."""
+        """Compares poses with the street's; rounding to 17 digits and quaternions set the tolerance."""
         for t in range(len(os.listdir(os.path.join(out, "ego_pose")))):
             ego = matrix(self.street, "ego_pose", f"{t + first:03d}.txt")
             np.testing.assert_allclose(matrix(out, "ego_pose", f"{t:06d}.txt"), ego, atol=tolerance)
@@ -94,7 +97,7 @@ class Importer(Case):
 
 
 def rows_of_poses(poses):
-    """Columns of quaternions and translations, as the data set's tables have them."""
+    """Returns columns of quaternions and translations, as Argoverse 2's tables have them."""
     table = {key: [] for key in ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")}
     for pose in poses:
         (x, y, z, w), (a, b, c) = parts(pose)
@@ -215,7 +218,7 @@ class Argoverse2(Importer):
         self.assertGreater(overlay["lidar_in_boxes"], 0.98)  # half floats move points by up to 3 cm at 50 m
 
     def test_boxes_between_labels(self):
-        """With every second label left out, boxes of the steps between lie on the line between their neighbours."""
+        """If every second label is left out, boxes of the steps in between lie halfway between their neighbours."""
         out = self.path("out")
         stamps = [self.START + round(t * 1e9) for t in load(self.street, "timestamps.json")["frames"]]
         copy = self.changed(
@@ -243,7 +246,7 @@ class Argoverse2(Importer):
         self.assertEqual(len(os.listdir(os.path.join(out, "ego_pose"))), 5)
         self.assertIn("is already complete", self.imports(self.raw, out, *choice))
         self.refused_at(out, "from another source or with other options started here")
-        # Stopped after some photographs, the same command ends with the same bytes.
+        # If an import is stopped after some photographs, the same command completes it with the same bytes.
         self.imports(self.raw, again, *choice)
         for name in ["dataset.json", "timestamps.json", "images/000003_0.jpg", "lidar/000004.bin"]:
             os.remove(os.path.join(again, *name.split("/")))
@@ -271,7 +274,7 @@ class Argoverse2(Importer):
             time.sleep(0.005)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
-        if process.returncode != 0:  # else it was faster
+        if process.returncode != 0:  # otherwise the import ended before the signal
             self.assertEqual((process.returncode, said.count("\n")), (3, 1), said)
             self.assertFalse(os.path.exists(self.path("out", "dataset.json")))
         self.imports(self.raw, self.path("out"))
@@ -309,7 +312,8 @@ class Argoverse2(Importer):
         )
 
     def test_by_the_program(self):
-        """pags import starts the package in its own installation, from any working directory, with its exit codes."""
+        """pags import starts the package in its installation folder, whatever the working directory, and returns its
+        exit codes."""
         out = self.path("out")
         self.write("here/pags_recordings/__init__.py", "raise SystemExit('a file of the working directory')")
         self.write("here/pags_recordings/__main__.py", "raise SystemExit('a file of the working directory')")
@@ -343,7 +347,7 @@ class Argoverse2(Importer):
 class NuScenes(Importer):
     kind, NAMES, START = "nuscenes", ("CAM_FRONT", "CAM_FRONT_LEFT"), 1_532_402_927_600_000
     CATEGORIES = {"Car": "vehicle.car", "Pedestrian": "human.pedestrian.adult", "Cyclist": "vehicle.bicycle"}
-    KEYS = (0, 4, 7)  # what is taken between two belongs to the later one
+    KEYS = (0, 4, 7)  # sensor data between two samples belong to the later sample
 
     @classmethod
     def setUpClass(cls):
@@ -513,7 +517,7 @@ class NuScenes(Importer):
         self.assertGreater(overlay["lidar_in_boxes"], 0.98)
 
     def table(self, name, change):
-        """A copy of the tree in which the rows of one table are changed."""
+        """Returns a copy of the raw recording in which the rows of one table are changed."""
         rows = load(self.raw, "v1.0-mini", f"{name}.json")
         return self.changed(f"v1.0-mini/{name}.json", lambda path: write(path, json.dumps(change(rows))))
 
@@ -558,7 +562,7 @@ class PandaSet(Importer):
     kind, NAMES, START = "pandaset", ("front_camera", "left_camera"), 1_557_539_924.5
     LIDAR = np.array(
         [[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-    )  # the car's x forward is the LiDAR's y
+    )  # the car's x axis (forward) is the LiDAR's y axis
 
     @classmethod
     def setUpClass(cls):
@@ -616,7 +620,8 @@ class PandaSet(Importer):
 
     @classmethod
     def cuboids(cls, boxes, t):
-        """The street's boxes, and a twin of the first by the LiDAR that looks ahead, which lacks the first time step."""
+        """Returns the street's boxes, and from the second time step on a twin of the first box, which the
+        forward-looking LiDAR sees."""
         rows, now = [], sorted((track, *box) for (frame, track), box in boxes.items() if frame == t)
         for n, (track, name, pose, size) in enumerate(now):
             yaw = np.arctan2(pose[1, 0], pose[0, 0]) - np.pi / 2
@@ -660,7 +665,7 @@ class PandaSet(Importer):
                 atol=1e-12,
             )
         true, made = labels(self.street), labels(out)
-        self.assertEqual(set(made), set(true))  # no twin
+        self.assertEqual(set(made), set(true))  # the twin is left out
         for key, (name, pose, size) in made.items():
             self.assertEqual(name, true[key][0])
             np.testing.assert_allclose(pose, true[key][1], atol=1e-7)
@@ -684,7 +689,8 @@ class PandaSet(Importer):
         self.assertEqual(sorted(os.listdir(os.path.join(out, "lidar"))), ["000000.bin", "000002.bin"])
 
     def test_a_pickle_that_calls_something(self):
-        """Nothing that a pickle names is called, be it a function of the system, of numpy, or a class by the back door."""
+        """Nothing that a pickle names is called: no function of the system or of numpy, and no class by indirect
+        access."""
         mark = self.path("called")
         calls = {
             "posix.system": old_pickle.Named(("posix", "system"), (f"touch {mark}",)),
@@ -741,7 +747,7 @@ class Waymo2(Importer):
     ROOF = np.block([[about([0, 0, 1], 2.5), np.array([[1.4], [0.1], [2.1]])], [np.zeros((1, 3)), np.ones((1, 1))]])
     AXES = np.array(
         [[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]
-    )  # a camera's x right, y down, z forward in Waymo's x forward, y left, z up
+    )  # turns a camera's axes (x right, y down, z forward) into Waymo's (x forward, y left, z up)
     CLASSES = {"Car": 1, "Pedestrian": 2, "Cyclist": 4}
 
     @classmethod
@@ -835,7 +841,7 @@ class Waymo2(Importer):
 
     @staticmethod
     def flat(pose):
-        """Roll, pitch, yaw and place of a car's pose on flat ground."""
+        """Returns roll, pitch, yaw and position of a car on flat ground."""
         return np.array([0, 0, np.arctan2(pose[1, 0], pose[0, 0]), *pose[:3, 3]], np.float32)
 
     @classmethod
@@ -853,7 +859,8 @@ class Waymo2(Importer):
 
     @classmethod
     def photographs(cls, t):
-        """Each camera's pose 8 ms before the middle of its exposure, from which the car continues at 5 m/s and turns at 0.3 rad/s about a slanted axis."""
+        """Yields rows of photographs whose poses are 8 ms before the middle of the exposure. From there the car
+        continues at 5 m/s and turns at 0.3 rad/s about a slanted axis."""
         way, turn = np.array([5.0, 1, 0]) * 0.008, np.array([0.1, 0, 0.3]) * 0.008
         before = cls.egos[t].copy()
         before[:3, :3] = about(turn, -np.linalg.norm(turn)) @ before[:3, :3]
@@ -887,7 +894,7 @@ class Waymo2(Importer):
         }
 
     def expected(self, t):
-        """The points, one by one."""
+        """Yields the expected LiDAR points, computed one by one."""
         beams = {1: [-0.3, -0.1, -0.04, 0.05], 2: [-0.325, -0.175, -0.025, 0.125]}
         for laser, image, beam in [(1, self.images[t, 1], 1), (1, self.images[t, 2], 1), (2, self.images[t, 2], 2)]:
             mount = self.ROOF if laser == 1 else np.eye(4)
@@ -916,7 +923,9 @@ class Waymo2(Importer):
     def test_it_comes_out_right(self):
         out = self.path("out")
         self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(self.raw, out))
-        self.hold_to_street(out, tolerance=3e-6)  # a time of 1.5e9 s is rounded to 0.24 us, at 5 m/s
+        self.hold_to_street(
+            out, tolerance=3e-6
+        )  # times near 1.5e9 s are rounded to 0.24 us, during which a car drives at 5 m/s
         for n in range(2):
             np.testing.assert_allclose(
                 np.loadtxt(os.path.join(out, "intrinsics", f"{n}.txt"))[:4],
@@ -930,9 +939,7 @@ class Waymo2(Importer):
         self.assertEqual(set(made), set(true))
         for key, (name, pose, size) in made.items():
             self.assertEqual(name, {"Car": "Vehicle"}.get(true[key][0], true[key][0]))
-            upright = (
-                np.linalg.inv(self.egos[key[0]]) @ true[key][1]
-            )  # the source's boxes stand upright in the car's frame
+            upright = np.linalg.inv(self.egos[key[0]]) @ true[key][1]  # Waymo's boxes stand upright in the car's frame
             heading = np.arctan2(upright[1, 0], upright[0, 0])
             upright[:3, :3] = about([0, 0, 1], heading)
             np.testing.assert_allclose(pose, self.egos[key[0]] @ upright, atol=1e-7)
@@ -1016,8 +1023,8 @@ class Kitti360(Importer):
     POSE = np.diag([1.0, -1, -1, 1])  # the car's pose has y right and z down
     VELO = np.block(
         [[about([0.02, -0.01, 1], 0.1), np.array([[0.8], [0.3], [-0.1]])], [np.zeros((1, 3)), np.ones((1, 1))]]
-    )  # cam0 in the Velodyne's frame
-    FIRST = 250  # frames of the recording before have no pose
+    )  # pose of camera 0 in the Velodyne's frame
+    FIRST = 250  # the frames before have no pose
 
     @classmethod
     def setUpClass(cls):
@@ -1089,7 +1096,8 @@ class Kitti360(Importer):
 
     @classmethod
     def boxes(cls):
-        """Each box a cube of half a metre around (0.25, 0, 0), mirrored, its front along -y; a building, and a thing that stands."""
+        """Writes the boxes as mirrored cubes of 0.5 m around (0.25, 0, 0) that face -y, and adds a building and a
+        standing object."""
         tracks, out = {}, ["<?xml version='1.0'?>\n<opencv_storage>\n"]
         body = np.array([[x, y, z] for x in (0.0, 0.5) for y in (-0.25, 0.25) for z in (-0.25, 0.25)])
         matrix_text = lambda m: (
@@ -1097,9 +1105,7 @@ class Kitti360(Importer):
         )  # noqa: E731
 
         def entry(number, frame, kind, instance, pose, size, first, last):
-            turned = pose @ np.array(
-                [[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-            )  # the front is the body's -y
+            turned = pose @ np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # the body faces -y
             turned[:3, 0] *= -1
             stretch = 2 * np.array([size[1], size[0], size[2]])
             transform = turned.copy()
@@ -1165,7 +1171,7 @@ class Kitti360(Importer):
         self.assertGreater(overlay["lidar_in_boxes"], 0.98)
 
     def test_frames(self):
-        """--frames counts as the recording does; a frame without a pose is left out."""
+        """--frames takes the recording's frame numbers; frames without a pose are left out."""
         out = self.path("out")
         self.assertIn(
             "2 time steps, 1 camera",

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags import ncore: sequences written by NVIDIA's own package (nvidia-ncore) of the synthetic street, read by ours, against the street. Without the package
-the lenses alone are tested, and what is said of it."""
+"""Tests pags import ncore: NVIDIA's package nvidia-ncore writes sequences of the synthetic street, and the imported
+data sets are compared with it. Without the package only the lenses and the message about the missing package are
+tested."""
 
 import contextlib
 import dataclasses
@@ -30,9 +31,11 @@ from pags_recordings import __main__ as importer
 from street import about, labels, load, make_street, matrix, sweep  # noqa: E402
 
 INSTALLED = all(importlib.util.find_spec(name) for name in ("ncore", "zarr", "scipy", "cbor2", "upath"))
-STEP, BEGIN = 100_000, 1_700_000_000_000_000  # microseconds between the street's frames; the first
+STEP, BEGIN = 100_000, 1_700_000_000_000_000  # microseconds between the street's frames, and the time of the first
 EXPOSURE = 8_000
-BACKWARD = np.array([0, 1 / 60, 2e-5, -4e-7, 0, 0], np.float32)  # an angle of the pixels from the centre
+BACKWARD = np.array(
+    [0, 1 / 60, 2e-5, -4e-7, 0, 0], np.float32
+)  # coefficients of the angle as a function of the distance from the centre in pixels
 FORWARD = np.array([0, 70, -1.5, 0.8, 0.02, -0.3], np.float32)
 
 
@@ -41,7 +44,7 @@ def move(pose, points):
 
 
 def angles_of(rotation):
-    """The angles about fixed axes x, then y, then z."""
+    """Returns the angles of a rotation about the fixed axes x, then y, then z."""
     return (
         np.arctan2(rotation[2, 1], rotation[2, 2]),
         np.arcsin(-rotation[2, 0]),
@@ -51,7 +54,7 @@ def angles_of(rotation):
 
 @dataclasses.dataclass
 class Model:
-    """Replaces the package's F-theta camera."""
+    """Replaces the F-theta camera of nvidia-ncore."""
 
     PolynomialType = enum.Enum("PolynomialType", "PIXELDIST_TO_ANGLE ANGLE_TO_PIXELDIST")
     reference_poly: object
@@ -65,7 +68,7 @@ class Model:
 
 class Lenses(Case):
     def radius(self, focal, lens, angle):
-        """docs/lenses.md."""
+        """Returns the radius by the formula of docs/lenses.md."""
         return focal[0] * angle * (1 + sum(k * angle ** (n + 1) for n, k in enumerate(lens["k"])))
 
     def test_forward(self):
@@ -75,17 +78,18 @@ class Lenses(Case):
             self.radius(focal, lens, angle), np.polyval(FORWARD[::-1].astype(float), angle), rtol=1e-12
         )
         np.testing.assert_allclose(lens["s"], [0.01, 0.002, -0.003], atol=1e-12)
-        self.assertEqual(centre.tolist(), [79.5, 48.0])  # its pixels have their middle at whole numbers
+        self.assertEqual(centre.tolist(), [79.5, 48.0])  # the package places the middle of pixels at whole numbers
         self.assertAlmostEqual(lens["field"], np.degrees(2.6), 4)
 
     def test_backward(self):
-        """Where the angle is given by the radius: ours shows each pixel within 0.2 of one, and sees as far as the angle grows."""
+        """For a polynomial from radius to angle, our lens shows each pixel within 0.2 pixels of its place, and ends
+        where the angle stops growing."""
         focal, lens, _ = ncore.ftheta(Model(Model.PolynomialType.PIXELDIST_TO_ANGLE), "x")
         radius = np.linspace(0, 79, 80)
         angle = np.polyval(BACKWARD[::-1].astype(float), radius)
         self.assertLess(np.abs(self.radius(focal, lens, angle) - radius).max(), 0.2)
         self.assertGreater(angle.max(), 1.1)
-        turns = np.array([0, 1 / 60, 0, -1.2e-6, 0, 0])  # grows up to 68 pixels, an angle of 0.756
+        turns = np.array([0, 1 / 60, 0, -1.2e-6, 0, 0])  # the angle grows up to 68 pixels, where it is 0.756
         _, lens, _ = ncore.ftheta(Model(Model.PolynomialType.PIXELDIST_TO_ANGLE, turns, max_angle=0.7), "x")
         self.assertLess(lens["field"], np.degrees(2 * 0.7) + 1)
 
@@ -117,7 +121,8 @@ class Lenses(Case):
 
 
 class Tree:
-    """The street as a sequence of NCore: exposures of 8 ms that end at different times, a LiDAR that turns while the car goes, boxes in its frame."""
+    """The street as a sequence of NCore: exposures of 8 ms that end at different times, a LiDAR that turns while the
+    car drives, and boxes in the LiDAR's frame."""
 
     def __init__(self, street, folder, store="itar", models=("ftheta", "opencv-pinhole"), change=lambda tree: None):
         self.street, self.count = street, len(load(street, "timestamps.json")["frames"])
@@ -131,7 +136,8 @@ class Tree:
         self.write(folder, store)
 
     def rig(self, at):
-        """The car's pose at a time: straight and about a fixed axis between frames (computed independently of the package and of ours)."""
+        """Returns the car's pose at a time, computed without the package and without our code. Between frames it
+        moves along a line and turns about a fixed axis."""
         i = min(max(int((at - BEGIN) // STEP), 0), self.count - 2)
         share, a, b = (at - BEGIN - i * STEP) / STEP, self.ego[i], self.ego[i + 1]
         turn = a[:3, :3].T @ b[:3, :3]
@@ -145,7 +151,7 @@ class Tree:
         return out
 
     def photograph(self, t, c):
-        """The middle of an exposure and the pose of the camera then."""
+        """Returns the middle of an exposure and the camera's pose at this time."""
         at = BEGIN + t * STEP + self.lags[c]
         return at, self.rig(at) @ self.mounts[c]
 
@@ -234,7 +240,8 @@ class Tree:
         writer.finalize()
 
     def write_sweep(self, lidar, t):
-        """Rays at their own times; every fifth has a second return, one metre behind."""
+        """Writes the sweep of a frame with a time for each ray. Every fifth ray has a second return, 1 m farther
+        away."""
         begin, end = BEGIN + t * STEP - STEP // 2 + 1000, BEGIN + t * STEP + STEP // 2 - 1000
         points = self.world(t)
         at = np.linspace(begin, end, len(points)).astype(np.uint64)
@@ -357,7 +364,8 @@ class Sequences(Case):
         self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_folders_and_lenses(self):
-        """Stores that are folders, one level deeper; a lens with a denominator, a fisheye; cameras and frames by choice."""
+        """Imports stores that are folders one level deeper, a rational lens and a fisheye; then a choice of cameras
+        and frames."""
         tree = Tree(self.street, self.path("raw", "clip"), "directory", ("opencv-fisheye", "rational"))
         _, out = self.imports(tree)
         lenses = load(out, "dataset.json")["lenses"]
@@ -377,7 +385,8 @@ class Sequences(Case):
         self.assertFalse(os.path.exists(os.path.join(out, "instances")))
 
     def test_lost_photographs(self):
-        """A camera half a step behind the other lost two: each photograph goes to one time step, and the steps without one are counted."""
+        """A camera half a step behind the other has lost two photographs: each photograph belongs to one time step,
+        and steps without one are counted."""
 
         def change(tree):
             tree.lags, tree.lost = (0, 50_000), ((2, 1), (3, 1))
@@ -417,7 +426,8 @@ class Sequences(Case):
         self.assertEqual((done.returncode, "found no recording of NVIDIA NCore" in done.stderr), (1, True), done.stderr)
 
     def test_damage(self):
-        """Stores that are taken away, cut, empty or full of other bytes: one line, or a data set without what is gone."""
+        """If a store is missing, cut, empty or full of other bytes, the import prints one line or leaves out the
+        damaged part."""
         import numcodecs.registry
 
         Tree(self.street, self.path("raw"))
@@ -455,7 +465,7 @@ class Sequences(Case):
         self.assertGreaterEqual(refused, 5 * 4)
 
     def test_a_missing_part_of_a_folder(self):
-        """zarr fills what is missing with zeros: it isn't taken for rays or a photograph."""
+        """zarr fills missing chunks with zeros: these are refused as rays and as photographs."""
         Tree(self.street, self.path("raw"), "directory")
         for store, part, words in (
             ("lidar", "direction", "rays aren't of length 1"),
@@ -473,7 +483,7 @@ class Sequences(Case):
             write(os.path.join(store, name), content)
 
     def test_pickle(self):
-        """An array of objects that is a pickle isn't unpickled: it could call anything."""
+        """A pickled array of objects is refused without unpickling it, as a pickle can call any function."""
         Tree(self.street, self.path("raw"), "directory")
         import numcodecs
         import zarr

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags import photos: what is given to COLMAP, for which stand_in_colmap.py stands, and what is made of its answer. check_photos.py runs COLMAP."""
+"""Tests pags import photos: what COLMAP is given, and what is made of its results. stand_in_colmap.py replaces
+COLMAP; check_photos.py runs the real one."""
 
 import json
 import os
@@ -69,7 +70,7 @@ class WithStandIn(Case):
         return json.loads(done.stdout), done.stderr
 
     def reasons(self, facts):
-        """Why each file was left out, by its name."""
+        """Returns the reason for which each file was left out, by name."""
         return {name: row["why"] for row in facts["left_out"] for name in row["which"]}
 
     def refused(self, *words, code=1, more=(), raw=None, **environment):
@@ -118,7 +119,7 @@ class Photos(WithStandIn):
             sorted(os.listdir(os.path.join(self.out, "colmap"))), ["cameras.log", "features.log", "pairs.log"]
         )
         self.assertIn("use_gpu 0", self.called()[0])
-        # The same command again says the same and starts nothing; another source is refused.
+        # The same command again prints the same and starts nothing; another source is refused.
         calls = len(self.called())
         self.assertEqual(self.imports()[0]["left_out"], facts["left_out"])
         self.assertEqual(len(self.called()), calls)
@@ -140,7 +141,7 @@ class Photos(WithStandIn):
             before = np.asarray(Image.open(os.path.join(self.raw, "4.jpg"))).astype(int)
             self.assertLess(
                 np.abs(np.rot90(before, -1) - np.asarray(upright)).mean(), 6
-            )  # coded once more; noise of 85 grey levels if turned the other way
+            )  # encoded as JPEG once more; turned the wrong way, noise would differ by 85 grey levels
 
     def test_pairs(self):
         self.assertEqual(len(photos.pairs(list(range(20)), False)), 190)
@@ -223,7 +224,7 @@ class Photos(WithStandIn):
 
 
 class Folders(WithStandIn):
-    """Every file of a folder is a photograph, its mask, or counted with a reason."""
+    """Every file of a folder is a photograph, a mask, or counted with the reason why it is left out."""
 
     def put(self, *names, seed=0):
         for number, name in enumerate(names):
@@ -237,7 +238,8 @@ class Folders(WithStandIn):
             )
 
     def look(self):
-        """The photographs, the masks by photograph, and the counts by what and why; all files are in one of them."""
+        """Returns the photographs, their masks, and the counts of files left out; checks that every file is in one
+        of them."""
         account = Account()
         found = Folder(self.raw, self.out, account)
         rows = [row for row in account.rows.values() if row["what"] != "folders"]
@@ -309,7 +311,8 @@ class Folders(WithStandIn):
         self.assertIn("in sky_masks: ", why["sky_masks/a.png"])
 
     def test_masks_elsewhere(self):
-        """Next to the photographs, by their names; a folder of masks for each camera; nothing but a folder of that name."""
+        """Finds masks next to the photographs by their names, and in a folder of masks for each camera. A folder
+        that has only a folder "masks" in it holds photographs."""
         self.put("a.jpg", "b.jpg", "left/images/1.png", "right/images/1.png", "the mask.jpg")
         self.mask("a_mask.png", "b.jpg.png", "left/masks/1.png", "right/masks/1.png", "masks/1.png")
         photographs, masks, why = self.look()
@@ -329,7 +332,8 @@ class Folders(WithStandIn):
         self.assertEqual(self.look()[0], ["masks/1.jpg", "masks/2.jpg"])
 
     def test_copies_and_maps(self):
-        """Files with the names of photographs elsewhere: smaller copies and maps, but not a second camera's photographs."""
+        """Leaves out smaller copies and depth maps with the names of photographs in other folders, but keeps
+        photographs of a second camera."""
         self.put(
             "images/1.jpg",
             "images/2.jpg",
@@ -347,7 +351,8 @@ class Folders(WithStandIn):
         self.assertIn("put them into a folder named masks", why["seg person/1.png"])
 
     def test_masks_are_written(self):
-        """Next to DATASET/images, where training finds them: as PNG, turned as the photograph was; one of another shape is left out."""
+        """Writes masks as PNG next to DATASET/images, where training finds them, turned as the photograph is; leaves
+        out masks of another size."""
         self.put("images/1.jpg", "images/2.jpg", "images/4 5.jpg")
         picture(os.path.join(self.raw, "images", "3.jpg"), orientation=6, seed=9)
         self.mask("masks/1.png", "masks/3.png", "masks/4 5.jpg")
@@ -386,7 +391,8 @@ class Folders(WithStandIn):
 
 
 class Damage(WithStandIn):
-    """Files that are cut, empty, in the way or named maliciously end with one line and exit code 1, or are left out and named; nothing is written elsewhere."""
+    """Damaged or maliciously named files are refused in one line with exit code 1, or left out with their name.
+    Nothing is written outside of the folder."""
 
     def setUp(self):
         super().setUp()
@@ -402,7 +408,7 @@ class Damage(WithStandIn):
         }
 
     def test_photographs(self):
-        """Those that are cut or no photographs are left out of a good folder, each with a reason."""
+        """Leaves out damaged photographs and other files of a good folder, each with a reason."""
         bad = {
             "cut.jpg": self.good[: len(self.good) // 2],
             "end.jpg": self.good[:-900],
@@ -452,7 +458,7 @@ class Damage(WithStandIn):
         self.assertEqual((self.outside(), read(self.out)), (before, b"mine"))
 
     def test_names(self):
-        """Folders and photographs of any name; COLMAP gets names that it reads back as they are."""
+        """Folders and photographs may have any name; COLMAP gets names that it can read."""
         self.raw, self.out = self.path("r\naw $(touch x)%41"), self.path("o ut\n#?%41;'")
         names = [
             "plain.jpg",
@@ -473,7 +479,7 @@ class Damage(WithStandIn):
         facts, _ = self.imports()
         self.assertEqual(
             (facts["registered"], list(self.reasons(facts))), (len(names) - 1, ["..c.jpg"])
-        )  # ..c.jpg begins with a dot: hidden, as in a listing
+        )  # the name ..c.jpg begins with a dot, so the file is hidden
         self.assertEqual(set(os.listdir(self.path())) - before, {os.path.basename(self.out), "calls"})
         copies = list(files_below(os.path.join(self.out, "images")))
         self.assertEqual(len(copies), facts["registered"])
@@ -486,7 +492,7 @@ class Damage(WithStandIn):
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_videos(self):
-        """A video that is cut gives pictures of what is there, and says so; what is no video ends with a line."""
+        """A cut video gives frames up to the cut and a message; a file that is no video is refused in one line."""
         for number in range(30):
             picture(self.path("frames", f"{number:03d}.png"), (96, 64), seed=number)
         movie = {}
@@ -494,7 +500,7 @@ class Damage(WithStandIn):
             ("whole.mp4", ["-movflags", "faststart"]),
             ("last.mp4", []),
             ("film.mkv", []),
-        ):  # last: its table is at the end
+        ):  # moov is last: the table of frames is at the end of the file
             subprocess.run(
                 ["ffmpeg", "-v", "error", "-i", self.path("frames", "%03d.png"), *flags, self.path(name)],
                 check=True,
@@ -536,7 +542,7 @@ class Damage(WithStandIn):
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_many_words(self):
-        """ffmpeg's words on a video full of holes don't stop it: they are more than a pipe holds."""
+        """A heavily damaged video makes ffmpeg print more than a pipe holds; the import doesn't hang."""
         for number in range(8):
             picture(self.path("frames", f"{number:03d}.png"), (320, 240), seed=number)
         film = self.path("a.avi")
@@ -582,7 +588,7 @@ class Damage(WithStandIn):
 
 
 class Colours(WithStandIn):
-    """Photographs written again, upright and square, keep their file's colour profile."""
+    """Photographs that are written upright and with square pixels keep the colour profile of their file."""
 
     def opened(self, name):
         with Image.open(os.path.join(self.out, "images", name)) as copy:
@@ -649,7 +655,8 @@ class Colours(WithStandIn):
 
 class Video(Case):
     def test_choice(self):
-        """As many as asked for, ascending, the sharpest near each place, spread over time and change."""
+        """Takes the requested number of frames, in the order of time: the sharpest in each part, spread over time
+        and motion."""
         sharp, change = np.ones(300), np.ones(300)
         sharp[[7, 23]] = 5
         chosen = video.choose(sharp, change, 20)
@@ -657,16 +664,16 @@ class Video(Case):
             (len(chosen), chosen == sorted(set(chosen)), 7 in chosen, 23 in chosen), (20, True, True, True)
         )
         self.assertLess(np.diff(chosen).max(), 27)
-        change[:150] = 0  # at rest for the first half: it gets a quarter of the pictures
+        change[:150] = 0  # the camera rests in the first half, which gets a quarter of the frames
         rested = video.choose(np.ones(300), change, 20)
         self.assertEqual(sum(number < 150 for number in rested), 5)
         self.assertEqual(video.choose(sharp[:3], change[:3], 20), [0, 1, 2])
-        jump = video.choose(np.ones(21), np.eye(21)[20], 20)  # one cut: nothing lies on half of the way
+        jump = video.choose(np.ones(21), np.eye(21)[20], 20)  # no frame is taken in the middle of a cut
         self.assertEqual((len(set(jump)), len(jump), jump[-1]), (11, 11, 20))
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_frames_of_a_file(self):
-        """A video of 40 frames of which every fourth is sharp gives ten of these, and their pixels."""
+        """Of a video of 40 frames, every fourth of which is sharp, the ten sharp frames are taken with their pixels."""
         for number in range(40):
             base = np.random.default_rng(number // 4).integers(0, 256, (45, 80, 3), dtype=np.uint8)
             small = Image.fromarray(base).resize((640, 360), Image.NEAREST if number % 4 == 1 else Image.BICUBIC)
@@ -688,10 +695,10 @@ class Video(Case):
         found = np.asarray(Image.open(self.path("out", names[1]))).astype(int)
         self.assertLess(
             np.abs(found - np.asarray(Image.open(self.path("f005.png"))).astype(int)).mean(), 8
-        )  # JPEG with halved colour
+        )  # JPEG halves the resolution of colour
 
     def film(self, name, frames, *flags):
-        """A film of six frames of yuv420p or yuv420p10le planes, each second one upside down."""
+        """Makes a video of six frames from yuv420p or yuv420p10le planes; every second frame is upside down."""
         width, height = 64, 32
         deep = "yuv420p10le" in flags
         values = [value[::step].astype("<u2" if deep else "u1").tobytes() for step in (1, -1) for value in frames]
@@ -719,7 +726,8 @@ class Video(Case):
         return self.path(name)
 
     def shown(self, path):
-        """The filter applied to a film, the size of its pictures, and the colour of one in the middle of each half."""
+        """Imports a video; returns the filter that was used, the size of its frames, and the colour in the middle of
+        each half of a frame."""
         facts = Display(path, video.place(path))
         shutil.rmtree(self.path("out"), ignore_errors=True)
         os.makedirs(self.path("out"))
@@ -730,7 +738,8 @@ class Video(Case):
         return "; ".join(facts.words), (width, height), [pixels[height // 2, width * part // 4] for part in (1, 3)]
 
     def halves(self, colours, kr, kb, top):
-        """Planes of a picture whose halves have two colours of samples 0 to 1, in a narrow range of 8 or 10 bits."""
+        """Returns the planes of a frame whose halves have two colours (samples from 0 to 1), in a limited range of 8
+        or 10 bits."""
         planes = [np.empty((32, 64)), np.empty((16, 32)), np.empty((16, 32))]
         for half, (r, g, b) in enumerate(colours):
             y = kr * r + (1 - kr - kb) * g + kb * b
@@ -747,11 +756,11 @@ class Video(Case):
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_colours(self):
-        """Films of BT.709, BT.2020, HLG and PQ show the colours that were filmed."""
+        """Videos in BT.709, BT.2020, HLG and PQ give frames of the recorded colours."""
         wanted = np.array([[200, 60, 40], [90, 150, 60]]) / 255
         lit = np.where(wanted <= 0.04045, wanted / 12.92, ((wanted + 0.055) / 1.055) ** 2.4)
         wide = lit @ np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]]).T
-        scene = wide * 0.2650  # 75 % of HLG
+        scene = wide * 0.2650  # HLG at 75 % of its range
         hlg = np.where(
             scene <= 1 / 12,
             np.sqrt(3 * scene),
@@ -805,8 +814,9 @@ class Video(Case):
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_shapes(self):
-        """Interlaced frames become whole ones, pixels square; a turned film is upright, and its number of frames the same."""
-        rows = np.arange(32) % 2 * 100 + 60  # a comb, as a moving edge leaves it
+        """Interlaced frames are deinterlaced, and pixels become square; a rotated video becomes upright. The number
+        of frames stays."""
+        rows = np.arange(32) % 2 * 100 + 60  # alternating lines, as at a moving edge
         planes = [np.repeat(rows[:, None], 64, 1), np.full((16, 32), 128), np.full((16, 32), 128)]
         comb = self.film(
             "a.avi",
@@ -826,13 +836,15 @@ class Video(Case):
         self.assertIn("interlaced frames are deinterlaced (bwdif); pixels of 4:3 are made square", said)
         self.assertEqual(size, (86, 32))
         pixels = np.asarray(Image.open(self.path("out", "frame_000004.jpg"))).astype(int)
-        self.assertLess(np.abs(np.diff(pixels[8:24, 40, 0])).max(), 40)  # the comb has steps of 100
+        self.assertLess(
+            np.abs(np.diff(pixels[8:24, 40, 0])).max(), 40
+        )  # steps between the alternating lines would be 100
         _, size, _ = self.shown(self.film("b.mkv", planes, "-c:v", "ffv1", "-vf", "setsar=1/2"))
         self.assertEqual(size, (64, 64))
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
     def test_frames_are_judged_once(self):
-        """A resumed import takes the frames that it took before, and judges them anew only if the video is another."""
+        """A resumed import takes the same frames, and judges them again only if the video has changed."""
         for number in range(12):
             picture(self.path(f"f{number:03d}.png"), (96, 64), seed=number)
         movie, out = self.path("a.mkv"), self.path("out")

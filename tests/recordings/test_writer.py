@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""tools/recordings: recordings written with it, which pags reads back; what it refuses; its conversions against others' formulas."""
+"""Tests the recording writer of tools/recordings: pags reads what it writes, it refuses bad input, and its
+conversions agree with independent formulas."""
 
 import contextlib
 import errno
@@ -49,7 +50,7 @@ class Poses(unittest.TestCase):
             )
 
     def test_axes(self):
-        """A point 1 right, 2 down, 3 forward of a camera, and one 1 forward, 2 left, 3 up of a box."""
+        """Converts the point 1 right, 2 down, 3 forward of a camera, and the point 1 forward, 2 left, 3 up of a box."""
         seen = np.array([1, 2, 3, 1])
         self.assertEqual((poses.axes_from_opencv("opengl") @ seen)[:3].tolist(), [1, -2, -3])
         self.assertEqual((poses.axes_from_opencv("waymo") @ seen)[:3].tolist(), [3, -1, -2])
@@ -76,7 +77,7 @@ class Poses(unittest.TestCase):
             poses.seconds([1], "minutes")
 
 
-# ---- A recording written anew ----
+# ---- A recording written again ----
 
 
 class Dgp(Case):
@@ -138,14 +139,16 @@ class Dgp(Case):
             np.testing.assert_array_equal(pose, true[key][1])
             np.testing.assert_array_equal(size, true[key][2])
         facts = [json.loads(self.succeeds("info", folder, "--json", "-").stdout) for folder in (DGP, out)]
-        rates = [fact.pop("fps") for fact in facts]  # stated as 1 there; by the times here
+        rates = [
+            fact.pop("fps") for fact in facts
+        ]  # the original states a rate of 1; the writer computes it from the times
         self.assertAlmostEqual(rates[0], rates[1], 3)
         self.assertEqual(
             *(json.loads(json.dumps(fact).replace(folder, "D")) for fact, folder in zip(facts, (DGP, out)))
         )
 
 
-# ---- The template, on the most awkward recording that the docs promise to take ----
+# ---- The template, on the most awkward recording that the manual promises to accept ----
 
 
 class Template(Case):
@@ -171,8 +174,9 @@ class Template(Case):
 
     @classmethod
     def make_awkward(cls):
-        """The street in nanoseconds, with quaternions x y z w, world-to-camera, LiDAR in a sensor that is turned and lifted, boxes in its axes that look
-        along -y, and camera matrices whose first pixel's middle is at 0."""
+        """Writes the street with times in nanoseconds, quaternions x y z w and world-to-camera poses. LiDAR points
+        are in a rotated and lifted sensor; boxes in the sensor's axes face -y. The first pixel's middle is at 0 in
+        camera matrices."""
         street, times = cls.street, load(cls.street, "timestamps.json")
         boxes = load(street, "instances", "instances_info.json")
         turned = about([0.1, -0.2, 1], 2.0)
@@ -191,9 +195,7 @@ class Template(Case):
                 "K": [[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]],
                 "distortion": [],
             }
-        front_of_box = np.array(
-            [[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-        )  # a point forward of the thing lies at -y
+        front_of_box = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # the box faces -y
         for t, time in enumerate(times["frames"]):
             ego = matrix(street, "ego_pose", f"{t:03d}.txt")
             frame = {
@@ -292,7 +294,7 @@ class Template(Case):
 
 
 class Lenses(Case):
-    """A fisheye, stated in dataset.json, and pags' message where it can't be right."""
+    """Writes a fisheye camera into dataset.json; pags refuses impossible values with a message."""
 
     def record(self, folder, field=190):
         with Recording(self.path(folder)) as out:
@@ -313,7 +315,7 @@ class Lenses(Case):
                     )
 
     def spoil(self, key, value):
-        """Opens the set with its lens changed; returns what pags says."""
+        """Changes a value of the lens and opens the set; returns the message of pags."""
         facts = load(self.path("D"), "dataset.json")
         facts["lenses"]["0"] = dict(self.lens, **{key: value})
         self.write("D/dataset.json", json.dumps(facts))
@@ -343,7 +345,7 @@ class Lenses(Case):
         self.assertIn("expected fx fy cx cy alone", fixtures.run("info", self.path("D")).stderr)
 
 
-# ---- What is refused ----
+# ---- Refused input ----
 
 
 class Refused(Case):
@@ -426,7 +428,7 @@ class Refused(Case):
         self.refused("'Bus', but 'Car'", r.add_step(1).box, 7, "Bus", np.eye(4), [4, 2, 2])
 
     def test_a_world_far_from_its_zero(self):
-        """LiDAR in the world's axes, with UTM's coordinates: what counts is the distance from the car."""
+        """LiDAR points with large UTM coordinates are accepted: only the distance from the car is limited."""
         r = self.begin()
         car = poses.pose(np.eye(3), [691_000, 5_334_000, 520])
         points = np.array([[691_010.5, 5_334_000, 520], [691_000, 5_333_980, 521]])
@@ -453,7 +455,8 @@ class Refused(Case):
 
 
 class Locks(Case):
-    """The folder is locked as the program locks it: one shuts the other out, and a process that was killed shuts out nobody."""
+    """The package and the program use the same lock: either one shuts out the other, and a killed process shuts out
+    none."""
 
     HOLDER = "import sys, time; from pags_recordings import lock; held = lock.FolderLock(sys.argv[1], 'pags import photos'); print(flush=True); time.sleep(60)"
 
