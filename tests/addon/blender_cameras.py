@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: cameras and their paths."""
+"""Tests the add-on in Blender without a window: cameras and camera paths."""
 
 import os
 import stat
@@ -36,10 +36,10 @@ class Cameras(BlenderCase):
         for name in ("folder.json", "kept.json"):
             self.raises([name], bpy.ops.export_scene.pags_path, filepath=self.path(name), check_existing=False)
         self.assertEqual(fixtures.read(self.path("kept.json")), b"mine")
-        os.chmod(self.path("kept.json"), 0o644)  # Windows removes no read-only file
+        os.chmod(self.path("kept.json"), 0o644)  # Windows can't remove a read-only file
 
-    def test_paths_are_written_through_what_is_no_file(self):
-        """A link stays a link, a FIFO a FIFO, a device a device; a read-only file behind a link is refused."""
+    def test_paths_are_written_to_links_and_devices(self):
+        """Writing a path keeps links, FIFOs and device files as they are. A read-only file behind a link is refused."""
         if not hasattr(os, "mkfifo"):
             self.skipTest("Windows has no FIFOs and no device files in folders")
         self.bring_in()
@@ -69,8 +69,8 @@ class Cameras(BlenderCase):
         write("device.json")
         self.assertEqual(kind("device.json"), stat.S_IFCHR)
 
-    def test_recorded_views_are_hit(self):
-        """The camera of a sensor sees what the program draws for the view of the scene file itself."""
+    def test_cameras_equal_recorded_views(self):
+        """The camera of each sensor shows the same picture that the program draws for the recorded view."""
         self.bring_in()
         self.succeeds("render", self.path("scene"), "--split", "all", "--no-exposure", "-o", self.path("views"))
         for name, frame in (("001_0", 2), ("002_0", 3)):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared by the tests inside Blender: the add-on installed from its zip, pictures from F12, pictures from the program."""
+"""Shared code of the tests that run inside Blender: installs the add-on from its zip and renders by F12 or by the
+program."""
 
 import json
 import os
@@ -23,7 +24,7 @@ fixtures.PAGS = PROGRAM
 
 
 def install():
-    """The zip as a user installs it; returns the add-on's package."""
+    """Installs the zip as a user does; returns the add-on's package."""
     if bpy.app.version >= (4, 2, 0):
         bpy.ops.extensions.package_install_files(
             filepath=PACKAGE, repo="user_default", enable_on_install=True, overwrite=True
@@ -45,7 +46,8 @@ addon = install()
 class BlenderCase(Case):
     def setUp(self):
         super().setUp()
-        self.addCleanup(sys.modules[addon.__name__ + ".native"].forget)  # Windows keeps a .pagsz that is in use
+        # Windows can't remove a .pagsz file while it is in use
+        self.addCleanup(sys.modules[addon.__name__ + ".native"].forget)
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         if addon.__name__ not in bpy.context.preferences.addons:
             bpy.ops.preferences.addon_enable(module=addon.__name__)
@@ -61,11 +63,12 @@ class BlenderCase(Case):
         answer = bpy.ops.import_scene.pags(filepath=self.path(name), **keywords)
         self.assertEqual(answer, {"FINISHED"})
         scene = self.scene
-        if hasattr(scene.render.image_settings, "media_type"):  # Blender 5; a test may have left it at multilayer
+        # Blender 5: an earlier test may have left the multilayer type
+        if hasattr(scene.render.image_settings, "media_type"):
             scene.render.image_settings.media_type = "IMAGE"
         scene.render.image_settings.file_format = "PNG"
         scene.render.image_settings.color_mode = "RGB"
-        scene.render.dither_intensity = 0  # Blender adds noise of half a grey level otherwise
+        scene.render.dither_intensity = 0  # without this, Blender adds noise of half a grey level
         return bpy.context.view_layer.objects.active
 
     def part(self, index):
@@ -75,20 +78,20 @@ class BlenderCase(Case):
         return next(o for o in self.scene.objects if o.pags.kind == "TRACK" and o.pags.index == index)
 
     def f12(self, name="f12"):
-        """(width, height, channels, bits, samples) of what F12 gives."""
+        """Renders by F12; returns (width, height, channels, bits, samples) of the picture."""
         path = self.path(name + ".png")
         self.scene.render.filepath = path
         bpy.ops.render.render(write_still=True)
         return read_png(path)
 
     def program(self, *more, scene="scene"):
-        """The program's picture for the scene's camera, through the add-on's own camera file."""
+        """Returns the program's picture for the scene's camera, which the add-on exports as a camera file."""
         bpy.ops.export_scene.pags_path(filepath=self.path("camera.json"), single=True)
         self.succeeds("render", self.path(scene), "--camera", self.path("camera.json"), "-o", self.path("out"), *more)
         return read_png(self.path("out", "00000.png"))
 
     def assert_close(self, a, b, levels=1, mostly=0):
-        """No sample differs by more than `levels`; some of them must not be black."""
+        """Checks that no sample differs by more than `levels` and that the picture isn't black."""
         self.assertEqual(a[:4], b[:4])
         apart = max(abs(x - y) for x, y in zip(a[4], b[4]))
         self.assertLessEqual(apart, levels)
@@ -98,7 +101,8 @@ class BlenderCase(Case):
         return max(abs(x - y) for x, y in zip(a[4], b[4]))
 
     def links_can_be_made(self):
-        """Not on Windows without a privilege; wine says that it has made one and has not."""
+        """Returns whether symbolic links can be made. Windows needs a privilege; wine reports success but makes no
+        link."""
         try:
             os.symlink(self.path("scene"), self.path("a link"))
         except OSError:
@@ -114,7 +118,7 @@ class BlenderCase(Case):
             self.skipTest("this build of the program writes no glTF")
 
     def raises(self, words, operator, **keywords):
-        """The operator reports an error with these words, as RuntimeError from scripts, and leaves no traceback of its own."""
+        """Checks that the operator fails with a RuntimeError that contains these words and no traceback."""
         with self.assertRaises(RuntimeError) as caught:
             operator(**keywords)
         for word in words:
@@ -135,7 +139,7 @@ def main():
         print("all tests passed")
         sys.stdout.flush()
         if not bpy.app.binary_path:
-            os._exit(0)  # the module bpy 4.2.23 crashes after Python's end as soon as any script has registered a panel
+            os._exit(0)  # the module bpy 4.2.23 crashes when Python exits after a script has registered a panel
     else:
         os._exit(3)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: meshes in the street."""
+"""Tests the add-on in Blender without a window: meshes combined with the street."""
 
 import os
 import sys
@@ -14,7 +14,7 @@ from test_drive import make_drive  # noqa: E402
 
 class Composite(BlenderCase):
     def test_a_cube_in_the_street(self):
-        """Before the car, behind it, and with the sky behind."""
+        """Draws a cube in front of the parked car, then behind it with the sky in the background."""
         self.bring_in()
         self.scene.frame_set(2)
         names = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items}
@@ -36,27 +36,28 @@ class Composite(BlenderCase):
         bpy.ops.pags.composite(engine="CYCLES", tolerance=0.3)
         self.scene.cycles.samples = 4
         picture = self.f12()
-        self.assertEqual(pixel(picture, 50, 50), pixel(street, 50, 50))  # the car, untouched
+        self.assertEqual(pixel(picture, 50, 50), pixel(street, 50, 50))  # the car is unchanged
         x, y = 50 - int(1.2 / 6 * 100), 50
-        self.assertGreater(min(pixel(picture, x, y)[1:]), 200)  # the cube
+        self.assertGreater(min(pixel(picture, x, y)[1:]), 200)  # the cube is visible
         self.assertLess(pixel(picture, x, y)[0], 60)
-        cube.location = (16, 1.2 * 15 / 6, 0)  # now behind where the parked car is drawn
+        cube.location = (16, 1.2 * 15 / 6, 0)  # the cube is now behind the parked car
         cube.scale = (3, 3, 3)
         behind = self.f12()
         self.assertLess(abs(pixel(behind, 35, 50)[1] - pixel(street, 35, 50)[1]), 12)
 
     def pave(self):
-        """A road of Gaussians under the drive, 1.6 m below the cameras."""
+        """Adds a road of Gaussians, 1.6 m below the cameras."""
         rows = []
         for x in range(60):
             for y in range(-20, 21):
                 flat = splat(3 + 0.2 * x, 0.2 * y, -1.6, (0.1, 0.1, 0.5), sigma=0.15, opacity=12.0)
-                flat[12] = -5.0  # its third scale: millimetres
+                flat[12] = -5.0  # the third scale is a few millimetres
                 rows.append(flat)
         make_drive(self.path("scene"), rows)
 
-    def test_its_shadow_lies_on_the_road(self):
-        """A block that hangs over the road under a sun straight above: dark below it, the street around it unchanged."""
+    def test_shadow_on_the_road(self):
+        """A block above the road casts a shadow under a sun straight above. The street around the shadow stays
+        unchanged."""
         self.pave()
         self.bring_in()
         self.scene.frame_set(2)
@@ -73,21 +74,22 @@ class Composite(BlenderCase):
         below, beside = (
             (72, 73),
             (30, 73),
-        )  # the road is 1.6 m below the cameras, the block 7 m ahead and 1.5 m to the right
+        )  # The road is 1.6 m below the cameras; the block is 7 m ahead and 1.5 m to the right.
         self.assertGreater(pixel(street, *below)[2], 120)
         self.assertLess(pixel(picture, *below)[2], 80)
         self.assertLess(abs(pixel(picture, *beside)[2] - pixel(street, *beside)[2]), 10)
-        # A plane that is 15 cm too low is 0.7 m behind the road of Gaussians along the ray: the shadow has no hole.
+        # A plane 15 cm too low lies 0.7 m behind the road's Gaussians along the ray; the shadow still has no hole.
         road = next(o for o in self.scene.objects if o.get("pags_catcher") == "road")
         road.location.z -= 0.15
         self.assertLess(pixel(self.f12(), 71, 75)[2], 80)
-        # One that is metres behind what the street shows: so is the shadow.
+        # A plane metres behind the visible street gets its shadow there, too; the street hides that shadow.
         road.location.z -= 2
         block.location, block.scale = (15, -3, 1), (4, 4, 1)
         self.assertLess(abs(pixel(self.f12(), 71, 75)[2] - pixel(street, 71, 75)[2]), 10)
 
-    def test_as_the_guide_s_reader_does_it(self):
-        """Nothing is set by hand: samples and denoising are such that F12 ends, and the recording's sky is the light. Samples of one's own stay."""
+    def test_default_settings(self):
+        """By default, F12 uses a limited number of samples and the recording's sky as light. A user's number of
+        samples is kept."""
         self.bring_in()
         self.scene.frame_set(2)
         if not hasattr(bpy.types.Scene, "cycles"):
@@ -95,41 +97,44 @@ class Composite(BlenderCase):
         bpy.ops.mesh.primitive_uv_sphere_add(radius=0.8, location=(7, 1.2, 0))
         before = self.scene.world
         bpy.ops.pags.composite()
-        self.scene.render.resolution_percentage = 40  # the second scene's size is another now, and isn't asked for
+        self.scene.render.resolution_percentage = 40  # The size set in the second scene now differs, but has no effect.
         self.assertIn(self.scene.cycles.samples, (64, 128))
         picture = self.f12()
         ball = pixel(picture, int((50 - 1.2 / 6 * 100) * 0.4), 20)
-        self.assertGreater(ball[2], ball[0] + 30)  # white, in the light of a blue sky
-        self.assertGreater(pixel(picture, 20, 20)[0], 100)  # the red car of the street, a few pixels wide
+        self.assertGreater(ball[2], ball[0] + 30)  # the white ball is lit by a blue sky
+        self.assertGreater(pixel(picture, 20, 20)[0], 100)  # the street's red car, a few pixels wide
         self.assertTrue(before is None or before.use_fake_user)
         self.scene.cycles.samples = 3
         bpy.ops.pags.composite()
         self.assertEqual(self.scene.cycles.samples, 3)
 
-    def test_the_light_comes_from_where_it_is(self):
-        """A wall of red Gaussians to the north, the scene turned: the panorama has it where Blender's world has it."""
+    def test_direction_of_the_light(self):
+        """After the scene is turned, the light's panorama shows a red wall in the direction where Blender's world
+        has it."""
         composite = sys.modules[addon.__name__ + ".composite"]
         make_drive(
             self.path("scene"),
             [splat(x, 6, z, (1, 0, 0), sigma=0.5, opacity=12.0) for x in range(-4, 5) for z in range(-2, 3)],
         )
         root = self.bring_in()
-        root.rotation_euler.z = -1.5707963  # what was to the left, y, is ahead now, x
+        root.rotation_euler.z = -1.5707963  # the y axis (left) now points ahead (x)
         bpy.context.view_layer.update()
         bpy.ops.pags.composite(engine="EEVEE")
         image = bpy.data.images[composite.LIGHT]
         width, height = image.size
         pixels = image.pixels[:]
         at = lambda x, y: pixels[4 * (int(y * height) * width + int(x * width)) :][:3]
-        red, sky = at(0.5, 0.5), at(0.5, 0.95)  # Cycles has x in the middle of an equirectangular picture, z at the top
+        # In Cycles, the x axis is in the middle of an equirectangular picture and the z axis at its top.
+        red, sky = at(0.5, 0.5), at(0.5, 0.95)
         self.assertGreater(red[0], 0.8)
         self.assertLess(red[2], 0.1)
         for seen in (sky, at(0.01, 0.5)):
             self.assertAlmostEqual(seen[0], 0, delta=0.01)
-            self.assertAlmostEqual(seen[2], 0.2140, delta=0.01)  # sRGB 0.5
+            self.assertAlmostEqual(seen[2], 0.2140, delta=0.01)  # linear value of sRGB 0.5
 
-    def test_the_user_s_nodes_stay(self):
-        """The nodes between Render Layers and output stay: the composite replaces their input, also the second time."""
+    def test_nodes_of_the_user_stay(self):
+        """The user's nodes between Render Layers and the output stay. The composite replaces their input, also when
+        repeated."""
         composite = sys.modules[addon.__name__ + ".composite"]
         self.bring_in()
         scene = self.scene

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: edits saved as a scene."""
+"""Tests the add-on in Blender without a window: edits saved as a scene."""
 
 import contextlib
 import errno
@@ -18,8 +18,8 @@ class Edits(BlenderCase):
     def test_saved_as_a_scene(self):
         """Blender's picture after edits equals the program's picture of the saved scene."""
         root = self.bring_in()
-        self.track(0).location.x -= 0.5  # parked
-        self.part(1).location.x += 0.7  # along its track
+        self.track(0).location.x -= 0.5  # moves the parked car
+        self.part(1).location.x += 0.7  # moves the driving car along its track
         bpy.ops.pags.save_edited(directory=self.path("edited"))
         for frame in (1, 2):
             self.scene.frame_set(frame)
@@ -39,19 +39,19 @@ class Edits(BlenderCase):
         self.succeeds("render", self.path("unscaled"), "--path", "ego", "-o", self.path("drawn"))  # poses stay rigid
 
     def no_links(self, error=PermissionError(errno.EPERM, "Operation not permitted")):
-        """Within it no link can be made, as on FAT."""
+        """Returns a context in which no links can be made, as on a FAT file system."""
         stack = contextlib.ExitStack()
         for name in ("symlink", "link"):
             stack.enter_context(mock.patch.object(os, name, side_effect=error))
         return stack
 
     def contents(self, folder):
-        """Bytes of every file below it by path; None for a link."""
+        """Returns the bytes of every file in the folder and its subfolders, by path; None for a link."""
         paths = [os.path.join(at, name) for at, _, names in os.walk(self.path(folder)) for name in names]
         return {p: None if os.path.islink(p) else fixtures.read(p) for p in paths}
 
     def test_saved_where_links_cannot_be_made(self):
-        """The models are copied; what is saved is a scene of its own, the old one stays as it was."""
+        """Without links, the models are copied. The saved scene is complete and the old scene stays unchanged."""
         self.bring_in()
         before = self.contents("scene")
         self.track(0).location.x -= 0.5
@@ -80,7 +80,7 @@ class Edits(BlenderCase):
             )
         self.assertEqual(self.contents("scene"), before)
         with self.no_links():
-            bpy.ops.export_scene.pags(filepath=self.path("edited.ply"))  # goes through such a folder
+            bpy.ops.export_scene.pags(filepath=self.path("edited.ply"))  # the export goes through such a folder
         self.assertGreater(os.path.getsize(self.path("edited.ply")), 3 * 56)
         os.rename(self.path("scene"), self.path("away"))
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -88,10 +88,11 @@ class Edits(BlenderCase):
         self.assert_close(self.f12(), shown)
 
     def test_saving_that_fails_leaves_everything_as_it_was(self):
-        """No room for copies, a file in the way, a link to the original in the way, a model that is gone: said with the path."""
+        """Saving fails with the path of the cause: a full disk, files or links in the way, a missing model. Nothing
+        is changed."""
         self.bring_in()
         before = self.contents("scene")
-        self.track(0).location.x -= 0.5  # the background is written anew
+        self.track(0).location.x -= 0.5  # forces the background to be written again
         full = mock.patch("shutil.copyfile", side_effect=OSError(errno.ENOSPC, "No space left on device"))
         with self.no_links(), full:
             self.raises(
@@ -130,7 +131,7 @@ class Edits(BlenderCase):
         self.raises([self.path("scene", "objects", "car.ply")], bpy.ops.pags.save_edited, directory=self.path("gone"))
         self.assertFalse(os.path.lexists(self.path("gone")))
         os.rename(self.path("car.ply"), self.path("scene", "objects", "car.ply"))
-        bpy.ops.pags.save_edited(directory=self.path("full"))  # the same folder again
+        bpy.ops.pags.save_edited(directory=self.path("full"))  # saves into the same folder again
         self.assert_close(self.f12(), self.program(scene="full"))
 
     def test_deleted_objects_are_left_out(self):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: exports."""
+"""Tests the add-on in Blender without a window: exports."""
 
 import os
 import sys
@@ -16,7 +16,7 @@ from test_drive import make_drive  # noqa: E402
 
 class Export(BlenderCase):
     def test_gaussians_with_edits(self):
-        """The written file's picture equals Blender's."""
+        """Edits change the exported file but not the number of its Gaussians."""
         self.bring_in()
         self.part(1).location.x += 0.7
         bpy.ops.export_scene.pags(filepath=self.path("edited.ply"))
@@ -42,8 +42,8 @@ class Export(BlenderCase):
         self.bring_in()
         self.raises(["boxes.xyz"], bpy.ops.export_scene.pags, filepath=self.path("boxes.xyz"))
 
-    def test_a_bare_file(self):
-        """It has no edits, and is exported as it is."""
+    def test_splat_file(self):
+        """A splat file without edits is exported unchanged."""
         self.write("some.ply", ply_bytes(some_splats()))
         self.bring_in("some.ply")
         self.starts_with("some.pagsz", b"PAGSPK01")
@@ -53,7 +53,7 @@ class Export(BlenderCase):
         )
 
     def test_the_background_in_blocks(self):
-        """A background of more rows than are read at a time, of which some are left out and others moved."""
+        """Exports a background that has more rows than one block. Some rows are left out and others are moved."""
         exporter = sys.modules[addon.__name__ + ".exporter"]
         make_drive(self.path("scene"), [splat(20 + 0.1 * i, 3, 0, (0, 0, 1), opacity=12.0) for i in range(50)])
         self.bring_in()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: files saved and opened again, scenes that are missing."""
+"""Tests the add-on in Blender without a window: files saved and opened again, and missing scenes."""
 
 import os
 import sys
@@ -26,7 +26,8 @@ class Files(BlenderCase):
         self.assertEqual(self.f12("again")[4], before[4])
 
     def test_saved_elsewhere(self):
-        """Relative paths follow the .blend, in it and in the file that stays open; those of a copy don't change what is open."""
+        """Relative paths are adapted to the saved .blend, also in the open file. Saving a copy doesn't change the
+        open file."""
         paths = lambda root: tuple(path.replace(os.sep, "/") for path in (root.pags.path, root.pags.dataset))  # noqa: E731
         root = self.bring_in()
         os.makedirs(self.path("deep", "er"))
@@ -36,7 +37,7 @@ class Files(BlenderCase):
         self.assertEqual(paths(root), ("//scene", "//data"))
         bpy.ops.wm.save_as_mainfile(filepath=self.path("deep", "work.blend"))
         self.assertEqual(paths(root), ("//../scene", "//../data"))
-        if bpy.app.version < (4, 2, 0):  # which don't say before where the file goes
+        if bpy.app.version < (4, 2, 0):  # These versions don't announce the new path before they save.
             bpy.ops.wm.save_mainfile()
         for place, wanted in ((("deep", "work.blend"), "//../scene"), (("deep", "er", "copy.blend"), "//../../scene")):
             bpy.ops.wm.open_mainfile(filepath=self.path(*place))
@@ -45,7 +46,7 @@ class Files(BlenderCase):
                 self.assertEqual(paths(root)[0], wanted)
             self.assertGreater(max(self.f12()[4]), 100)
 
-    def test_a_missing_scene_is_said(self):
+    def test_missing_scene_is_reported(self):
         self.bring_in()
         bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
         os.rename(self.path("scene"), self.path("elsewhere"))
@@ -61,7 +62,7 @@ class Files(BlenderCase):
         self.assertEqual(len(self.scene.objects), 0)
 
     def test_characters_beyond_ascii(self):
-        """In paths, in scene.json and in what the program says."""
+        """Characters beyond ASCII work in paths, in scene.json and in the program's messages."""
         folder, name = "日本語 Ümläüte", "車=2"
         make_drive(self.path(folder))
         record = json.loads(fixtures.read(self.path(folder, "scene.json")))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: F12 against the program, its passes, and what it refuses."""
+"""Tests the add-on in Blender without a window: F12 pictures and passes against the program, and refused settings."""
 
 import math
 import os
@@ -15,7 +15,7 @@ from fixtures import ply_bytes, splat  # noqa: E402
 
 
 def exr_header(data, at):
-    """Attributes of the header at `at`, and where it ends."""
+    """Returns the attributes of the OpenEXR header that starts at `at`, and the offset of its end."""
     found = {}
     while data[at]:
         end = data.index(b"\0", at)
@@ -27,7 +27,7 @@ def exr_header(data, at):
 
 
 def exr_channels(block):
-    """(name, bytes a sample) in the file's order."""
+    """Returns (name, bytes per sample) of all channels in the file's order."""
     at, out = 0, []
     while block[at]:
         end = block.index(b"\0", at)
@@ -38,7 +38,8 @@ def exr_channels(block):
 
 
 def exr_values(data, x, y):
-    """The values of all float channels of an uncompressed OpenEXR file at a pixel, by part.channel; Blender 5 writes one part per pass."""
+    """Returns the values of all float channels of an uncompressed OpenEXR file at a pixel, by part.channel. Blender
+    5 writes one part per pass."""
     (version,) = struct.unpack_from("<i", data, 4)
     several, parts, at = bool(version & 0x1000), [], 8
     while not parts or (several and data[at]):
@@ -49,7 +50,7 @@ def exr_values(data, x, y):
     for header in parts:
         x0, y0, x1, y1 = struct.unpack("<4i", header["dataWindow"])
         (offset,) = struct.unpack_from("<Q", data, at + 8 * (y - y0))
-        at += 8 * (y1 - y0 + 1)  # a table of offsets for each part, a chunk a row
+        at += 8 * (y1 - y0 + 1)  # each part has a table of offsets, with one chunk per row
         if header["compression"] != b"\0":
             raise ValueError("expected an uncompressed file")
         place = offset + (12 if several else 8)
@@ -77,7 +78,7 @@ class Final(BlenderCase):
         self.bring_in()
         for index, name in ((1, "c=2"), (0, "p,1")):
             before = self.f12()
-            self.part(index).location.x += 1  # forward in its own frame
+            self.part(index).location.x += 1  # forward in the object's frame
             after = self.f12()
             self.assert_close(after, self.program("--move", name, "1,0,0,0"))
             self.assertGreater(self.difference(before, after), 50)
@@ -97,10 +98,10 @@ class Final(BlenderCase):
         self.scene.pags.hide_noncritical = True
         critical = self.f12()
         self.assertGreater(pixel(critical, 35, 50)[1], 200)
-        self.assertLess(max(pixel(critical, 50, 20)), 140)  # the wall is gone, the sky is seen
+        self.assertLess(max(pixel(critical, 50, 20)), 140)  # the wall is hidden and the sky is visible
 
     def test_the_whole_scene_moved(self):
-        """Moved together with its camera, a scene looks the same."""
+        """A scene that is moved together with its camera looks the same."""
         root = self.bring_in()
         before = self.f12()
         root.location = (5, -3, 2)
@@ -142,10 +143,10 @@ class Final(BlenderCase):
         self.assertAlmostEqual(short["Depth.Z"], 10 - 1, delta=0.2)
         self.assertEqual(short["IndexOB.X"], 42)
         self.assertGreater(short["Combined.R"], 0.9)
-        self.assertGreater(short["PriorityHeat.R"], 0.5)  # a critical object: pale yellow
+        self.assertGreater(short["PriorityHeat.R"], 0.5)  # the heat colour of a critical object is pale yellow
 
     def render_exr(self, name):
-        """F12 into an uncompressed file of all passes; returns its bytes."""
+        """Renders F12 into an uncompressed EXR file of all passes; returns its bytes."""
         settings = self.scene.render.image_settings
         if hasattr(settings, "media_type"):
             settings.media_type = "MULTI_LAYER_IMAGE"
@@ -161,7 +162,8 @@ class Final(BlenderCase):
         return {".".join(name.split(".")[-2:]): value for name, value in exr_values(data, x, y).items()}
 
     def test_passes_for_compositing(self):
-        """Vector, Normal and Cryptomattes are the engine's, in Blender's conventions, with names that its node knows."""
+        """Vector, Normal and Cryptomatte passes follow Blender's conventions. Blender's Cryptomatte node knows their
+        names."""
         from test_passes import value
 
         root = self.bring_in()
@@ -170,7 +172,7 @@ class Final(BlenderCase):
         layer = bpy.context.view_layer
         layer.use_pass_vector = layer.use_pass_normal = True
         layer.use_pass_cryptomatte_object = layer.use_pass_cryptomatte_asset = True
-        self.scene.camera.animation_data_clear()  # it stands where it was at this frame
+        self.scene.camera.animation_data_clear()  # the camera stays at its place of this frame
         data = self.render_exr("passes.exr")
         short = self.short_names(data, 50, 50)
         sensor = self.scene.camera
@@ -182,7 +184,7 @@ class Final(BlenderCase):
         self.assertEqual(short["CryptoAsset00.R"], value("Car"))
         self.assertNotIn("CryptoObject03.R", short)
         towards = sum(a * short[f"Normal.{c}"] for a, c in zip(ahead, "XYZ"))
-        self.assertLess(towards, 1e-6)  # faces the camera
+        self.assertLess(towards, 1e-6)  # the normal faces the camera
         self.assertAlmostEqual(sum(short[f"Normal.{c}"] ** 2 for c in "XYZ"), 1, delta=1e-3)
         for text in (
             car.name,
@@ -196,7 +198,8 @@ class Final(BlenderCase):
         self.assertNotIn("CryptoObject01.R", self.short_names(self.render_exr("two.exr"), 50, 50))
 
     def test_cryptomatte_node(self):
-        """Blender's node makes a matte of a name that it is given, from the render itself. The camera stands 1 m ahead: the wall is in row 17."""
+        """Blender's Cryptomatte node makes the matte of a named object from the render. The camera stands 1 m ahead,
+        and row 17 shows the wall."""
         if bpy.app.version >= (5, 0, 0):
             self.skipTest("the compositor's tree isn't the scene's from Blender 5.0 on")
         self.bring_in()
@@ -215,7 +218,8 @@ class Final(BlenderCase):
             self.assertEqual(pixel(picture, *other)[0], 0)
 
     def test_vector_pass(self):
-        """The car goes to the right by as many pixels as its track says; a moved Blender object moves, too; what rests rests."""
+        """The vectors of the car match its track in pixels, and a moved Blender object has vectors, too. Resting
+        objects have zero vectors."""
         self.bring_in(cameras="NONE")
         camera = bpy.data.cameras.new("still")
         still = bpy.data.objects.new("still", camera)
@@ -242,15 +246,17 @@ class Final(BlenderCase):
             ("Y", 0),
             ("Z", -40 * 0.99),
             ("W", 0),
-        ):  # 4 m a frame in 10 m, focal length 101 px
+        ):  # 4 m per frame at a distance of 10 m, focal length 101 pixels
             self.assertAlmostEqual(car[f"Vector.{channel}"], 1.01 * wanted, delta=0.5)
-        moved = self.short_names(data, 34, 50)  # the parked one: 0.1 m to the left before, 0.2 m after
+        # the parked car moves 0.1 m to the left before this frame and 0.2 m after it
+        moved = self.short_names(data, 34, 50)
         self.assertAlmostEqual(moved["Vector.Z"] / moved["Vector.X"], 2, delta=0.1)
         self.assertGreater(moved["Vector.X"], 0.5)
         self.assertEqual(rest["Vector.X"], 0)
 
     def test_passes_of_several_scenes(self):
-        """A ball of another scene, halved, under a stretched street: each has its name and its own motion, and the camera's is that of both."""
+        """Adds a ball of half size from another scene to a stretched street. Each has its name and its motion; the
+        camera's motion affects both."""
         from test_passes import value
 
         street = self.bring_in()
@@ -265,21 +271,22 @@ class Final(BlenderCase):
         self.scene.frame_set(2)
         for stretched in (False, True):
             if stretched:
-                street.scale.z = 1.2  # the street then lends its sky alone
+                street.scale.z = 1.2  # in this case the street contributes only its sky
             picture = self.pass_values()
-            ball, car = picture(67, 50), picture(50, 50)  # the camera stands at 1 m: 1.5 m to the right of 9 m
+            # the camera stands at 1 m; the ball is 9 m ahead and 1.5 m to the right
+            ball, car = picture(67, 50), picture(50, 50)
             self.assertEqual(
                 (ball["CryptoObject00.R"], ball["CryptoAsset00.R"]), (value("background.001"), value("background"))
             )
             self.assertEqual((car["CryptoObject00.R"], car["CryptoAsset00.R"]), (value("c=2"), value("Car")))
-            # The ball goes 0.1 m a frame to the right, the camera 1 m ahead.
+            # The ball moves 0.1 m per frame to the right, the camera 1 m ahead.
             for channel, wanted in (("X", 1.4 / 10 - 1.5 / 9), ("Z", 1.5 / 9 - 1.6 / 8)):
                 self.assertAlmostEqual(ball[f"Vector.{channel}"], 100 * wanted, delta=0.3)
             for channel in "XZ":
                 self.assertAlmostEqual(car[f"Vector.{channel}"], plain(50, 50)[f"Vector.{channel}"], delta=0.2)
 
     def pass_values(self):
-        """The values of F12's passes: a function of a pixel."""
+        """Renders F12 with passes; returns a function that gives the passes' values at a pixel."""
         layer = bpy.context.view_layer
         layer.use_pass_vector = layer.use_pass_cryptomatte_object = layer.use_pass_cryptomatte_asset = True
         data = self.render_exr("several.exr")
@@ -313,7 +320,7 @@ class Final(BlenderCase):
         self.assertEqual(self.f12()[4], good[4])
         for part in [o for o in self.scene.objects if o.pags.kind in {"OBJECT", "BACKGROUND"}]:
             part.hide_render = True
-        self.assertEqual(set(self.f12()[4]), {0})  # an empty layer
+        self.assertEqual(set(self.f12()[4]), {0})  # the layer is empty
         for part in [o for o in bpy.data.objects if o.pags.kind in {"OBJECT", "BACKGROUND"}]:
             bpy.data.objects.remove(part)
         self.raises(["import"], bpy.ops.render.render)
@@ -333,11 +340,12 @@ class Final(BlenderCase):
         self.bring_in()
         self.scene.frame_set(2)
         self.scene.camera.data.type = "ORTHO"
-        self.scene.camera.data.ortho_scale = 10.1  # 10 pixels a metre
+        self.scene.camera.data.ortho_scale = 10.1  # 10 pixels per metre
         self.scene.camera.data.shift_x = self.scene.camera.data.shift_y = 0
         picture = self.f12()
-        self.assertGreater(pixel(picture, 50, 50)[0], 200)  # the car before the camera
-        self.assertGreater(pixel(picture, 35, 50)[1], 200)  # the parked one 1.5 m to the left, whatever its distance
+        self.assertGreater(pixel(picture, 50, 50)[0], 200)  # the car in front of the camera
+        # the parked car 1.5 m to the left; its distance doesn't matter
+        self.assertGreater(pixel(picture, 35, 50)[1], 200)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window, from a zip that holds it for other systems alone: it can be switched on and off, and what needs the module
-names the systems that the zip is for."""
+"""Tests the add-on from a zip for other systems only, in Blender without a window. The add-on can be switched on and
+off. Features that need the module name the systems of the zip."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ from blender_case import BlenderCase, addon, main  # noqa: E402
 
 
 class Foreign(BlenderCase):
-    def test_it_says_so(self):
+    def test_systems_of_the_zip_are_named(self):
         self.assertIn(addon.__name__, bpy.context.preferences.addons)
         self.raises(
             ["zip of the add-on is for windows-x64, but this Blender needs linux-x64"],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: what an import makes of scenes and splat files."""
+"""Tests the add-on in Blender without a window: imports of scenes and splat files."""
 
 import math
 import os
@@ -17,7 +17,8 @@ from test_drive import make_drive  # noqa: E402
 
 
 def overlays():
-    """The file's 3D views; a Blender in the background keeps them from one file to the next."""
+    """Returns the overlays of the file's 3D views. In the background, Blender keeps the views from one file to the
+    next."""
     return [a.spaces.active.overlay for s in bpy.data.screens for a in s.areas if a.type == "VIEW_3D"]
 
 
@@ -27,7 +28,7 @@ def show_floors():
 
 
 class Import(BlenderCase):
-    def test_what_it_makes(self):
+    def test_imported_objects(self):
         show_floors()
         root = self.bring_in()
         kinds = sorted(o.pags.kind for o in self.scene.objects)
@@ -44,7 +45,8 @@ class Import(BlenderCase):
         self.assertEqual({o.name for o in bpy.data.collections["Car"].objects}, {"Car c=2", "c=2", "Car p,1", "p,1"})
         self.assertLessEqual(max(o.empty_display_size for o in self.scene.objects if o.pags.kind == "TRACK"), 0.3)
         self.assertEqual(self.scene.render.engine, "PAGS")
-        self.assertEqual((self.scene.render.fps, self.scene.frame_end), (1, 3))  # an empty file takes the recording's
+        # an empty file takes the recording's frame rate
+        self.assertEqual((self.scene.render.fps, self.scene.frame_end), (1, 3))
         self.assertEqual((self.scene.render.resolution_x, self.scene.render.resolution_y), (101, 101))
         self.assertEqual({o.show_floor for o in overlays()}, {False})
         for frame, y in ((1, 4), (2, 0), (3, -4)):
@@ -54,7 +56,7 @@ class Import(BlenderCase):
         self.assertAlmostEqual(self.scene.camera.data.lens, 100 * 36 / 101, places=3)
         self.assertFalse(self.scene.camera.data.show_passepartout)
 
-    def test_a_file_with_work_in_it_keeps_its_rate(self):
+    def test_file_with_other_objects_keeps_its_frame_rate(self):
         bpy.ops.mesh.primitive_uv_sphere_add()
         show_floors()
         self.scene.render.fps = 24
@@ -62,17 +64,17 @@ class Import(BlenderCase):
         self.bring_in()
         self.assertEqual(self.scene.render.fps, 24)
         self.assertEqual({o.show_floor for o in overlays()}, {True})
-        self.scene.frame_set(10 + 24)  # a second later all the same
+        self.scene.frame_set(10 + 24)  # frame 34 is still one second after frame 10
         self.assertAlmostEqual(self.track(1).matrix_world.translation.y, 0, places=4)
 
-    def test_a_bare_file(self):
+    def test_splat_file(self):
         self.write("some.ply", ply_bytes(some_splats()))
         root = self.bring_in("some.ply")
-        self.assertAlmostEqual(root.matrix_world.to_euler().x, -1.5707963, places=4)  # -y up
+        self.assertAlmostEqual(root.matrix_world.to_euler().x, -1.5707963, places=4)  # the file's -y axis points up
         self.assertEqual(len(self.part(-1).data.vertices), 40)
 
-    def test_a_part_of_a_scene_brings_the_scene(self):
-        """A .ply that scene.json names, in the folder or below it; any other next to it is a separate splat file."""
+    def test_part_of_a_scene_imports_the_whole_scene(self):
+        """A .ply that scene.json names imports the whole scene. Any other .ply next to it is a separate splat file."""
         for name in ("background.ply", os.path.join("objects", "car.ply")):
             root = self.bring_in(os.path.join("scene", name))
             self.assertEqual((os.path.normpath(root.pags.path), len(root.children)), (self.path("scene"), 4))
@@ -80,12 +82,12 @@ class Import(BlenderCase):
         self.assertTrue(part.pags.path.endswith("background.ply"))
         self.write(os.path.join("scene", "own.ply"), ply_bytes(some_splats()))
         self.assertTrue(self.bring_in(os.path.join("scene", "own.ply")).pags.path.endswith("own.ply"))
-        self.write(os.path.join("other", "scene.json"), "[]")  # of another program
+        self.write(os.path.join("other", "scene.json"), "[]")  # a scene.json of another program
         self.write(os.path.join("other", "own.ply"), ply_bytes(some_splats()))
         self.assertTrue(self.bring_in(os.path.join("other", "own.ply")).pags.path.endswith("own.ply"))
 
     def test_up_axis(self):
-        """A ball far along the file's axis that is to be up is high in Blender, whichever axis it is."""
+        """The chosen up axis points up in Blender, for all six axes: a ball far along it is high above the ground."""
         for k, axis in enumerate("XYZ"):
             for sign, name in ((1, axis), (-1, "-" + axis)):
                 at = [0.1, 0.2, 0.3]
@@ -96,8 +98,9 @@ class Import(BlenderCase):
                 self.assertAlmostEqual((root.matrix_world @ Vector(at)).z, 5, places=4)
                 self.assertAlmostEqual(root.matrix_world.determinant(), 1, places=5)
 
-    def test_a_bare_file_s_camera_frames_it(self):
-        """All of it is in the picture and fills it, at any size and place, wide or high, whatever a few strays do; moved, it stays in view."""
+    def test_new_camera_shows_a_whole_splat_file(self):
+        """The new camera shows the whole splat file at any size, place and aspect ratio, despite a few strays. The
+        file stays in view when moved."""
         for scale, place, size in ((1, (0, 0, 0), (96, 64)), (300, (5000, -80, 20), (64, 96))):
             bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
             rows = [
@@ -126,7 +129,8 @@ class Import(BlenderCase):
         self.assertIsNone(self.scene.camera)
 
     def test_every_splat_format(self):
-        """Preview, F12 in every mode and what needs a scene folder, of every file that `pags export` writes for it."""
+        """Every splat format that `pags export` writes has a preview and renders in all modes. Features that need a
+        scene folder refuse it."""
         self.write("some.ply", ply_bytes(some_splats()))
         for kind in ("spz", "splat", "pagsz"):
             self.succeeds("export", self.path("some.ply"), self.path("some." + kind))
@@ -147,8 +151,8 @@ class Import(BlenderCase):
                 self.assertGreater(max(self.f12()[4]), 50, f"{kind} {mode}")
             self.raises(["this is a splat file"], bpy.ops.pags.save_edited, directory=self.path("edited"))
 
-    def test_the_start_up_file_s_camera(self):
-        """Is as it was, and stays the scene's where the import makes no camera."""
+    def test_camera_of_the_start_up_file(self):
+        """The start-up file's camera stays unchanged. It stays the scene's camera where the import makes no camera."""
         self.write("some.ply", ply_bytes(some_splats()))
         for kind in ("spz", "splat", "pagsz"):
             self.succeeds("export", self.path("some.ply"), self.path("some." + kind))
@@ -177,14 +181,14 @@ class Import(BlenderCase):
             self.bring_in("some.ply")
             self.assertEqual(self.scene.camera.name, "view of some.ply")
         bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
-        self.bring_in()  # recorded cameras replace it; it is kept with them
+        self.bring_in()  # recorded cameras replace the start-up file's camera, which is kept in the file
         self.assertEqual((self.scene.camera.pags.kind, "Camera" in bpy.data.objects), ("CAMERA", True))
         bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
         bpy.ops.mesh.primitive_uv_sphere_add()
-        self.bring_in()  # not in a file with work in it
+        self.bring_in()  # a file with other objects keeps its camera
         self.assertEqual(self.scene.camera.name, "Camera")
 
-    def test_the_folder_s_scene_json(self):
+    def test_scene_json_as_the_chosen_file(self):
         bpy.ops.import_scene.pags(filepath=self.path("scene", "scene.json"))
         self.assertEqual(len([o for o in self.scene.objects if o.pags.kind == "ROOT"]), 1)
 
@@ -192,7 +196,7 @@ class Import(BlenderCase):
         self.bring_in(cameras="ALL")
         self.assertEqual(len([o for o in self.scene.objects if o.type == "CAMERA"]), 8)
 
-    def test_errors_are_the_operator_s(self):
+    def test_errors_are_reported_by_the_operator(self):
         self.raises(["nowhere"], bpy.ops.import_scene.pags, filepath=self.path("nowhere"))
         self.write("broken.ply", b"ply\nformat what\n")
         self.raises(["broken.ply"], bpy.ops.import_scene.pags, filepath=self.path("broken.ply"))
@@ -202,8 +206,8 @@ class Import(BlenderCase):
         self.raises(["choose"], bpy.ops.import_scene.pags)
         self.assertEqual(len(self.scene.objects), 0)
 
-    def test_proxies_hang_on_their_tracks(self):
-        """Hidden meshes that are where their objects are, wherever the tracks were put since."""
+    def test_proxies_follow_their_tracks(self):
+        """Places hidden meshes at their objects, also after tracks are edited."""
         self.needs_proxies()
         root = self.bring_in(proxies=True)
         proxies = [o for o in self.scene.objects if o.get("pags_proxy")]
@@ -216,7 +220,7 @@ class Import(BlenderCase):
         self.assertTrue(car.hide_get() and car.hide_render)
         corners = [v.co for v in car.data.vertices]
         local = [car.matrix_local @ co for co in corners]
-        for k, size in enumerate((4.0, 2.0, 1.5)):  # the labelled box: one Gaussian makes no surface
+        for k, size in enumerate((4.0, 2.0, 1.5)):  # The mesh is the labelled box, since one Gaussian has no surface.
             self.assertAlmostEqual(max(c[k] for c in local), size / 2, delta=0.05)
             self.assertAlmostEqual(min(c[k] for c in local), -size / 2, delta=0.05)
         for frame, y in ((1, 4), (3, -4)):
@@ -224,7 +228,7 @@ class Import(BlenderCase):
             middle = sum((car.matrix_world @ co for co in corners), corners[0] * 0) / len(corners)
             self.assertAlmostEqual(middle.y, y, delta=0.05)
         for mesh in (car.data, by_parent[root].data if root in by_parent else car.data):
-            self.assertFalse(mesh.validate())  # nothing had to be mended
+            self.assertFalse(mesh.validate())  # the mesh needed no repair
             self.assertEqual(len(mesh.attributes["Col"].data), len(mesh.vertices))
         self.raises(["none.glb"], bpy.ops.pags.import_proxies, filepath=self.path("none.glb"))
         good = fixtures.read(self.path("proxies.glb"))
@@ -241,10 +245,10 @@ class Import(BlenderCase):
         bpy.data.objects.remove(self.part(1))
         bpy.data.objects.remove(self.track(1))
         bpy.ops.pags.import_proxies(filepath=self.path("proxies.glb"))
-        self.assertEqual(len(self.scene.objects), before - 2 + len(proxies) - 1)  # none of the object that was deleted
+        self.assertEqual(len(self.scene.objects), before - 2 + len(proxies) - 1)  # a deleted object gets no mesh
 
     def test_scene_stays_where_proxies_fail(self):
-        """A program that fails, and an importer that does, leave the scene with a warning and no proxies."""
+        """If the program or the importer fails, the scene stays, with a warning and without proxies."""
         native, proxies = (sys.modules[f"{addon.__name__}.{name}"] for name in ("native", "proxies"))
         for error in (native.SceneError("pags export failed"), RuntimeError("Error: not a glTF file")):
             with mock.patch.object(proxies, "make", side_effect=error):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: picks and comparisons with photographs."""
+"""Tests the add-on in Blender without a window: picks and comparisons with photographs."""
 
 import errno
 import os
@@ -47,7 +47,7 @@ class Inspecting(BlenderCase):
         self.assertNotEqual(image.pixels[:][4 * (101 * 50 + 50) :][:3], [1, 1, 1])
         self.scene.pags.wipe = 1
         self.assertEqual(image.pixels[:][4 * (101 * 50 + 10) :][:3], photograph)
-        bpy.ops.pags.compare(name="001_0.png")  # exposed by 1.1
+        bpy.ops.pags.compare(name="001_0.png")  # this picture has an exposure factor of 1.1
         self.assertRegex(self.scene.pags_compared, r"PSNR [123]\d\.")
         bpy.ops.pags.photographs()
         background = self.scene.camera.data.background_images[0]
@@ -56,7 +56,7 @@ class Inspecting(BlenderCase):
         self.raises(["001_0.png"], bpy.ops.pags.compare, name="001_0.png")
 
     def test_photograph_of_linear_light(self):
-        """An EXR's light becomes display values, as in training."""
+        """The linear light of an EXR photograph becomes display values, as in training."""
         undistort = sys.modules[addon.__name__ + ".undistort"]
         image = bpy.data.images.new("light", 4, 4, float_buffer=True)
         image.colorspace_settings.name = "Non-Color"
@@ -67,7 +67,7 @@ class Inspecting(BlenderCase):
             self.assertAlmostEqual(255 * value, wanted, delta=0.5)
 
     def photographed(self, distorted=False):
-        """Brings in the scene with pictures as its photographs; returns the name that a frame's file has."""
+        """Imports the scene with rendered pictures as its photographs."""
         self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("set", "images"), "--no-exposure")
         record = json.loads(fixtures.read(self.path("scene", "scene.json")))
         record["dataset"] = self.path("set")
@@ -77,10 +77,10 @@ class Inspecting(BlenderCase):
         if distorted:
             self.write("set/intrinsics/0.txt", "\n".join(map(str, [100, 100, 50.5, 50.5, -0.1, 0, 0, 0, 0])))
         self.scene.render.fps = 2
-        self.bring_in(use_rate="NO")  # two frames of the timeline a photograph
+        self.bring_in(use_rate="NO")  # each photograph lasts two frames of the timeline
 
     def background(self):
-        """Path of a frame's photograph behind the scene's camera."""
+        """Returns a function that gives the path of the photograph shown behind the scene's camera at a frame."""
         image = self.scene.camera.data.background_images[-1].image
         return lambda frame: bpy.path.abspath(image.filepath).replace("00001", f"{frame:05d}")
 
@@ -105,27 +105,30 @@ class Inspecting(BlenderCase):
                 path = self.background()
                 self.assertEqual([os.path.islink(path(i)) for i in range(1, 6)], [False] * 5)
                 self.assertEqual(fixtures.read(path(5)) == photographs["002_0.png"], not distorted)
-                self.assertEqual(fixtures.read(path(2)), fixtures.read(path(1)))  # nearest, the earlier of two
+                # between two photographs, the earlier one is shown
+                self.assertEqual(fixtures.read(path(2)), fixtures.read(path(1)))
                 self.assertEqual([n for n in os.listdir(os.path.dirname(path(1))) if not n.startswith("0000")], [])
                 again = {n: fixtures.read(self.path("set", "images", n)) for n in photographs}
                 self.assertEqual(again, photographs)
                 if not distorted:
-                    self.write("set/images/002_0.png", photographs["001_0.png"])  # another photograph since
+                    self.write("set/images/002_0.png", photographs["001_0.png"])  # the photograph is replaced
                     os.utime(self.path("set", "images", "002_0.png"), (4e9, 4e9))
                     bpy.ops.pags.photographs()
                     self.assertEqual(fixtures.read(path(5)), photographs["001_0.png"])
                 os.rename(
                     self.path("set"), self.path(f"before {distorted}")
-                )  # another set with this one's names, older than what was made of it
+                )  # A second set has the same names and is older than the files made of the first.
                 for name in photographs:
                     self.write(f"set/images/{name}", photographs["002_0.png"])
                     os.utime(self.path("set", "images", name), (1e9, 1e9))
                 bpy.ops.pags.photographs()
                 self.assertEqual(fixtures.read(self.background()(1)), photographs["002_0.png"])
-                self.assertEqual(len(self.scene.camera.data.background_images), 1)  # however often they were shown
+                # repeated calls add no further pictures
+                self.assertEqual(len(self.scene.camera.data.background_images), 1)
 
     def test_a_scene_of_another_machine(self):
-        """It opens whole. Features that need the photographs name the folders searched; one field, stored with the scene, sets their folder."""
+        """A scene from another machine opens completely. Features that need photographs name the folders searched.
+        One stored field sets the folder."""
         self.photographed()
         record = json.loads(fixtures.read(self.path("scene", "scene.json")))
         self.write("scene/scene.json", json.dumps({**record, "dataset": "/home/else/recordings/street 7/"}))
@@ -141,7 +144,7 @@ class Inspecting(BlenderCase):
         self.raises(looked, bpy.ops.pags.photographs)
         self.raises(["001_0.png", *looked[1:]], bpy.ops.pags.compare, name="001_0.png")
         self.f12()
-        os.rename(self.path("here"), self.path("street 7"))  # next to the scene it is found without being set
+        os.rename(self.path("here"), self.path("street 7"))  # a set next to the scene is found without that field
         bpy.ops.pags.photographs()
         os.rename(self.path("street 7"), self.path("here"))
         root.pags.dataset = self.path("nowhere")

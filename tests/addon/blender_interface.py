@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: the interface."""
+"""Tests the add-on in Blender without a window: the interface."""
 
 import fnmatch
 import os
@@ -12,8 +12,8 @@ from blender_case import BlenderCase, addon, main  # noqa: E402
 
 
 class Interface(BlenderCase):
-    def test_everything_says_what_it_is(self):
-        """Operators and properties have tooltips."""
+    def test_everything_has_a_tooltip(self):
+        """All operators and properties have tooltips."""
         silent = []
         for part in addon.PARTS:
             for cls in getattr(part, "CLASSES", ()):
@@ -25,10 +25,11 @@ class Interface(BlenderCase):
                         silent.append(f"{cls.__name__}.{name}")
         self.assertEqual(silent, [])
 
-    def test_file_filters_show_what_can_be_read_and_written(self):
-        """Blender matches each pattern with the whole path of a file, case ignored."""
+    def test_file_filters_show_supported_formats(self):
+        """File filters accept all readable or writable formats. Blender matches each pattern with the whole path and
+        ignores case."""
         splats = [f"/home/me/a.{kind}" for kind in ("ply", "compressed.ply", "spz", "splat", "pagsz", "PLY")]
-        importer = bpy.ops.import_scene.pags  # the next one that bpy.ops gives isn't equal to it
+        importer = bpy.ops.import_scene.pags  # bpy.ops returns a new object each time; keep this one as the key
         shown = {
             importer: ["/home/me/street/scene.json", *splats],
             bpy.ops.export_scene.pags: [*splats, *(f"/home/me/a.{kind}" for kind in ("glb", "gltf", "usda"))],
@@ -49,7 +50,7 @@ class Interface(BlenderCase):
             self.assertEqual({os.path.splitext(p.lower())[1] for p in shown[importer]}, set(handled))
 
     def test_presets(self):
-        """Kept, read back, removed."""
+        """A preset is saved, loaded and removed."""
         settings = self.scene.pags
         settings.sh_degree, settings.early_z, settings.deadline = 1, "lossless", 120
         bpy.ops.pags.add_preset(name="fast")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: long work and its threads."""
+"""Tests the add-on in Blender without a window: long work and its threads."""
 
 import os
 import sys
@@ -11,14 +11,15 @@ from blender_case import BlenderCase, addon, main  # noqa: E402
 
 
 class Jobs(BlenderCase):
-    """Long work, a step after another."""
+    """Tests jobs, which do long work in steps."""
 
     def setUp(self):
         super().setUp()
         self.jobs = sys.modules[addon.__name__ + ".jobs"]
 
-    def test_threads_and_the_main_one(self):
-        """Code between two yields runs on the main thread, yielded calls in another; errors are raised where the call was yielded."""
+    def test_threads_of_a_job(self):
+        """A job runs on the main thread between two yields. Yielded calls run in another thread, and their errors
+        are raised at the yield."""
         threads = []
 
         def work(job):
@@ -56,7 +57,8 @@ class Jobs(BlenderCase):
         self.assertEqual(cleaned, [True])
 
     def test_the_timeline_stays_where_the_user_has_it(self):
-        """Edits are looked for along the timeline; between the steps, after an error and at the end it is where it was, or was put since."""
+        """A search for edits along the timeline returns to the user's frame between steps, after an error and at the
+        end."""
         cameras, seen, at = sys.modules[addon.__name__ + ".cameras"], [], []
         self.scene.frame_set(7)
 
@@ -69,7 +71,7 @@ class Jobs(BlenderCase):
         with mock.patch.object(self.jobs, "SLICE", 0):
             for _ in cameras.along(self.jobs.Job("x", lambda job: iter(())), self.scene, [1, 2, 3], visit):
                 at.append(self.scene.frame_current)
-                self.scene.frame_set(self.scene.frame_current + 1)  # the user continues
+                self.scene.frame_set(self.scene.frame_current + 1)  # the user moves to the next frame
             self.assertEqual((seen, at, self.scene.frame_current), ([1, 2, 3], [7, 8, 9], 10))
             with self.assertRaises(ValueError):
                 for _ in cameras.along(self.jobs.Job("x", lambda job: iter(())), self.scene, [40], visit):

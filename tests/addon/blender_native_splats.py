@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: Blender's own splats."""
+"""Tests the add-on in Blender without a window: conversion into Blender's native splats."""
 
 import math
 import os
@@ -17,7 +17,7 @@ from fixtures import read  # noqa: E402
 
 
 def ply_with_harmonics(count, degree, seed=5):
-    """The bytes of a PLY in INRIA's layout with harmonics."""
+    """Returns the bytes of a PLY in INRIA's layout with harmonics."""
     dice = random.Random(seed)
     rest = 3 * ((degree + 1) ** 2 - 1)
     names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{k}" for k in range(rest)), "opacity"]
@@ -40,7 +40,7 @@ def ply_with_harmonics(count, degree, seed=5):
 
 
 class NativeSplats(BlenderCase):
-    """Blender's own splats, held against what Blender's own importer makes of the same files."""
+    """Compares the conversion into native splats with Blender's importer on the same files."""
 
     KEYS = {"FLOAT_VECTOR": ("vector", 3), "FLOAT4": ("vector", 4), "QUATERNION": ("value", 4), "FLOAT": ("value", 1)}
 
@@ -50,7 +50,7 @@ class NativeSplats(BlenderCase):
         self.too_old = self.module.missing()
 
     def layers(self, cloud):
-        """Attributes of a point cloud: type and values by name."""
+        """Returns the attributes of a point cloud: type and values by name."""
         found = {}
         for layer in cloud.attributes:
             if layer.data_type not in self.KEYS or layer.name == "radius":
@@ -66,7 +66,7 @@ class NativeSplats(BlenderCase):
         return self.layers(bpy.context.view_layer.objects.active.data)
 
     def assert_same(self, got, wanted):
-        """The same points in any order of rows, up to the rounding of exp and of a division in float."""
+        """Checks that both have the same points in any order, up to rounding errors of exp and division in float."""
         self.assertEqual({n: v[0] for n, v in got.items()}, {n: v[0] for n, v in wanted.items()})
         rows = [np.concatenate([layers[name][1] for name in sorted(wanted)], axis=1) for layers in (got, wanted)]
         a, b = (r[np.lexsort(np.round(r[:, :3], 4).T)] for r in rows)
@@ -74,7 +74,7 @@ class NativeSplats(BlenderCase):
         self.assertLess(np.abs(a - b).max(), 1e-5)
 
     def test_attributes(self):
-        """Names, types and values in any Blender."""
+        """The attributes have the right names, types and values in any version of Blender."""
         from_module = sys.modules[addon.__name__ + ".native"].module
         path = self.write("harmonics.ply", ply_with_harmonics(50, 2))
         found = self.module.attributes(
@@ -91,7 +91,7 @@ class NativeSplats(BlenderCase):
         self.assertLess(np.abs(np.linalg.norm(values["rotation"], axis=1) - 1).max(), 1e-6)
         self.assertTrue((values["radiance:base"][:, 3] > 0).all() and (values["radiance:base"][:, 3] < 1).all())
         self.assertTrue((values["scale"] > 0).all())
-        # A row by hand, from the file itself.
+        # The expected values of the first row come from the file.
         body = read(path).split(b"end_header\n")[1]
         first = np.frombuffer(body, np.float32).reshape(50, -1)[0]
         at = int(np.argmin(np.abs(values["position"] - first[:3]).sum(axis=1)))
@@ -100,7 +100,8 @@ class NativeSplats(BlenderCase):
         self.assertAlmostEqual(float(values["scale"][at, 2]), math.exp(first[6 + 24 + 1 + 2]), places=6)
 
     def test_frames(self):
-        """In any Blender: the Gaussians of an object, in its frame, are where its sample of points is."""
+        """The Gaussians of an object, in its frame, are at the points of its sample. This holds in any version of
+        Blender."""
         entry = sys.modules[addon.__name__ + ".native"].load(self.path("scene"))
         means, owner = np.asarray(entry.scene.arrays()["means"]), np.asarray(entry.scene.object_of)
         for index in (-1, 0, 1):
@@ -118,7 +119,7 @@ class NativeSplats(BlenderCase):
         self.assertIn("5.3", self.too_old)
         self.raises(["5.3"], bpy.ops.pags.native_splats)
 
-    def test_bare_file(self):
+    def test_splat_file(self):
         if self.too_old:
             self.skipTest(self.too_old)
         for degree in (0, 1, 3):
@@ -132,7 +133,8 @@ class NativeSplats(BlenderCase):
             self.assert_same(self.layers(converted.data), self.blender_reads(path))
 
     def test_drive(self):
-        """A point cloud for each object, where and when the object is; a second conversion replaces the first."""
+        """Each object becomes a point cloud with the object's pose at every time. A second conversion replaces the
+        first."""
         if self.too_old:
             self.skipTest(self.too_old)
         root = self.bring_in()

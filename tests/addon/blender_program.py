@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: the `pags` program that the add-on starts."""
+"""Tests the add-on in Blender without a window: the `pags` program that the add-on starts."""
 
 import os
 import re
@@ -14,7 +14,7 @@ from blender_case import PROGRAM, BlenderCase, addon, main  # noqa: E402
 
 
 class Program(BlenderCase):
-    """The program that the zip carries."""
+    """Tests the program that the zip contains."""
 
     def setUp(self):
         super().setUp()
@@ -25,19 +25,19 @@ class Program(BlenderCase):
         preferences.program = path
         self.addCleanup(setattr, preferences, "program", "")
 
-    def test_the_zip_s_own(self):
-        """It is there without a setting and without a PATH, in a folder of the add-on, and needs no file of its own to be executable."""
+    def test_program_of_the_zip(self):
+        """The zip's program runs without a setting, without PATH and without the executable bit."""
         own = self.module.command(bpy.context)
         self.assertTrue(own.startswith(os.path.dirname(addon.__file__) + os.sep), own)
         self.bring_in()
         if os.name != "nt":
-            os.chmod(own, 0o644)  # as Blender unpacks it
+            os.chmod(own, 0o644)  # Blender unpacks files without the executable bit
         with mock.patch.dict(os.environ, {"PATH": ""}):
             bpy.ops.export_scene.pags(filepath=self.path("own.ply"))
         self.assertGreater(os.path.getsize(self.path("own.ply")), 3 * 56)
 
-    def test_it_runs_where_no_library_is(self):
-        """All that it loads, itself or through its libraries, lies next to it, except for the system's C library."""
+    def test_program_needs_no_other_libraries(self):
+        """All libraries that the program loads lie next to it, except for the system's C library."""
         if sys.platform != "linux":
             self.skipTest("the libraries of other systems' programs are linked into them")
         own = self.module.command(bpy.context)
@@ -49,7 +49,7 @@ class Program(BlenderCase):
                 self.assertEqual(os.path.realpath(path), os.path.realpath(os.path.join(folder, name)), listed)
                 self.assertIn(name, beside)
 
-    def test_one_of_the_user_s(self):
+    def test_program_chosen_by_the_user(self):
         self.bring_in()
         self.prefer(self.path("none"))
         self.raises([self.path("none"), "preferences"], bpy.ops.export_scene.pags, filepath=self.path("x.ply"))
@@ -62,8 +62,9 @@ class Program(BlenderCase):
         ):
             self.raises(["without the pags program"], bpy.ops.export_scene.pags, filepath=self.path("x.ply"))
 
-    def test_what_it_lacks_is_said(self):
-        """By the program's own help: the reason is shown, refuses proxies and lets splat files be."""
+    def test_missing_proxies_are_reported(self):
+        """If the program's help says that proxies are missing, the add-on shows this reason and refuses proxies.
+        Splat files still work."""
         shown = "  export   write splat files of a scene; this build lacks proxies, glTF and USD (CMake option X)\n"
         known = self.succeeds("--help").stdout
         self.assertRegex(known, r"(?m)^  export ")
@@ -78,7 +79,7 @@ class Program(BlenderCase):
                 self.raises(["lacks proxies"], bpy.ops.export_scene.pags, filepath=self.path(name))
             self.raises(["lacks proxies"], bpy.ops.pags.import_proxies)
             bpy.ops.export_scene.pags(filepath=self.path("x.ply"))
-            root = self.bring_in(proxies=True)  # a warning
+            root = self.bring_in(proxies=True)  # the import only warns
             self.assertEqual(root.pags.kind, "ROOT")
         self.assertEqual(bool(self.module.lacking(bpy.context)), "lacks proxies" in known)
 
@@ -100,7 +101,7 @@ class Program(BlenderCase):
         self.assertEqual(words[1], "日本語" if os.name == "nt" else "日本語".encode())
 
     def test_an_export_that_is_cancelled(self):
-        """The program ends, and nothing of its file stays."""
+        """Cancelling an export ends the program and removes the unfinished file."""
         self.needs_proxies()
         self.bring_in()
         jobs, exporter = (sys.modules[f"{addon.__name__}.{n}"] for n in ("jobs", "exporter"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: several scenes in one frame."""
+"""Tests the add-on in Blender without a window: several scenes in one frame."""
 
 import math
 import os
@@ -21,7 +21,8 @@ def pose_rows(m):
 
 class SeveralScenes(BlenderCase):
     def merged(self, rows, *instances):
-        """Writes round Gaussians as (scale, 3 x 3 turn, place) leave them, one file for all."""
+        """Writes several instances of round Gaussians into one file. Each instance is (scale, 3 x 3 rotation,
+        place)."""
         out = []
         for scale, turn, place in instances:
             for r in rows:
@@ -33,12 +34,12 @@ class SeveralScenes(BlenderCase):
         self.write("some.ply", ply_bytes(some_splats()))
         bpy.ops.object.camera_add(location=(0.5, -4, 0), rotation=(1.5707963, 0, 0))
         self.scene.camera = bpy.context.object
-        self.scene.camera.name = "mine"  # not the start-up file's
+        self.scene.camera.name = "mine"  # differs from the start-up file's camera
         self.scene.render.resolution_x, self.scene.render.resolution_y = 96, 64
         return [self.bring_in("some.ply") for _ in range(count)]
 
-    def test_scaled_and_turned_beside_another(self):
-        """In one frame sorted by depth, as the program draws a file that holds both."""
+    def test_scaled_and_turned_second_scene(self):
+        """Two scenes in one frame are sorted together by depth, as the program draws one file with both."""
         first, second = self.splats_before_a_camera(2)
         self.assertNotEqual(first.name, second.name)
         second.scale = (0.5, 0.5, 0.5)
@@ -60,7 +61,8 @@ class SeveralScenes(BlenderCase):
         self.assertGreater(self.difference(together, self.f12()), 100)
 
     def test_scenes_of_one_map(self):
-        """Splat files in a map's coordinates, whose origins differ, keep their distances on the map; others lie at zero."""
+        """Splat files with map coordinates and different origins keep their distances on the map. Other files lie at
+        zero."""
         names = [
             "f_dc_0",
             "f_dc_1",
@@ -90,14 +92,14 @@ class SeveralScenes(BlenderCase):
             root.matrix_world @ next(p for p in root.children if p.type == "MESH").data.vertices[0].co
             for root in roots[:3]
         ]
-        apart = places[1] - places[0]  # y is down in the files
+        apart = places[1] - places[0]  # the y axis points down in the files
         for found, wanted in zip(apart, (40.25, 0, 10.25)):
             self.assertAlmostEqual(found, wanted, places=4)
         for root in (roots[0], *roots[2:]):
             self.assertEqual(tuple(root.location), (0, 0, 0))
 
     def test_duplicates_and_instances(self):
-        """A scene that was duplicated has a root of its own; an instance of its collection follows the instance."""
+        """A duplicated scene has a separate root. An instance of its collection follows the instance."""
         (root,) = self.splats_before_a_camera()
         alone = self.f12()
         for other in bpy.context.selected_objects:
@@ -122,7 +124,7 @@ class SeveralScenes(BlenderCase):
         self.assert_close(self.f12(), doubled)
 
     def test_stretched_and_mirrored(self):
-        """Exactly too: what a stretched and mirrored scene shows is what the unstretched one does to a camera that is stretched the other way."""
+        """A stretched or mirrored scene is drawn exactly: mirroring scene and camera mirrors the picture."""
         (root,) = self.splats_before_a_camera()
         plain = self.f12()
         root.matrix_world = Matrix.Diagonal((-1, 1, 1, 1)) @ root.matrix_world
@@ -137,17 +139,17 @@ class SeveralScenes(BlenderCase):
         self.assertGreater(self.difference(mirrored, self.f12()), 50)
         self.scene.camera = next(
             o for o in self.scene.objects if o.pags.kind == "CAMERA"
-        )  # below the mirrored root: mirrored itself
+        )  # This camera is a child of the mirrored root and so mirrored, too.
         self.assertGreater(max(self.f12()[4]), 100)
 
     def test_scaled_objects(self):
-        """A car of twice the size before the camera, and a parked one; flattened ones are left out and named."""
+        """Draws the driving and the parked car at double size. Flattened objects are left out and named."""
         self.bring_in()
         self.scene.frame_set(2)
         for index, x in ((1, 50), (0, 35)):
             before = sum(pixel(self.f12(), x + k, 50)[1 - index] > 150 for k in range(-6, 7))
             self.part(index).scale = (2, 2, 2)
-            if index == 0:  # the Gaussian lies half a metre from its box's middle
+            if index == 0:  # the Gaussian lies half a metre from the middle of its box
                 self.part(index).location.y = -0.5
             self.assertGreater(sum(pixel(self.f12(), x + k, 50)[1 - index] > 150 for k in range(-6, 7)), 1.5 * before)
         self.part(1).scale = (1, 0, 1)
@@ -162,7 +164,8 @@ class SeveralScenes(BlenderCase):
         self.assertIn(self.part(1).name, state.load(True).remarks(self.scene.pags))
 
     def test_sky_and_times(self):
-        """A street and splats: the sky is the street's whichever camera looks; each scene runs by its own first frame."""
+        """With a street and splats in one frame, the street provides the sky for any camera. Each scene starts at
+        its first frame."""
         street = self.bring_in()
         self.scene.frame_set(2)
         alone = self.f12()
@@ -178,15 +181,16 @@ class SeveralScenes(BlenderCase):
             for block in (*splats.children, splats):
                 bpy.data.objects.remove(block)
         self.scene.frame_start = 2
-        twin = self.bring_in()  # begins a second late
+        twin = self.bring_in()  # starts one second late
         twin.location.z = 1.0
         self.part_of(twin, -1).hide_render = True
         both = self.f12()
-        self.assertGreater(pixel(both, 50, 50)[0], 200)  # the first street's car, at its second label
+        self.assertGreater(pixel(both, 50, 50)[0], 200)  # the first street's car at its second label
         self.assertEqual(street.pags.frame_start, 1)
         self.scene.frame_set(3)
         late = self.f12()
-        self.assertGreater(pixel(late, 50, 50 - 12)[0], 200)  # the twin's, a metre higher, 8 m before the camera
+        # the second street's car, a metre higher, 8 m in front of the camera
+        self.assertGreater(pixel(late, 50, 50 - 12)[0], 200)
 
     def part_of(self, root, index):
         return next(
@@ -215,7 +219,8 @@ class SeveralScenes(BlenderCase):
         self.assertEqual(bpy.context.object.pags.root, second)
 
     def test_two_of_250_000(self):
-        """At the size that PAGS_SCENES asks for; 2,000 unless set. One halved and turned, against the program's picture of both in one file."""
+        """Two copies, one of them halved and turned, match the program's picture of both in one file. PAGS_SCENES
+        sets the number of Gaussians (2,000 by default)."""
         count = int(os.environ.get("PAGS_SCENES", "2000"))
         dice = random.Random(5)
         size = 0.35 * count ** (-1 / 3)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in a Blender that has the Python module `pags`, too, where Debian's packages put it: before the add-ons on sys.path."""
+"""Tests the add-on where Blender also finds the Python module `pags` on sys.path before the add-ons, as with
+Debian's packages."""
 
 import os
 import sys
@@ -11,13 +12,13 @@ import bpy
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 PROGRAM, PACKAGE = sys.argv[sys.argv.index("--") + 1 :][:2]
-sys.path.insert(0, os.path.join(os.path.dirname(PROGRAM), "python"))  # as dist-packages
+sys.path.insert(0, os.path.join(os.path.dirname(PROGRAM), "python"))  # takes the place of dist-packages
 from blender_case import BlenderCase, addon, main  # noqa: E402
 
 
 class Together(BlenderCase):
-    def test_both_are_there(self):
-        """The add-on draws, and `import pags` is the Python API, of which nothing is a part of the add-on."""
+    def test_addon_and_module_together(self):
+        """The add-on draws, and `import pags` gives the Python API without the add-on's functions."""
         import pags
 
         self.bring_in()
@@ -27,10 +28,10 @@ class Together(BlenderCase):
         self.assertFalse(hasattr(pags, "register"))
         self.assertFalse(
             hasattr(pags, "__file__") and addon.__name__.startswith("bl_ext.")
-        )  # Blender would call it a violation of its policy
+        )  # Blender reports this as a violation of its policy.
 
     def test_a_second_copy(self):
-        """It is refused, and the copy that is on is named."""
+        """A second copy of the add-on is refused with the name of the active copy."""
         known = type("PAGS_OT_job", (), {"__module__": "bl_ext.other.pags.jobs"})
         types = SimpleNamespace(Operator=SimpleNamespace(bl_rna_get_subclass_py=lambda name: known))
         with (
@@ -41,7 +42,7 @@ class Together(BlenderCase):
         self.bring_in()
 
     def test_unpacked_into_a_folder(self):
-        """Installed as an add-on, also under its former name, the whole zip works and is the Python API, too."""
+        """The whole zip works as an add-on folder, also under its former name, and still gives the Python API."""
         if addon.__name__.startswith("bl_ext."):
             self.skipTest("extensions are installed by Blender alone")
         import pags
@@ -72,7 +73,7 @@ class Together(BlenderCase):
         bpy.ops.preferences.addon_enable(module=addon.__name__)
 
     def test_the_former_name(self):
-        """A copy that is on under the name that the add-on had makes way, and leaves its settings."""
+        """An active copy under the add-on's former name is switched off and its settings are taken over."""
         if addon.__name__.startswith("bl_ext."):
             self.skipTest("an extension has kept its name")
         former = bpy.context.preferences.addons.new()

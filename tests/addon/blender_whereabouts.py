@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: which file a .blend means that was moved, copied, linked or appended, among others of the same name; and what it holds
-for render nodes."""
+"""Tests which scene file a .blend uses after it was moved, copied, linked or appended, when other files have the
+same name. Also tests the data that a .blend stores for render nodes."""
 
 import os
 import shutil
@@ -25,11 +25,11 @@ class Whereabouts(BlenderCase):
         self.module = sys.modules[addon.__name__ + ".whereabouts"]
 
     def ball(self, *names, colour=RED):
-        """A splat file; balls of all colours have the same size in bytes."""
+        """Writes a splat file with one ball. Balls of all colours have the same size in bytes."""
         return self.write(os.path.join(*names), ply_bytes([splat(0, 0, 0, colour, sigma=0.6, opacity=12.0)]))
 
     def new(self):
-        """An empty file with a camera that looks at balls."""
+        """Starts an empty file with a camera that looks at the ball."""
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         scene = self.scene
         scene.render.engine, scene.render.resolution_x, scene.render.resolution_y = "PAGS", 32, 32
@@ -38,7 +38,7 @@ class Whereabouts(BlenderCase):
         eye.location, scene.camera = (0, 0, 4), eye
 
     def project(self, *names, colour=RED, **keywords):
-        """Saves NAMES.blend with a ball next to it, model.ply; returns its path."""
+        """Saves NAMES.blend and a ball as model.ply next to it; returns the .blend's path."""
         self.ball(*names[:-1], "model.ply", colour=colour)
         self.new()
         bpy.ops.wm.save_as_mainfile(filepath=self.path(*names))
@@ -51,7 +51,7 @@ class Whereabouts(BlenderCase):
         return next(o for o in bpy.data.objects if o.pags.kind == "ROOT")
 
     def drawn(self, blend=None):
-        """The colour of the ball that F12 draws of a .blend, or of what is open."""
+        """Returns the colour of the ball that F12 draws for a .blend or for the open file."""
         if blend:
             bpy.ops.wm.open_mainfile(filepath=blend)
         values = pixel(self.f12(), 16, 16)
@@ -66,7 +66,8 @@ class Whereabouts(BlenderCase):
         return self.module.locate(self.root)[1]
 
     def test_moved_with_its_scene(self):
-        """Relative and absolute paths, to where a scene of the same name was, or with one of the same name and size in its place."""
+        """A moved .blend finds its scene by a relative or absolute path. Another scene of the same name, even of the
+        same size, is refused."""
         for relative in (True, False):
             home, new = f"home {relative}", f"new {relative}"
             blend = self.project(home, "one.blend", relative=relative)
@@ -74,7 +75,7 @@ class Whereabouts(BlenderCase):
             shutil.move(self.path(home), self.path(new))
             blend = self.path(new, "one.blend")
             self.assertEqual(self.drawn(blend), "red")
-            self.assertEqual(bool(self.remark()), not relative)  # an absolute path means another place
+            self.assertEqual(bool(self.remark()), not relative)  # an absolute path still names the old place
             os.makedirs(self.path(home))
             if relative:
                 self.ball(home, "model.ply", colour=BLUE)
@@ -84,13 +85,14 @@ class Whereabouts(BlenderCase):
             self.refuses(
                 self.path(new, "model.ply"), self.path(home, "model.ply"), "choose the path again", blend=blend
             )
-            self.root.pags.path = "//model.ply"  # chosen
+            self.root.pags.path = "//model.ply"  # the user chooses the path
             self.assertEqual(self.drawn(), "blue")
             bpy.ops.wm.save_mainfile()
             self.assertEqual(self.drawn(blend), "blue")
 
-    def test_trained_again(self):
-        """In its own place a scene may change, under an open file as well, whatever lies next to a copy of the .blend."""
+    def test_changed_scene(self):
+        """A scene may change at its place, even under an open file. Scenes next to a copy of the .blend aren't taken
+        instead."""
         blend = self.project("home", "one.blend")
         self.ball("home", "model.ply", colour=GREEN)
         self.assertEqual(self.drawn(blend), "green")
@@ -101,7 +103,8 @@ class Whereabouts(BlenderCase):
         self.assertIn("has changed since", self.remark())
 
     def test_saved_elsewhere(self):
-        """Save As and Save Copy into a folder with another scene of that name; what is written, and what stays open."""
+        """Save As and Save Copy into a folder with another scene of the same name keep the right scene, in the saved
+        and the open file."""
         blend = self.project("home", "one.blend")
         self.ball("other", "model.ply", colour=BLUE)
         bpy.ops.wm.save_as_mainfile(filepath=self.path("other", "copy.blend"), copy=True)
@@ -113,7 +116,7 @@ class Whereabouts(BlenderCase):
         os.rename(self.path("home"), self.path("gone"))
         for name in ("copy", "two"):
             self.refuses(self.path("home", "model.ply"), blend=self.path("other", name + ".blend"))
-            bpy.ops.wm.save_mainfile()  # loses nothing
+            bpy.ops.wm.save_mainfile()  # saving keeps the path
         os.rename(self.path("gone"), self.path("home"))
         for name in ("copy", "two"):
             self.assertEqual(self.drawn(self.path("other", name + ".blend")), "red")
@@ -126,7 +129,8 @@ class Whereabouts(BlenderCase):
             self.scene.collection.children.link(collection)
 
     def test_appended_and_linked(self):
-        """Into folders with and without another scene of that name: drawn as it was there, saved, and opened again; the source gone, nothing else is taken."""
+        """An appended or linked scene keeps its source, also in a folder with another scene of the same name.
+        Without the source, nothing else is taken."""
         blend = self.project("home", "one.blend")
         self.ball("other", "model.ply", colour=BLUE)
         os.makedirs(self.path("empty"))
@@ -143,8 +147,8 @@ class Whereabouts(BlenderCase):
             for link in (False, True):
                 self.refuses(self.path("home", "model.ply"), blend=self.path(folder, f"shot {link}.blend"))
 
-    def test_what_a_node_needs_of_a_linked_scene(self):
-        """The Blender scene of another file, whose paths are relative to that."""
+    def test_needs_of_a_linked_scene(self):
+        """Checks the needs of a scene linked from another file. Its paths are relative to that file."""
         blend, check = self.project("home", "one.blend"), sys.modules[addon.__name__ + ".farm_check"]
         self.new()
         bpy.ops.wm.save_as_mainfile(filepath=self.path("shot.blend"))
@@ -158,7 +162,7 @@ class Whereabouts(BlenderCase):
         self.assertIn(self.path("home", "model.ply"), check.faults(bpy)[0])
 
     def test_an_override(self):
-        """A linked scene's path is the library's until it is changed; then it belongs to this file and follows it."""
+        """A linked scene uses the library's path. A changed path belongs to the open file and is relative to it."""
         blend = self.project("home", "one.blend")
         self.ball("other", "model.ply", colour=BLUE)
         self.ball("other", "mine.ply", colour=GREEN)
@@ -178,8 +182,8 @@ class Whereabouts(BlenderCase):
         shutil.move(self.path("other", "shot.blend"), self.path("third", "shot.blend"))
         self.assertEqual(self.drawn(self.path("third", "shot.blend")), "green")
 
-    def test_a_file_of_before(self):
-        """Without notes: what lies where the path says is taken, what has the same name elsewhere isn't."""
+    def test_older_file_without_record(self):
+        """An older .blend without a record uses the scene at its path, but no scene of the same name elsewhere."""
         blend = self.project("home", "one.blend", relative=False)
         self.root.pags.record = ""
         bpy.app.handlers.save_pre[:], kept = [], list(bpy.app.handlers.save_pre)
@@ -195,7 +199,8 @@ class Whereabouts(BlenderCase):
         )
 
     def test_a_scene_folder(self):
-        """Is known by scene.json and what that names; its data set may be elsewhere, and a training's other files don't count."""
+        """A scene folder is recognised by scene.json and the files named there. Its data set and other training
+        files may differ."""
         self.new()
         self.bring_in("scene")
         bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
@@ -218,8 +223,9 @@ class Whereabouts(BlenderCase):
             blend=self.path("farm", "work.blend"),
         )
 
-    def test_a_data_set_of_that_name(self):
-        """Where the training set is gone, the same set next to the scene is used, another isn't, and no photograph comes from two sets."""
+    def test_moved_data_set(self):
+        """If the training set is gone, the same set next to the scene is used; another set is refused. Photographs
+        of two sets are never mixed."""
         from drive_set import make_set
 
         make_set(self.path("scene"), self.path("there", "set"))
@@ -231,7 +237,7 @@ class Whereabouts(BlenderCase):
         data = fixtures.read(self.path("set", "images", "002_0.png"))
         self.write("set/images/001_0.png", data + b"more")
         self.raises(["there", self.path("set"), "another data set"], bpy.ops.pags.compare, name="001_0.png")
-        root.pags.dataset = self.path("set")  # chosen
+        root.pags.dataset = self.path("set")  # the user chooses the folder
         bpy.ops.pags.compare(name="001_0.png", use_exposure=False)
         os.remove(self.path("set", "images", "001_0.png"))
         shutil.copytree(self.path("set"), self.path("there", "set"))
@@ -239,7 +245,7 @@ class Whereabouts(BlenderCase):
         self.raises(["001_0.png", self.path("set")], bpy.ops.pags.compare, name="001_0.png")
 
     def node(self, blend, *words, scripts, addons=()):
-        """Exit code and output of a Blender of its own, as a render node starts it."""
+        """Starts a separate Blender as a render node does; returns its exit code, its files and its output."""
         with tempfile.TemporaryDirectory() as config:
             environment = {**os.environ, "BLENDER_USER_SCRIPTS": scripts, "BLENDER_USER_CONFIG": config}
             switched = ("--addons", ",".join(addons)) if addons else ()
@@ -264,7 +270,8 @@ class Whereabouts(BlenderCase):
         return done.returncode, files, done.stdout + done.stderr
 
     def test_a_render_node(self):
-        """The script in the .blend ends a Blender that hasn't the add-on or the scene, before it writes a frame; where all is there, it does nothing."""
+        """The script in the .blend ends Blender before the first frame if the add-on or the scene is missing.
+        Otherwise it does nothing."""
         if not bpy.app.binary_path or addon.__name__.startswith("bl_ext."):
             self.skipTest("needs a Blender that takes an add-on from a folder")
         blend = self.project("home", "one.blend")

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A data set in the driving layout for the drive of test_drive.py: its own pictures without exposure as the photographs, cameras, times."""
+"""Makes a data set in the driving layout for the drive of test_drive.py. Rendered pictures without exposure serve as
+photographs."""
 
 import json
 import os
@@ -15,7 +16,7 @@ def rows(matrix):
 
 
 def make_set(scene, folder):
-    """Renders the photographs and lets the scene name the set."""
+    """Renders the photographs and stores the set's folder in the scene."""
     done = fixtures.run("render", scene, "--split", "all", "-o", os.path.join(folder, "images"), "--no-exposure")
     assert done.returncode == 0, done.stderr
     path = os.path.join(scene, "scene.json")
@@ -41,7 +42,8 @@ def make_set(scene, folder):
 
 
 def make_sweeps(folder, points, places):
-    """Sweep t: the points (rows of x y z intensity) of points(t) in the frame of the car, which is places(t) from the origin."""
+    """Writes sweep t with points(t), rows of x y z intensity in the car's frame. The car stands at places(t) from
+    the origin."""
     for t in range(3):
         data = b"".join(struct.pack("<4f", *row) for row in points(t))
         write(os.path.join(folder, "lidar", f"{t:03d}.bin"), data)

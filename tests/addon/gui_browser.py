@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blender's file browser, open in a window."""
+"""Controls Blender's file browser, open in a window."""
 
 import time
 
@@ -13,7 +13,7 @@ def browsers():
 
 
 def until(done, seconds=120):
-    """Yields until `done()` holds."""
+    """Yields until `done()` is true."""
     end = time.monotonic() + seconds * PATIENCE
     while not done():
         assert time.monotonic() < end, "it takes too long"
@@ -21,11 +21,12 @@ def until(done, seconds=120):
 
 
 def opened(folder=None):
-    """Yields until a browser is there, and shows the folder; returns its window, area and region."""
+    """Yields until a file browser is open, and shows the folder in it; returns the browser's window, area and
+    region."""
     yield from until(browsers)
     window, area = browsers()[0]
     yield from until(lambda: area.spaces.active.params is not None)
-    yield 1 * PATIENCE  # operators of the browser crash Blender before it has drawn itself
+    yield 1 * PATIENCE  # operators of the browser crash Blender before the browser is drawn for the first time
     if folder is not None:
         area.spaces.active.params.directory = folder.encode()
         yield 1 * PATIENCE
@@ -33,7 +34,7 @@ def opened(folder=None):
 
 
 def double_click(window, area, region, name):
-    """Clicks on row after row of the list until the file is the active one, then calls what a double click on it calls."""
+    """Clicks on the rows of the list until the file is active, then calls the operator of a double click."""
     for down in range(30, region.height, 10):
         for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
             window.event_simulate(type=kind, value=value, x=region.x + 60, y=region.y + region.height - down)
@@ -45,7 +46,7 @@ def double_click(window, area, region, name):
 
 
 def accept(window, area, region, name=""):
-    """Types the name and presses the browser's button."""
+    """Types the name and presses the browser's confirm button."""
     if name:
         area.spaces.active.params.filename = name
         yield 0.3 * PATIENCE

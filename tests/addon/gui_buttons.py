@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads the items of Blender's menus and of the add-on's panels and presses them by label: their drawing functions run with a layout
-that notes what they put into it. Hidden or greyed-out items can't be pressed."""
+"""Reads the items of Blender's menus and the add-on's panels and presses them by label. The drawing functions get a
+layout that records the items. Hidden or greyed-out items can't be pressed."""
 
 import bpy
 from gui_case import addon, in_view, view3d
@@ -24,7 +24,7 @@ class Button:
 
 
 class Properties:
-    """Properties of an operator set by a panel: `layout.operator(...).step = 1`."""
+    """Records the properties of an operator that a panel sets, as in `layout.operator(...).step = 1`."""
 
     def __init__(self, values):
         object.__setattr__(self, "_values", values)
@@ -37,7 +37,7 @@ class Properties:
 
 
 class Layout:
-    """In place of a UILayout; `found` takes the buttons of it and of its rows."""
+    """Replaces a UILayout; `found` collects the buttons of the layout and its rows."""
 
     def __init__(self, found, parent=None):
         self.found, self.parent, self.enabled = found, parent, True
@@ -89,7 +89,7 @@ class Layout:
 
 
 class Drawn:
-    """In place of the menu or panel in its drawing function."""
+    """Replaces the menu or panel as `self` of its drawing function."""
 
     def __init__(self, kind, layout):
         self.kind, self.layout, self.is_popover = kind, layout, False
@@ -113,7 +113,8 @@ def items_of(member):
 
 
 def plain(label):
-    """Without what stands in parentheses or dots at its end: "PAGS scene (scene.json, .ply)" is PAGS scene."""
+    """Returns the label without parentheses or dots at its end: "PAGS scene (scene.json, .ply)" becomes "PAGS
+    scene"."""
     return label.split(" (")[0].rstrip(". ")
 
 
@@ -124,7 +125,7 @@ def draw(kind, layout):
 
 
 def panels():
-    """The add-on's panels that are shown: the sidebar's, and those of the Properties editor."""
+    """Yields the visible panels of the add-on: those of the sidebar and of the Properties editor."""
     for kind in bpy.types.Panel.__subclasses__():
         if kind.__module__.startswith(addon.__name__ + ".") and (not hasattr(kind, "poll") or kind.poll(bpy.context)):
             yield kind
@@ -137,7 +138,8 @@ def buttons_of(kind):
 
 
 def find(path):
-    """The button at the end of "Panel > Button", "Menu > Menu > Item" or "Panel > Choice > Item"; with the item's name where it is a choice's."""
+    """Finds the button of "Panel > Button", "Menu > Menu > Item" or "Panel > Choice > Item"; also returns the item
+    of a choice."""
     words = [word.strip() for word in path.split(" > ")]
     if words[0] == "Viewport Shading":
         layout = Layout([])
@@ -168,7 +170,7 @@ def identifier_of(member, name):
 
 
 def call(name, values):
-    """As a click on the button does."""
+    """Calls the operator as a click on its button does."""
     folder, _, operator = name.partition(".")
     function = getattr(getattr(bpy.ops, folder), operator)
     with in_view():
@@ -178,7 +180,7 @@ def call(name, values):
 
 
 def press(path, value=None):
-    """Presses what the path leads to; value: what is typed into a field."""
+    """Presses the item of the path; `value` is typed into a field."""
     with in_view():
         button, item = find(path)
     if button.kind == "operator":

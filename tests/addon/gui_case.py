@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared by the scripts that drive a Blender with a window: its 3D view, screenshots read back, waiting for sharp pictures.
+"""Shared code of scripts that control a Blender with a window: the 3D view, screenshots, waiting for sharp pictures.
 
-A story is a generator that yields the seconds until it wants to go on; a timer tells it, as a user's clicks would.
+A story is a generator that yields the seconds until its next step; a timer runs its steps like a user's actions.
 PAGS_SHOTS names a folder that keeps the screenshots."""
 
 import os
@@ -26,7 +26,7 @@ native = sys.modules[addon.__name__ + ".native"]
 
 FOLDER = tempfile.mkdtemp(prefix="pags-gui-")
 SHOTS = os.environ.get("PAGS_SHOTS", FOLDER)
-# How much longer than on a machine of its own things may take.
+# Factor by which time limits are longer on a busy machine.
 PATIENCE = float(os.environ.get("PAGS_PATIENCE", "1"))
 bpy.context.preferences.view.show_splash = False
 
@@ -48,12 +48,12 @@ def view3d():
 
 
 def in_view():
-    """The context that operators of the 3D view want."""
+    """Returns the context that operators of the 3D view need."""
     return bpy.context.temp_override(window=window(), area=area(), region=region())
 
 
 def look_ahead():
-    """From the origin along x."""
+    """Sets the view to look from the origin along x."""
     rv3d = view3d().region_3d
     rv3d.view_perspective = "PERSP"
     rv3d.view_rotation = Euler((np.pi / 2, 0, -np.pi / 2)).to_quaternion()
@@ -76,7 +76,7 @@ def redraw():
 
 
 def shoot(name):
-    """The whole screen as (width, height, channels, bits, samples)."""
+    """Takes a screenshot; returns (width, height, channels, bits, samples)."""
     redraw()
     path = os.path.join(SHOTS, name + ".png")
     print("shot", name, f"{time.monotonic() - started:.0f} s")
@@ -85,7 +85,7 @@ def shoot(name):
 
 
 def in_region(point):
-    """Column and row, from the region's top, of a point of the world."""
+    """Returns column and row of a point of the world, from the region's top."""
     rv3d, r = view3d().region_3d, region()
     values, pose = lens.of_view(rv3d.window_matrix, rv3d.view_matrix, r.width, r.height)
     x, y, z = np.linalg.inv(pose)[:3] @ np.array([*point, 1.0])
@@ -93,7 +93,7 @@ def in_region(point):
 
 
 def on_screen(point):
-    """Column and row, from the top, of a point of the world in a screenshot."""
+    """Returns column and row of a point of the world in a screenshot, from its top."""
     u, v = in_region(point)
     r = region()
     return r.x + u, window().height - r.y - r.height + v
@@ -106,7 +106,7 @@ def color(picture, point):
 
 
 def settled():
-    """All is drawn and sharp."""
+    """Returns whether all views are drawn and sharp."""
     return len(viewport.views) > 0 and all(
         v.shown is not None and not v.restless() and not v.shown.unsharp for v in viewport.views
     )
@@ -126,7 +126,7 @@ def wait(seconds=200):
 
 
 def sharp_shot(name):
-    """Yields until all is sharp and shown, then takes a picture; use as `picture = yield from sharp_shot(...)`."""
+    """Yields until all views are sharp and shown, then takes a screenshot: `picture = yield from sharp_shot(...)`."""
     yield 0.3
     yield from wait()
     yield 0.3
@@ -137,14 +137,14 @@ def sharp_shot(name):
 
 
 def click(x, y):
-    """Window coordinates, y from below."""
+    """Clicks at window coordinates, with y from the bottom."""
     for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
         window().event_simulate(type=kind, value=value, x=int(x), y=int(y))
         yield 0.3
 
 
 def open_tab():
-    """The sidebar's tab PAGS. Blender 3.4 has no way to name it: tabs are clicked until its panel is drawn."""
+    """Opens the sidebar's tab PAGS. Blender 3.4 can't open it by name: tabs are clicked until its panel is drawn."""
     view3d().show_region_ui = True
     yield 0.5
     redraw()
@@ -165,7 +165,7 @@ def open_tab():
     assert drawn, "the tab PAGS isn't found"
 
 
-# ---- Telling ----
+# ---- Running a story ----
 
 started = time.monotonic()
 
@@ -179,7 +179,7 @@ def end(code):
 
 
 def tell(story, seconds=800):
-    """Tells it and ends Blender, with exit code 3 where something in it fails or it takes too long."""
+    """Runs a story, then ends Blender, with exit code 3 if an error occurs or the time limit is exceeded."""
 
     def run():
         try:

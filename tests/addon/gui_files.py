@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The import's file browser in a real window: it shows what can be read; the scene is imported by what a double click calls, on its scene.json and
-on a .ply inside of it, and is looked at through its camera."""
+"""Tests the import's file browser in a real window. The browser shows only readable files. A double click on
+scene.json or on a .ply in its folder imports the scene and selects its camera."""
 
 import os
 import sys
@@ -32,7 +32,7 @@ def story():
 
 
 def choose(folder, name, count):
-    """Chooses a file in the browser and checks the number of scenes, all of them the folder's."""
+    """Chooses a file in the browser; checks the number of scenes and that all belong to the folder."""
     with in_view():
         assert bpy.ops.import_scene.pags("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
     window, area, region = yield from opened(folder)
@@ -46,7 +46,7 @@ def choose(folder, name, count):
         return len(found) >= len(READ)
 
     yield from until(listed)
-    assert found == sorted(READ), found  # and neither sky.npy nor the folder objects
+    assert found == sorted(READ), found  # sky.npy and the folder objects aren't shown
     with bpy.context.temp_override(window=window, area=area, region=region):
         bpy.ops.file.select_all(action="DESELECT")
     yield from double_click(window, area, region, name)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/blender-guide.md, done step by step in a window on the synthetic street: each button that the page names is looked for among what the menus
-and panels show and pressed, each key is pressed; where the page has a picture, one is taken and looked at for what has to be seen in it.
+"""Follows docs/blender-guide.md step by step in a window with the synthetic street. Presses each key and button that the
+page names. Takes each picture of the page and checks its contents.
 
-PAGS_GUIDE_SCENE names the trained street (`make demo` leaves one in build/demo/scene), PAGS_GUIDE_IMAGES a folder that keeps the
-pictures."""
+PAGS_GUIDE_SCENE names the trained street (`make demo` makes one in build/demo/scene). PAGS_GUIDE_IMAGES names a folder
+that keeps the pictures."""
 
 import os
 import re
@@ -48,8 +48,8 @@ part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
 inspector, composite, comparison, jobs = part("inspector"), part("composite"), part("comparison"), part("jobs")
 KEYS = {"Space": "SPACE", "Return": "RET"}
 DIGITS = {".": "PERIOD", "0": "ZERO", "5": "FIVE"}
-seen = {}  # the pictures made before, by name
-pressed, rendered = [], []  # what was pressed, and pictures that F12 has finished
+seen = {}  # earlier pictures by name
+pressed, rendered = [], []  # paths of pressed buttons, and pictures that F12 has finished
 
 
 # ---- The page ----
@@ -58,7 +58,7 @@ pressed, rendered = [], []  # what was pressed, and pictures that F12 has finish
 def story():
     os.symlink(os.path.abspath(SCENE), STREET)
     bpy.context.preferences.view.render_display_type = "NONE"
-    with in_view():  # a file that has a place: the scene's path is shown relative to it
+    with in_view():  # in a saved file, the scene's path is shown relative to the file
         bpy.ops.wm.save_as_mainfile(filepath=os.path.join(FOLDER, "guide.blend"))
     bpy.app.handlers.render_complete.append(lambda *_: rendered.append(True))
     for section, number, kind, text, value in guide_page.actions():
@@ -70,7 +70,7 @@ def story():
 
 
 def done_pressing(path, value):
-    """A button or an item of a panel or menu; a choice in the options of an open file browser; the sidebar's tab."""
+    """Presses an item of a panel or menu, sets an option of an open file browser, or opens the sidebar's tab."""
     pressed.append(path)
     if path == "PAGS":
         yield from open_tab()
@@ -153,7 +153,7 @@ def remove(text):
 
 
 def choose(name, folder):
-    """A file in the browser that is open; afterwards there is one scene more."""
+    """Opens a file in the open browser; afterwards there is one more scene."""
     roots = lambda: sum(o.pags.kind == "ROOT" for o in bpy.data.objects)  # noqa: E731
     before, browser = roots(), (yield from opened(folder))
     if IMAGES and before == 0:
@@ -173,7 +173,7 @@ def choose_part(name, folder):
 def name_it(kind, name):
     path = os.path.join(FOLDER, name)
     if kind == "folder":
-        os.makedirs(path)  # which Blender's browser offers to do
+        os.makedirs(path)  # Blender's browser offers to make the folder
     browser = yield from opened(path if kind == "folder" else FOLDER)
     yield from accept(*browser, name if kind == "file" else "")
     yield from until(lambda: not browsers())
@@ -182,7 +182,7 @@ def name_it(kind, name):
 
 
 def above():
-    """From above and behind the recording car."""
+    """Sets the view above and behind the recording car."""
     ego = bpy.data.objects["ego"].matrix_world
     rv3d = view3d().region_3d
     rv3d.view_perspective = "PERSP"
@@ -194,7 +194,7 @@ def above():
 
 
 def cars_ahead():
-    """Parts of cars before the recording car, the nearest first."""
+    """Returns the parts of cars in front of the recording car, the nearest first."""
     ego, found = bpy.data.objects["ego"].matrix_world.inverted(), []
     for part in bpy.data.objects:
         if part.pags.kind == "OBJECT" and part.get("pags_category") == "vehicle" and not part.hide_viewport:
@@ -205,7 +205,7 @@ def cars_ahead():
 
 
 def car_in_sight():
-    """The nearest whose middle nothing hides, and its pixel in the region, row 0 at the top."""
+    """Returns the nearest car whose middle is visible, and its pixel in the region, with row 0 at the top."""
     r, rv3d = region(), view3d().region_3d
     values, pose = lens.of_view(rv3d.window_matrix, rv3d.view_matrix, r.width, r.height)
     for part in cars_ahead():
@@ -230,7 +230,7 @@ def click_car():
 
 
 def click_road():
-    """In the middle of the view, near its lower edge."""
+    """Clicks in the middle of the view, near its lower edge."""
     r = region()
     yield from click(r.x + r.width // 2, r.y + 60)
     assert bpy.context.scene.pags_distance, "no distance is said"
@@ -250,7 +250,7 @@ def forget_distance():
 
 
 def drag():
-    """After G: towards the middle of the street, and a click."""
+    """After the key G, moves the mouse towards the middle of the street and clicks."""
     car = bpy.context.object
     x, y = in_region(car.matrix_world.translation)
     r = region()
@@ -297,7 +297,8 @@ def turn_sun(strength):
 
 
 def build_car():
-    """A green block of a car ahead on our lane, wheels on the road, axes as the recording car's."""
+    """Builds a green car from meshes ahead on the same lane, with wheels on the road and axes as the recording
+    car's."""
     root = next(o for o in bpy.context.scene.objects if o.pags.kind == "ROOT")
     ego = bpy.data.objects["ego"].matrix_world
     road = root.matrix_world.translation.z + composite.road_height(native.load(STREET))
@@ -314,7 +315,7 @@ def build_car():
 
 
 def build(parts):
-    """Body, cabin and wheels as one object; (object, colour) into `parts`."""
+    """Builds body, cabin and wheels; appends (object, colour) of each to `parts`."""
     for size, at in (((4.3, 1.8, 0.62), (0, 0, 0.62)), ((2.3, 1.55, 0.55), (-0.25, 0, 1.2))):
         bpy.ops.mesh.primitive_cube_add(size=1, location=at)
         bpy.context.object.scale = size
@@ -364,7 +365,8 @@ WORDS = {
 
 
 def keep(name, source=None, crop=()):
-    """In few colours, for a page; source: a picture other than the screen's; crop: convert's options for a part of it."""
+    """Saves a picture for the manual with 128 colours. `source` replaces the screenshot; `crop` gives convert's
+    options for a part."""
     os.makedirs(IMAGES, exist_ok=True)
     source = source or os.path.join(os.environ.get("PAGS_SHOTS", FOLDER), name + ".png")
     target = os.path.join(IMAGES, f"blender-{name}.png")
@@ -373,7 +375,7 @@ def keep(name, source=None, crop=()):
 
 
 def inside(picture):
-    """Samples of the 3D view's region, (height, width, 3), row 0 at the top."""
+    """Returns the samples of the 3D view's region, (height, width, 3), with row 0 at the top."""
     r = region()
     whole = np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], picture[2])
     top = picture[1] - r.y - r.height
@@ -381,13 +383,14 @@ def inside(picture):
 
 
 def small(width, colours=128):
-    """Options of convert: the 3D view alone, for a part of the page's width."""
+    """Returns options of convert that crop to the 3D view and scale it to part of the page's width."""
     place = f"{area().width}x{area().height}+{area().x}+{window().height - area().y - area().height}"
     return ("-crop", place, "+repage", "-resize", f"{width}x", "+dither", "-colors", str(colours))
 
 
 def done_looking(name, _):
-    """A sharp picture that isn't empty and shows what it has to; kept where there is a folder for it."""
+    """Takes a sharp picture, checks that it isn't empty and has the expected contents, and saves it for the manual
+    if requested."""
     view3d().show_region_ui = name in PANELS
     folded = fold(PANELS[name]) if name in PANELS else []
     overlay = view3d().overlay
@@ -410,7 +413,8 @@ def done_looking(name, _):
 
 
 def fold(name):
-    """Folds the other panels, as a reader would, so that one panel of the sidebar is visible; `name` None: folds none."""
+    """Folds the sidebar's other panels, as a reader would, so that the named panel is visible; `name` None folds
+    none."""
     others = [kind for kind in panels() if kind.bl_space_type == "VIEW_3D" and kind.__name__ != name and name]
     for kind in others:
         bpy.utils.unregister_class(kind)
@@ -418,7 +422,7 @@ def fold(name):
 
 
 def unfold():
-    """Opens the panel at the top of the sidebar by a click on its header."""
+    """Opens the panel at the top of the sidebar with a click on its header."""
     drawn, panel = [], bpy.types.PAGS_PT_cleanup
     draw = panel.draw
     panel.draw = lambda self, context: (drawn.append(True), draw(self, context))[1]
@@ -433,7 +437,7 @@ def unfold():
 
 
 def result(name):
-    """The last rendering, as (height, width, 3), and its file."""
+    """Returns the last rendering as (height, width, 3), and its file."""
     settings, path = bpy.context.scene.render.image_settings, os.path.join(FOLDER, name + ".png")
     settings.file_format, settings.color_mode = "PNG", "RGB"
     bpy.data.images["Render Result"].save_render(path)
@@ -448,7 +452,7 @@ def top_of_view():
 
 
 def underway():
-    """For the pages of the manual that tell of long work: proxies that are being made, as the header tells."""
+    """Takes the manual's picture of long work: the header shows the progress while proxies are made."""
     with in_view():
         bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
     yield from until(
@@ -462,7 +466,7 @@ def underway():
 
 
 def written_anew():
-    """For the page on inspecting: the notice of a scene whose files were written again."""
+    """Takes the manual's picture of the notice that a scene's files were written again."""
     yield 4
     os.utime(os.path.join(STREET, "scene.json"))
     yield from until(lambda: jobs.current is not None)
@@ -472,13 +476,13 @@ def written_anew():
 
 
 def painted(picture):
-    """Where a picture has the mesh's green."""
+    """Returns the mask of the pixels with the mesh's green."""
     red, green, blue = (picture[..., c] for c in range(3))
     return (green > red + 40) & (blue > red + 20)
 
 
 def apart(a, b):
-    """Share of the pixels that differ clearly; of b as much as the narrower a shows."""
+    """Returns the share of pixels that differ clearly, within the width of the narrower picture."""
     width = min(a.shape[1], b.shape[1])
     return (np.abs(a[:, :width] - b[:, :width]).max(axis=2) > 20).mean()
 
@@ -499,7 +503,7 @@ def check_look(picture):
 
 
 def check_beside(picture):
-    """Without the lowest rows, where Blender shows the last action."""
+    """Compares the halves without the lowest rows, where Blender shows the last action."""
     plain, middle = seen["rendered"][:-60], int(bpy.context.scene.pags.wipe * picture.shape[1])
     left, right = (
         apart(picture[:-60, half], plain[:, half]) for half in (slice(0, middle - 5), slice(middle + 5, None))
@@ -514,15 +518,15 @@ def check_mesh(picture):
 
 
 def check_composite(picture):
-    """With a shadow on the street."""
+    """Checks that the mesh and its shadow on the street are visible."""
     check_mesh(picture)
-    mesh, plain = painted(picture) & ~painted(seen["plain"]), seen["plain"]  # there may be a green car in the street
+    mesh, plain = painted(picture) & ~painted(seen["plain"]), seen["plain"]  # the street may contain a green car
     darker = (picture.sum(axis=2) < 0.7 * plain.sum(axis=2)) & ~mesh
     assert mesh.sum() > 1000 and darker.sum() > 100, f"{mesh.sum()} pixels of mesh, {darker.sum()} of shadow"
 
 
 def differs(name, share):
-    """A check that a picture isn't the one of that name."""
+    """Returns a check that a picture differs from the named one."""
 
     def check(picture):
         assert apart(picture, seen[name]) > share, f"no different from {name}: {apart(picture, seen[name]):.4f}"
@@ -534,7 +538,7 @@ PANELS = {
     "sidebar": None,
     "inspected": "PAGS_PT_inspect",
     "look": "PAGS_PT_cleanup",
-}  # the panel that is open where the sidebar is seen
+}  # the panel that is open in pictures of the sidebar
 SIZES = {name: (540, 48) for name in ("imported", "rendered", "sidebar", "inspected", "look", "meshes")}
 CHECKS = {
     "imported": check_imported,

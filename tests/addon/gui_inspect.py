@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inspecting in a real window: photographs over the 3D view, their list, two scenes wiped against each other, a distance by two clicks, a view that
-stands on the ground, LiDAR points and boxes, counts of Gaussians, and a scene that is written anew while it is shown."""
+"""Tests Inspect in a real window: photographs over the 3D view and their list, a wipe between two scenes, a distance
+between two clicks, a view on the ground, LiDAR points and boxes, counts of Gaussians, and a scene that is written
+again while shown."""
 
 import json
 import os
@@ -54,13 +55,14 @@ def pave():
     for x in range(30):
         for y in range(-6, 7):
             flat = splat(3 + 0.4 * x, 0.4 * y, -1.6, (0.3, 0.3, 0.3), sigma=0.3, opacity=12.0)
-            flat[12] = -5.0  # its third scale: millimetres
+            flat[12] = -5.0  # the third scale is a few millimetres
             rows.append(flat)
     return rows
 
 
 def make_scenes():
-    """The photographs are the scene's own pictures but for one, which is of one colour; its front camera's gain there is 1.1."""
+    """Makes the scenes. One photograph, of the front camera, is uniform and has exposure gain 1.1; the others are
+    rendered from the scene."""
     make_drive(SCENE, pave())
     make_set(SCENE, SET)
     write(os.path.join(SET, "images", "001_0.png"), png_bytes(101, 101, bytes(PHOTO) * 101 * 101))
@@ -118,7 +120,7 @@ def story():
 
 
 def over(picture, view, u, v):
-    """Colour of the screen where a photograph's pixel lies."""
+    """Returns the screen's colour at a photograph's pixel."""
     with in_view():
         left, bottom, right, top = comparison.place_of(bpy.context, view)
     r, u, v = region(), (u + 0.5) / view["width"], 1 - (v + 0.5) / view["height"]
@@ -129,7 +131,7 @@ def over(picture, view, u, v):
 
 
 def pair(name, ssim=False):
-    """Yields until a pair is there and on the screen; returns it."""
+    """Yields until the pair of photograph and picture is made and on the screen; returns it."""
     found = lambda: next(
         (p for (_, _, n), p in comparison._pairs.items() if n == name and not isinstance(p, str)), None
     )
@@ -147,7 +149,7 @@ def compared():
     settings.wipe = 0.3
     picture = yield from sharp_shot("wipe")
     near(over(picture, view, 15, 90), PHOTO, 6)
-    near(over(picture, view, 85, 10), (0, 0, 140), 6)  # the sky, exposed
+    near(over(picture, view, 85, 10), (0, 0, 140), 6)  # the sky with exposure gain
     settings.wipe = 0.95
     picture = yield from sharp_shot("wipe-right")
     near(over(picture, view, 85, 10), PHOTO, 6)
@@ -159,7 +161,7 @@ def compared():
     assert "SSIM" in made.line() and "(held out)" in made.line() and made.ssim.mean() < 0.8, made.line()
     picture = yield from sharp_shot("ssim")
     assert sum(over(picture, view, 50, 50)) > 300
-    scene.frame_set(1)  # follows the timeline; here the two are equal
+    scene.frame_set(1)  # the comparison follows the timeline; photograph and picture are equal at this time
     made = yield from pair("000_0.png", ssim=True)
     assert made.psnr > 50, made.psnr
     picture = yield from sharp_shot("alike")
@@ -290,7 +292,8 @@ def wiped():
         settings.wipe_root = bpy.data.objects[os.path.basename(OTHER)]
         picture = yield from sharp_shot("two-" + shading.lower())
         if shading == "RENDERED":
-            near(color(picture, (10, 3, 1)), (0, 0, 128))  # left the first scene's sky, right the other's
+            # the left half has the first scene's sky, the right half the other's
+            near(color(picture, (10, 3, 1)), (0, 0, 128))
             near(color(picture, (10, -3, 1)), (128, 0, 0))
         near(color(picture, GREEN), (0, 255, 0), 30)
         settings.wipe = 0.1
@@ -309,7 +312,8 @@ def wiped():
 
 
 def written_anew():
-    """The car's file and scene.json are written again: its colour changes by itself, and a notice comes."""
+    """When the car's file and scene.json are written again, the car's colour changes automatically and a notice
+    appears."""
     scene, notices = bpy.context.scene, []
     modal = jobs.PAGS_OT_job.modal
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Long work in a real window: import, export, proxies, photographs, composite and edits saved, as a person starts them. Blender keeps working meanwhile: a
-timer ticks, and no call of the add-on takes half of a job's time. Cancelling leaves nothing behind."""
+"""Tests long work in a real window, started as a user does: import, export, proxies, photographs, composite, saving
+edits. Blender stays responsive: a timer ticks, and no call of the add-on takes half of a job's time. Cancelling
+leaves nothing behind."""
 
 import functools
 import json
@@ -21,7 +22,7 @@ CALLED = ("execute", "invoke", "modal", "cancel", "draw", "check", "view_draw", 
 part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
 jobs, program, overlay, viewport = part("jobs"), part("program"), part("overlay"), part("viewport")
 
-# ---- A stopwatch on all that Blender calls ----
+# ---- A stopwatch for all functions that Blender calls ----
 
 taken, depth, ticks = [], [0], []
 
@@ -42,7 +43,7 @@ def timed(function, name):
 
 
 def method(function, name):
-    """The same of a method: Blender passes as many arguments as the function's code names."""
+    """Times a method. Blender passes as many arguments as the function's code declares."""
     call = timed(function, name)
     if function.__code__.co_argcount == 2:
         return lambda self, context: call(self, context)
@@ -82,9 +83,9 @@ def tick():
 
 
 def report(what):
-    """The longest calls of ours, with the processor's time in brackets, which other programs don't add to; and the longest time between two ticks,
-    which has Blender's own drawing in it. A job that ran in one call of Blender's would take nearly all of the time, and no timer would tick meanwhile;
-    milliseconds are printed and not judged, since they depend on the machine."""
+    """Prints the longest calls of the add-on, with processor time in brackets, and the longest time between two
+    ticks (with Blender's drawing). A job that ran in one call would take nearly all the time and stop the timer.
+    Milliseconds depend on the machine and are only printed."""
     longest = sorted(taken, reverse=True)[:3]
     gaps = np.diff(ticks) if len(ticks) > 1 else np.zeros(1)
     said = ", ".join(f"{1e3 * seconds:.0f} ({1e3 * own:.0f}) ms {name}" for seconds, own, name in longest)
@@ -99,7 +100,7 @@ def report(what):
     del taken[:], ticks[:]
 
 
-# ---- What a person does ----
+# ---- A user's actions ----
 
 
 def until(done, seconds=300):
@@ -110,14 +111,14 @@ def until(done, seconds=300):
 
 
 def browse(operator, path, **properties):
-    """An operator with a file browser: it opens, the path is typed, and the button is pressed."""
+    """Starts an operator with a file browser, types the path and presses the button."""
     with in_view():
         assert operator("INVOKE_DEFAULT", **properties) == {"RUNNING_MODAL"}
     found = lambda: [
         (w, a) for w in bpy.context.window_manager.windows for a in w.screen.areas if a.type == "FILE_BROWSER"
     ]
     yield from until(lambda: found() and found()[0][1].spaces.active.params is not None)
-    yield 1  # operators of the browser crash Blender before it has drawn itself
+    yield 1  # operators of the browser crash Blender before the browser is drawn for the first time
     browser, area = found()[0]
     params = area.spaces.active.params
     params.directory = os.path.dirname(path).encode() if os.path.basename(path) else path.encode()
@@ -132,7 +133,7 @@ def browse(operator, path, **properties):
 
 
 def finished(what, path=None):
-    """Yields until no job runs; the last report is no error."""
+    """Yields until no job runs; checks that no error was reported."""
     yield from until(lambda: jobs.current is None)
     yield 0.3
     report(what)
@@ -146,7 +147,7 @@ LEFT = os.path.join(FOLDER, "temporary")
 
 
 def collect_errors():
-    """Reports of the job operator, which can't be read back from Blender, and which would open a window over the view."""
+    """Collects the job operator's reports. Blender gives no access to them and shows them in a window."""
     original = jobs.PAGS_OT_job.modal
 
     @functools.wraps(original)
@@ -173,7 +174,8 @@ notices = []
 
 
 def make_street():
-    """Long enough work: a road and a car of 150,000 Gaussians, a track of 200 labels, distorted photographs."""
+    """Makes a street with enough work: 150,000 Gaussians of road and car, a track of 200 labels, distorted
+    photographs."""
     make_drive(SCENE)
     generator = np.random.default_rng(1)
     with open(os.path.join(SCENE, "background.ply"), "rb") as file:
@@ -191,7 +193,7 @@ def make_street():
     record["models"][0]["gaussians"] = len(rows)
     car = record["objects"][1]["knots"]
     record["objects"][1]["knots"] = [{**car[0], "time": 100 + 0.01 * i, "frame": i} for i in range(201)]
-    record["dataset"] = "/recordings/set"  # on another machine
+    record["dataset"] = "/recordings/set"  # a folder of another machine
     for view in record["cameras"]:
         view["name"] = view["name"].replace(".jpg", ".png")
         scale = 9
@@ -239,13 +241,13 @@ def story():
 
 
 def proxies():
-    """Cancelled while a program runs that would take minutes, its progress in the header; then to the end."""
+    """Cancels the import while a slow program runs and the header shows its progress; then runs it to the end."""
     if program.lacking(bpy.context):
         print("skipped: proxies:", program.lacking(bpy.context))
         return
     before, run = len(bpy.data.objects), program.run
     program.run = lambda job, *_: run(job, "/bin/sh", "-c", "echo 'background: 40 %, 5 min left'; exec sleep 300")
-    with in_view():  # left before each yield: Blender must not go on with a context of Python's while threads run
+    with in_view():  # Leave the context before each yield: Blender must not use a context of Python while threads run.
         bpy.ops.pags.import_proxies("INVOKE_DEFAULT")
     yield from until(lambda: jobs.current is None or jobs.current.line() == "Import proxies: background, 40 %")
     assert jobs.current is not None, notices
@@ -267,7 +269,7 @@ def proxies():
 
 
 def composited():
-    """By its dialog, closed by Enter."""
+    """Opens the composite's dialog and closes it with Enter."""
     with in_view():
         bpy.ops.pags.composite("INVOKE_DEFAULT")
     yield 0.5
@@ -278,7 +280,7 @@ def composited():
     yield from finished("composite")
     assert bpy.context.scene.world.name == part("composite").LIGHT
     with in_view():
-        bpy.ops.ed.undo()  # the job has made a step of it
+        bpy.ops.ed.undo()  # the job has made an undo step
     yield 0.5
     assert bpy.context.scene.world.name != part("composite").LIGHT
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The interface in a real window: the sidebar at its default width, a legend in the view for each mode of Show, picked text that goes with its
-time. PAGS_LABEL_IMAGES names a folder that keeps small pictures for the manual."""
+"""Tests the interface in a real window: the sidebar at its default width, a legend for each mode of Show, and the
+label of a picked point. PAGS_LABEL_IMAGES names a folder for the manual's small pictures."""
 
 import os
 import subprocess
@@ -37,14 +37,15 @@ from test_drive import make_drive  # noqa: E402
 
 WINDOW = "960x900"
 IMAGES = os.environ.get("PAGS_LABEL_IMAGES", "")
-# Grey levels by which the bar may be off: Blender blends drawings over a view by a power of 2.2 in place of sRGB's curve, which lifts 8 to 17.
+# Tolerance in grey levels for the legend's bar. Blender blends drawings over a view with a power of 2.2 instead of
+# sRGB's curve. This raises grey level 8 to 17.
 LIFTED = 11
-RED, SKY = (10, 0, 0), (10, 3, -2)  # metres; what is there at the second frame
+RED, SKY = (10, 0, 0), (10, 3, -2)  # positions in metres at the second frame
 legend = sys.modules[addon.__name__ + ".legend"]
 
 
 def keep(shot, name, *options):
-    """The part of a screenshot that `convert`'s options cut out, in few colours, for the manual."""
+    """Saves the part of a screenshot that `convert`'s options select, with 96 colours, for the manual."""
     if IMAGES:
         target = os.path.join(IMAGES, f"blender-{name}.png")
         subprocess.run(
@@ -110,7 +111,7 @@ def picked():
 
 
 def sidebar():
-    """For the eye: the panels at the sidebar's default width."""
+    """Takes pictures of the panels at the sidebar's default width, for inspection by eye."""
     r = next(r for r in area().regions if r.type == "UI")
     for shading in ("RENDERED", "SOLID"):
         view3d().shading.type = shading
@@ -126,7 +127,7 @@ def sidebar():
 
 
 def bar():
-    """Left, middle height and width of the legend's bar in a screenshot."""
+    """Returns left edge, middle row and width of the legend's bar in a screenshot."""
     with in_view():
         left, bottom, width, scale = legend.place(bpy.context)
     r = region()
@@ -139,7 +140,8 @@ def at(picture, x, y):
 
 
 def legends(shading):
-    """In each mode the bar's colours are the scale's, and the picture's colour of the car is that of its value; none in colour."""
+    """In each mode, the bar has the scale's colours and the car has the colour of its value. The mode Colour has no
+    legend."""
     view3d().shading.type = shading
     settings = bpy.context.scene.pags
     settings.mode = "rgb"
@@ -173,7 +175,7 @@ def legends(shading):
 
 
 def hidden():
-    """Without text no legend; without what isn't critical no sky."""
+    """Hiding text hides the legend; hiding non-critical Gaussians hides the sky."""
     view3d().shading.type = "RENDERED"
     settings = bpy.context.scene.pags
     settings.mode = "size"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clean-up and look in a real window: the viewport's pixels, read back from the screen, compared with F12 and with `pags render` of the files that
-are exported with these settings."""
+"""Tests Clean-up and look in a real window. Compares screenshots of the viewport with F12 and with `pags render` of
+files exported with the same settings."""
 
 import math
 import os
@@ -18,11 +18,12 @@ from test_drive import make_drive  # noqa: E402
 
 SCENE = os.path.join(FOLDER, "street")
 EDGE = 32  # pixels
-LEAST = 45  # dB, which the issue on the add-on asks for
+LEAST = 45  # dB, required by the add-on's specification
 
 
 def psnr(a, b):
-    """Difference of two pictures as large as the region, without its edges, where Blender draws round corners and the arrows of what is hidden."""
+    """Returns the PSNR of two pictures of the region's size without edges, where Blender draws round corners and
+    arrows."""
     a, b = (
         np.frombuffer(p, np.uint8).reshape(region().height, region().width, 3)[EDGE:-EDGE, EDGE:-EDGE].astype(float)
         for p in (a, b)
@@ -32,14 +33,14 @@ def psnr(a, b):
 
 
 def viewport_alone():
-    """Nothing over the picture: no header, tools, overlays and gizmos."""
+    """Hides everything over the picture: header, tools, overlays and gizmos."""
     space = view3d()
     space.show_region_header = space.show_region_toolbar = space.show_region_tool_header = space.show_gizmo = False
     space.overlay.show_overlays = False
 
 
 def on_screen(picture):
-    """The region's samples, RGB, row 0 at the top."""
+    """Returns the region's RGB samples, with row 0 at the top."""
     r, width = region(), picture[0]
     top = window().height - r.y - r.height
     rows = (((top + y) * width + r.x) * picture[2] for y in range(r.height))
@@ -54,7 +55,7 @@ def f12():
 
 
 def program(name):
-    """The program's picture of a file for the scene's camera, on black."""
+    """Returns the program's picture of a file for the scene's camera, on black."""
     camera, out = os.path.join(FOLDER, "camera.json"), os.path.join(FOLDER, "out")
     assert bpy.ops.export_scene.pags_path(filepath=camera, single=True) == {"FINISHED"}
     said = fixtures.run("render", os.path.join(FOLDER, name), "--camera", camera, "--background", "0,0,0", "-o", out)

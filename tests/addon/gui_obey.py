@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blender's own settings in a real window: local view, render border, clipping, what is ignored and said, and the tool that selects by a click."""
+"""Tests Blender's settings in a real window: local view, render border, clipping, notes on ignored settings, and the
+tool that selects with a click."""
 
 import os
 import sys
@@ -31,7 +32,7 @@ from gui_case import (  # noqa: E402
 )
 from test_drive import make_drive, with_object_id  # noqa: E402
 
-GREY, GREEN, RED, SKY = (10, 0, 3), (10, 1.5, 0), (10, 0, 0), (10, -2, -1)  # metres; what is there at the second frame
+GREY, GREEN, RED, SKY = (10, 0, 3), (10, 1.5, 0), (10, 0, 0), (10, -2, -1)  # positions in metres at the second frame
 BLUE = (0, 0, 128)  # the sky
 select_tool = sys.modules[addon.__name__ + ".select_tool"]
 
@@ -71,7 +72,7 @@ def text():
 
 
 def local_view():
-    """Only the car is shown: all else disappears except the sky, in Solid as well; a pick elsewhere finds nothing."""
+    """Local view shows only the car and the sky, also in Solid shading. A pick elsewhere finds nothing."""
     for shading in ("RENDERED", "SOLID"):
         view3d().shading.type = shading
         near(color((yield from sharp_shot(f"local-before-{shading.lower()}")), GREEN), (0, 255, 0), 12)
@@ -93,7 +94,7 @@ def local_view():
 
 
 def border():
-    """Left of the middle and below the wall alone."""
+    """The render border shows only the area left of the middle."""
     whole = yield from sharp_shot("border-before")
     view = view3d()
     view.use_render_border = True
@@ -114,7 +115,7 @@ def border():
 
 
 def border_of_the_camera():
-    """The camera's border holds while one looks through it; what is in it stays where it is."""
+    """In camera view, the camera's border applies. The picture inside keeps its place."""
     scene = bpy.context.scene
     view3d().region_3d.view_perspective = "CAMERA"
     with in_view():
@@ -122,7 +123,8 @@ def border_of_the_camera():
     whole = yield from sharp_shot("camera-border-before")
     render = scene.render
     render.use_border = True
-    # The car, 9 m before the camera, is in the middle; the parked one 1.5 m to its left, at 0.5 - 1.5 / 9 * 100 / 101 of the width.
+    # The car, 9 m in front of the camera, is in the middle. The parked car, 1.5 m to its left, is at 0.5 - 1.5 / 9 *
+    # 100 / 101 of the width.
     render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.45, 0.6, 0.4, 0.6
     picture = yield from sharp_shot("camera-border")
     near(color(picture, RED), (255, 0, 0), 12)
@@ -142,10 +144,10 @@ def clipping():
         picture = yield from sharp_shot("clip")
         near(color(picture, RED), (255, 0, 0) if drawn else BLUE, 12)
     view.clip_start, view.clip_end = start, end
-    # Alt B around the middle of the view.
+    # Sets the planes of Alt B around the middle of the view.
     x, y = on_screen(RED)
     x, y = x - region().x, window().height - 1 - y - region().y
-    view.shading.type = "SOLID"  # Blender 5 lets planes be set in Wireframe and Solid alone
+    view.shading.type = "SOLID"  # Blender 5 allows planes to be set only in Wireframe and Solid
     with in_view():
         assert bpy.ops.view3d.clip_border(xmin=x - 30, xmax=x + 30, ymin=y - 30, ymax=y + 30, wait_for_input=False) == {
             "FINISHED"
@@ -156,12 +158,12 @@ def clipping():
     near(color(picture, RED), (255, 0, 0), 12)
     near(color(picture, GREEN), BLUE)
     view.region_3d.use_clip_planes = False
-    redraw()  # scripts that set it don't
+    redraw()  # scripts that set it don't redraw the view
     near(color((yield from sharp_shot("clip-after")), GREEN), (0, 255, 0), 12)
 
 
 def emptied():
-    """Where nothing is visible no old picture stays."""
+    """If nothing is visible, no old picture remains."""
     layer = bpy.context.view_layer.layer_collection.children["scene"]
     layer.exclude = True
     yield 1.0
@@ -174,7 +176,7 @@ def emptied():
 
 
 def said():
-    """Meshes, motion blur and depth of field: in the header, since they aren't drawn."""
+    """The header lists meshes, motion blur and depth of field, since the viewport doesn't draw them."""
     assert "not drawn" not in text() and "F12" not in text(), text()
     bpy.ops.mesh.primitive_cube_add(size=0.8, location=(6, 0.9, 0))
     scene = bpy.context.scene
@@ -198,8 +200,8 @@ def selected():
 
 
 def tool():
-    """A click selects, in Rendered and in Solid, where a mesh before the splats is selected instead; the resting mouse tells what is there; so does
-    the shortcut."""
+    """A click selects objects in Rendered and Solid shading; a mesh in front of the splats is preferred. The resting
+    mouse shows a label. The shortcut works, too."""
     with in_view():
         assert bpy.ops.wm.tool_set_by_id(name="pags.select_tool") == {"FINISHED"}
     car = part_of(1).name

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in a real window: what the screen shows, in Rendered shading and among meshes; picking and cameras; whether the
-interface stays awake."""
+"""Tests the add-on in a real window: the screen in Rendered shading and among meshes, picks and cameras, and a
+responsive interface."""
 
 import os
 import sys
@@ -37,7 +37,7 @@ from gui_case import (  # noqa: E402
 )
 from test_drive import make_drive, with_object_id  # noqa: E402
 
-GREY, GREEN, RED = (10, 0, 3), (10, 1.5, 0), (10, 0, 0)  # metres; what is there at the second frame
+GREY, GREEN, RED = (10, 0, 3), (10, 1.5, 0), (10, 0, 0)  # positions in metres at the second frame
 
 
 def story():
@@ -77,7 +77,7 @@ def rendered():
 
 
 def picked():
-    """By a click of the mouse, and nothing where the sky is."""
+    """A click picks the car; a click on the sky picks nothing."""
     for point, words in ((RED, "Car c=2 (number 1), S_sem 1.00, depth "), ((10, -2, -1), "nothing")):
         with in_view():
             assert bpy.ops.pags.pick("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
@@ -93,8 +93,8 @@ def picked():
 
 
 def restart_samples():
-    """Makes Blender draw its samples of the view anew, by moving the view and back. The first sample after meshes were added lacks them
-    about once in twenty times, and the depth of that sample stays, for whatever is drawn over the meshes, until the view changes."""
+    """Moves the view and back to make Blender draw its samples again. About once in twenty times, the first sample
+    after meshes were added lacks them. Its depth stays until the view changes."""
     distance = view3d().region_3d.view_distance
     for changed in (1.001 * distance, distance):
         view3d().region_3d.view_distance = changed
@@ -102,11 +102,11 @@ def restart_samples():
 
 
 def among_meshes():
-    """One cube before the green Gaussian, one behind the red."""
+    """Draws one cube in front of the green Gaussian and one behind the red."""
     for location in ((6, 0.9, 0), (14, 0, 0)):
         bpy.ops.mesh.primitive_cube_add(size=0.8, location=location)
         bpy.context.object.select_set(False)
-    # Material shading takes the same way; its shaders take minutes to compile in software.
+    # Material shading uses the same code; its shaders take minutes to compile in software.
     for shading in ("SOLID", "MATERIAL") if os.environ.get("PAGS_MATERIAL") else ("SOLID",):
         view3d().shading.type = shading
         yield 0.3
@@ -114,7 +114,7 @@ def among_meshes():
         restart_samples()
         picture = yield from sharp_shot(shading.lower())
         near(color(picture, GREY), (128, 128, 128), 6)
-        near(color(picture, RED), (255, 0, 0), 40)  # a little of the cube shines through
+        near(color(picture, RED), (255, 0, 0), 40)  # the cube slightly shines through
         hidden = color(picture, GREEN)
         assert hidden[0] > 40 and abs(hidden[0] - hidden[1]) < 30, (
             f"{shading}: the cube doesn't hide the Gaussian: {hidden}"
@@ -126,10 +126,10 @@ def among_meshes():
 
 
 def moved():
-    """Objects moved in Blender move on the screen, and the time changes the picture."""
+    """Objects moved in Blender move on the screen, and another time changes the picture."""
     view3d().shading.type = "RENDERED"
     car = next(o for o in bpy.data.objects if o.pags.kind == "OBJECT" and o.pags.index == 1)
-    car.location.x += 1  # forward: to the right
+    car.location.x += 1  # forward, which is to the right in the view
     picture = yield from sharp_shot("moved")
     near(color(picture, (10, -1, 0)), (255, 0, 0), 12)
     near(color(picture, RED), (0, 0, 128))
@@ -139,7 +139,7 @@ def moved():
 
 
 def camera_at_view():
-    """A camera where the view is sees what the view saw."""
+    """A camera made at the view shows the same picture."""
     with in_view():
         assert bpy.ops.pags.camera_here() == {"FINISHED"}
     assert view3d().region_3d.view_perspective == "CAMERA"
@@ -152,7 +152,8 @@ def camera_at_view():
 
 
 def hurried():
-    """A deadline that nothing keeps: a picture of a quarter of the size lies where the sharp one did, in Rendered and in Solid, until all is still."""
+    """With an impossible deadline, a quarter-size picture replaces the sharp one at the same place until the view
+    rests, in Rendered and Solid."""
     settings, patience, submit = bpy.context.scene.pags, viewport.STILL, viewport.View.submit
 
     def submit_hurried(view, requested, unsharp):
@@ -163,7 +164,7 @@ def hurried():
     for shading in ("RENDERED", "SOLID"):
         view3d().shading.type = shading
         view = None
-        for step in range(40):  # its first pictures are finer
+        for step in range(40):  # the first pictures are finer
             view3d().region_3d.view_distance = 10 + 0.001 * (step % 2)
             redraw()
             yield 0.1
@@ -191,14 +192,15 @@ def hurried():
 
 
 def several():
-    """A second scene, halved, before and behind the green Gaussian: one frame by depth, in Rendered and in Solid, under the first one's sky; a pick
-    names it."""
+    """A second scene of half size is drawn in front of and behind the green Gaussian, sorted by depth under the
+    first scene's sky. A pick names it."""
     write(os.path.join(FOLDER, "ball.ply"), ply_bytes([splat(0, 0, 0, (1, 1, 0), sigma=0.3, opacity=12.0)]))
     for block in [o for o in bpy.data.objects if o.name.startswith("Cube")]:
         bpy.data.objects.remove(block)
     shown = view3d().shading.type, view3d().region_3d.view_perspective
     assert bpy.ops.import_scene.pags(filepath=os.path.join(FOLDER, "ball.ply")) == {"FINISHED"}
-    assert (view3d().shading.type, view3d().region_3d.view_perspective) == shown  # as it was in a file with work in it
+    # unchanged, since the file has other objects
+    assert (view3d().shading.type, view3d().region_3d.view_perspective) == shown
     root = bpy.context.view_layer.objects.active
     root.scale = (0.5, 0.5, 0.5)
     deselect()
@@ -223,7 +225,7 @@ def several():
 
 
 def awake():
-    """A timer's ticks while a long picture is drawn, and while the view turns; figures are printed, none is demanded."""
+    """A timer counts ticks during a long picture and while the view turns. Figures are printed but not checked."""
     ticks = []
 
     def tick():

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/blender-guide.md as its tests read it: what is to be done, in order, and the commands."""
+"""Reads the steps, in order, and the commands of docs/blender-guide.md for tests."""
 
 import os
 import re
 
 PATH = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "docs", "blender-guide.md")
-# The action of a step: a key, a menu's or panel's item with a value, or words that gui_guide.py knows.
+# The action of a step: a key, an item of a menu or panel with a value, or words that gui_guide.py understands.
 PART = re.compile(
     r"\*\*(?P<key>[^*]+)\*\*"
     r"|(?P<drawn>type `(?P<typed>[^`]+)`)"
@@ -21,13 +21,13 @@ def read():
 
 
 def commands():
-    """Lines of the page's blocks of commands."""
+    """Returns the lines of the page's blocks of commands."""
     return [line for block in re.findall(r"^```\n(.*?)^```", read(), re.M | re.S) for line in block.splitlines()]
 
 
 def actions():
-    """(section, number of the step, kind, text, value) of what is to be done, in the page's order; kind "image" and the picture's name where one
-    stands. A step of which nothing could be done is kind "nothing"."""
+    """Returns (section, number of the step, kind, text, value) of all actions in the page's order. A picture has
+    kind "image" and its name; a step without an action has kind "nothing"."""
     found = []
     for section in re.split(r"^## ", re.sub(r"^```\n.*?^```", "", read(), flags=re.M | re.S), flags=re.M)[1:]:
         title, _, body = section.partition("\n")

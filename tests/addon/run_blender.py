@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""run_blender.py TEST.py PAGS ADDON.zip [BLENDER]: runs a test inside of Blender with settings of its own. BLENDER is a Blender or a Python
-with the module bpy; a python.exe runs under wine. Exit code 77 and a line where there is no Blender, or no screen for a test that needs one."""
+"""run_blender.py TEST.py PAGS ADDON.zip [BLENDER]: runs a test inside Blender with separate settings. BLENDER is a
+Blender or a Python with the module bpy; a python.exe runs under wine. Without a Blender, or without a screen for a
+test that needs one, prints the reason and exits with code 77."""
 
 import os
 import re
@@ -19,14 +20,16 @@ def skip(reason):
 
 
 def window_size(test):
-    """The window size that the script requests by a line `WINDOW = "800x560"`; all is drawn in software."""
+    """Returns the window size of the script's line `WINDOW = "800x560"`. Small windows help, since drawing is in
+    software."""
     with open(os.path.join(HERE, test)) as file:
         size = re.search(r'^WINDOW = "(\d+)x(\d+)"', file.read(), re.MULTILINE)
     return list(size.groups()) if size else ["800", "560"]
 
 
 def environment(folder):
-    """Without this Python's own folders: Debian's Blender looks for its library next to the first python3 on the PATH."""
+    """Returns the environment without this Python's folders: Debian's Blender looks for its library next to the
+    first python3 on PATH."""
     own = os.path.join(os.path.realpath(sys.base_prefix), "bin")
     rest = {key: value for key, value in os.environ.items() if key not in {"PYTHONHOME", "PYTHONPATH"}}
     places = [
@@ -45,12 +48,13 @@ def environment(folder):
 
 
 def drive(path):
-    """The path as Windows has it: wine shows the root folder as the drive Z."""
+    """Returns the path in Windows form: wine shows the root folder as drive Z."""
     return "Z:" + os.path.abspath(path).replace("/", "\\")
 
 
 def run(command, environment):
-    """Exit code and output. Doesn't wait for other programs that the command has started and that keep its output open, as wine's own do."""
+    """Returns exit code and output. Doesn't wait for other programs that the command started and that keep its
+    output open, such as wine's."""
     running = subprocess.Popen(
         command,
         env=environment,
@@ -96,7 +100,7 @@ def main():
     elif blender.endswith(".exe"):
         command = ["wine", blender, "-B", drive(os.path.join(HERE, test)), "--", drive(pags), drive(package)]
     elif os.path.basename(blender).startswith("python"):
-        command = [blender, "-B", os.path.join(HERE, test), "--", pags, package]  # the bpy module
+        command = [blender, "-B", os.path.join(HERE, test), "--", pags, package]  # a Python with the module bpy
     else:
         command = [blender, "-b", *common]
     with tempfile.TemporaryDirectory(prefix="pags-blender-") as folder:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The module `pags` with arrays: Gaussians given and taken, cameras from matrices and lists of them, 8-bit pictures, gradients (against
-differences, and to the bit against those of `pags train`), signatures and stubs. Python alone; what numpy adds runs where there is one."""
+"""Tests the module `pags` with arrays: Gaussians to and from arrays, cameras from matrices, lists of cameras, 8-bit
+pictures, signatures and stubs. Gradients are compared with differences and bit by bit with `pags train`. Needs only
+Python; tests with numpy run if it is installed."""
 
 import array
 import ast
@@ -32,7 +33,7 @@ NAMES = ("means", "quats", "scales", "opacities", "sh")
 
 
 def buffer(values, *shape, kind="f"):
-    """An array of numbers with a shape, without numpy."""
+    """Returns an array of numbers with a shape, without numpy."""
     return memoryview(array.array(kind, values)).cast("B").cast(kind, shape)
 
 
@@ -41,7 +42,8 @@ def bits(value):
 
 
 def random_gaussians(count, harmonics=4, seed=1, kind="f"):
-    """Before a camera at the origin that looks along z, not opaque enough for the cap of alpha."""
+    """Returns Gaussians in front of a camera at the origin that looks along z. Their opacity stays below the cap of
+    alpha."""
     rng = random.Random(seed)
     normal = lambda n, mean, sigma: [rng.gauss(mean, sigma) for _ in range(n)]  # noqa: E731
     means = [v for _ in range(count) for v in (rng.uniform(-1.2, 1.2), rng.uniform(-0.9, 0.9), rng.uniform(3, 5))]
@@ -116,7 +118,7 @@ class Arrays(Case):
         scene.save(self.path("a.pagsz"))
         packed = pags.load(self.path("a.pagsz"))
         mine, wanted = (sorted(floats(s.arrays()["opacities"])) for s in (packed, scene))
-        self.assertLess(max(abs(a - b) for a, b in zip(mine, wanted)), 3e-4)  # 2.5e-4 by pags/packed.h
+        self.assertLess(max(abs(a - b) for a, b in zip(mine, wanted)), 3e-4)  # pags/packed.h allows 2.5e-4
         for name, words in (("a.spz", "pags export"), ("a", "pags export")):
             with self.assertRaisesRegex(ValueError, words):
                 scene.save(self.path(name))
@@ -126,13 +128,14 @@ class Arrays(Case):
         self.assertAlmostEqual(pags.load(self.path("least.ply")).info["alpha_min"], 0.0196)
 
     def test_doubles_far_away(self):
-        """Means at a place on the earth keep their digits as doubles, in arrays and files, and with a scene of another origin."""
+        """Means far from the origin keep their digits as doubles, in arrays and files and with a scene of another
+        origin."""
         place = (512345.0, -4612345.0, 100.0)
         near, far = random_gaussians(150, kind="d"), random_gaussians(150, kind="d")
         for i in range(150):
             for k in range(3):
                 far["means"][i, k] += place[k]
-        far["means"][7, 0] = 1e15  # one that is nowhere near changes nothing
+        far["means"][7, 0] = 1e15  # one distant outlier changes nothing
         near["means"][7, 0] = 1e15 - place[0]
         scene = pags.Scene(**far)
         origin = scene.info["origin"]
@@ -180,9 +183,7 @@ class Arrays(Case):
         elsewhere = [[0.0, 0.0, -1000.0]], [[1, 0, 0, 0]], [[-3, -3, -3]], [1], [[[0, 0, 0]]]  # behind the camera
         pose = [1, 0, 0, -place[0], 0, 1, 0, -place[1], 0, 0, 1, -place[2]]
         close(pags.render(pags.Scene(*elsewhere), front(), others=[{"scene": double, "world_from_scene": pose}]))
-        self.assertEqual(
-            pags.Scene([[5e6, 0, 0]], *elsewhere[1:]).info["origin"], (0, 0, 0)
-        )  # a float has all of its digits
+        self.assertEqual(pags.Scene([[5e6, 0, 0]], *elsewhere[1:]).info["origin"], (0, 0, 0))  # a float is exact here
         self.assertEqual(pags.Scene([[5e6 + 0.1, 0, 0]], *elsewhere[1:], origin=(1, 2, 3)).info["origin"], (1, 2, 3))
 
     def test_quaternions_of_any_length(self):
@@ -193,7 +194,7 @@ class Arrays(Case):
             self.assertEqual(bits(pags.render(pags.Scene(**{**given, "quats": quats}), front()).rgba), wanted, power)
 
     def test_arrays_of_a_scene_folder(self):
-        """Rows are numbered by id, as pictures and picks name Gaussians; a tracked object's are in its own frame."""
+        """Rows are numbered by id, as in pictures and picks. Rows of a tracked object are in the object's frame."""
         make_drive(self.path("scene"))
         scene = pags.load(self.path("scene"))
         arrays = scene.arrays()
@@ -203,7 +204,7 @@ class Arrays(Case):
         with self.assertRaisesRegex(ValueError, "pags export"):
             scene.save(self.path("scene.ply"))
 
-    def test_drawn_as_the_file_is(self):
+    def test_arrays_draw_the_same_as_the_file(self):
         self.write("some.ply", ply_bytes(some_splats()))
         scene, view = (
             pags.load(self.path("some.ply")),
@@ -289,15 +290,15 @@ class Cameras(Case):
                 self.assertAlmostEqual(a, b, delta=1e-12, msg=str(form))
         self.assertEqual(pags.camera(64, 48, self.K, turn, time=2.5)["time"], 2.5)
 
-    def test_a_dictionary_may_hold_a_matrix(self):
+    def test_camera_dictionary_with_a_matrix(self):
         scene, flat = pags.Scene(**random_gaussians(50)), front()
         wanted = bits(pags.render(scene, flat).rgba)
         for matrix in (IDENTITY4, IDENTITY4[:3], buffer(sum(IDENTITY4, []), 4, 4)):
             self.assertEqual(bits(pags.render(scene, {**flat, "world_from_camera": matrix}).rgba), wanted)
         self.assertEqual(bits(pags.render(scene, flat, placements=[(-1, IDENTITY4)]).rgba), wanted)
 
-    def test_a_hundred_at_once(self):
-        """One call draws what a hundred do, whatever the sizes."""
+    def test_hundred_cameras_in_one_call(self):
+        """One call for a hundred cameras of different sizes draws the same pictures as a hundred calls."""
         scene = pags.Scene(**random_gaussians(60))
         poses = [[*IDENTITY4[:2], [0, 0, 1, -0.02 * i]] for i in range(100)]
         cameras = [
@@ -333,7 +334,7 @@ class Cameras(Case):
 
 
 class Pictures(Case):
-    def test_bytes_are_those_of_the_program(self):
+    def test_bytes_equal_those_of_the_program(self):
         make_drive(self.path("scene"))
         scene = pags.load(self.path("scene"))
         view = make_camera(time=101.0)
@@ -362,7 +363,7 @@ def fixtures_camera():
 
 class Gradients(Case):
     def loss_gradient(self, camera, channels, seed):
-        """Waves over the picture, of another length in each channel."""
+        """Returns waves over the picture, with another wavelength in each channel."""
         width, height = camera["width"], camera["height"]
         waves = [
             math.sin(seed + 0.3 * c * x + 0.2 * y) for y in range(height) for x in range(width) for c in range(channels)
@@ -370,9 +371,9 @@ class Gradients(Case):
         return buffer(waves, height, width, channels)
 
     def check_differences(self, weights, loss, names=NAMES, **options):
-        """All parameters of 8 Gaussians of the first degree, by central differences of 0.002. With a least alpha no pixel jumps; what is
-        left is the rounding of pictures to floats and kinks where a Gaussian begins: 2 % of the differences' length (0.1 % was seen). A wrong
-        factor, sign or place is off by more."""
+        """Compares all gradients of 8 Gaussians of the first degree with central differences (step 0.002). A minimum
+        alpha avoids jumps of pixels. Rounding to floats and kinks at the Gaussians' edges remain: 2 % of the
+        differences' length is allowed, 0.1 % was measured. A wrong factor, sign or place exceeds this."""
         camera, given = front(), random_gaussians(8, 4, seed=5)
         gradients = pags.gradients(pags.Scene(**given, alpha_min=0.02), camera, weights, **options)
         lists = {name: memoryview(value).cast("B").cast("f").tolist() for name, value in given.items()}
@@ -410,7 +411,8 @@ class Gradients(Case):
         self.check_differences(weights, loss, transparent=True)
 
     def test_differences_of_depth(self):
-        """Where little is blended, the quotient that depth is changes fast: such pixels don't count."""
+        """Compares gradients of depth. Pixels with little alpha are left out, since their depth, a quotient, changes
+        fast."""
         camera = front()
         scene = pags.Scene(**random_gaussians(8, 4, seed=5), alpha_min=0.02)
         covered = floats(pags.render(scene, camera, transparent=True).rgba)[3::4]
@@ -448,7 +450,7 @@ class Gradients(Case):
         scene, view = pags.load(self.path("scene")), make_camera(time=101.0)
         ones = buffer([1] * (3 * 101 * 101), 101, 101, 3)
         dc = memoryview(pags.gradients(scene, view, ones)["sh"]).tolist()
-        self.assertTrue(all(max(dc[row][0]) > 1 for row in range(3)), dc)  # each covers pixels
+        self.assertTrue(all(max(dc[row][0]) > 1 for row in range(3)), dc)  # each Gaussian covers pixels
         alone = memoryview(pags.gradients(scene, view, ones, placements=[(1, scene.pose(1, 101.0))])["sh"]).tolist()
         self.assertEqual([max(row[0]) > 1 for row in alone], [False, False, True])
         self.assertEqual(alone[0][0], [0, 0, 0])
@@ -479,8 +481,8 @@ class Gradients(Case):
         with self.assertRaisesRegex(pags.Error, "packed"):
             pags.gradients(pags.load(self.path("a.pagsz")), camera, good)
 
-    def test_not_finite_is_said(self):
-        """A loss whose gradients overflow."""
+    def test_infinite_gradients_are_reported(self):
+        """Gradients that overflow cause a warning and stay finite."""
         camera, scene = front(), pags.Scene(**random_gaussians(5))
         huge = buffer([3e38] * (24 * 32 * 3), 24, 32, 3)
         with warnings.catch_warnings(record=True) as caught:
@@ -495,7 +497,7 @@ class Gradients(Case):
 
 
 def sections(checkpoint):
-    """The payloads of a checkpoint (engine/train/checkpoint.h), by tag."""
+    """Returns the payloads of a checkpoint (engine/train/checkpoint.h) by tag."""
     at, found = 8, {}
     while at < len(checkpoint):
         (size,) = struct.unpack("<Q", checkpoint[at + 4 : at + 12])
@@ -505,7 +507,7 @@ def sections(checkpoint):
 
 
 def planes(arrays):
-    """The planes of pags/gaussians.h as lists: means, scales, quats, opacity, harmonics."""
+    """Returns the planes of pags/gaussians.h as lists: means, scales, quats, opacity, harmonics."""
     return [
         floats(arrays[name])[k::width].tolist()
         for name in ("means", "scales", "quats", "opacities", "sh")
@@ -515,8 +517,9 @@ def planes(arrays):
 
 
 class Trainer(Case):
-    """`pags train` keeps the gradient of its last step in its checkpoint, as Adam's first moment of beta1 = 0; a run of one step less with
-    the same schedule ends with the parameters that the step was taken at."""
+    """Compares gradients with training. With beta1 = 0, the checkpoint of `pags train` stores the last step's
+    gradient as Adam's first moment. A run with one step less and the same schedule ends with the parameters before
+    that step."""
 
     WIDTH, HEIGHT, STEPS = 48, 40, 20
 
@@ -555,7 +558,7 @@ class Trainer(Case):
         copy = pags.Scene(**scene.arrays(), alpha_min=scene.info["alpha_min"])
         for other in (scene, copy):
             rgba, single = floats(pags.render(other, camera).rgba), lambda v: struct.unpack("f", struct.pack("f", v))[0]
-            scale = single(1 / (3 * self.WIDTH * self.HEIGHT))  # L1 is a mean over pixels and channels
+            scale = single(1 / (3 * self.WIDTH * self.HEIGHT))  # the L1 loss is a mean over pixels and channels
             signs = [
                 (rgba[4 * (i // 3) + i % 3] > single(p / 255)) - (rgba[4 * (i // 3) + i % 3] < single(p / 255))
                 for i, p in enumerate(pixels)
@@ -569,7 +572,7 @@ class Trainer(Case):
 
 
 class Surface(Case):
-    """The view of editors and type checkers."""
+    """Compares the stub with the module, for editors and type checkers."""
 
     def test_stub_is_the_module(self):
         with open(os.path.join(HERE, "..", "..", "blender_addon", "native", "pags.pyi"), encoding="utf-8") as file:
@@ -577,7 +580,7 @@ class Surface(Case):
         checked = set()
 
         def compare(function, real):
-            """Names, kinds and defaults of the parameters, but for self and cls."""
+            """Compares names, kinds and defaults of the parameters, except for self and cls."""
             a = function.args
             kinds = [
                 (inspect.Parameter.POSITIONAL_ONLY, a.posonlyargs),
@@ -637,7 +640,7 @@ class Surface(Case):
 
 class Memory(Case):
     def test_buffers_are_released(self):
-        """An array that is being looked at can't grow: it must be let go, after success and after errors."""
+        """Buffers are released after success and after errors. An array can't grow while a buffer of it is held."""
         opacities = array.array("f", [0, 0, 0])
         given = {**random_gaussians(3), "opacities": opacities}
         pags.Scene(**given)
@@ -653,7 +656,7 @@ class Memory(Case):
 
     @unittest.skipIf(SANITIZED, "sanitizers keep what is freed")
     def test_leaks_nothing(self):
-        given, camera = random_gaussians(5000, 16), front(480, 360)  # planes of 0.7 MB
+        given, camera = random_gaussians(5000, 16), front(480, 360)  # each plane has 0.7 MB
         weights, depth = buffer([1] * (3 * 480 * 360), 360, 480, 3), buffer([0] * (480 * 360), 360, 480)
         spoiled = {**given, "opacities": buffer([float("inf")] * 5000, 5000)}
         nested = [[1.0, 2.0, 3.0]] * 4999 + [[1.0, 2.0]]
@@ -682,7 +685,9 @@ class Memory(Case):
         grown = []
         for _ in range(
             3
-        ):  # a leak grows each time; a system that takes pages of a waiting process away and gives them back grows it once
+            # A leak grows in each round. A system that moves a waiting process's pages out and back causes growth only
+            # once.
+        ):
             before = resident()
             for _ in range(20):
                 work()
@@ -722,7 +727,7 @@ print("good")
 @unittest.skipIf(SANITIZED, "numpy isn't")
 @unittest.skipUnless(os.name == "posix" and fixtures.numpy_python(), "there is no numpy")
 class Numpy(Case):
-    def test_its_arrays(self):
+    def test_numpy_arrays(self):
         done = subprocess.run(
             [fixtures.numpy_python(), "-B", "-c", WITH_NUMPY],
             env={**os.environ, "PYTHONPATH": MODULE},

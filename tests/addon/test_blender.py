@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on in Blender without a window: the tests of all blender_*.py in this folder, each of which can be run alone. PAGS_TESTS names some."""
+"""Runs the tests of all blender_*.py in this folder in Blender without a window. Each file can also run alone;
+PAGS_TESTS selects tests."""
 
 import os
 import sys

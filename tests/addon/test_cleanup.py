@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clean-up and look in Blender without a window: F12, the file that is exported and the scene that is saved agree; crops, parts, undoing them."""
+"""Tests Clean-up and look in Blender without a window: F12, exported files and saved scenes agree; crops, looks of
+parts, undo."""
 
 import math
 import os
@@ -23,7 +24,7 @@ def psnr(a, b):
 
 class CleanUp(BlenderCase):
     def seen(self, picture):
-        """Whether red (the driving car), green (the parked one) and white (the wall) are bright somewhere."""
+        """Returns whether the picture has bright red (the driving car), green (the parked car) and white (the wall)."""
         pixels = list(zip(*[iter(picture[4])] * 3))
         red = any(r > 150 and g < 100 and b < 100 for r, g, b in pixels)
         green = any(g > 150 and r < 100 and b < 100 for r, g, b in pixels)
@@ -40,8 +41,8 @@ class CleanUp(BlenderCase):
         bpy.context.view_layer.update()
         return volume
 
-    def test_agree(self):
-        """F12, `pags render --edits`, the saved scene and the exported file: at least 45 dB."""
+    def test_all_outputs_agree(self):
+        """F12, `pags render --edits`, the saved scene and the exported file agree within 45 dB."""
         root = self.bring_in()
         before = self.f12()
         look = root.pags_look
@@ -58,7 +59,7 @@ class CleanUp(BlenderCase):
         print(f"saved scene: {psnr(picture, saved):.1f} dB")
         self.assertGreater(psnr(picture, saved), 45)
         for name in os.listdir(self.path("edited")):
-            self.assertFalse(os.path.islink(self.path("edited", name)))  # a link would point into a folder that is gone
+            self.assertFalse(os.path.islink(self.path("edited", name)))  # a link would point into a temporary folder
         for name in ("a.ply", "a.pagsz"):
             bpy.ops.export_scene.pags(filepath=self.path(name))
             self.succeeds("export", self.path("scene"), self.path("wanted" + name), "--edits", self.path("rules.json"))
@@ -74,7 +75,7 @@ class CleanUp(BlenderCase):
         self.assertEqual(self.difference(before, self.f12()), 0)
 
     def test_sky(self):
-        """The colour of the sky, (0, 0, 0.5), by the formula of the panel."""
+        """The colour of the sky, (0, 0, 0.5), changes by the panel's formula."""
         root = self.bring_in()
         root.pags_look.exposure = 1
         self.assertAlmostEqual(self.f12()[4][2], 255 * 0.5 * 2 ** (1 / 2.2), delta=1)
@@ -83,19 +84,19 @@ class CleanUp(BlenderCase):
         self.assertAlmostEqual(self.f12()[4][0], 255 * 0.5 * 0.0722, delta=1)
 
     def test_crops(self):
-        """Volumes in Blender's world, also where the scene and the object were turned, moved and scaled."""
+        """Crop volumes are in Blender's world, also where the scene and the object are turned, moved and scaled."""
         root = self.bring_in()
         self.assertEqual(self.seen(self.f12()), (True, True, True))
         root.location, root.rotation_euler, root.scale = (3, -2, 1), (0.1, 0.2, 0.5), (2, 2, 2)
         bpy.context.view_layer.update()
-        volume = self.crop(root, root.matrix_world @ Vector((10, 0, 3)), size=2)  # the wall
+        volume = self.crop(root, root.matrix_world @ Vector((10, 0, 3)), size=2)  # the volume removes the wall
         self.assertEqual(self.seen(self.f12()), (True, True, False))
         volume.location.z += 50
         self.assertEqual(self.seen(self.f12()), (True, True, True))
         volume.location.z -= 50
-        root.pags_look.crops[0].mode = "KEEP"  # what follows a track has crops of its own
+        root.pags_look.crops[0].mode = "KEEP"  # objects that follow a track have separate crops
         self.assertEqual(self.seen(self.f12()), (True, False, True))
-        volume.empty_display_type = "PLAIN_AXES"  # no volume
+        volume.empty_display_type = "PLAIN_AXES"  # this empty isn't a volume
         self.assertEqual(self.rules(root), "")
         bpy.context.view_layer.objects.active = root
         bpy.ops.pags.remove_crop(number=0)
@@ -112,15 +113,15 @@ class CleanUp(BlenderCase):
         self.assertEqual(self.seen(self.f12()), (True, False, True))
         self.part(0).pags_look.least_size = 0
         root.pags_look.least_views = 100
-        self.assertEqual(self.seen(self.f12()), (True, False, False))  # what follows a track is not judged by it
+        self.assertEqual(self.seen(self.f12()), (True, False, False))  # objects that follow a track ignore this limit
         root.pags_look.least_views = 0
         root.pags_look.least_opacity = 1
-        empty = self.f12()  # the sky alone, and a word of it
+        empty = self.f12()  # the picture shows only the sky, and a note says this
         self.assertEqual({*empty[4][0::3]}, {0})
         self.assertLessEqual({*empty[4][2::3]}, {127, 128})
         state = gather.gather(bpy.context.evaluated_depsgraph_get())
         self.assertIn(f"hide all of {root.name}", state.load(True).remarks(self.scene.pags))
-        with self.assertRaises(RuntimeError) as caught:  # a file of nothing isn't written
+        with self.assertRaises(RuntimeError) as caught:  # an empty file isn't written
             bpy.ops.export_scene.pags(filepath=self.path("empty.ply"))
         self.assertIn("none of the", str(caught.exception))
         root.pags_look.least_opacity = 0
@@ -129,7 +130,8 @@ class CleanUp(BlenderCase):
         )
 
     def test_two_objects_of_one_part(self):
-        """The settings of the first by name that has any count, in F12 and in exports, and the other's panel says so."""
+        """If two objects show the same part, the first by name with changed settings applies, in F12 and exports.
+        The other's panel says this."""
         root, car = self.bring_in(), self.part(1)
         twin = car.copy()
         twin.name = car.name + " twin"
@@ -147,8 +149,9 @@ class CleanUp(BlenderCase):
         self.assertGreater(self.difference(plain, self.f12()), 30)
         self.assertEqual((cleanup.preferred(twin), cleanup.preferred(car)), (car, None))
 
-    def test_waits_for_nothing(self):
-        """While a change is being made, a view shows the state before it; the newest one appears in the end, without those between."""
+    def test_views_never_wait_for_a_change(self):
+        """While a changed scene is prepared, a view shows the previous state. At the end, the newest state appears
+        without those between."""
         root = self.bring_in()
         state = lambda: gather.gather(bpy.context.evaluated_depsgraph_get())
         plain = state().load(True).entry

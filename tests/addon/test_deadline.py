@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags.Deadline in plain Python: what pictures under a deadline give up, and where they lie."""
+"""Tests pags.Deadline in plain Python: the quality that pictures under a deadline lose, and their place."""
 
 import math
 import os
@@ -11,7 +11,7 @@ from test_module import ModuleCase, fixtures, make_camera, pags, pixel  # noqa: 
 
 
 class Deadlines(ModuleCase):
-    """Pictures under a deadline: coarser where the time asks for it, in the place of what was asked for."""
+    """Tests pictures under a deadline: they are coarser where time is short, but cover the requested area."""
 
     def drawn(self, deadline, times, **arguments):
         renderer = pags.Renderer(threads=1)
@@ -20,10 +20,10 @@ class Deadlines(ModuleCase):
             for _ in range(times)
         ]
 
-    def test_a_long_time_gives_up_bounded_early_z_alone(self):
+    def test_long_deadline_gives_up_only_bounded_early_z(self):
         deadline = pags.Deadline(1e6)
         first, *_, last = self.drawn(deadline, 12)
-        self.assertEqual((first.stats["divisor"], first.width), (2, 51))  # nothing is known yet
+        self.assertEqual((first.stats["divisor"], first.width), (2, 51))  # the speed isn't known yet
         self.assertEqual(
             (last.stats["step"], last.stats["divisor"], last.width, last.place), (1, 1, 101, (0, 0, 101, 101))
         )
@@ -33,21 +33,21 @@ class Deadlines(ModuleCase):
             for a, b in zip(pixel(last.rgba, x, y), pixel(sharp.rgba, x, y)):
                 self.assertLess(abs(a - b), 1 / 255 + 1e-3)
 
-    def test_what_cannot_be_kept_gets_a_quarter_of_the_size(self):
+    def test_impossible_deadline_gets_quarter_size(self):
         deadline = pags.Deadline(1e-6)
         last = self.drawn(deadline, 3, outputs=("rgba", "depth"))[-1]
         self.assertEqual((last.stats["step"], last.stats["divisor"], deadline.step), (11, 4, 11))
         self.assertEqual((last.width, last.height, last.place), (25, 25, (0, 0, 101, 101)))
         self.assertEqual((last.rgba.shape, last.depth.shape), ((25, 25, 4), (25, 25)))
-        red, green, blue, alpha = pixel(last.rgba, 12, 12)  # the car, at (50, 50) of the picture asked for
+        red, green, blue, alpha = pixel(last.rgba, 12, 12)  # the car, at (50, 50) of the requested picture
         self.assertGreater(red, 0.5)
         self.assertLess(green, 0.2)
         self.assertAlmostEqual(pixel(last.depth, 12, 12, 1)[0], 10, places=1)
-        deadline.ms = 1e6  # and comes back step by step
+        deadline.ms = 1e6  # quality returns step by step
         self.assertEqual([p.stats["step"] for p in self.drawn(deadline, 12)], [*range(11, 0, -1), 1])
 
     def test_a_window_keeps_its_place(self):
-        """Whole pixels of the smaller picture, which cover the window."""
+        """The smaller picture has whole pixels that cover the window."""
         last = self.drawn(pags.Deadline(1e-6), 3, window=(33, 20, 21, 41))[-1]
         x, y, width, height = last.place
         self.assertTrue(29 <= x <= 33 and 16 <= y <= 20, last.place)
@@ -55,7 +55,7 @@ class Deadlines(ModuleCase):
         self.assertEqual((last.width, last.height), (round(width * 25 / 101), round(height * 25 / 101)))
         self.assertGreater(pixel(last.rgba, 12 - round(x * 25 / 101), 12 - round(y * 25 / 101))[0], 0.5)
 
-    def test_passes_give_up_size_alone(self):
+    def test_passes_give_up_only_size(self):
         last = self.drawn(pags.Deadline(1e-6), 3, outputs=("rgba", "count"))[-1]
         small = {**make_camera(time=101.0), "width": 25, "height": 25}
         for name in ("fx", "fy", "cx", "cy"):
@@ -67,7 +67,7 @@ class Deadlines(ModuleCase):
             )
 
     def test_several_scenes(self):
-        """At every step, the sampled ones included, which look up the priorities of all scenes."""
+        """Several scenes are drawn at every step. Sampled steps use the priorities of all scenes."""
         other = pags.load(self.path("scene"))
         pose = [1, 0, 0, 0, 0, 1, 0, 4.0, 0, 0, 1, 0]
         deadline = pags.Deadline(1e-6)
@@ -78,13 +78,13 @@ class Deadlines(ModuleCase):
         ]
         self.assertEqual(sum(seen), 3)
 
-    def test_a_picture_that_comes_too_seldom_gets_less_time(self):
+    def test_slow_pictures_get_less_time(self):
         deadline = pags.Deadline(50)
         for _ in range(100):
             deadline.pace(120, 95)
         self.assertEqual(deadline.haste, 0.25)
-        deadline.pace(5000, 95)  # a pause between two movements says nothing
-        deadline.pace(90, 95)  # as wished
+        deadline.pace(5000, 95)  # a pause between two movements is ignored
+        deadline.pace(90, 95)  # as fast as requested
         self.assertEqual(deadline.haste, 0.25)
         for _ in range(100):
             deadline.pace(50, 95)

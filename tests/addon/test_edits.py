@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clean-up and look in the module and the program: each rule against what it says in numbers, the sky, frames of objects, errors."""
+"""Tests Clean-up and look in the module and the program: each rule by its numbers, the sky, frames of objects,
+errors."""
 
 import json
 import math
@@ -47,7 +48,8 @@ class Rules(Case):
         self.assertLess(max(abs(x - y) for x, y in zip(a, b)), 1e-5)
 
     def test_colour(self):
-        """M times each triple, and the offset on the constant one: what every direction sees is M c + t."""
+        """A colour rule multiplies each triple by M and adds the offset to the constant one: a colour c becomes M c
+        + t in every direction."""
         after = self.after({"matrix": MATRIX, "sh": 0.5})
         for was, now in zip(self.before["sh"], after["sh"]):
             for k in range(4):
@@ -75,7 +77,7 @@ class Rules(Case):
         box = {"shape": "box", "unit_from_frame": unit_from((1.5, 0.7, 5), 0.8)}
         self.assertEqual(self.left({"crops": [ball(1, False)]}), [0, 2, 3])
         self.assertEqual(self.left({"crops": [ball(0, True), ball(3, True)]}), [0, 3])
-        self.assertEqual(self.left({"crops": [box]}), [1, 2])  # a ball of that radius would hold none
+        self.assertEqual(self.left({"crops": [box]}), [1, 2])  # a ball of that radius would contain none of them
         self.assertEqual(self.left({"crops": [box, ball(1, False)]}), [2])
 
     def test_errors(self):
@@ -94,7 +96,7 @@ class Rules(Case):
             self.assertIn(words, str(caught.exception))
 
     def test_program(self):
-        """The program exports what the module loads; without rules, nothing changes."""
+        """The program exports the same Gaussians that the module loads. Empty rules change nothing."""
         rules = [{"matrix": MATRIX, "opacity": 0.7, "greatest_size": 0.35}]
         self.write("rules.json", json.dumps(rules))
         said = self.succeeds(
@@ -111,14 +113,15 @@ class Rules(Case):
 
 
 class Drive(Case):
-    """A red car that follows a track, a green parked one, a white wall, a sky of (0, 0, 0.5)."""
+    """Tests rules on a drive: a red car that follows a track, a green parked car, a white wall, a sky of (0, 0,
+    0.5)."""
 
     def setUp(self):
         super().setUp()
         make_drive(self.path("scene"))
 
     def colours(self, *rules):
-        """Which of red, green, white are bright somewhere in the picture of the first view; and its darkest blue, the sky's."""
+        """Returns whether the first view shows bright red, green and white, and its blue value in the sky."""
         scene = pags.load(self.path("scene"), json.dumps(rules))
         picture = pags.render(scene, scene.views[0], outputs=("rgb8",))
         pixels = memoryview(picture.rgb8).tolist()
@@ -135,7 +138,8 @@ class Drive(Case):
         self.assertEqual(self.colours({"object": -1, "opacity": 0})[:3], (True, True, False))
 
     def test_frames(self):
-        """A crop of an object is in the object's frame, wherever that stands; one of the scene leaves what follows tracks alone."""
+        """An object's crop is in the object's frame at any pose. The scene's crop doesn't change objects that follow
+        tracks."""
         near = {"shape": "sphere", "keep": False, "unit_from_frame": unit_from((0, 0, 0), 1)}
         for number in range(2):
             seen = self.colours({"object": number, "crops": [near]})
@@ -144,14 +148,14 @@ class Drive(Case):
         self.assertEqual(self.colours({"crops": [far]})[:3], (True, False, False))
 
     def test_sky(self):
-        """The look of the whole scene is the sky's, too; that of an object isn't."""
+        """The look of the whole scene also changes the sky; an object's look doesn't."""
         half = [0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 0.5, 0]
         self.assertEqual(self.colours()[3], 128)
         self.assertEqual(self.colours({"matrix": half})[3], 64)
         self.assertEqual(self.colours({"object": -1, "matrix": half})[3], 128)
 
-    def test_written(self):
-        """The scene folder written gives the same picture."""
+    def test_saved_scene(self):
+        """The saved scene folder gives the same picture."""
         rules = json.dumps([{"matrix": MATRIX}, {"object": 1, "opacity": 0.5}])
         pags.write_edited(self.path("scene"), rules, self.path("edited"))
         pictures = [pags.load(self.path("scene"), rules), pags.load(self.path("edited"))]

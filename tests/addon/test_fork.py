@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forked children: what a parent's threads draw with raises an error that mentions the fork, and never hangs; the rest works."""
+"""Tests forked processes: the parent's renderer raises an error that mentions the fork, and never hangs. Everything
+else works."""
 
 import functools
 import gc
@@ -12,7 +13,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 
 from test_module import IDENTITY, SANITIZED, fixtures, pags  # noqa: E402
 
-LIMIT = 20  # seconds after which a child counts as hanging
+LIMIT = 20  # seconds after which a child process counts as hanging
 
 
 @unittest.skipUnless(hasattr(os, "fork") and not SANITIZED, "no fork here, or none that the sanitizer survives")
@@ -29,7 +30,8 @@ class Fork(unittest.TestCase):
         self.done.wait()
 
     def child(self, work):
-        """The result of work() in a forked child, as text, or its error message. The child ends as Python does, with all destructors."""
+        """Returns the result of work() in a forked child as text, or its error message. The child exits normally,
+        with all destructors."""
         ends = os.pipe()
         sys.stdout.flush()
         number = os.fork()
@@ -52,7 +54,7 @@ class Fork(unittest.TestCase):
         self.assertEqual(os.waitpid(number, 0)[1], 0, f"the child hung or died: {said}")
         return said
 
-    def test_idle(self):
+    def test_fork_while_idle(self):
         self.assertIn("fork", self.child(lambda: self.renderer.submit(self.scene, self.view)))
         self.assertIn("Picture", self.child(lambda: self.done.take()))
         self.assertIn("Picture", self.child(lambda: pags.render(self.scene, self.view)))
@@ -65,8 +67,8 @@ class Fork(unittest.TestCase):
         )
         self.assertIn("Picture", str(self.done.take()), "and the parent goes on")
 
-    def test_at_work(self):
-        """The fork comes while the renderer draws the scene, which has its lock."""
+    def test_fork_while_drawing(self):
+        """Forks while the renderer draws the scene and holds its lock."""
         busy = [self.renderer.submit(self.scene, self.view, deadline=self.deadline) for _ in range(300)]
         last = busy[-1]
         calls = [

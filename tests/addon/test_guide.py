@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of docs/blender-guide.md, typed as the page has them: those that install the add-on into this Blender, and those that run without a
-window. gui_guide.py does the page's numbered steps."""
+"""Runs the commands of docs/blender-guide.md as written: those that install the add-on, and those that work without
+a window. gui_guide.py tests the page's numbered steps."""
 
 import os
 import re
@@ -33,7 +33,7 @@ class Commands(unittest.TestCase):
         for name, program in (("blender", shutil.which(BLENDER)), ("pags", PAGS)):
             with open(
                 self.path("bin", name), "w"
-            ) as file:  # which itself must not find this folder: the program may look for its name
+            ) as file:  # The program's PATH must not contain this folder, since the program may search for its name.
                 file.write(f'#!/bin/sh\nPATH="{self.environment["PATH"]}" exec "{os.path.abspath(program)}" "$@"\n')
             os.chmod(self.path("bin", name), 0o755)
         shutil.copy(PACKAGE, self.path("build"))
@@ -58,7 +58,7 @@ class Commands(unittest.TestCase):
         self.assertNotIn("Traceback", done.stdout)
         return done.stdout
 
-    def test_as_they_are_written(self):
+    def test_commands_of_the_guide(self):
         version = re.search(r"Blender (\d+)\.(\d+)", self.type("blender --version"))
         other = OF_ADDONS if tuple(map(int, version.groups())) >= (4, 2) else OF_EXTENSIONS
         commands = guide_page.commands()

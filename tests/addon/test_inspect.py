@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inspecting a scene in Blender without a window: comparison with photographs and their list, LiDAR sweeps and boxes, held-out steps, counts of
-Gaussians, distances, the ground, two scenes wiped against each other, a scene that is written anew."""
+"""Tests Inspect in Blender without a window: comparison with photographs and their list, LiDAR sweeps and boxes,
+held-out steps, counts of Gaussians, distances, the ground, a wipe between two scenes, and a scene that is written
+again."""
 
 import os
 import struct
@@ -38,13 +39,14 @@ inspector, jobs, lens, native, viewport = (
 
 class InspectCase(BlenderCase):
     def record(self, change):
-        """Changes scene.json."""
+        """Changes scene.json by a function."""
         record = json.loads(fixtures.read(self.path("scene", "scene.json")))
         change(record)
         self.write("scene/scene.json", json.dumps(record))
 
     def photographed(self):
-        """Imports the scene, whose photographs are its own pictures without exposure: of the front camera, gains are 1, 1.1 and 1.2."""
+        """Imports the scene. Its photographs are rendered without exposure; the front camera's exposure gains are 1,
+        1.1 and 1.2."""
         make_set(self.path("scene"), self.path("set"))
         return self.bring_in()
 
@@ -57,7 +59,7 @@ class InspectCase(BlenderCase):
 
 class Compare(InspectCase):
     def test_list_worst_first(self):
-        """The list is that of pags eval, and a click goes to the photograph."""
+        """The list has the order and values of pags eval. A click on an entry selects its photograph."""
         self.photographed()
         bpy.ops.pags.rank()
         manager = bpy.context.window_manager
@@ -80,8 +82,9 @@ class Compare(InspectCase):
         manager.pags_photograph = 0
         self.assertIn("without its cameras", manager.pags_photographs_said)
 
-    def test_figures_are_those_of_eval(self):
-        """PSNR of the overlay within 0.01 dB and SSIM within 1e-4 of pags eval: sums in float here, in double there."""
+    def test_figures_equal_those_of_eval(self):
+        """PSNR agrees with pags eval within 0.01 dB and SSIM within 1e-4. The add-on sums in float, pags eval in
+        double."""
         root = self.photographed()
         self.succeeds("eval", self.path("scene"), "--json", self.path("eval.json"))
         figures = json.loads(fixtures.read(self.path("eval.json")))
@@ -95,8 +98,8 @@ class Compare(InspectCase):
             self.assertLess(wanted["ssim"], 0.9999)
             self.assertEqual("(held out)" in pair.line(), split == "test")
 
-    def test_ssim_beside_sums_by_hand(self):
-        """At a pixel in the middle and at one by the border, from the definition."""
+    def test_ssim_equals_its_definition(self):
+        """Compares SSIM with its definition at a pixel in the middle and at one near the border."""
         generator = np.random.default_rng(3)
         a, b = generator.random((2, 20, 24, 3), dtype=np.float32)
         got = comparison.ssim_map(a, b)
@@ -114,7 +117,7 @@ class Compare(InspectCase):
             below = (p * p + q * q + 1e-4) * (pp - p * p + qq - q * q + 9e-4)
             self.assertAlmostEqual(float(got[y, x]), float((above / below).mean()), places=4)
 
-    def test_which_photograph_a_view_looks_at(self):
+    def test_photograph_of_a_view(self):
         root = self.photographed()
         context = types.SimpleNamespace(scene=self.scene, region_data=types.SimpleNamespace(view_perspective="CAMERA"))
         for frame in (1, 2, 3):
@@ -127,7 +130,7 @@ class Compare(InspectCase):
         self.assertEqual(root.pags.kind, "ROOT")
 
     def test_progress_of_the_list(self):
-        """As pags eval prints it where there is no terminal."""
+        """Reads the progress that pags eval prints without a terminal."""
         if os.name == "nt":
             self.skipTest("there is no shell to say it")
         job = jobs.Job("list", lambda job: iter(()))
@@ -142,7 +145,7 @@ class Compare(InspectCase):
 
 class Recording(InspectCase):
     def lidar(self, **dataset):
-        """Sweep t: t + 1 points at x = t + 5 ahead of the car, which is t metres on."""
+        """Makes LiDAR sweeps: sweep t has t + 1 points, 5 m ahead of the car, which has moved t metres."""
         self.photographed()
         make_sweeps(self.path("set"), lambda t: [[5.0, 0.5 * k, 0.25, 9.0] for k in range(t + 1)], lambda t: (t, 0, 0))
         self.write("set/dataset.json", json.dumps({"kind": "kitti", **dataset}))
@@ -163,7 +166,7 @@ class Recording(InspectCase):
         self.assertEqual(self.points(), [(5, 0, 0.25)])
         self.scene.frame_set(8)
         self.assertEqual(self.points(), [])
-        bpy.ops.pags.lidar()  # again: the same object
+        bpy.ops.pags.lidar()  # a second call uses the same object
         self.assertEqual(len([o for o in self.scene.objects if "pags_lidar" in o]), 1)
         bpy.context.view_layer.objects.active.matrix_world = Matrix.Scale(2, 4)
         self.scene.frame_set(1)
@@ -179,9 +182,9 @@ class Recording(InspectCase):
         wanted = np.array([[0, 5, 0.25], [0.5, 5, 0.25]]) - ORIGIN
         self.assertLess(
             np.abs(np.array([v.co[:] for v in found]) - wanted).max(), 0.05
-        )  # floats at half a million metres
+        )  # floats are coarse at half a million metres
 
-    def test_what_cannot_be_read(self):
+    def test_unreadable_sweeps(self):
         self.bring_in()
         self.raises(["no folder lidar", "Data set folder"], bpy.ops.pags.lidar)
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -196,14 +199,14 @@ class Recording(InspectCase):
         bpy.ops.pags.boxes()
         boxes = {o["pags_box"]: o for o in self.scene.objects if "pags_box" in o}
         self.assertEqual(sorted(boxes), ["c=2", "p,1"])
-        self.track(1).location.z += 3  # an edit; the label stays
+        self.track(1).location.z += 3  # moves the track; the label stays
         for frame, y in ((1, 4), (2, 0), (3, -4)):
             self.scene.frame_set(frame)
             matrix = boxes["c=2"].matrix_world
             self.assertLess((matrix.translation - Matrix.Translation((10, y, 0)).translation).length, 1e-3)
             self.assertLess(
                 abs((matrix.to_3x3() @ boxes["c=2"].data.vertices[9].co).y + 2), 1e-3
-            )  # its front, 2 m to the right
+            )  # the car's front, 2 m to the right
         self.assertEqual([round(d, 3) for d in boxes["p,1"].dimensions], [4, 2, 1.5])
         self.scene.frame_set(9)
         self.assertTrue(boxes["c=2"].hide_viewport)
@@ -228,7 +231,7 @@ class Recording(InspectCase):
 
 class Measuring(InspectCase):
     def test_points_of_the_world(self):
-        """The moving car stands 10 m ahead, wherever the camera is, in perspective and orthographic views, and of a scaled scene."""
+        """A pick finds the moving car 10 m ahead in perspective and orthographic views, also for a scaled scene."""
         root = self.bring_in()
         for scale in (1, 0.5):
             root.scale = [scale] * 3
@@ -251,7 +254,7 @@ class Measuring(InspectCase):
         for x in range(40):
             for y in range(-10, 11):
                 flat = splat(3 + 0.2 * x, 0.2 * y, -1.6, (0.1, 0.1, 0.5), sigma=0.15, opacity=12.0)
-                flat[12] = -5.0  # its third scale: millimetres
+                flat[12] = -5.0  # the third scale is a few millimetres
                 rows.append(flat)
         make_drive(self.path("scene"), rows)
         root = self.bring_in()
@@ -264,7 +267,7 @@ class Measuring(InspectCase):
 
 class Counts(InspectCase):
     def test_modes_are_the_module_s_planes(self):
-        """F12 in these modes shows the logarithm of the counts as the colours of the priority's heat."""
+        """F12 in these modes shows the logarithm of the counts in the colours of the priority's heat map."""
         rows = [splat(9 + 0.01 * i, 0, 0, (0.5, 0.5, 0.5), sigma=0.5, opacity=-3.0) for i in range(40)]
         make_drive(self.path("scene"), rows)
         self.bring_in()
@@ -294,7 +297,7 @@ class Counts(InspectCase):
 
 
 class TwoScenes(InspectCase):
-    def test_what_each_side_shows(self):
+    def test_both_sides_of_the_wipe(self):
         first = self.bring_in()
         make_drive(self.path("other"))
         second = self.bring_in("other")
@@ -316,7 +319,8 @@ class Watch(InspectCase):
         return jobs.at_once("scene", lambda job: watch.read_anew(job, self.path("scene")))
 
     def change(self, swap=True, without_car=False):
-        """Training has gone on: the objects come in another order, the moving car is blue, its track lies 1 m further ahead."""
+        """Changes the scene as further training does: other order of objects, a blue moving car, its track 1 m
+        further ahead."""
 
         def change(record):
             for knot in record["objects"][1]["knots"]:
@@ -331,7 +335,7 @@ class Watch(InspectCase):
             fixtures.ply_bytes([splat(0, 0, 0, (0, 0, 1), sigma=0.1, opacity=12.0)]),
         )
         background = fixtures.read(self.path("scene", "background.ply"))
-        if swap:  # the parked car is object 1 now
+        if swap:  # the parked car is now object 1
             head, body = background.split(b"end_header\n", 1)
             body = body[:-4] + struct.pack("<i", 1)
             self.write("scene/background.ply", head + b"end_header\n" + body)
@@ -351,10 +355,10 @@ class Watch(InspectCase):
         car = next(o for o in self.scene.objects if o.get("pags_id") == "c=2")
         self.assertEqual((car.pags.index, car.parent.pags.index), (0, 0))
         self.scene.frame_set(2)
-        self.assertAlmostEqual(car.parent.matrix_world.translation.x, 11, delta=1e-3)  # nobody had touched its track
+        self.assertAlmostEqual(car.parent.matrix_world.translation.x, 11, delta=1e-3)  # the user hadn't moved its track
         picture = self.f12()
         self.assertGreater(pixel(picture, 50, 50)[2], 240)
-        self.assertLess(pixel(picture, 34, 50)[1], 50)  # the parked one is still hidden
+        self.assertLess(pixel(picture, 34, 50)[1], 50)  # the parked car is still hidden
 
     def test_a_changed_track_stays(self):
         self.bring_in()
@@ -367,14 +371,14 @@ class Watch(InspectCase):
         self.assertAlmostEqual(track.matrix_world.translation.x, 10, delta=1e-3)
         self.assertAlmostEqual(track.matrix_world.translation.z, 2, delta=1e-3)
 
-    def test_objects_that_are_gone_are_said(self):
+    def test_removed_objects_are_reported(self):
         self.bring_in()
         self.change(swap=False, without_car=True)
         self.assertIn("objects removed from it: 1", self.read_anew().notice)
         self.scene.frame_set(2)
-        self.assertLess(pixel(self.f12(), 50, 50)[2], 140)  # the sky
+        self.assertLess(pixel(self.f12(), 50, 50)[2], 140)  # only the sky is visible
 
-    def test_what_cannot_be_read_changes_nothing(self):
+    def test_unreadable_files_change_nothing(self):
         self.bring_in()
         before = native.entry(self.path("scene"), True)
         self.write("scene/scene.json", "{")
@@ -383,15 +387,15 @@ class Watch(InspectCase):
         self.assertIs(native.entry(self.path("scene"), True), before)
         self.assertGreater(max(self.f12()[4]), 100)
 
-    def test_files_have_to_rest(self):
+    def test_files_are_read_only_after_writing_ends(self):
         self.bring_in()
         path, entry = self.path("scene"), self.entry()
         self.assertFalse(watch.due(path, entry))
         self.record(lambda record: record.update(fps=1.0))
         os.utime(self.path("scene", "scene.json"), (time.time() + 5, time.time() + 5))
-        self.assertFalse(watch.due(path, entry))  # seen for the first time
+        self.assertFalse(watch.due(path, entry))  # the change is seen for the first time
         os.utime(self.path("scene", "scene.json"), (time.time() + 9, time.time() + 9))
-        self.assertFalse(watch.due(path, entry))  # written again
+        self.assertFalse(watch.due(path, entry))  # the file was written again
         self.assertTrue(watch.due(path, entry))
         self.read_anew()
         self.assertFalse(watch.due(path, self.entry()))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of `make install`: a C program builds against it by pkg-config, Python imports the module, the program reads
-pictures."""
+"""Tests the files of `make install`: a C program builds with pkg-config, Python imports the module, the program
+reads pictures."""
 
 import json
 import os
@@ -21,7 +21,7 @@ SOURCE = os.path.join(HERE, "..", "..", "examples", "first.c")
 
 
 class Install(Case):
-    def test_all_of_it(self):
+    def test_all_installed_files(self):
         prefix = self.path("usr")
         subprocess.run(["cmake", "--install", BUILD, "--prefix", prefix], check=True, capture_output=True)
         splats = self.write("some.ply", ply_bytes(some_splats()))
@@ -56,7 +56,7 @@ class Install(Case):
         self.assertIn("none", ran.stderr)
 
     def library(self, prefix):
-        """A versioned library with a soname, that shows nothing but ours."""
+        """Checks that the library has a version and a soname and exports only names that begin with pags_."""
         folder = os.path.join(prefix, "lib")
         real = os.path.realpath(os.path.join(folder, "libpags.so"))
         self.assertRegex(os.path.basename(real), r"^libpags\.so\.\d+\.\d+\.\d+$")
@@ -68,7 +68,8 @@ class Install(Case):
         self.assertEqual([name for name in names if not name.startswith("pags_")], [])
 
     def versions(self, prefix):
-        """The version of the header is everybody's; what comes with a program is there."""
+        """Checks that the header's version is used everywhere and that the program's manual and shell completions
+        are installed."""
         header = fixtures.read(os.path.join(prefix, "include/pags/base.h")).decode()
         parts = [re.search(rf"#define PAGS_VERSION_{part} (\d+)\n", header)[1] for part in ["MAJOR", "MINOR", "PATCH"]]
         version = ".".join(parts)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Texts of the interface: short labels, units, reasons of what is greyed out, legends that match the picture's colours, counts that agree, and
-nothing that no longer holds."""
+"""Tests texts of the interface: short labels, units, reasons why items are greyed out, legends with the picture's
+colours, correct counts, no outdated values."""
 
 import os
 import sys
@@ -13,7 +13,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, main, pixel  # noqa: E402
 from fixtures import ply_bytes, some_splats  # noqa: E402
 
-LONGEST = 34  # letters that a line of the sidebar shows at its default width
+LONGEST = 34  # letters in a line of the sidebar at its default width
 UNITS = (
     "pixel",
     "metre",
@@ -40,7 +40,7 @@ def part(name):
 
 
 class Layout:
-    """In place of a panel's layout; records its items: (kind, name or text, whether it can be used)."""
+    """Replaces a panel's layout; records its items: (kind, name or text, whether it can be used)."""
 
     def __init__(self, found=None, above=None):
         self.found = [] if found is None else found
@@ -87,7 +87,7 @@ class Layout:
 
 class Labels(BlenderCase):
     def view(self, shading="RENDERED"):
-        """A context as a 3D view's sidebar has it."""
+        """Returns a context like that of a 3D view's sidebar."""
         space = types.SimpleNamespace(
             shading=types.SimpleNamespace(type=shading),
             overlay=types.SimpleNamespace(show_overlays=True, show_text=True),
@@ -96,7 +96,7 @@ class Labels(BlenderCase):
         return types.SimpleNamespace(space_data=space, **{name: getattr(bpy.context, name, None) for name in own})
 
     def drawn(self, panel, shading="RENDERED"):
-        """Items of a panel: (kind, name or text, whether it can be used)."""
+        """Returns the items of a panel: (kind, name or text, whether it can be used)."""
         context = self.view(shading)
         if hasattr(panel, "poll") and not panel.poll(context):
             return []
@@ -128,7 +128,7 @@ class Labels(BlenderCase):
                             len(text), LONGEST if kind == "label" else LONGEST - 6, f"{panel.__name__}: {text}"
                         )
 
-    def test_an_error_is_read_whole(self):
+    def test_long_errors_are_shown_completely(self):
         root = self.bring_in()
         part("native").forget()
         root.pags.path = self.path("a folder that is nowhere", "and has a long name")
@@ -169,7 +169,7 @@ class Labels(BlenderCase):
         for line in ("Class: Car", "Critical: yes", "Gaussians: 1", "Size: 4.00 x 2.00 x 1.50 m"):
             self.assertIn(line, lines)
 
-    def test_the_kind_is_no_choice(self):
+    def test_kind_can_not_be_chosen(self):
         """No panel lets a user set which part of a scene an object represents."""
         root = self.bring_in()
         bpy.context.view_layer.objects.active = self.part(1)
@@ -218,20 +218,20 @@ class Labels(BlenderCase):
             self.scene.pags.mode = mode
             self.assertEqual(self.can_be_used(bpy.types.PAGS_PT_settings, "SH degree"), usable)
 
-    def test_critical_of_a_bare_file(self):
+    def test_critical_only_for_a_splat_file(self):
         self.write("some.ply", ply_bytes(some_splats()))
         self.bring_in("some.ply")
         panel, settings = bpy.types.PAGS_PT_show, self.scene.pags
         self.assertFalse(self.can_be_used(panel, "Critical only"))
-        settings.hide_noncritical = True  # by a script; it can be switched off again
+        settings.hide_noncritical = True  # a script can set this; the user can switch it off
         self.assertTrue(self.can_be_used(panel, "Critical only"))
         self.assertIn("no vehicles", self.said(panel))
         self.bring_in()
         settings.hide_noncritical = False
         self.assertTrue(self.can_be_used(panel, "Critical only"))
 
-    def test_what_concerns_a_view(self):
-        """A view's panel has what does something in that view."""
+    def test_settings_of_each_view(self):
+        """A view's panel shows only settings that have an effect in that view."""
         self.bring_in()
         names = {
             s: {text for kind, text, _ in self.drawn(bpy.types.PAGS_PT_show, s)}
@@ -253,7 +253,7 @@ class Labels(BlenderCase):
         found = {text for kind, text, _ in self.drawn(bpy.types.PAGS_PT_show, "SOLID")}
         self.assertEqual([deadline in found, among in found, points in found], [False, True, True])
 
-    def test_a_bare_file_s_cameras(self):
+    def test_cameras_of_a_splat_file(self):
         self.write("some.ply", ply_bytes(some_splats()))
         self.bring_in("some.ply")
         panel = bpy.types.PAGS_PT_cameras
@@ -267,8 +267,8 @@ class Labels(BlenderCase):
         for name in ("Nearest photograph", "Camera along the drive", "Show photographs"):
             self.assertTrue(self.can_be_used(panel, name), name)
 
-    def test_critical_things_alone(self):
-        """No trace of the sky: black, or the background of one's own; nothing where the sky is transparent; in every mode."""
+    def test_critical_only_hides_the_sky(self):
+        """Critical only hides the sky in every mode: it is black, the user's background, or transparent."""
         self.bring_in()
         self.scene.frame_set(2)
         settings = self.scene.pags
@@ -311,8 +311,9 @@ class Labels(BlenderCase):
         job = jobs.at_once("test", lambda job: importer.bring_in(job, self.path("scene"), options, []))
         self.assertIn("scene: 3 Gaussians, 2 objects", job.notice)
 
-    def test_legends_tell_the_picture_s_colours(self):
-        """The colour at a legend's place of a value is that of a pixel with the value; its numbers rise from end to end."""
+    def test_legends_have_the_picture_s_colours(self):
+        """The legend's colour of a value is the colour of a pixel with that value. The legend's numbers rise from
+        end to end."""
         self.bring_in()
         self.scene.frame_set(2)
         legend, inspector, lens = part("legend"), part("inspector"), part("lens")
@@ -347,7 +348,7 @@ class Labels(BlenderCase):
         self.scene.view_settings.view_transform = "Filmic" if bpy.app.version < (4, 0, 0) else "AgX"
         self.assertIn(self.scene.view_settings.view_transform, legend.note(self.scene))
 
-    def test_a_pick_that_no_longer_holds(self):
+    def test_outdated_pick_disappears(self):
         self.bring_in()
         bpy.context.view_layer.update()
         car = self.part(1)

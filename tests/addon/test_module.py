@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The module `pags` in plain Python: what it draws against the program, buffers, jobs, picking, errors."""
+"""Tests the module `pags` in plain Python: pictures compared with the program, buffers, jobs, picks, errors."""
 
 import gc
 import json
@@ -29,7 +29,7 @@ IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]
 
 
 def pose_of(record):
-    """world_from_camera of a camera file's record that looks along the world's x."""
+    """Returns world_from_camera for a camera file's record that looks along the world's x axis."""
     y, z, x = record["camera_from_world_translation"]
     return [0, 0, 1, -x, -1, 0, 0, y, 0, -1, 0, z]
 
@@ -96,7 +96,7 @@ class Drawing(ModuleCase):
             png = self.program_draws(camera(0.0, time=100.0), "--move", name, "1,0,0,0")
             self.assert_same(png, pags.render(self.scene, make_camera(time=100.0), placements=sorted(placements)))
 
-    def test_hidden_and_twice(self):
+    def test_hidden_and_repeated_objects(self):
         alone = pags.render(
             self.scene, make_camera(), placements=[(1, self.scene.pose(1, 101.0))], background=[0, 0, 0]
         )
@@ -110,8 +110,8 @@ class Drawing(ModuleCase):
         nothing = pags.render(self.scene, make_camera(), placements=[], background=[0, 0, 0])
         self.assertEqual(max(floats(nothing.rgba)[0::4]), 0)
 
-    def test_a_cut_leaves_what_is_critical(self):
-        """Two cars, and a wall (Gaussian 0) that covers less than a thousand pixels, as they do."""
+    def test_cut_keeps_critical_objects(self):
+        """A cut of 1,000 pixels removes the wall (Gaussian 0), which is smaller, but keeps the two critical cars."""
         whole, cut, uncut = (
             memoryview(pags.render(self.scene, make_camera(), outputs=("id",), cut=c).id).cast("B").cast("i").tolist()
             for c in (0, 1000, 1e-6)
@@ -137,7 +137,7 @@ class Drawing(ModuleCase):
         ]
         for part in lit:
             wanted = [pixel(linear.rgba, 30 + x, 100 - 45 - y) for y in range(11) for x in range(27)]
-            self.assertGreater(len(set(wanted)), 10)  # not one colour
+            self.assertGreater(len(set(wanted)), 10)  # several colours
             self.assertEqual([pixel(part.rgba, x, y) for y in range(11) for x in range(27)], wanted)
         part = pags.render(self.scene, make_camera(time=100.0), window=(30, 20, 17, 11))
         self.assertEqual(part.rgba.shape, (11, 17, 4))
@@ -199,16 +199,16 @@ class Drawing(ModuleCase):
             pags.pick(self.scene, make_camera(), 101, 0)
 
     def test_pick_depth_and_placements(self):
-        """Depth is along the camera's axis, not the ray; what is placed before another hides it."""
+        """Picked depth is along the camera's axis, not along the ray. A placement in front of another hides it."""
         view = make_camera(time=101.0)
         beside = pags.pick(self.scene, view, 35, 50)
         self.assertEqual(beside["object"], 0)
-        self.assertAlmostEqual(beside["depth"], 10, delta=0.05)  # 10.11 along the ray
+        self.assertAlmostEqual(beside["depth"], 10, delta=0.05)  # 10.11 m along the ray
         pose = list(self.scene.pose(0, 101.0))
         pose[3], pose[7] = (
             ORIGIN[0] + 5,
             ORIGIN[1] - 0.5,
-        )  # its Gaussian lies half a metre to the left of its box's middle
+        )  # the Gaussian lies half a metre to the left of the middle of its box
         found = pags.pick(self.scene, view, 50, 50, placements=[(1, self.scene.pose(1, 101.0)), (0, pose)])
         self.assertEqual(found["object"], 0)
         self.assertAlmostEqual(found["depth"], 5, delta=0.1)
@@ -216,7 +216,7 @@ class Drawing(ModuleCase):
 
 
 class Contents(ModuleCase):
-    def test_what_it_holds(self):
+    def test_contents(self):
         info = self.scene.info
         self.assertEqual((info["gaussians"], info["up"], info["fps"], info["sky"]), (3, "z", 1, True))
         self.assertEqual(info["origin"], tuple(ORIGIN))
@@ -228,7 +228,7 @@ class Contents(ModuleCase):
         self.assertIsNone(self.scene.pose(1, 110.0))
         self.assertEqual(self.scene.track(1).shape, (3, 13))
 
-    def test_a_lens(self):
+    def test_lens(self):
         facts = json.loads(read(self.path("scene", "scene.json")))
         facts["cameras"][1]["lens"] = {"kind": "fisheye", "field": 190}
         shutil.copytree(self.path("scene"), self.path("wide"))
@@ -244,11 +244,11 @@ class Contents(ModuleCase):
         points, colors = self.scene.points(-1, 100)
         self.assertEqual((points.shape, colors.shape), ((1, 3), (1, 4)))
         self.assertEqual(tuple(floats(points)), (10, 0, 3))
-        points, colors = self.scene.points(0, 100)  # in its box's frame
+        points, colors = self.scene.points(0, 100)  # in the frame of its box
         self.assertAlmostEqual(floats(points)[1], 1.5 - (self.scene.pose(0, 100.0)[7] - ORIGIN[1]), places=4)
         self.assertGreater(floats(colors)[1], 0.9)
 
-    def test_a_bare_file_and_a_budget(self):
+    def test_splat_file_and_budget(self):
         self.write("some.ply", ply_bytes(some_splats()))
         scene = pags.load(self.path("some.ply"))
         self.assertEqual((scene.info["gaussians"], scene.objects, scene.views), (40, [], []))
@@ -261,7 +261,7 @@ class Contents(ModuleCase):
         self.assertTrue(view.readonly)
         self.assertEqual((view.format, view.shape, view.ndim), ("f", (101, 101, 4), 3))
         before = view[0, 0, 2]
-        del picture  # the memory stays as long as somebody looks at it
+        del picture  # the memory stays while a view of it exists
         gc.collect()
         self.assertEqual(view[0, 0, 2], before)
         try:
@@ -273,8 +273,9 @@ class Contents(ModuleCase):
 
 
 def bright_splats():
-    """150 rows, so that a packed file has whole clusters and a rest: bright balls before a camera that looks along x, every fifth too faint for a
-    sample of points. Their colours change with the direction, by the first degree."""
+    """Returns 150 rows of bright balls in front of a camera that looks along x, enough for a packed file with a
+    partial cluster. Every fifth ball is too faint for a sample of points. Colours change with the direction by the
+    first degree."""
     rows = []
     for i in range(150):
         faint = i % 5 == 0
@@ -285,7 +286,7 @@ def bright_splats():
 
 
 def first_degree(rows):
-    """ply_bytes with the nine coefficients of the first degree."""
+    """Returns ply_bytes with the nine coefficients of the first degree."""
     head, body = ply_bytes(rows).split(b"end_header\n", 1)
     names = "".join(f"property float f_rest_{k}\n" for k in range(9)).encode()
     rest = struct.pack("<9f", *(0.02 * k for k in range(-4, 5)))
@@ -293,7 +294,7 @@ def first_degree(rows):
 
 
 def compressed_ply(rows):
-    """As PlayCanvas packs them: 256 rows a chunk, within the chunk's bounds."""
+    """Returns PlayCanvas's compressed PLY: 256 rows per chunk, with values relative to the chunk's bounds."""
     head = ["ply", "format binary_little_endian 1.0", f"element chunk {(len(rows) + 255) // 256}"]
     head += [
         f"property float {end}_{stem}{axis}" for stem in ("", "scale_") for end in ("min", "max") for axis in "xyz"
@@ -303,7 +304,7 @@ def compressed_ply(rows):
     chunks, vertices = b"", b""
 
     def packed(values, low, high):
-        """11, 10 and 11 bits."""
+        """Packs three values into 11, 10 and 11 bits."""
         word = 0
         for v, a, b, bits in zip(values, low, high, (11, 10, 11)):
             word = word << bits | round((v - a) / ((b - a) or 1) * ((1 << bits) - 1))
@@ -317,13 +318,13 @@ def compressed_ply(rows):
             color = 0
             for v in [*(0.5 + 0.28209479 * c for c in r[6:9]), 1 / (1 + math.exp(-r[9]))]:
                 color = color << 8 | round(min(max(v, 0), 1) * 255)
-            turn = 512 << 20 | 512 << 10 | 512  # w is the largest, the others are 0
+            turn = 512 << 20 | 512 << 10 | 512  # w is the largest component; the others are 0
             vertices += struct.pack("<4I", packed(r[:3], *ends[0]), turn, packed(r[10:13], *ends[1]), color)
     return "\n".join(head).encode() + chunks + vertices
 
 
 def scaled_rows(rows, scale, turn, place):
-    """Rows of round Gaussians of degree 0 as the map scale * turn * p + place leaves them; turn is 3 x 3."""
+    """Maps rows of round Gaussians of degree 0 by scale * turn * p + place; turn is a 3 x 3 rotation."""
     out = []
     for r in rows:
         at = [scale * sum(turn[i][k] * r[k] for k in range(3)) + place[i] for i in range(3)]
@@ -332,7 +333,7 @@ def scaled_rows(rows, scale, turn, place):
 
 
 class SeveralScenes(Case):
-    """Scenes drawn in one frame, compared with a file that holds them all."""
+    """Compares scenes drawn in one frame with one file that contains them all."""
 
     TURN = [[0, -1, 0], [0.8, 0, -0.6], [0.6, 0, 0.8]]
 
@@ -348,7 +349,8 @@ class SeveralScenes(Case):
         self.pose = [v for i in range(3) for v in (*(0.5 * t for t in self.TURN[i]), self.place[i])]
 
     def merged(self, *more):
-        """The splats, and their copies halved, turned and moved, as one file; a turned Gaussian that is round stays as it is."""
+        """Writes the splats and their halved, turned and moved copies into one file. Turning doesn't change round
+        Gaussians."""
         self.write("merged.ply", ply_bytes([*self.rows, *scaled_rows(self.rows, 0.5, self.TURN, self.place), *more]))
         return pags.load(self.path("merged.ply"))
 
@@ -363,20 +365,21 @@ class SeveralScenes(Case):
         for outputs in (("rgba",), ("rgba", "depth", "id")):
             wanted = pags.render(whole, self.view, outputs=outputs)
             found = pags.render(self.splats, self.view, outputs=outputs, others=self.others())
-            self.assertLess(self.apart(found.rgba, wanted.rgba), 2e-5)  # means were rounded to float once more
+            # the file's means are rounded to float once more
+            self.assertLess(self.apart(found.rgba, wanted.rgba), 2e-5)
             alone = pags.render(self.splats, self.view, outputs=outputs)
             self.assertGreater(self.apart(alone.rgba, wanted.rgba), 0.3)
         self.assertLess(self.apart(found.depth, wanted.depth), 1e-4)
         ids = [memoryview(p.id).cast("B").cast("i").tolist() for p in (found, wanted)]
-        self.assertEqual(*ids)  # those of the second scene follow those of the first
+        self.assertEqual(*ids)  # the second scene's ids follow those of the first
         self.assertTrue({i for i in ids[0] if i >= len(self.rows)} and {i for i in ids[0] if 0 <= i < len(self.rows)})
 
     def test_any_number_of_threads_gives_the_same_bits(self):
         one, three = (pags.render(self.splats, self.view, threads=n, others=2 * self.others()) for n in (1, 3))
         self.assertEqual(bytes(one.rgba), bytes(three.rgba))
 
-    def test_a_far_origin_and_tracks_of_its_own(self):
-        """A street that lies 500 km from zero, seen together with splats at zero: by the pose that takes one to the other, at a time of its own."""
+    def test_far_origin_and_separate_time(self):
+        """Draws a street 500 km from zero together with splats at zero, through a pose and with a separate time."""
         drive = {
             "scene": self.drive,
             "world_from_scene": [1, 0, 0, -ORIGIN[0], 0, 1, 0, -ORIGIN[1], 0, 0, 1, -ORIGIN[2]],
@@ -390,7 +393,7 @@ class SeveralScenes(Case):
         early = pags.render(self.drive, make_camera(time=100.0), background=[0, 0, 0])
         self.assertGreater(self.apart(early.rgba, wanted.rgba), 0.5)
 
-    def test_the_sky_is_the_first_scene_s(self):
+    def test_first_scene_provides_the_sky(self):
         moved = [1, 0, 0, ORIGIN[0], 0, 1, 0, ORIGIN[1] - 100, 0, 0, 1, ORIGIN[2]]
         found = pags.render(
             self.drive, make_camera(time=100.0), others=[{"scene": self.splats, "world_from_scene": moved}]
@@ -398,7 +401,7 @@ class SeveralScenes(Case):
         self.assertEqual(bytes(found.rgba), bytes(pags.render(self.drive, make_camera(time=100.0)).rgba))
 
     def test_colours_of_two_times(self):
-        """One scene shown twice, at two times, whose car changes its colour with time: each has its own."""
+        """Draws one scene twice, at two times. Its car changes colour with time, so each copy has another colour."""
         names = [f"f_dc_t{k}_{c}" for k in range(1, 5) for c in range(3)]
         head, body = ply_bytes([splat(0, 0, 0, (0.5, 0.5, 0.5), sigma=0.1, opacity=12.0)]).split(b"end_header\n", 1)
         values = struct.pack(f"<{len(names)}f", *(1.5 if name.endswith("_0") else 0 for name in names))
@@ -434,7 +437,7 @@ class SeveralScenes(Case):
             0,
             0.3,
             ORIGIN[2],
-        ]  # a ball 2 m before the camera
+        ]  # a ball 2 m in front of the camera
         others = [
             {"scene": self.drive, "world_from_scene": moved, "placements": []},
             {"scene": self.splats, "world_from_scene": near},
@@ -468,8 +471,8 @@ class SeveralScenes(Case):
             self.assertEqual(min(floats(picture.priority)), 0)
             self.assertGreater(max(pixel(picture.rgba, 50, 50)[:3]), 0.1, mode)
 
-    def test_each_scene_is_antialiased_as_it_was_trained(self):
-        """A ball far away, smaller than a pixel: fainter where its scene asks for antialiasing."""
+    def test_each_scene_keeps_its_antialiasing(self):
+        """A distant ball smaller than a pixel is fainter if its scene uses antialiasing."""
         record = json.loads(fixtures.read(self.path("drive", "scene.json")))
         make_drive(self.path("mip"))
         self.write(os.path.join("mip", "scene.json"), json.dumps({**record, "antialiased": True}))
@@ -518,7 +521,7 @@ class SeveralScenes(Case):
 
 
 class EveryKind(Case):
-    """Every call of the module on every kind of scene: a right value or a Python error."""
+    """Calls every function of the module on every kind of scene: each gives a correct value or a Python error."""
 
     @classmethod
     def setUpClass(cls):
@@ -554,14 +557,15 @@ class EveryKind(Case):
         return pags.load(os.path.join(self.place, name))
 
     def camera_for(self, name, **more):
-        """Before the bare files, or where the drive was recorded: files that keep no origin are about 0."""
+        """Returns a camera in front of the bare files or at the drive's place. Files without an origin lie around
+        zero."""
         view = make_camera(**more)
         pose, origin = list(view["world_from_camera"]), self.loaded(name).info["origin"]
         for k in range(3):
             pose[4 * k + 3] += origin[k] - ORIGIN[k]
         return {**view, "world_from_camera": pose}
 
-    def test_what_they_hold(self):
+    def test_contents(self):
         for name in self.kinds:
             scene = self.loaded(name)
             folder = name == "drive"
@@ -636,7 +640,7 @@ class EveryKind(Case):
                 self.assertEqual(self.loaded(name).points(-1, 10)[0].shape, (0, 3))
 
     def test_drawing(self):
-        """Every mode and output, alone and with others; what bare files show is what the PLY shows."""
+        """Draws every mode and output, alone and combined. All splat files show the PLY's picture."""
         outputs = ("rgba", "depth", "object", "id", "priority", "heat")
         cases = [{"mode": m} for m in ("rgb", "priority", "critical", "depth", "size")]
         cases += [{"outputs": (o,)} for o in outputs] + [{"outputs": outputs, "mode": "size"}]
@@ -669,7 +673,7 @@ class EveryKind(Case):
                 self.assertEqual(
                     [p is not None for p in planes], [o in arguments.get("outputs", ("rgba",)) for o in outputs], name
                 )
-                background = scene.info["gaussians"] - len(scene.objects)  # one Gaussian each
+                background = scene.info["gaussians"] - len(scene.objects)  # one Gaussian for each object
                 drawn = (
                     background * len(arguments["placements"]) if "placements" in arguments else scene.info["gaussians"]
                 )
@@ -679,7 +683,7 @@ class EveryKind(Case):
                 ):
                     continue
                 if name == "splats.splat" and arguments.get("sh_degree") != 0:
-                    continue  # has no first degree
+                    continue  # .splat files have no first degree
                 mine, wanted = floats(picture.rgba), floats(pags.render(reference, lens, **arguments).rgba)
                 self.assertEqual(len(mine), len(wanted))
                 off = sum(abs(a - b) for a, b in zip(mine, wanted)) / len(mine)
@@ -691,12 +695,12 @@ class EveryKind(Case):
                 job.cancel()
             for job in jobs:
                 try:
-                    job.take()  # drawn before it was cancelled
+                    job.take()  # the picture may be finished before the cancellation
                 except pags.Cancelled:
                     pass
 
     def test_sizes(self):
-        """Mode size shows the largest sigma: the same colours of a packed file as of its source."""
+        """Mode size shows the largest sigma, with the same colours for a packed file and its source."""
         plain, packed = (
             pags.render(self.loaded(n), self.camera_for(n), mode="size", background=[0, 0, 0])
             for n in ("splats.ply", "splats.pagsz")
@@ -706,7 +710,7 @@ class EveryKind(Case):
         self.assertGreater(max(floats(packed.rgba)), 0.5)
 
     def test_picking(self):
-        ball = bright_splats()[112]  # of the front row
+        ball = bright_splats()[112]  # a ball in the front row
         for name in self.bare:
             scene, view = self.loaded(name), self.camera_for(name)
             x, y = int(50.5 - 100 * ball[1] / ball[0]), int(50.5 - 100 * ball[2] / ball[0])
@@ -756,14 +760,14 @@ class Jobs(ModuleCase):
         with self.assertRaises(pags.Cancelled):
             second.take()
         first.cancel()
-        del first  # joins
+        del first  # waits for the job's end
         self.assertEqual(third.take().width, 101)
         fourth = renderer.submit(self.scene, large)
         del renderer, fourth
         gc.collect()
 
     def test_the_lock_is_released(self):
-        """Another Python thread runs while this one waits for a picture."""
+        """Another Python thread runs while this thread waits for a picture."""
         ticks, stop = [], threading.Event()
 
         def tick():
@@ -789,13 +793,13 @@ class Jobs(ModuleCase):
 
 
 def resident():
-    """Bytes of this process that are in memory."""
+    """Returns the process's memory in use, in bytes."""
     if os.name == "nt":
         import ctypes
 
         counters = (
             ctypes.c_size_t * 9
-        )()  # PROCESS_MEMORY_COUNTERS: two numbers of 32 bits, the peak and now, and others
+        )()  # PROCESS_MEMORY_COUNTERS: two 32-bit numbers, peak and current memory, and others
         counters[0] = ctypes.sizeof(counters)
         kernel = ctypes.windll.kernel32
         kernel.GetCurrentProcess.restype = ctypes.c_void_p
@@ -865,7 +869,7 @@ class Errors(ModuleCase):
 
 @unittest.skipIf(os.name == "nt", "of a module for Windows, scripts/cross_report.py lists what it needs")
 class Sweeps(Case):
-    """The rules of the driving layout are the engine's."""
+    """Checks that the module uses the engine's rules for the driving layout."""
 
     def format(self, **stated):
         self.write("set/dataset.json", json.dumps(stated))
@@ -876,20 +880,20 @@ class Sweeps(Case):
         self.assertEqual(self.format(kind="waymo"), (14, (3, 4, 5), "ego"))
         self.assertEqual(self.format(kind="nuscenes"), (4, (0, 1, 2), "laser"))
 
-    def test_what_is_stated(self):
+    def test_stated_columns_and_frames(self):
         columns = ["y", "x", "z", "intensity"]
         self.assertEqual(self.format(kind="kitti", lidar_columns=columns), (4, (1, 0, 2), "ego"))
         self.assertEqual(self.format(kind="nuscenes", lidar_frame="world"), (4, (0, 1, 2), "world"))
 
     def test_kinds_by_files(self):
         self.write("set/extrinsics/000_1.txt", "")
-        self.assertEqual(self.format()[0], 5)  # PandaSet's
+        self.assertEqual(self.format()[0], 5)  # PandaSet's format
         self.write("other/extrinsics/0.txt", "")
         self.write("other/track/track_info.txt", "")
         with self.assertRaisesRegex(pags.Error, "lidar_columns"):
             pags.sweep_format(self.path("other"))
 
-    def test_what_is_refused(self):
+    def test_refusals(self):
         with self.assertRaisesRegex(pags.Error, "dataset.json.*unheard-of"):
             self.format(kind="unheard-of")
         with self.assertRaisesRegex(pags.Error, "dataset.json.*lidar_frame"):
@@ -900,19 +904,19 @@ class Sweeps(Case):
 
 class Linking(Case):
     @unittest.skipIf(SANITIZED, "sanitizers are libraries")
-    def test_depends_on_libc_alone(self):
+    def test_depends_only_on_libc(self):
         listed = subprocess.run(["ldd", pags.__file__], capture_output=True, text=True).stdout
         names = {line.split()[0].split("/")[-1] for line in listed.splitlines()}
         allowed = re.compile(r"linux-vdso|libc\.so|libm\.so|libpthread\.so|ld-linux")
         self.assertEqual([name for name in names if not allowed.match(name)], [])
 
-    def test_shows_its_init_alone(self):
+    def test_exports_only_its_init_function(self):
         listed = subprocess.run(["nm", "-D", "--defined-only", pags.__file__], capture_output=True, text=True).stdout
         self.assertEqual([line.split()[-1] for line in listed.splitlines()], ["PyInit_pags"])
 
 
 class Passes(ModuleCase):
-    """The comparison of the C tests with the oracle, through the module."""
+    """Repeats the C tests' comparison with the oracle through the module."""
 
     ALL = ("rgba", "crypto_object", "crypto_class", "normal", "motion")
 
@@ -936,7 +940,8 @@ class Passes(ModuleCase):
         self.assertEqual(pags.cryptomatte_hash("bunny"), 0x13851A76)
 
     def test_counts_of_pairs(self):
-        """As planes and as colours, which no alpha darkens; the picture returned with them is the one without them."""
+        """Counts are available as planes and as colours, independent of alpha. They don't change the picture drawn
+        with them."""
         view = make_camera(time=101.0)
         picture = pags.render(self.scene, view, outputs=("rgba", "count", "overdraw"))
         self.assertEqual(
@@ -946,7 +951,8 @@ class Passes(ModuleCase):
         self.assertGreater(sum(floats(picture.overdraw)), sum(floats(picture.count)))
         self.assertEqual(bytes(picture.rgba), bytes(pags.render(self.scene, view).rgba))
         few = pags.render(self.scene, view, mode="count", linear=False)
-        self.assertEqual(pixel(few.rgba, 50, 50, 4), pixel(few.rgba, 90, 90, 4))  # one and none: the darkest
+        # counts of one and zero have the darkest colour
+        self.assertEqual(pixel(few.rgba, 50, 50, 4), pixel(few.rgba, 90, 90, 4))
         self.assertIsNone(few.count)
 
     def test_window_and_flip(self):
@@ -961,7 +967,7 @@ class Passes(ModuleCase):
                 )
 
     def test_names_of_placements(self):
-        """Two instances of an object have the names that were given, and each its own motion."""
+        """Two instances of an object have the given names and separate motion."""
         turned = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0]
         at = lambda y: [
             v + o for v, o in zip(turned, [0, 0, 0, ORIGIN[0] + 10, 0, 0, 0, ORIGIN[1] + y, 0, 0, 0, ORIGIN[2]])
@@ -980,9 +986,10 @@ class Passes(ModuleCase):
         self.assertEqual(max(floats(empty.crypto_object)), 0)
 
     def test_several_scenes(self):
-        """A disc of another scene, doubled and turned: its name, class, unit normal and its own motion; the first scene's stay."""
+        """A disc of another scene, doubled and turned, has its name, class, unit normal and motion. The first
+        scene's values stay."""
         disc = [*splat(0, 0, 0, (1, 1, 0), sigma=0.05, opacity=12.0)]
-        disc[10] = math.log(1e-3)  # flat along its x
+        disc[10] = math.log(1e-3)  # flat along its x axis
         self.write("disc.ply", ply_bytes([disc]))
         other = {"scene": pags.load(self.path("disc.ply")), "placements": [(-1, IDENTITY)], "names": ["disc"]}
         at = lambda y: [1.2, -1.6, 0, ORIGIN[0] + 10, 1.6, 1.2, 0, ORIGIN[1] + y, 0, 0, 2, ORIGIN[2]]  # noqa: E731
@@ -1021,7 +1028,7 @@ class Passes(ModuleCase):
         with self.assertRaisesRegex(ValueError, "isn't in the picture"):
             pags.render(self.scene, view, outputs=("motion",), placements=own, before=(view, own, [earlier]))
 
-    def test_what_is_refused(self):
+    def test_refusals(self):
         view = make_camera()
         for arguments, error, words in (
             (dict(outputs=("motion",)), ValueError, "before or after"),

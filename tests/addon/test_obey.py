@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Blender's own settings in the add-on without a window: depth of field, motion blur, view layers, clipping, paths, linking."""
+"""Tests the effect of Blender's settings in Blender without a window: depth of field, motion blur, view layers,
+clipping, paths, linking."""
 
 import contextlib
 import math
@@ -18,13 +19,13 @@ from fixtures import ply_bytes, read_png, splat  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
 blur, engine, lens, native = (sys.modules[f"{addon.__name__}.{name}"] for name in ("blur", "engine", "lens", "native"))
-SIZE = 101  # pixels, width and height of the drive's picture
-FOCAL = 100.0  # pixels
-APERTURE = 0.12  # metres, radius, of the drive's camera
+SIZE = 101  # width and height of the drive's picture, in pixels
+FOCAL = 100.0  # focal length in pixels
+APERTURE = 0.12  # radius of the aperture of the drive's camera, in metres
 
 
 def decoded(display):
-    """Linear light of display-referred sRGB."""
+    """Converts display-referred sRGB into linear light."""
     return np.where(display <= 0.04045, display / 12.92, ((display + 0.055) / 1.055) ** 2.4)
 
 
@@ -37,7 +38,7 @@ def psnr(a, b):
 
 
 def spread(values):
-    """Centre and variance of what is lit in a plane, by columns and by rows: (x, y, variance of x, of y)."""
+    """Returns centre and variance of the light in a plane: (x, y, variance of x, variance of y)."""
     rows, columns = np.mgrid[: values.shape[0], : values.shape[1]]
     total = values.sum()
     x, y = (values * columns).sum() / total, (values * rows).sum() / total
@@ -45,7 +46,7 @@ def spread(values):
 
 
 def confetti(count=500):
-    """Rows of Gaussians of all colours around the drive's way, 3 to 30 m ahead."""
+    """Returns rows of Gaussians of all colours around the drive's path, 3 to 30 m ahead."""
     dice = random.Random(11)
     rows = []
     for _ in range(count):
@@ -67,14 +68,14 @@ def confetti(count=500):
 class ObeyCase(BlenderCase):
     @contextlib.contextmanager
     def reports(self):
-        """The texts that F12 reports meanwhile."""
+        """Collects the texts that F12 reports in this context."""
         said = []
         with mock.patch.object(engine.PagsRenderEngine, "warn", lambda self, text: said.append(text)):
             yield said
 
     @contextlib.contextmanager
     def jobs(self):
-        """The cameras of the pictures that are drawn meanwhile."""
+        """Collects the cameras of the pictures drawn in this context."""
         seen, real = [], native.renderer
 
         def renderer(kind, threads):
@@ -90,7 +91,7 @@ class ObeyCase(BlenderCase):
             yield seen
 
     def display(self, name="f12"):
-        """F12's picture in 16 bits, display-referred, rows from the top, 0 to 1."""
+        """Renders F12 in 16 bits; returns display-referred samples from 0 to 1, with the top row first."""
         image = self.scene.render.image_settings
         image.file_format, image.color_depth = "PNG", "16"
         width, height, channels, _, samples = self.f12(name)
@@ -102,7 +103,7 @@ class ObeyCase(BlenderCase):
 
 class Blur(ObeyCase):
     def ball(self, ahead=10.0, more=()):
-        """A white ball of Gaussians' light alone before black, `ahead` metres from a camera at the origin that looks along x."""
+        """Makes a white ball of Gaussians on black, `ahead` metres from a camera at the origin that looks along x."""
         self.write("ball.ply", ply_bytes([splat(ahead, 0, 0, (1, 1, 1), sigma=0.02 * ahead, opacity=12.0), *more]))
         bpy.ops.object.camera_add(rotation=(math.pi / 2, 0, -math.pi / 2))
         self.scene.camera = camera = bpy.context.object
@@ -118,7 +119,8 @@ class Blur(ObeyCase):
         dof.aperture_fstop = (1e-3 * camera.data.lens if camera.data.type == "PERSP" else 1.0) / (2 * radius)
 
     def test_circle_of_confusion(self):
-        """The ball spreads as a disk of the thin lens's size does: its variance grows by a quarter of the squared radius, and not at all in focus."""
+        """The ball's blur is a disk of the thin lens's size: its variance grows by a quarter of the squared radius.
+        In focus, there is no blur."""
         _, camera = self.ball()
         sharp = spread(self.linear()[:, :, 0])
         self.scene.pags.blur_samples = 64
@@ -133,7 +135,7 @@ class Blur(ObeyCase):
 
     def test_orthographic(self):
         _, camera = self.ball()
-        camera.data.type, camera.data.ortho_scale = "ORTHO", 10.1  # 10 pixels a metre
+        camera.data.type, camera.data.ortho_scale = "ORTHO", 10.1  # 10 pixels per metre
         sharp = spread(self.linear()[:, :, 0])
         self.scene.pags.blur_samples = 64
         for focus in (5.0, 10.0):
@@ -143,7 +145,8 @@ class Blur(ObeyCase):
             self.assertAlmostEqual(got[2] - sharp[2], radius**2 / 4, delta=0.05 * radius**2 / 4 + 0.03)
 
     def test_shape_and_side_of_the_aperture(self):
-        """A stretched aperture spreads less across; a triangle with a corner to the right is seen upside down behind the focus and upright before it."""
+        """A stretched aperture blurs less across. A triangular aperture appears upside down on one side of the focus
+        and upright on the other."""
         _, camera = self.ball()
         sharp = spread(self.linear()[:, :, 0])
         self.scene.pags.blur_samples = 64
@@ -156,7 +159,8 @@ class Blur(ObeyCase):
             self.focus(camera, focus, 0.4)
             light = self.linear()[:, :, 0]
             x = spread(light)[0]
-            third = float((light * (np.arange(SIZE) - x) ** 3).sum() / light.sum())  # > 0: the tail is on the right
+            # positive: the tail is on the right
+            third = float((light * (np.arange(SIZE) - x) ** 3).sum() / light.sum())
             self.assertGreater(side * third, 1.0)
         camera.data.dof.aperture_rotation = math.pi / 2  # the corner points up
         self.focus(camera, 4.0, 0.4)
@@ -165,7 +169,7 @@ class Blur(ObeyCase):
         self.assertLess(float((light * (rows - spread(light)[1]) ** 3).sum() / light.sum()), -1.0)
 
     def test_apertures(self):
-        """Points of polygons and disks lie within them, evenly."""
+        """Random points of polygonal and round apertures lie inside them and are uniformly distributed."""
         dof = bpy.data.cameras.new("any").dof
         for blades in (0, 3, 5, 6):
             dof.aperture_blades, dof.aperture_rotation = blades, 0.3
@@ -176,7 +180,7 @@ class Blur(ObeyCase):
             np.testing.assert_allclose(points.mean(axis=0), 0, atol=0.01)
             wanted = (
                 0.25 if blades == 0 else (2 + math.cos(2 * math.pi / blades)) / 12
-            )  # of a polygon: (2 + cos(2 pi / n)) / 12
+            )  # for a polygon: (2 + cos(2 pi / n)) / 12
             np.testing.assert_allclose((points**2).mean(axis=0), wanted, atol=0.01)
 
     def test_focus_object(self):
@@ -188,9 +192,10 @@ class Blur(ObeyCase):
         np.testing.assert_allclose(self.display(), by_distance, atol=1e-3)
 
     def test_shutter(self):
-        """A ball that moves 20 pixels in the shutter's time: its variance grows by a twelfth of the square; where it is, by the shutter's position."""
+        """The ball moves 20 pixels while the shutter is open: its variance grows by 20² / 12. The shutter's position
+        sets the centre of the blur."""
         root, _ = self.ball()
-        for frame, y in ((1, 0.0), (3, -4.0)):  # 2 m a frame to the right, 20 pixels
+        for frame, y in ((1, 0.0), (3, -4.0)):  # 2 m per frame to the right, 20 pixels
             root.location.y = y
             root.keyframe_insert("location", frame=frame)
         for curve in (
@@ -214,10 +219,11 @@ class Blur(ObeyCase):
         np.testing.assert_allclose(root.matrix_world.translation.y, -2.0, atol=1e-6)
 
     def test_shutter_curve(self):
-        """A curve that opens late moves the light to the shutter's end."""
+        """A curve that opens late moves the light towards the end of the shutter's time."""
         curve = self.scene.render.motion_blur_shutter_curve
         shares = (np.arange(64) + 0.5) / 64
-        np.testing.assert_allclose(blur.by_curve(curve, shares), shares, atol=1e-6)  # open all the time, unless set
+        # by default, the shutter is open all the time
+        np.testing.assert_allclose(blur.by_curve(curve, shares), shares, atol=1e-6)
         points = curve.curves[0].points
         points[0].location, points[-1].location = (0, 0), (1, 1)
         for point in points:
@@ -226,7 +232,7 @@ class Blur(ObeyCase):
         np.testing.assert_allclose(blur.by_curve(curve, shares), np.sqrt(shares), atol=0.1)
 
     def test_a_still_picture_is_drawn_once(self):
-        """Motion blur of what doesn't move: one picture, the sharp one; several where depth of field is on."""
+        """Motion blur without motion draws one sharp picture. With depth of field, it draws several."""
         _, camera = self.ball()
         sharp = self.f12()
         self.scene.render.use_motion_blur = True
@@ -265,17 +271,18 @@ class Blur(ObeyCase):
         self.assertEqual(*pictures)
 
     def test_cancelled(self):
-        """During the first of 32 pictures: no more are begun, and the timeline is where it was."""
+        """Cancelling during the first of 32 pictures starts no further ones and restores the frame."""
         self.drive()
         with mock.patch.object(engine.PagsRenderEngine, "finish", lambda self, job: job.cancel()), self.jobs() as seen:
             bpy.ops.render.render()
         self.assertEqual(len(seen), 1)
         self.assertEqual((self.scene.frame_current, self.scene.frame_subframe), (2, 0))
 
-    # ---- Against 256 pictures ----
+    # ---- Comparison with the mean of 256 pictures ----
 
     def drive(self):
-        """A street of many things, a car that crosses at 4 m/s and a camera that goes 1 m/s, with a shutter of half a second and a lens 24 cm wide."""
+        """Imports a colourful street with a crossing car (4 m/s) and a moving camera (1 m/s). The shutter is open
+        for half a second and the lens is 24 cm wide."""
         make_drive(self.path("scene"), confetti())
         self.bring_in()
         self.scene.frame_set(2)
@@ -283,7 +290,8 @@ class Blur(ObeyCase):
         self.focus(self.scene.camera, 8.0, APERTURE)
 
     def of_many(self, count):
-        """The mean of `count` pictures by the module, at random times and points of the aperture, through cameras worked out here."""
+        """Returns the mean of `count` pictures by the module, at random times and random points of the aperture. The
+        test computes the cameras."""
         scene, camera, dice = self.scene, self.scene.camera, random.Random(3)
         entry = native.load(self.path("scene"))
         origin, total, slots = np.array(entry.info["origin"]), 0, list(range(count))
@@ -313,7 +321,8 @@ class Blur(ObeyCase):
         return encoded(np.clip(total / count, 0, 1))
 
     def test_against_256_pictures(self):
-        """38 dB with 32 samples, more with more. The rest is the error of 256 random pictures and of 16 bits."""
+        """Blurred pictures reach 38 dB with 32 samples and more with more samples. The rest is the error of 256
+        random pictures and 16 bits."""
         self.drive()
         wanted, found = self.of_many(256), {}
         for samples in (8, 32, 128):
@@ -342,7 +351,7 @@ def blender_5_curves(block):
 
 class Layers(ObeyCase):
     def layer(self, name, transparent=True):
-        """RGBA of one view layer."""
+        """Renders one view layer; returns its RGBA picture."""
         self.scene.render.film_transparent = transparent
         self.scene.render.image_settings.color_mode = "RGBA"
         path = self.path("layer.png")
@@ -363,11 +372,11 @@ class Layers(ObeyCase):
         self.assertTrue(any("view layer empty" in text and "layer is empty" in text for text in said), said)
         self.assertEqual(self.layer(first)[4], whole[4])
         with self.reports() as said:
-            bpy.ops.render.render()  # all layers
+            bpy.ops.render.render()  # renders all layers
         self.assertEqual(len(said), 1)
 
     def test_exclusion(self):
-        """A class that a view layer excludes isn't in it."""
+        """A view layer doesn't show classes that it excludes."""
         self.bring_in()
         self.scene.frame_set(2)
         self.assertGreater(pixel(self.f12(), 50, 50)[0], 200)
@@ -375,9 +384,9 @@ class Layers(ObeyCase):
         cars.exclude = True
         picture = self.f12()
         self.assertLess(pixel(picture, 50, 50)[0], 50)
-        self.assertGreater(pixel(picture, 50, 17)[0], 100)  # the wall
+        self.assertGreater(pixel(picture, 50, 17)[0], 100)  # the wall is still visible
 
-    def test_what_is_ignored_is_said(self):
+    def test_ignored_settings_are_reported(self):
         self.bring_in()
         with self.reports() as said:
             self.f12()
@@ -396,7 +405,7 @@ class Layers(ObeyCase):
 
 class Clipping(ObeyCase):
     def test_camera_s_clip(self):
-        """Gaussians before the camera's start or beyond its end aren't drawn; the sky is."""
+        """Gaussians outside the camera's clip range aren't drawn; the sky is."""
         self.bring_in()
         self.scene.frame_set(2)
         camera = self.scene.camera.data
@@ -406,14 +415,14 @@ class Clipping(ObeyCase):
             (0.1, 8.5, False),
             (8.5, 100, True),
             (9.5, 100, False),
-        ):  # the car is 9 m before the camera
+        ):  # the car is 9 m in front of the camera
             camera.clip_start, camera.clip_end = start, end
             found = self.f12()
             self.assertEqual(pixel(found, 50, 50)[0] > 200, drawn, (start, end))
             self.assertEqual(pixel(found, 90, 90), pixel(whole, 90, 90))
 
     def test_moved_and_scaled_scenes(self):
-        """Planes are of Blender's world, whatever the scene's own."""
+        """Clipping planes are in Blender's world, also for moved and scaled scenes."""
         root = self.bring_in()
         self.scene.frame_set(2)
         root.scale, root.location, root.rotation_euler = (2, 2, 2), (3, 4, 5), (0.1, 0.2, 0.3)
@@ -423,9 +432,10 @@ class Clipping(ObeyCase):
             self.assertEqual(pixel(self.f12(), 50, 50)[0] > 200, drawn, end)
 
     def test_picks(self):
-        """A pick passes over what planes take away."""
+        """A pick ignores Gaussians that clipping planes remove."""
         scene = native.load(self.path("scene")).scene
-        view, origin = {**scene.views[2], "time": 101.0}, scene.info["origin"]  # at the origin + 1 m, ahead along x
+        # the camera is 1 m ahead of the origin and looks along x
+        view, origin = {**scene.views[2], "time": 101.0}, scene.info["origin"]
         before = lambda x: [[1, 0, 0, -(origin[0] + x)]]  # noqa: E731
         self.assertEqual(native.module.pick(scene, view, 50, 50)["object"], 1)
         self.assertEqual(native.module.pick(scene, view, 50, 50, clips=before(9.5))["object"], 1)
@@ -442,12 +452,12 @@ class Paths(ObeyCase):
             bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
         self.assertEqual(root.pags.path, self.path("scene"))
 
-    def test_a_relative_one_becomes_so_once(self):
+    def test_path_becomes_relative_only_once(self):
         root = self.bring_in()
         for _ in range(2):
             bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
         self.assertEqual(root.pags.path, "//scene")
-        root.pags.path = self.path("scene")  # by hand
+        root.pags.path = self.path("scene")  # set by the user
         root.pags.dataset = self.path("photographs")
         bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
         self.assertEqual((root.pags.path, root.pags.dataset), (self.path("scene"), self.path("photographs")))
@@ -455,7 +465,8 @@ class Paths(ObeyCase):
 
 class Linked(ObeyCase):
     def library(self):
-        """A .blend with a scene, in a folder of its own, and its picture."""
+        """Saves a .blend with a scene in a separate folder and links the scene's collection; returns the collection
+        and its picture."""
         os.mkdir(self.path("lib"))
         make_drive(self.path("lib", "data", "street"))
         self.bring_in(os.path.join("lib", "data", "street"))
@@ -486,18 +497,18 @@ class Linked(ObeyCase):
         return here.collections[0], picture
 
     def test_an_instanced_collection(self):
-        """The scene's path is relative to its own .blend; the instance may be moved."""
+        """The scene's path is relative to the library's .blend. The instance can be moved."""
         collection, wanted = self.library()
         empty = bpy.data.objects.new("street", None)
         empty.instance_type, empty.instance_collection = "COLLECTION", collection
         self.scene.collection.objects.link(empty)
         self.assert_close(self.f12(), wanted)
-        empty.location.y = 1.0  # to the left, by 1 / 9 m times 100 pixels
+        empty.location.y = 1.0  # to the left, by 1 m / 9 m * 100 pixels
         moved = self.f12()
         self.assertGreater(pixel(moved, 50 - 11, 50)[0], 200)
         self.assertLess(pixel(moved, 50, 50)[0], 100)
 
-    def test_beside_a_scene_of_the_same_name(self):
+    def test_two_scenes_of_the_same_name(self):
         collection, _ = self.library()
         self.scene.collection.children.link(collection)
         os.rename(self.path("scene"), self.path("street"))
@@ -510,9 +521,9 @@ class Linked(ObeyCase):
             self.assertGreater(pixel(both, x, 50)[0], 200)
 
     def test_overrides(self):
-        """An override's parts can be moved, its settings changed, and both are kept by the file."""
+        """An override's parts and settings can be changed; the file stores both."""
         collection, wanted = self.library()
-        self.scene.collection.children.link(collection)  # as a user links it, before it is overridden
+        self.scene.collection.children.link(collection)  # links the collection as a user does before the override
         made = collection.override_hierarchy_create(self.scene, bpy.context.view_layer)
         self.assertIn(made, self.scene.collection.children_recursive)
         if collection in list(self.scene.collection.children):
@@ -523,7 +534,7 @@ class Linked(ObeyCase):
         )
         self.assertEqual(car.pags.root, root)
         self.assert_close(self.f12(), wanted)
-        car.location.x += 1.0  # forward: to the right
+        car.location.x += 1.0  # forward, which is to the right in the picture
         root.pags.frame_start = 1.5
         moved = self.f12()
         self.assertLess(pixel(moved, 50, 50)[0], 100)
@@ -536,7 +547,7 @@ class Linked(ObeyCase):
         )
         self.assertEqual(self.f12("again")[4], moved[4])
         os.rename(self.path("lib", "data", "street"), self.path("elsewhere"))
-        root.pags.path = "//../elsewhere"  # of the override's own: relative to this file
+        root.pags.path = "//../elsewhere"  # the override's path is relative to the open file
         native.forget()
         self.assertEqual(self.f12("own")[4], moved[4])
 

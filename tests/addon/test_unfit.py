@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments from Python: unsuitable ones are refused by name; lens and rolling shutter of a camera are obeyed."""
+"""Tests arguments from Python: unsuitable ones are refused by name, and a camera's lens and rolling shutter take
+effect."""
 
 import json
 import math
@@ -21,8 +22,8 @@ class Unfit(ModuleCase):
         with self.assertRaisesRegex((ValueError, TypeError), named, msg=f"{arguments} {more}"):
             call(*arguments, **more)
 
-    def test_of_a_picture(self):
-        """Every argument of submit and render: values that no picture can be drawn with, and of a wrong type."""
+    def test_arguments_of_a_picture(self):
+        """Every argument of submit and render refuses impossible values and wrong types."""
         numbers = [NAN, INF, -INF, "1", [1], None, 1e300]
         bad = {
             "background": [(NAN, 0, 0), (0, INF, 0), (1, 2), "red", 5, ("a", 0, 0)],
@@ -130,7 +131,7 @@ class Unfit(ModuleCase):
                 **{**dict(width=64, height=48, K=K, world_from_camera=pose), name: value},
             )
 
-    def test_of_other_calls(self):
+    def test_arguments_of_other_calls(self):
         scene, view = self.scene, make_camera()
         rgb = [[[0.0] * 3] * view["width"]] * view["height"]
         for named, call, *arguments in [
@@ -181,7 +182,8 @@ class Unfit(ModuleCase):
 
 
 class Seen(ModuleCase):
-    """Cameras with a lens or a rolling shutter: as the program draws them, in pictures and picks, and as a scene's views give them."""
+    """Tests cameras with a lens or a rolling shutter: pictures match the program, and picks and a scene's views use
+    them."""
 
     def both(self, **more):
         png = self.program_draws({**camera(0.0, time=101.0), **more})
@@ -230,7 +232,7 @@ class Seen(ModuleCase):
             )
 
     def test_pick(self):
-        """A pixel picks what it shows, at the depth of the picture."""
+        """A pick at a pixel gives the visible Gaussian and the picture's depth."""
         for more in (
             dict(lens=FISHEYE),
             dict(lens={"kind": "fisheye", "k": [0.2, 0, 0, 0, 0, 0]}),
@@ -239,7 +241,8 @@ class Seen(ModuleCase):
             view = make_camera(time=101.0, **more)
             picture = pags.render(self.scene, view, outputs=("id", "depth"))
             ids = memoryview(picture.id).tolist()
-            shown = [(x, y) for y, row in enumerate(ids) for x, number in enumerate(row) if number == 2]  # of the car
+            # Gaussian 2 is the car
+            shown = [(x, y) for y, row in enumerate(ids) for x, number in enumerate(row) if number == 2]
             x, y = (sorted(along)[len(along) // 2] for along in zip(*shown))
             picked = pags.pick(self.scene, view, x, y)
             self.assertEqual((picked["id"], picked["object"]), (2, 1), more)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""test_zip.py PAGS ADDON.zip BLENDER: one zip of the add-on for several systems (scripts/package_addon.py), made of ADDON.zip, which is of this one, and
-of zips whose modules and programs are stand-ins for those of others: what it holds, which part is taken where, and, in Blender up to 4.1, that it works
-and says so where it is for others alone."""
+"""test_zip.py PAGS ADDON.zip BLENDER: tests the add-on's zip for several systems (scripts/package_addon.py). The zip
+combines ADDON.zip of this system with stand-ins for other systems. Checks its contents and the selected part. In
+Blender up to 4.1, also checks that it works, or names its systems on any other system."""
 
 import importlib.util
 import os
@@ -22,18 +22,19 @@ import package_addon  # noqa: E402
 from fixtures import Case, main  # noqa: E402
 
 OWN = "linux-x64"
-# System: what Python says of itself there.
+# System: sys.platform, platform.machine() and sysconfig.get_platform() there.
 ANSWERS = {
     "linux-x64": ("linux", "x86_64", "linux-x86_64"),
     "macos-arm64": ("darwin", "arm64", "macosx-11.0-arm64"),
-    "macos-x64": ("darwin", "x86_64", "macosx-10.15-x86_64"),  # on Apple's own processors, too, where it is emulated
-    "windows-x64": ("win32", "ARM64", "win-amd64"),  # on a machine of another processor, which emulates it
+    # also on Apple's processors, where this Python is emulated
+    "macos-x64": ("darwin", "x86_64", "macosx-10.15-x86_64"),
+    "windows-x64": ("win32", "ARM64", "win-amd64"),  # on a machine with another processor, which emulates this Python
 }
 
 
 class Zip(Case):
     def stand_in(self, system, change=None):
-        """ADDON.zip with another module and program; `change` is the name of a file that differs."""
+        """Writes a copy of ADDON.zip with a stand-in module and program; `change` names one changed file."""
         path = self.path(f"pags-blender-{package_addon.version()}-{system}.zip")
         module, program = ("pags.pyd", "pags.exe") if system.startswith("windows") else ("pags.abi3.so", "pags")
         with zipfile.ZipFile(ADDON) as own, zipfile.ZipFile(path, "w") as made:
@@ -59,7 +60,7 @@ class Zip(Case):
         name = re.match(r"\S+\.zip|", made.stdout)[0]
         return made.stderr if expected else (self.path(name) if name else None, made.stdout)
 
-    def test_what_it_holds(self):
+    def test_contents(self):
         self.own()
         for system in ANSWERS.keys() - {OWN}:
             self.stand_in(system)
@@ -79,10 +80,10 @@ class Zip(Case):
             self.assertEqual(merged.read("pags_blender/windows-x64/bin/pags.exe"), b"a program for windows-x64")
             self.assertEqual(merged.read("pags_blender/macos-arm64/pags.abi3.so"), b"a module for macos-arm64")
 
-    def test_what_is_there(self):
-        """Those that lack are named; zips of other sources are refused, with the file."""
+    def test_systems_of_the_zip(self):
+        """Missing systems are named. Zips from different sources are refused with the file's name."""
         self.assertIn("make packages", self.merge(1))
-        self.stand_in("linux-arm64")  # for which there is no such Blender
+        self.stand_in("linux-arm64")  # there is no such Blender
         self.assertIsNone(self.merge()[0])
         self.own()
         self.assertIn("without macos-arm64", self.merge()[1])
@@ -91,8 +92,9 @@ class Zip(Case):
         self.assertIn("pags_blender/importer.py", said)
         self.assertIn("windows-x64.zip", said)
 
-    def test_which_part_is_taken(self):
-        """By what Python says of the process, in zips for one system and for several; one that is for others says for which."""
+    def test_choice_of_the_system(self):
+        """Selects the part by Python's description of the process, in zips for one or several systems. A zip for
+        other systems names them."""
         spec = importlib.util.spec_from_file_location("system", ROOT / "blender_addon/pags_blender/system.py")
         system = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(system)
