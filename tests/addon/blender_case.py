@@ -91,7 +91,7 @@ class BlenderCase(Case):
         return read_png(self.path("out", "00000.png"))
 
     def assert_close(self, a, b, levels=1, mostly=0):
-        """Checks that no sample differs by more than `levels` and that the picture isn't black."""
+        """Checks that no sample differs by more than `levels` grey levels and that the picture isn't black."""
         self.assertEqual(a[:4], b[:4])
         apart = max(abs(x - y) for x, y in zip(a[4], b[4]))
         self.assertLessEqual(apart, levels)

@@ -36,7 +36,8 @@ class Edits(BlenderCase):
             return edited.left_out()
 
         self.assertEqual(jobs.at_once("test", work).notice, "; not exported: the scale of c=2, p,1")
-        self.succeeds("render", self.path("unscaled"), "--path", "ego", "-o", self.path("drawn"))  # poses stay rigid
+        # the poses stay rigid, so the program accepts them
+        self.succeeds("render", self.path("unscaled"), "--path", "ego", "-o", self.path("drawn"))
 
     def no_links(self, error=PermissionError(errno.EPERM, "Operation not permitted")):
         """Returns a context in which no links can be made, as on a FAT file system."""

@@ -37,7 +37,7 @@ class Files(BlenderCase):
         self.assertEqual(paths(root), ("//scene", "//data"))
         bpy.ops.wm.save_as_mainfile(filepath=self.path("deep", "work.blend"))
         self.assertEqual(paths(root), ("//../scene", "//../data"))
-        if bpy.app.version < (4, 2, 0):  # These versions don't announce the new path before they save.
+        if bpy.app.version < (4, 2, 0):  # Blender before 4.2 doesn't announce the new path before saving.
             bpy.ops.wm.save_mainfile()
         for place, wanted in ((("deep", "work.blend"), "//../scene"), (("deep", "er", "copy.blend"), "//../../scene")):
             bpy.ops.wm.open_mainfile(filepath=self.path(*place))

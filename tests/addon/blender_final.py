@@ -78,7 +78,7 @@ class Final(BlenderCase):
         self.bring_in()
         for index, name in ((1, "c=2"), (0, "p,1")):
             before = self.f12()
-            self.part(index).location.x += 1  # forward in the object's frame
+            self.part(index).location.x += 1  # moves the object forward by 1 m
             after = self.f12()
             self.assert_close(after, self.program("--move", name, "1,0,0,0"))
             self.assertGreater(self.difference(before, after), 50)
@@ -225,7 +225,7 @@ class Final(BlenderCase):
         still = bpy.data.objects.new("still", camera)
         self.scene.collection.objects.link(still)
         self.scene.camera = still
-        still.rotation_euler = (math.pi / 2, 0, -math.pi / 2)  # looks along x
+        still.rotation_euler = (math.pi / 2, 0, -math.pi / 2)  # the camera looks along x
         camera.lens, camera.sensor_width = 36, 36
         render = self.scene.render
         render.resolution_x = render.resolution_y = 101
@@ -246,7 +246,7 @@ class Final(BlenderCase):
             ("Y", 0),
             ("Z", -40 * 0.99),
             ("W", 0),
-        ):  # 4 m per frame at a distance of 10 m, focal length 101 pixels
+        ):  # The car moves 4 m per frame at a distance of 10 m; the focal length is 101 pixels.
             self.assertAlmostEqual(car[f"Vector.{channel}"], 1.01 * wanted, delta=0.5)
         # the parked car moves 0.1 m to the left before this frame and 0.2 m after it
         moved = self.short_names(data, 34, 50)
@@ -255,8 +255,8 @@ class Final(BlenderCase):
         self.assertEqual(rest["Vector.X"], 0)
 
     def test_passes_of_several_scenes(self):
-        """Adds a ball of half size from another scene to a stretched street. Each has its name and its motion; the
-        camera's motion affects both."""
+        """Adds a ball of half size from another scene to a stretched street. The passes give each its name and its
+        motion relative to the camera."""
         from test_passes import value
 
         street = self.bring_in()
@@ -340,11 +340,11 @@ class Final(BlenderCase):
         self.bring_in()
         self.scene.frame_set(2)
         self.scene.camera.data.type = "ORTHO"
-        self.scene.camera.data.ortho_scale = 10.1  # 10 pixels per metre
+        self.scene.camera.data.ortho_scale = 10.1  # the picture has 10 pixels per metre
         self.scene.camera.data.shift_x = self.scene.camera.data.shift_y = 0
         picture = self.f12()
-        self.assertGreater(pixel(picture, 50, 50)[0], 200)  # the car in front of the camera
-        # the parked car 1.5 m to the left; its distance doesn't matter
+        self.assertGreater(pixel(picture, 50, 50)[0], 200)  # the pixel shows the car in front of the camera
+        # the pixel shows the parked car 1.5 m to the left; its distance doesn't matter
         self.assertGreater(pixel(picture, 35, 50)[1], 200)
 
 

@@ -128,7 +128,7 @@ class Inspecting(BlenderCase):
 
     def test_a_scene_of_another_machine(self):
         """A scene from another machine opens completely. Features that need photographs name the folders searched.
-        One stored field sets the folder."""
+        The scene's field "Data set folder" sets it."""
         self.photographed()
         record = json.loads(fixtures.read(self.path("scene", "scene.json")))
         self.write("scene/scene.json", json.dumps({**record, "dataset": "/home/else/recordings/street 7/"}))

@@ -100,8 +100,8 @@ class NativeSplats(BlenderCase):
         self.assertAlmostEqual(float(values["scale"][at, 2]), math.exp(first[6 + 24 + 1 + 2]), places=6)
 
     def test_frames(self):
-        """The Gaussians of an object, in its frame, are at the points of its sample. This holds in any version of
-        Blender."""
+        """An object's Gaussians and its sample of points have the same places in the object's frame, in any version
+        of Blender."""
         entry = sys.modules[addon.__name__ + ".native"].load(self.path("scene"))
         means, owner = np.asarray(entry.scene.arrays()["means"]), np.asarray(entry.scene.object_of)
         for index in (-1, 0, 1):

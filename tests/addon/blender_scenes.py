@@ -99,7 +99,8 @@ class SeveralScenes(BlenderCase):
             self.assertEqual(tuple(root.location), (0, 0, 0))
 
     def test_duplicates_and_instances(self):
-        """A duplicated scene has a separate root. An instance of its collection follows the instance."""
+        """A duplicated scene has a separate root. An instance of the scene's collection is drawn at the instance's
+        pose."""
         (root,) = self.splats_before_a_camera()
         alone = self.f12()
         for other in bpy.context.selected_objects:
@@ -181,15 +182,15 @@ class SeveralScenes(BlenderCase):
             for block in (*splats.children, splats):
                 bpy.data.objects.remove(block)
         self.scene.frame_start = 2
-        twin = self.bring_in()  # starts one second late
+        twin = self.bring_in()  # the second street starts one second later
         twin.location.z = 1.0
         self.part_of(twin, -1).hide_render = True
         both = self.f12()
-        self.assertGreater(pixel(both, 50, 50)[0], 200)  # the first street's car at its second label
+        self.assertGreater(pixel(both, 50, 50)[0], 200)  # the pixel shows the first street's car at its second label
         self.assertEqual(street.pags.frame_start, 1)
         self.scene.frame_set(3)
         late = self.f12()
-        # the second street's car, a metre higher, 8 m in front of the camera
+        # the pixel shows the second street's car, a metre higher, 8 m in front of the camera
         self.assertGreater(pixel(late, 50, 50 - 12)[0], 200)
 
     def part_of(self, root, index):

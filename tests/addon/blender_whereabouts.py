@@ -91,8 +91,8 @@ class Whereabouts(BlenderCase):
             self.assertEqual(self.drawn(blend), "blue")
 
     def test_changed_scene(self):
-        """A scene may change at its place, even under an open file. Scenes next to a copy of the .blend aren't taken
-        instead."""
+        """A scene may change at its place, even under an open file. A scene next to a copy of the .blend doesn't
+        replace it."""
         blend = self.project("home", "one.blend")
         self.ball("home", "model.ply", colour=GREEN)
         self.assertEqual(self.drawn(blend), "green")
@@ -103,8 +103,8 @@ class Whereabouts(BlenderCase):
         self.assertIn("has changed since", self.remark())
 
     def test_saved_elsewhere(self):
-        """Save As and Save Copy into a folder with another scene of the same name keep the right scene, in the saved
-        and the open file."""
+        """Save As and Save Copy keep the scene, even in a folder with another scene of the same name. This holds for
+        the saved and the open file."""
         blend = self.project("home", "one.blend")
         self.ball("other", "model.ply", colour=BLUE)
         bpy.ops.wm.save_as_mainfile(filepath=self.path("other", "copy.blend"), copy=True)
@@ -129,8 +129,8 @@ class Whereabouts(BlenderCase):
             self.scene.collection.children.link(collection)
 
     def test_appended_and_linked(self):
-        """An appended or linked scene keeps its source, also in a folder with another scene of the same name.
-        Without the source, nothing else is taken."""
+        """An appended or linked scene keeps its source, also in a folder with another scene of the same name. If the
+        source is missing, no other scene replaces it."""
         blend = self.project("home", "one.blend")
         self.ball("other", "model.ply", colour=BLUE)
         os.makedirs(self.path("empty"))
@@ -148,7 +148,7 @@ class Whereabouts(BlenderCase):
                 self.refuses(self.path("home", "model.ply"), blend=self.path(folder, f"shot {link}.blend"))
 
     def test_needs_of_a_linked_scene(self):
-        """Checks the needs of a scene linked from another file. Its paths are relative to that file."""
+        """A linked scene's list of files for render nodes has paths relative to its library."""
         blend, check = self.project("home", "one.blend"), sys.modules[addon.__name__ + ".farm_check"]
         self.new()
         bpy.ops.wm.save_as_mainfile(filepath=self.path("shot.blend"))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests Inspect in a real window: photographs over the 3D view and their list, a wipe between two scenes, a distance
-between two clicks, a view on the ground, LiDAR points and boxes, counts of Gaussians, and a scene that is written
-again while shown."""
+"""Tests the panel "Inspect" in a real window: photographs over the 3D view and their list, a wipe between two
+scenes, a distance between two clicks, a view on the ground, LiDAR points and boxes, counts of Gaussians, and a scene
+that is written again while shown."""
 
 import json
 import os

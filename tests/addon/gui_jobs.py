@@ -185,7 +185,7 @@ def make_street():
     )
     rows = np.tile(row, (150000, 1))
     rows[:, :3] = generator.uniform((3, -15, -2), (60, 15, 3), (len(rows), 3))
-    rows[-1, -1] = np.array(0, "<i4").view("<f4")  # the parked car
+    rows[-1, -1] = np.array(0, "<i4").view("<f4")  # the last row belongs to the parked car
     header = header.replace(b"element vertex 2\n", b"element vertex 150000\n")
     write(os.path.join(SCENE, "background.ply"), header + b"end_header\n" + rows.tobytes())
     with open(os.path.join(SCENE, "scene.json"), encoding="utf-8") as file:

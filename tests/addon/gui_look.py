@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests Clean-up and look in a real window. Compares screenshots of the viewport with F12 and with `pags render` of
-files exported with the same settings."""
+"""Tests the panel "Clean up and look" in a real window. Compares screenshots of the viewport with F12 and with `pags
+render` of files exported with the same settings."""
 
 import math
 import os

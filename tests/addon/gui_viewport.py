@@ -180,7 +180,7 @@ def hurried():
             yield 0.05
             redraw()
         picture = shoot(f"hurried-{shading.lower()}")
-        red, green, blue = color(picture, (10, 4, 0))  # the car at the first frame
+        red, green, blue = color(picture, (10, 4, 0))  # the pixel shows the car at the first frame
         assert red > 150 and green < 100 and blue < 100, f"{shading}: {red}, {green}, {blue}"
         if shading == "RENDERED":
             near(color(picture, (10, -2, -1)), (0, 0, 128))  # sky
@@ -199,7 +199,7 @@ def several():
         bpy.data.objects.remove(block)
     shown = view3d().shading.type, view3d().region_3d.view_perspective
     assert bpy.ops.import_scene.pags(filepath=os.path.join(FOLDER, "ball.ply")) == {"FINISHED"}
-    # unchanged, since the file has other objects
+    # the import keeps the view, since the file has other objects
     assert (view3d().shading.type, view3d().region_3d.view_perspective) == shown
     root = bpy.context.view_layer.objects.active
     root.scale = (0.5, 0.5, 0.5)

@@ -118,7 +118,7 @@ class Arrays(Case):
         scene.save(self.path("a.pagsz"))
         packed = pags.load(self.path("a.pagsz"))
         mine, wanted = (sorted(floats(s.arrays()["opacities"])) for s in (packed, scene))
-        self.assertLess(max(abs(a - b) for a, b in zip(mine, wanted)), 3e-4)  # pags/packed.h allows 2.5e-4
+        self.assertLess(max(abs(a - b) for a, b in zip(mine, wanted)), 3e-4)  # pags/packed.h allows an error of 2.5e-4
         for name, words in (("a.spz", "pags export"), ("a", "pags export")):
             with self.assertRaisesRegex(ValueError, words):
                 scene.save(self.path(name))
@@ -180,10 +180,13 @@ class Arrays(Case):
         flat = {**near, "sh": buffer([v for row in near["sh"].tolist() for v in row[0]], 150, 1, 3)}
         wanted = floats(pags.render(pags.Scene(**flat), front()).rgba)
         close(pags.render(double, there))
-        elsewhere = [[0.0, 0.0, -1000.0]], [[1, 0, 0, 0]], [[-3, -3, -3]], [1], [[[0, 0, 0]]]  # behind the camera
+        # this Gaussian is behind the camera
+        elsewhere = [[0.0, 0.0, -1000.0]], [[1, 0, 0, 0]], [[-3, -3, -3]], [1], [[[0, 0, 0]]]
         pose = [1, 0, 0, -place[0], 0, 1, 0, -place[1], 0, 0, 1, -place[2]]
         close(pags.render(pags.Scene(*elsewhere), front(), others=[{"scene": double, "world_from_scene": pose}]))
-        self.assertEqual(pags.Scene([[5e6, 0, 0]], *elsewhere[1:]).info["origin"], (0, 0, 0))  # a float is exact here
+        self.assertEqual(
+            pags.Scene([[5e6, 0, 0]], *elsewhere[1:]).info["origin"], (0, 0, 0)
+        )  # a float stores 5e6 exactly
         self.assertEqual(pags.Scene([[5e6 + 0.1, 0, 0]], *elsewhere[1:], origin=(1, 2, 3)).info["origin"], (1, 2, 3))
 
     def test_quaternions_of_any_length(self):

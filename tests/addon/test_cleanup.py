@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests Clean-up and look in Blender without a window: F12, exported files and saved scenes agree; crops, looks of
-parts, undo."""
+"""Tests the panel "Clean up and look" in Blender without a window. F12, exported files and saved scenes agree. Also
+tests crops, looks of parts and undo."""
 
 import math
 import os
@@ -42,7 +42,7 @@ class CleanUp(BlenderCase):
         return volume
 
     def test_all_outputs_agree(self):
-        """F12, `pags render --edits`, the saved scene and the exported file agree within 45 dB."""
+        """F12, `pags render --edits`, the saved scene and the exported file agree with a PSNR of at least 45 dB."""
         root = self.bring_in()
         before = self.f12()
         look = root.pags_look
@@ -130,8 +130,8 @@ class CleanUp(BlenderCase):
         )
 
     def test_two_objects_of_one_part(self):
-        """If two objects show the same part, the first by name with changed settings applies, in F12 and exports.
-        The other's panel says this."""
+        """If two objects show the same part, F12 and exports use the settings of the first one (by name) with
+        changes. The other object's panel says this."""
         root, car = self.bring_in(), self.part(1)
         twin = car.copy()
         twin.name = car.name + " twin"

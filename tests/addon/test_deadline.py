@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests pags.Deadline in plain Python: the quality that pictures under a deadline lose, and their place."""
+"""Tests pags.Deadline in plain Python: how a deadline reduces a picture's quality, and which area the picture
+covers."""
 
 import math
 import os
@@ -39,7 +40,8 @@ class Deadlines(ModuleCase):
         self.assertEqual((last.stats["step"], last.stats["divisor"], deadline.step), (11, 4, 11))
         self.assertEqual((last.width, last.height, last.place), (25, 25, (0, 0, 101, 101)))
         self.assertEqual((last.rgba.shape, last.depth.shape), ((25, 25, 4), (25, 25)))
-        red, green, blue, alpha = pixel(last.rgba, 12, 12)  # the car, at (50, 50) of the requested picture
+        # the pixel shows the car, which is at (50, 50) of the requested picture
+        red, green, blue, alpha = pixel(last.rgba, 12, 12)
         self.assertGreater(red, 0.5)
         self.assertLess(green, 0.2)
         self.assertAlmostEqual(pixel(last.depth, 12, 12, 1)[0], 10, places=1)
@@ -84,7 +86,7 @@ class Deadlines(ModuleCase):
             deadline.pace(120, 95)
         self.assertEqual(deadline.haste, 0.25)
         deadline.pace(5000, 95)  # a pause between two movements is ignored
-        deadline.pace(90, 95)  # as fast as requested
+        deadline.pace(90, 95)  # a picture as fast as requested changes nothing
         self.assertEqual(deadline.haste, 0.25)
         for _ in range(100):
             deadline.pace(50, 95)

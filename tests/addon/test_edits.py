@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests Clean-up and look in the module and the program: each rule by its numbers, the sky, frames of objects,
-errors."""
+"""Tests the rules of "Clean up and look" in the module and the program: each rule's numbers, the sky, frames of
+objects, errors."""
 
 import json
 import math
@@ -48,8 +48,8 @@ class Rules(Case):
         self.assertLess(max(abs(x - y) for x, y in zip(a, b)), 1e-5)
 
     def test_colour(self):
-        """A colour rule multiplies each triple by M and adds the offset to the constant one: a colour c becomes M c
-        + t in every direction."""
+        """A colour rule multiplies each harmonic's colour by M and adds t to the constant one: a colour c becomes M
+        c + t in every direction."""
         after = self.after({"matrix": MATRIX, "sh": 0.5})
         for was, now in zip(self.before["sh"], after["sh"]):
             for k in range(4):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests Inspect in Blender without a window: comparison with photographs and their list, LiDAR sweeps and boxes,
-held-out steps, counts of Gaussians, distances, the ground, a wipe between two scenes, and a scene that is written
-again."""
+"""Tests the panel "Inspect" in Blender without a window: comparison with photographs and their list, LiDAR sweeps
+and boxes, held-out steps, counts of Gaussians, distances, the ground, a wipe between two scenes, and a scene that is
+written again."""
 
 import os
 import struct
@@ -39,7 +39,7 @@ inspector, jobs, lens, native, viewport = (
 
 class InspectCase(BlenderCase):
     def record(self, change):
-        """Changes scene.json by a function."""
+        """Changes scene.json with the function `change`."""
         record = json.loads(fixtures.read(self.path("scene", "scene.json")))
         change(record)
         self.write("scene/scene.json", json.dumps(record))
@@ -319,8 +319,8 @@ class Watch(InspectCase):
         return jobs.at_once("scene", lambda job: watch.read_anew(job, self.path("scene")))
 
     def change(self, swap=True, without_car=False):
-        """Changes the scene as further training does: other order of objects, a blue moving car, its track 1 m
-        further ahead."""
+        """Changes the scene as further training does: the objects' order differs, the moving car is blue and its
+        track is 1 m further ahead."""
 
         def change(record):
             for knot in record["objects"][1]["knots"]:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests texts of the interface: short labels, units, reasons why items are greyed out, legends with the picture's
-colours, correct counts, no outdated values."""
+colours, correct counts, and no outdated values."""
 
 import os
 import sys
@@ -268,7 +268,8 @@ class Labels(BlenderCase):
             self.assertTrue(self.can_be_used(panel, name), name)
 
     def test_critical_only_hides_the_sky(self):
-        """Critical only hides the sky in every mode: it is black, the user's background, or transparent."""
+        """The option "Critical only" hides the sky in every mode: it is black, the user's background, or
+        transparent."""
         self.bring_in()
         self.scene.frame_set(2)
         settings = self.scene.pags

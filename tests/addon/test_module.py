@@ -88,7 +88,7 @@ class Drawing(ModuleCase):
     def test_a_placement_moves(self):
         for number, name in ((0, "p,1"), (1, "c=2")):
             pose = list(self.scene.pose(number, 100.0))
-            offset = [pose[0] * 1.0, pose[4] * 1.0, pose[8] * 1.0]  # a metre forward
+            offset = [pose[0] * 1.0, pose[4] * 1.0, pose[8] * 1.0]  # moves the object a metre forward
             for k in range(3):
                 pose[4 * k + 3] += offset[k]
             other = 1 - number
@@ -111,7 +111,7 @@ class Drawing(ModuleCase):
         self.assertEqual(max(floats(nothing.rgba)[0::4]), 0)
 
     def test_cut_keeps_critical_objects(self):
-        """A cut of 1,000 pixels removes the wall (Gaussian 0), which is smaller, but keeps the two critical cars."""
+        """A cut of 1,000 pixels removes the wall (Gaussian 0), which is smaller. The two cars are critical and stay."""
         whole, cut, uncut = (
             memoryview(pags.render(self.scene, make_camera(), outputs=("id",), cut=c).id).cast("B").cast("i").tolist()
             for c in (0, 1000, 1e-6)
@@ -137,7 +137,7 @@ class Drawing(ModuleCase):
         ]
         for part in lit:
             wanted = [pixel(linear.rgba, 30 + x, 100 - 45 - y) for y in range(11) for x in range(27)]
-            self.assertGreater(len(set(wanted)), 10)  # several colours
+            self.assertGreater(len(set(wanted)), 10)  # the window shows several colours
             self.assertEqual([pixel(part.rgba, x, y) for y in range(11) for x in range(27)], wanted)
         part = pags.render(self.scene, make_camera(time=100.0), window=(30, 20, 17, 11))
         self.assertEqual(part.rgba.shape, (11, 17, 4))
@@ -203,7 +203,7 @@ class Drawing(ModuleCase):
         view = make_camera(time=101.0)
         beside = pags.pick(self.scene, view, 35, 50)
         self.assertEqual(beside["object"], 0)
-        self.assertAlmostEqual(beside["depth"], 10, delta=0.05)  # 10.11 m along the ray
+        self.assertAlmostEqual(beside["depth"], 10, delta=0.05)  # the distance along the ray is 10.11 m
         pose = list(self.scene.pose(0, 101.0))
         pose[3], pose[7] = (
             ORIGIN[0] + 5,
@@ -244,7 +244,7 @@ class Contents(ModuleCase):
         points, colors = self.scene.points(-1, 100)
         self.assertEqual((points.shape, colors.shape), ((1, 3), (1, 4)))
         self.assertEqual(tuple(floats(points)), (10, 0, 3))
-        points, colors = self.scene.points(0, 100)  # in the frame of its box
+        points, colors = self.scene.points(0, 100)  # the points are in the frame of the object's box
         self.assertAlmostEqual(floats(points)[1], 1.5 - (self.scene.pose(0, 100.0)[7] - ORIGIN[1]), places=4)
         self.assertGreater(floats(colors)[1], 0.9)
 
@@ -557,7 +557,7 @@ class EveryKind(Case):
         return pags.load(os.path.join(self.place, name))
 
     def camera_for(self, name, **more):
-        """Returns a camera in front of the bare files or at the drive's place. Files without an origin lie around
+        """Returns a camera in front of the splat files or at the drive's place. Files without an origin lie around
         zero."""
         view = make_camera(**more)
         pose, origin = list(view["world_from_camera"]), self.loaded(name).info["origin"]
@@ -673,7 +673,7 @@ class EveryKind(Case):
                 self.assertEqual(
                     [p is not None for p in planes], [o in arguments.get("outputs", ("rgba",)) for o in outputs], name
                 )
-                background = scene.info["gaussians"] - len(scene.objects)  # one Gaussian for each object
+                background = scene.info["gaussians"] - len(scene.objects)  # each object has one Gaussian
                 drawn = (
                     background * len(arguments["placements"]) if "placements" in arguments else scene.info["gaussians"]
                 )
@@ -710,7 +710,7 @@ class EveryKind(Case):
         self.assertGreater(max(floats(packed.rgba)), 0.5)
 
     def test_picking(self):
-        ball = bright_splats()[112]  # a ball in the front row
+        ball = bright_splats()[112]  # this ball is in the front row
         for name in self.bare:
             scene, view = self.loaded(name), self.camera_for(name)
             x, y = int(50.5 - 100 * ball[1] / ball[0]), int(50.5 - 100 * ball[2] / ball[0])
@@ -887,7 +887,7 @@ class Sweeps(Case):
 
     def test_kinds_by_files(self):
         self.write("set/extrinsics/000_1.txt", "")
-        self.assertEqual(self.format()[0], 5)  # PandaSet's format
+        self.assertEqual(self.format()[0], 5)  # PandaSet has 5 columns
         self.write("other/extrinsics/0.txt", "")
         self.write("other/track/track_info.txt", "")
         with self.assertRaisesRegex(pags.Error, "lidar_columns"):
@@ -916,7 +916,7 @@ class Linking(Case):
 
 
 class Passes(ModuleCase):
-    """Repeats the C tests' comparison with the oracle through the module."""
+    """Tests the passes (Cryptomatte, normals, motion) through the module, as the C tests do."""
 
     ALL = ("rgba", "crypto_object", "crypto_class", "normal", "motion")
 
@@ -989,7 +989,7 @@ class Passes(ModuleCase):
         """A disc of another scene, doubled and turned, has its name, class, unit normal and motion. The first
         scene's values stay."""
         disc = [*splat(0, 0, 0, (1, 1, 0), sigma=0.05, opacity=12.0)]
-        disc[10] = math.log(1e-3)  # flat along its x axis
+        disc[10] = math.log(1e-3)  # the disc is flat along its x axis
         self.write("disc.ply", ply_bytes([disc]))
         other = {"scene": pags.load(self.path("disc.ply")), "placements": [(-1, IDENTITY)], "names": ["disc"]}
         at = lambda y: [1.2, -1.6, 0, ORIGIN[0] + 10, 1.6, 1.2, 0, ORIGIN[1] + y, 0, 0, 2, ORIGIN[2]]  # noqa: E731

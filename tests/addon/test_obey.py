@@ -135,7 +135,7 @@ class Blur(ObeyCase):
 
     def test_orthographic(self):
         _, camera = self.ball()
-        camera.data.type, camera.data.ortho_scale = "ORTHO", 10.1  # 10 pixels per metre
+        camera.data.type, camera.data.ortho_scale = "ORTHO", 10.1  # the picture has 10 pixels per metre
         sharp = spread(self.linear()[:, :, 0])
         self.scene.pags.blur_samples = 64
         for focus in (5.0, 10.0):
@@ -291,7 +291,7 @@ class Blur(ObeyCase):
 
     def of_many(self, count):
         """Returns the mean of `count` pictures by the module, at random times and random points of the aperture. The
-        test computes the cameras."""
+        test computes their cameras without the add-on."""
         scene, camera, dice = self.scene, self.scene.camera, random.Random(3)
         entry = native.load(self.path("scene"))
         origin, total, slots = np.array(entry.info["origin"]), 0, list(range(count))
@@ -321,8 +321,8 @@ class Blur(ObeyCase):
         return encoded(np.clip(total / count, 0, 1))
 
     def test_against_256_pictures(self):
-        """Blurred pictures reach 38 dB with 32 samples and more with more samples. The rest is the error of 256
-        random pictures and 16 bits."""
+        """Blurred pictures reach a PSNR of 38 dB with 32 samples, and more with more samples. The rest is the error
+        of 256 random pictures and 16 bits."""
         self.drive()
         wanted, found = self.of_many(256), {}
         for samples in (8, 32, 128):
@@ -457,7 +457,7 @@ class Paths(ObeyCase):
         for _ in range(2):
             bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
         self.assertEqual(root.pags.path, "//scene")
-        root.pags.path = self.path("scene")  # set by the user
+        root.pags.path = self.path("scene")  # the user sets an absolute path
         root.pags.dataset = self.path("photographs")
         bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
         self.assertEqual((root.pags.path, root.pags.dataset), (self.path("scene"), self.path("photographs")))

@@ -83,7 +83,7 @@ class Zip(Case):
     def test_systems_of_the_zip(self):
         """Missing systems are named. Zips from different sources are refused with the file's name."""
         self.assertIn("make packages", self.merge(1))
-        self.stand_in("linux-arm64")  # there is no such Blender
+        self.stand_in("linux-arm64")  # Blender isn't available for this system
         self.assertIsNone(self.merge()[0])
         self.own()
         self.assertIn("without macos-arm64", self.merge()[1])
