@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags import: a small synthetic tree of KITTI's tracking benchmark; stopping and resuming; missing files."""
+"""Tests pags import of a small synthetic tree of KITTI's tracking benchmark: stopping, resuming and missing files."""
 
 import json
 import os
@@ -30,7 +30,7 @@ def calibration():
 
 
 def make_tree(folder, frames):
-    """Writes the tree: the ego vehicle drives north at 10 m/s behind a car at 12 m/s."""
+    """Writes the tree. The ego vehicle drives north at 10 m/s behind a car at 12 m/s."""
     dice = random.Random(0)
     picture = png_bytes(WIDTH, HEIGHT, dice.randbytes(WIDTH * HEIGHT * 3))
     oxts = labels = ""
@@ -75,7 +75,8 @@ class Import(Case):
                 f"lidar/{t:03d}.bin",
             ]:
                 self.assertIn(name, names)
-        # Northwards at 10 m/s: y grows by one metre a frame; 9e-6 degrees are 1.0019 m at the Earth's radius that KITTI uses.
+        # The ego vehicle drives north at 10 m/s, so y grows by 1 m per frame. At KITTI's radius of the Earth, 9e-6
+        # degrees are 1.0019 m.
         pose = [float(word) for word in read(os.path.join(out, "ego_pose/005.txt")).split()]
         self.assertAlmostEqual(pose[7], 5 * 1.00187, 3)
         self.assertAlmostEqual(pose[3], 0, 9)
@@ -90,7 +91,8 @@ class Import(Case):
         return json.loads(read(os.path.join(out, "import.json")))["result"]
 
     def test_account(self):
-        """An import ends by listing the data read, the data left out, and the reasons; import.json and --json have the same."""
+        """An import ends with a list of the data read, the data left out, and the reasons. import.json and --json hold
+        the same list."""
         raw, out = make_tree(self.path("raw"), 6), self.path("out")
         os.remove(os.path.join(raw, "velodyne/0000/000002.bin"))
         write(os.path.join(raw, "velodyne/0000/000003.bin"), b"")
@@ -115,10 +117,11 @@ class Import(Case):
             [result[key] for key in ("steps", "cameras", "photographs", "sweeps", "boxes", "objects")],
             [5, 2, 10, 3, 5, 1],
         )
-        again = json.loads(self.succeeds(*words, "--json", "-").stdout)  # it is complete: nothing is written
+        # The data set is complete, so nothing is written.
+        again = json.loads(self.succeeds(*words, "--json", "-").stdout)
         self.assertEqual({key: again[key] for key in result}, result)
 
-    def test_a_camera_that_lost_its_end(self):
+    def test_camera_without_its_last_photograph(self):
         raw, out = make_tree(self.path("raw"), 5), self.path("out")
         os.remove(os.path.join(raw, "image_02/0000/000004.png"))
         done = self.succeeds("import", "kitti", raw, "-o", out)
@@ -135,7 +138,7 @@ class Import(Case):
             self.succeeds("import", "kitti", raw, "-o", self.path("left"), "--cameras", "0").stdout,
         )
 
-    def test_nothing_at_all(self):
+    def test_without_sweeps_and_labels(self):
         raw, out = make_tree(self.path("raw"), 3), self.path("out")
         os.rename(os.path.join(raw, "velodyne"), self.path("velodyne"))
         os.rename(os.path.join(raw, "label_02"), self.path("label_02"))
@@ -143,7 +146,8 @@ class Import(Case):
         self.assertIn("no sweeps: velodyne is missing or empty\nno boxes: label_02 is missing\n", said)
 
     def test_other_forms(self):
-        """Sweeps and labels that are packed, of another ending or all unusable are no missing ones."""
+        """The summary tells missing sweeps and labels from those that are packed, have another extension or are all
+        unusable."""
         raw, out = make_tree(self.path("raw"), 3), self.path("out")
         sweep, labels = os.path.join(raw, "velodyne/0000"), os.path.join(raw, "label_02/0000.txt")
         lines = read(labels).decode()
@@ -171,7 +175,7 @@ class Import(Case):
         self.fails(["import", "kitti", raw, "-o", out], "3 sweeps in these frames, but all are empty files")
         self.assertFalse(os.path.exists(out))
 
-    def test_interrupted_goes_on(self):
+    def test_interrupted_import_is_resumed(self):
         raw, out, whole = make_tree(self.path("raw"), 40), self.path("out"), self.path("whole")
         running = subprocess.Popen(
             [fixtures.PAGS, "import", "kitti", raw, "-o", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -184,11 +188,12 @@ class Import(Case):
         self.assertIn("the same command resumes", error)
         self.assertFalse(os.path.exists(os.path.join(out, "dataset.json")))
         self.succeeds("import", "kitti", raw, "-o", out)
-        fixtures.write(os.path.join(whole, "import.json.part"), b"{")  # killed as it began
+        # An import killed at its begin leaves such a file.
+        fixtures.write(os.path.join(whole, "import.json.part"), b"{")
         self.succeeds("import", "kitti", raw, "-o", whole)
         self.same(out, whole)
 
-    def test_what_is_missing(self):
+    def test_missing_files(self):
         raw, out = make_tree(self.path("raw"), 3), self.path("out")
         os.remove(os.path.join(raw, "image_03/0000/000001.png"))
         self.fails(["import", "kitti", raw, "-o", out], raw, "lacks image_03/0000/000001.png")
@@ -199,7 +204,7 @@ class Import(Case):
         self.fails(["import", "waymo", self.path("none"), "-o", out], "none")
         self.assertFalse(os.path.exists(out))
 
-    def test_folder_of_another(self):
+    def test_folder_with_other_files(self):
         raw = make_tree(self.path("raw"), 3)
         self.write("out/notes.txt", "mine")
         out = self.path("out")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inputs of every kind that people bring: what is ignored, guessed, clamped or left out is said once, in the JSON as well, and is an
-error with --strict."""
+"""Tests inputs of every kind. Whatever is ignored, guessed, clamped or left out causes one warning, also in the JSON.
+--strict makes the warning an error."""
 
 import base64
 import json
@@ -13,7 +13,7 @@ from fixtures import Case, ply_bytes, read, run, some_splats
 
 
 class Warnings(Case):
-    """By a splat file two of whose quaternions are zero."""
+    """Tests warnings with a splat file that has two zero quaternions."""
 
     def setUp(self):
         super().setUp()
@@ -69,7 +69,7 @@ class Warnings(Case):
 
 
 class Pictures(Case):
-    """info knows every picture that can be opened."""
+    """info recognises every picture that can be opened."""
 
     def size(self, name, data):
         path = self.write(name, data)
@@ -91,8 +91,8 @@ class Pictures(Case):
 
 
 class Times(Case):
-    def test_of_a_clock_differ(self):
-        """Seconds since 1970 have more digits than a usual number is printed with."""
+    def test_clock_times_are_printed_in_full(self):
+        """Times in seconds since 1970 have more digits than numbers are usually printed with."""
         path = os.path.join(scenes.make_empty_scene(self.path("scene")), "scene.json")
         scene = json.loads(read(path)) | {"time": [1556919593.2038, 1556919595.2036], "fps": 10}
         self.write(path, json.dumps(scene))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""benchmarks/jobs.py: its table, going on, stopping, jobs that fail, and cache misses counted by a stand-in for perf."""
+"""Tests benchmarks/jobs.py: its table, resuming, stopping and jobs that fail. A stand-in for perf counts cache
+misses."""
 
 import json
 import os
@@ -12,7 +13,7 @@ import fixtures
 from fixtures import SMALL, DataCase, files_below, read
 
 SCRIPT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../benchmarks/jobs.py")
-# Runs the command behind -- and writes what perf stat -x , would, with COUNT cache misses.
+# The stand-in runs the command behind -- and writes the output of `perf stat -x ,` with COUNT cache misses.
 PERF = """#!/bin/sh
 while [ "$1" != -- ]; do [ "$1" = -o ] && out=$2; shift; done
 shift
@@ -68,7 +69,7 @@ class Jobs(DataCase):
         lines = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("|") and " x " in line]
         return {line[0]: line[1:] for line in lines[1:]}
 
-    def test_table_and_going_on(self):
+    def test_table_and_resuming(self):
         page = self.run_script("2x1,1x2", "--rounds", 2).stdout
         self.assertEqual(page.encode(), read(self.path("t.md")))
         self.assertEqual(
@@ -112,7 +113,7 @@ class Jobs(DataCase):
             text=True,
             env=self.environment,
         )
-        for line in process.stderr:  # the first step is done
+        for line in process.stderr:  # waits until the first step is done
             if "step " in line:
                 break
         process.send_signal(signal.SIGINT)
@@ -124,7 +125,7 @@ class Jobs(DataCase):
         self.assertEqual(files_below(self.path("t.runs")), ["settings.json"])
 
     def test_jobs_that_fail(self):
-        # Options that pags refuses are reported before anything runs, and so is an unknown row.
+        # Options that pags refuses and unknown rows are reported before anything runs.
         self.refuses("1x1", small=["--nonsense"], words=["--nonsense"])
         self.assertFalse(os.path.exists(self.path("t.runs")))
         self.refuses("2x", words=["'2x'", "JOBSxTHREADS"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Driving sets as people bring them: what lies there unread, and what can't be right, is said."""
+"""Tests driving sets as users have them. Unread files and impossible values are reported."""
 
 import array
 import json
@@ -14,7 +14,7 @@ from fixtures import Case, read, write
 
 
 def grey_png(width, height, pixels, bits=8):
-    """The bytes of a PNG of one channel; pixels: numbers, row by row."""
+    """Returns the bytes of a grey PNG file. `pixels` holds one number per pixel, row by row."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -27,7 +27,7 @@ def grey_png(width, height, pixels, bits=8):
 
 
 class StreetCase(Case):
-    """Tests that change a small street; self.street is a fresh copy."""
+    """Tests that change a small street. self.street is a fresh copy."""
 
     @classmethod
     def setUpClass(cls):
@@ -66,7 +66,7 @@ class StreetCase(Case):
             os.rename(self.at(folder, name), self.at(folder, change(name)))
 
     def warnings(self, *more):
-        """The warnings of pags info, which leaves them in its --json, too."""
+        """Returns the warnings of pags info. Its --json holds the same warnings."""
         done = self.succeeds("info", self.street, "--json", "-", *more)
         said = json.loads(done.stdout)["warnings"]
         for line in said:
@@ -74,7 +74,7 @@ class StreetCase(Case):
         return said
 
     def warns(self, *words):
-        """There is one warning, which holds each of the words; --strict makes it an error."""
+        """Asserts that there is one warning with each of the words, and that --strict makes it an error."""
         said = self.warnings()
         self.assertEqual(len(said), 1, said)
         for word in words:
@@ -85,7 +85,7 @@ class StreetCase(Case):
         return self.fails(["info", self.street], *words)
 
     def repaint(self, folder, change):
-        """Rewrites the masks of a folder: change(value, y, height) is the new value of a pixel."""
+        """Rewrites the masks of a folder. change(value, y, height) returns the new value of a pixel."""
         for name in self.names(folder):
             width, height, channels, bits, pixels = fixtures.read_png(self.at(folder, name))
             assert channels == 1 and bits == 8
@@ -110,7 +110,7 @@ class UnreadTest(StreetCase):
         os.rename(self.at("dynamic_masks/all/003_1.png"), self.at("dynamic_masks/all/003-1.png"))
         self.warns("dynamic_masks/all: 1 of 12 files", "003-1.png")
 
-    def test_masks_beside_their_folder(self):
+    def test_masks_outside_their_folder(self):
         shutil.copytree(self.at("dynamic_masks/all"), self.at("dynamic_masks/car"))
         shutil.copy(self.at("dynamic_masks/all/000_0.png"), self.at("dynamic_masks/000_0.png"))
         self.warns("dynamic_masks: 2 of 5 entries aren't read", "000_0.png", "all, vehicle and human")
@@ -155,7 +155,7 @@ class UnreadTest(StreetCase):
                 os.rename(self.at("sky_masks", name), self.at("sky_masks/0", name))
         self.warns("sky_masks: 1 of 7 files aren't read, the first is 0")
 
-    def test_what_tools_leave_is_no_data(self):
+    def test_files_of_other_tools_are_ignored(self):
         write(self.at("semantic/segment.json"), "{}")
         write(self.at("README.md"), "a street")
         write(self.at("lidar/.DS_Store"), b"")
@@ -180,7 +180,7 @@ class MaskTest(StreetCase):
         self.assertIn("sky modelled", done.stdout)
         self.assertIn("warning: ", done.stderr)
 
-    def test_an_empty_mask_says_nothing_of_the_others(self):
+    def test_empty_mask_among_others(self):
         self.repaint("dynamic_masks/all", lambda value, y, height: 1 if y > 40 else 0)
         name = self.at("dynamic_masks/all/003_0.png")
         write(name, grey_png(96, 54, [0] * 96 * 54))
@@ -216,7 +216,7 @@ class MaskTest(StreetCase):
         self.warns("1 of 2 ego masks leave out more than half", "camera 0's", "inverted")
 
     def test_ego_masks_that_hide_everything(self):
-        """Training and eval name the ego mask, not an alpha that the photographs don't have."""
+        """Training and eval name the ego mask as the reason. They don't name alpha, which the photographs lack."""
         for camera in (0, 1):
             write(self.at(f"ego_masks/{camera}.png"), grey_png(96, 54, [255] * (96 * 54)))
         train = ["train", self.street, "-o", self.path("scene"), "-n", 2, "--preview-every", 0, *fixtures.SMALL]
@@ -271,7 +271,7 @@ def numbers(path):
 
 
 def inverse(m):
-    """The inverse of a rigid motion, 16 numbers."""
+    """Returns the inverse of a rigid motion, as 16 numbers."""
     rows = [[m[k], m[4 + k], m[8 + k], -sum(m[4 * i + k] * m[4 * i + 3] for i in range(3))] for k in range(3)]
     return [v for row in rows for v in row] + [0, 0, 0, 1]
 
@@ -282,7 +282,7 @@ def matrix_text(m):
 
 class CalibrationTest(StreetCase):
     def intrinsics(self, change):
-        """Rewrites intrinsics/C.txt: change(fx, fy, cx, cy) is the text."""
+        """Rewrites intrinsics/C.txt of each camera C. change(fx, fy, cx, cy) returns the new text."""
         for name in self.names("intrinsics"):
             write(self.at("intrinsics", name), change(*numbers(self.at("intrinsics", name))[:4]))
 
@@ -291,7 +291,7 @@ class CalibrationTest(StreetCase):
             shutil.rmtree(self.at(name))
 
     def halve(self, name):
-        """Makes a photograph half as wide and high, of every second pixel."""
+        """Makes a photograph half as wide and half as high. Keeps every second pixel."""
         width, height, _, _, pixels = fixtures.read_png(self.at("images", name))
         half = b"".join(
             pixels[3 * (y * width + x) : 3 * (y * width + x) + 3]
@@ -328,7 +328,7 @@ class CalibrationTest(StreetCase):
         self.intrinsics(lambda fx, fy, cx, cy: f"{fx / 96} {fy / 54} {cx / 96} {cy / 54} 0 0 0 0 0")
         self.refused("intrinsics/0.txt:1: focal lengths", "expected pixels", "to be multiplied by it")
 
-    def test_a_principal_point_aside(self):
+    def test_principal_point_off_the_middle(self):
         self.intrinsics(lambda fx, fy, cx, cy: f"{fx} {fy} 5 {cy} 0 0 0 0 0")
         self.warns("principal point far from the middle", "camera 0: 5 ")
 
@@ -370,7 +370,7 @@ class CalibrationTest(StreetCase):
         cameras = {c: numbers(self.at("extrinsics", f"{c}.txt")) for c in range(2)}
         described = json.loads(read(self.at("dataset.json")))
         write(self.at("dataset.json"), json.dumps({**described, "extrinsics": "per-frame"}))
-        for turn in (0, 1, 2, 3):  # the car's heading in the world
+        for turn in (0, 1, 2, 3):  # the car's heading in the world, in quarter turns
             cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[turn]
             world = [cos, -sin, 0, 0, sin, cos, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
             for t in range(6):
@@ -385,7 +385,7 @@ class CalibrationTest(StreetCase):
         write(self.at("dataset.json"), json.dumps({**described, "camera_axes": "waymo"}))
         self.warns("extrinsics: 2 of 2 cameras", "with the other camera_axes")
 
-    def test_a_world_whose_z_is_not_up(self):
+    def test_world_whose_z_is_not_up(self):
         shutil.rmtree(self.at("lidar"))
         for name in self.names("ego_pose"):
             m = numbers(self.at("ego_pose", name))
@@ -398,7 +398,7 @@ class CalibrationTest(StreetCase):
 
 class TimeTest(StreetCase):
     def times(self, change, **more):
-        """Rewrites timestamps.json: change(seconds) is what is written; fps is left out of dataset.json."""
+        """Rewrites timestamps.json. change(seconds) returns the new value of a time. Removes fps from dataset.json."""
         old = json.loads(read(self.at("timestamps.json")))
         new = {"frames": [change(t) for t in old["frames"]], **more}
         write(self.at("timestamps.json"), json.dumps(new))
@@ -434,7 +434,7 @@ class TimeTest(StreetCase):
         self.times(lambda t: 86400 * t)
         self.warns("the times may not be seconds")
 
-    def test_a_rate_that_the_times_deny(self):
+    def test_rate_that_contradicts_the_times(self):
         described = json.loads(read(self.at("dataset.json")))
         write(self.at("dataset.json"), json.dumps({**described, "fps": 2}))
         self.warns("timestamps.json: the interval of frames is 0.1 s, 10 per second, but dataset.json has fps 2")
@@ -462,7 +462,7 @@ def product(a, b):
 
 
 class StreetGaussiansTest(StreetCase):
-    """The street as Street Gaussians' converter writes it."""
+    """Tests the street in the layout that Street Gaussians' converter writes."""
 
     def setUp(self):
         super().setUp()
@@ -496,7 +496,7 @@ class StreetGaussiansTest(StreetCase):
     def write_tracks(self, lines):
         write(self.at("track/track_info.txt"), "\n".join(lines) + "\n")
 
-    def test_it_is_known_and_read(self):
+    def test_layout_is_recognised_and_read(self):
         found = json.loads(self.succeeds("info", self.street, "--json", "-").stdout)
         self.assertEqual(found["warnings"], [])
         self.assertEqual(found["format"], "street-gaussians")
@@ -506,22 +506,22 @@ class StreetGaussiansTest(StreetCase):
         self.assertIn("12 have sky_masks, 0 semantic, 12 dynamic_masks", notes)
         self.assertIn("ego_pose/TTT_C.txt", notes)
 
-    def test_boxes_are_where_they_were(self):
+    def test_boxes_keep_their_places(self):
         done = self.succeeds("info", self.street, "--overlay", self.path("look"), "--json", "-")
         overlay = json.loads(done.stdout)["overlay"]
         self.assertGreater(overlay["outline_mask_overlap"], 0.3)
         self.assertGreater(overlay["front_cosine"], 0.99)
 
-    def test_poses_at_the_exposure_count(self):
+    def test_poses_at_exposures_are_used(self):
         for t in range(6):
             path = self.at("ego_pose", f"{t:06d}_1.txt")
             moved = numbers(path)
-            moved[3] += 5000  # so that the origin moves
+            moved[3] += 5000  # moves the origin of the data set
             write(path, matrix_text(moved))
         origin = json.loads(self.succeeds("info", self.street, "--json", "-").stdout)["origin"]
         self.assertGreater(origin[0], 2000)
 
-    def test_what_is_not_read_is_named(self):
+    def test_unread_files_are_named(self):
         write(self.at("pointcloud.npz"), b"PK")
         write(self.at("lidar_depth/000000_0.npy"), b"NUMPY")
         lines = "\n".join(self.warnings())
@@ -536,7 +536,7 @@ class StreetGaussiansTest(StreetCase):
         self.write_tracks(self.lines[:3] + ["0 7 vehicle -10 1 1 5000 0 0 0 0 0"])
         self.refused("track_info.txt:4: expected extents above 0")
 
-    def test_labels_are_mended_as_those_of_instances(self):
+    def test_labels_are_repaired_like_those_of_instances(self):
         self.write_tracks(self.lines + ["0 700 vehicle -10 1 1 0 0 0 0 0 0"])
         self.assertIn(
             "a side is shorter than 0.01 m; the first is vehicle '700' in frame 0", "\n".join(self.warnings())
@@ -547,14 +547,15 @@ class StreetGaussiansTest(StreetCase):
 
 class SweepTest(StreetCase):
     def rewrite(self, change):
-        """Rewrites every sweep: change(points, frame) gets lists of x, y, z, intensity and returns bytes."""
+        """Rewrites every sweep. change(points, frame) gets lists of x, y, z, intensity and returns bytes."""
         for name in self.names("lidar"):
             values = array.array("f", read(self.at("lidar", name)))
             points = [list(values[i : i + 4]) for i in range(0, len(values), 4)]
             write(self.at("lidar", name), change(points, name[:3]))
 
     def columns(self, count):
-        """Rewrites the sweeps with another number of columns, cut off so that the sizes divide by 16 as well."""
+        """Rewrites the sweeps with another number of columns. The number of rows is a multiple of 4, so that file sizes
+        stay multiples of 16 bytes."""
 
         def change(points, frame):
             rows = [(p + [float(i % 32), 0.0, 1.0, 2.0])[:count] for i, p in enumerate(points)]

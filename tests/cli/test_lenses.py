@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training in a lens's own pixels: a street photographed by fisheyes of 200 degrees, read, trained, compared and exported."""
+"""Tests training in a lens's pixels. A street photographed by fisheyes of 200 degrees is read, trained, compared and
+exported."""
 
 import json
 import os
@@ -34,13 +35,13 @@ class Lenses(Case):
         return scene
 
     def held_out(self, scene, *more):
-        """PSNR of the held-out photographs."""
+        """Returns the PSNR of the held-out photographs."""
         facts = os.path.join(scene, "eval.json")
         self.ready("eval", scene, "--json", facts, *more)
         return json.loads(read(facts))["test"]["psnr"]
 
     def changed(self, name, change):
-        """A copy of the street in which dataset.json has other lenses."""
+        """Returns a copy of the street. `change` has edited the lenses of its dataset.json."""
         out = os.path.join(self.folder, name)
         shutil.copytree(self.fish, out)
         facts = json.loads(read(os.path.join(out, "dataset.json")))
@@ -48,7 +49,7 @@ class Lenses(Case):
         write(os.path.join(out, "dataset.json"), json.dumps(facts))
         return out
 
-    def test_it_reads_back(self):
+    def test_street_is_read_back(self):
         facts = json.loads(read(os.path.join(self.fish, "dataset.json")))
         self.assertEqual(facts["lenses"]["2"], {"kind": "fisheye", "k": [-0.02, 0.0015, 0, 0, 0, 0], "field": 200})
         done = fixtures.run(
@@ -63,7 +64,7 @@ class Lenses(Case):
         self.assertIn(KEPT, done.stdout)
         look = json.loads(read(os.path.join(self.folder, "info.json")))["overlay"]
         self.assertEqual(look["warnings"], [])
-        self.assertGreater(look["lidar_points"], 20000)  # those behind the cameras' planes, too
+        self.assertGreater(look["lidar_points"], 20000)  # includes points behind the cameras' planes
         self.assertGreater(look["lidar_in_boxes"], 0.97)
         self.assertLess(look["lidar_under_sky"], 0.01)
 
@@ -77,8 +78,9 @@ class Lenses(Case):
         for name in ("background.ply", "scene.json"):
             self.assertEqual(read(os.path.join(self.trained, name)), read(os.path.join(other, name)), name)
 
-    def test_what_is_beside_the_circle(self):
-        """White in place of black there: the same bytes, since nothing of it is looked at."""
+    def test_pixels_outside_the_image_circle(self):
+        """White pixels replace the black ones there. Training gives the same bytes, since it doesn't use these
+        pixels."""
         other = self.changed("white", lambda lenses: None)
         for name in os.listdir(os.path.join(other, "images")):
             path = os.path.join(other, "images", name)
@@ -103,8 +105,8 @@ class Lenses(Case):
         wrong = self.held_out(self.train(self.changed("bent", bend), "bent scene"))
         self.assertGreater(right, wrong + 1)
 
-    def test_other_lenses_are_said(self):
-        """A scene compared with photographs whose lens has changed since, and a run resumed with them."""
+    def test_changed_lenses_are_refused(self):
+        """eval refuses photographs whose lens has changed since the training. A resumed run refuses them, too."""
         other = self.changed("other", lambda lenses: lenses["1"].__setitem__("field", 190))
         done = fixtures.run("eval", self.trained, "--dataset", other)
         self.assertEqual(done.returncode, 1)
@@ -119,9 +121,9 @@ class Lenses(Case):
         scene = self.train(self.fish, "pinholes", 2, ["--undistort"])
         views = json.loads(read(os.path.join(scene, "scene.json")))["cameras"]
         self.assertFalse([view for view in views if "lens" in view])
-        self.assertGreater(self.held_out(scene), 15)  # of the pinholes' pictures, found without being told
+        self.assertGreater(self.held_out(scene), 15)  # eval finds the undistorted photographs without an option
 
-    def test_what_is_not_seen_is_black(self):
+    def test_unseen_pixels_are_black(self):
         out = os.path.join(self.folder, "pictures")
         self.ready("render", self.trained, "-o", out, "--split", "test")
         name = sorted(n for n in os.listdir(out) if n.endswith(".png"))[0]
@@ -131,11 +133,11 @@ class Lenses(Case):
         self.assertGreater(sum(pixels[channels * (64 * 32 + 32) :][:3]), 60)
 
     def test_proxies(self):
-        """Depth views of a proxy are pinholes, also of views with a lens."""
+        """A proxy's depth views are pinhole views, even if the scene's views have a lens."""
         self.ready("export", self.trained, os.path.join(self.folder, "scene.glb"), "--proxy", "hull")
         self.assertEqual(read(os.path.join(self.folder, "scene.glb"))[:4], b"glTF")
 
-    def test_faults_that_do_not_go_together(self):
+    def test_faults_that_exclude_each_other(self):
         for fault in ("rolling-down=0.03", "distortion=0.1"):
             done = fixtures.run(
                 "synth", "street", "-o", os.path.join(self.folder, "none"), "--fault", "fisheye=200", "--fault", fault

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""LPIPS of pags eval (and of benchmarks/ablation.py) over SqueezeNet 1.1 and AlexNet compared with numpy in double, with random weights that
-numpy.savez wrote, on pictures that pags render wrote as floats. The calculation here follows torchvision's description of the networks and
-docs/eval.md. AlexNet's trained weights aren't at hand: whether a file of them is made as that page says is not tested here."""
+"""Compares LPIPS of pags eval and benchmarks/ablation.py with numpy in double precision, over SqueezeNet 1.1 and
+AlexNet. numpy.savez writes random weights, and pags render writes the pictures as floats. The calculation here follows
+torchvision's description of the networks and docs/eval.md. AlexNet's trained weights aren't available. So the
+conversion of their file, as that page describes it, isn't tested."""
 
 import json
 import os
@@ -21,14 +22,15 @@ except ImportError:
     os.execv(other, [other, "-B", *sys.argv])
 from test_passes import read_exr
 
-# Every remainder by 4 and 2, the steps of the first convolutions, and odd and even sizes before each pool.
+# The sizes have every remainder modulo 4 and 2, the steps of the first convolutions. Even and odd sizes reach each
+# pooling.
 SIZES = [(32, 32), (33, 38), (34, 45), (35, 51), (64, 36), (71, 33)]
 SQUEEZES, EXPANDS = [16, 16, 32, 32, 48, 48, 64, 64], [64, 64, 128, 128, 192, 192, 256, 256]
-ALEX = [(64, 3, 11), (192, 64, 5), (384, 192, 3), (256, 384, 3), (256, 256, 3)]  # outputs, inputs, size of the windows
+ALEX = [(64, 3, 11), (192, 64, 5), (384, 192, 3), (256, 384, 3), (256, 256, 3)]  # outputs, inputs, window size
 
 
 def random_weights(name):
-    """Arrays by name as docs/eval.md lists them, of a size that keeps that of the activations."""
+    """Returns random arrays under the names that docs/eval.md lists. Their range keeps the size of the activations."""
     dice, out = np.random.default_rng(len(name)), {}
 
     def conv(layer, outputs, inputs, size):
@@ -62,13 +64,13 @@ def conv(x, w, layer, step=1, padding=0):
 
 
 def pool(x, partial):
-    if partial:  # PyTorch's ceil_mode
+    if partial:  # as PyTorch's ceil_mode does
         x = np.pad(x, ((0, 0), (0, (x.shape[1] - 3) % 2), (0, (x.shape[2] - 3) % 2)), constant_values=-np.inf)
     return np.lib.stride_tricks.sliding_window_view(x, (3, 3), axis=(1, 2))[:, ::2, ::2].max(axis=(3, 4))
 
 
 def features(rgb, name, w):
-    """The inputs of the taps, in order."""
+    """Yields the activations that LPIPS compares, in order."""
     x = ((2 * rgb.transpose(2, 0, 1) - 1) - w["shift"][:, None, None].astype(float)) / w["scale"][:, None, None].astype(
         float
     )
@@ -100,7 +102,7 @@ class Lpips(Case):
         (view,) = figures["train"]["per_view"] + figures["test"]["per_view"]
         return view["lpips"]
 
-    def test_beside_numpy(self):
+    def test_same_as_numpy(self):
         scene = self.write("a.ply", ply_bytes(some_splats()))
         weights = {name: random_weights(name) for name in ["SqueezeNet 1.1", "AlexNet"]}
         for name, w in weights.items():
@@ -135,7 +137,8 @@ class Lpips(Case):
                     self.assertEqual(self.one_view(first), self.one_view(second))
                     expected = lpips(render, photo, name, w)
                     self.assertGreater(expected, 0.05)
-                    # The engine sums in float: 6e-8 of each of up to 3,456 terms, at random, of which little is left in the mean.
+                    # The engine adds up to 3,456 terms in float, each with a random error of 6e-8. The mean has little
+                    # of these errors.
                     self.assertAlmostEqual(self.one_view(first) / expected, 1, delta=1e-6)
 
     def test_report_says_which_network(self):

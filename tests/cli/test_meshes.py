@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes and views of splat files without photographs; names, doubles and coming and going in exports; cropping."""
+"""Tests meshes and views of splat files without photographs. In exports, tests names, repeated triangles, objects that
+appear and disappear, and cropping."""
 
 import collections
 import json
@@ -16,7 +17,7 @@ SIZE = [1.0, 0.5, 0.4]
 
 
 def body(size=SIZE, count=600):
-    """A body filled with shells of Gaussians, as objects are after training."""
+    """Returns a body filled with shells of Gaussians, as trained objects are."""
     rows = []
     for shell in range(5):
         side = [s * (5 - shell) / 5 for s in size]
@@ -28,13 +29,13 @@ def body(size=SIZE, count=600):
 
 
 def room():
-    """A room of 6 x 5 x 2.6 m with a table, z up."""
+    """Returns a room of 6 x 5 x 2.6 m with a table; z is up."""
     rows = scenes.on_box(5000, (6, 5, 2.6), (0, 0, 1.3), (0.6, 0.6, 0.5), 1)
     return rows + scenes.on_box(900, (1.6, 1, 0.7), (0, 0, 0.4), (0.5, 0.3, 0.1), 2)
 
 
 def off_box(p, size):
-    """The distance of a point from the surface of a box about the origin."""
+    """Returns the distance of a point from the surface of a box around the origin."""
     d = [abs(p[k]) - 0.5 * size[k] for k in range(3)]
     outside = math.sqrt(sum(max(v, 0) ** 2 for v in d))
     return outside if outside > 0 else -max(d)
@@ -121,7 +122,7 @@ class Bare(Case):
 
 
 class Files(Case):
-    """By the street of scenes.py with odd classes."""
+    """Exports the street of scenes.py with odd classes."""
 
     def setUp(self):
         super().setUp()
@@ -145,8 +146,8 @@ class Files(Case):
                 self.assertTrue(all(names), names)
                 self.assertEqual(len(set(names)), len(names), names)
 
-    def test_objects_come_and_go(self):
-        """car_1 comes at 0.5 s, three_2 leaves after 0.3 s, flat_3 is lost from 0.4 s to 0.7 s."""
+    def test_objects_appear_and_disappear(self):
+        """car_1 appears at 0.5 s, three_2 disappears after 0.3 s, flat_3 is missing from 0.4 s to 0.7 s."""
         keep = {"car_1": range(5, 10), "three_2": range(4), "flat_3": [0, 1, 2, 3, 8, 9]}
         for item in self.facts["objects"]:
             if item["id"] in keep:
@@ -185,7 +186,7 @@ class Files(Case):
             self.assertLessEqual(max(edges.values()), 2, name)
 
     def test_crop(self):
-        box = ["--crop-box=4,2,-1,8,5,3"]  # the parked car
+        box = ["--crop-box=4,2,-1,8,5,3"]  # the box holds the parked car
         done = self.succeeds("export", self.scene, self.path("car.glb"), "--proxy", "box", "--voxel", 0.4, *box)
         names = Glb(self.path("car.glb")).nodes()
         self.assertIn("car_0000", names)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standard output that is full, closed or a broken pipe; warnings on standard error; names of files that aren't UTF-8."""
+"""Tests standard output that is full, closed or a broken pipe, warnings on standard error, and file names that aren't
+UTF-8."""
 
 import json
 import os
@@ -9,7 +10,7 @@ import unittest
 import fixtures
 from fixtures import SMALL, DataCase, program, read, run
 
-LATIN = os.fsdecode(b"stra\xdfe")  # as on an old disk: not UTF-8
+LATIN = os.fsdecode(b"stra\xdfe")  # Latin-1, as on old disks; not UTF-8
 
 
 class OutputCase(DataCase):
@@ -57,7 +58,8 @@ class Unwritable(OutputCase):
         return subprocess.run(["sh", "-c", 'exec "$@" >&-', "sh", *program(words)], stderr=subprocess.PIPE, text=True)
 
     def test_closed(self):
-        """The closed stream carries the answer, or only messages; no file gets its descriptor, and so the text."""
+        """The closed stream is used for the answer or for messages only. No file gets the stream's descriptor, so no
+        file receives the text."""
         for words in [
             ["--version"],
             ["render", "-h"],
@@ -80,7 +82,7 @@ class Unwritable(OutputCase):
         json.loads(read(self.path("a.json")))
 
     def test_broken_pipe(self):
-        """The reader has gone: the work is finished, then the exit code reports it."""
+        """The reader has closed the pipe. The program finishes its work, then its exit code reports the broken pipe."""
         ends = os.pipe()
         os.close(ends[0])
         done = subprocess.run(program(self.train()), stdout=ends[1], stderr=subprocess.PIPE, text=True)
@@ -90,7 +92,7 @@ class Unwritable(OutputCase):
 
 
 class OtherBytes(OutputCase):
-    """Names of files that aren't UTF-8 are escaped in what has to be, and are found again."""
+    """File names that aren't UTF-8 are escaped in texts that must be UTF-8. The program finds the files again."""
 
     def json_of(self, *names):
         with open(self.path(*names), encoding="utf-8") as file:
@@ -118,7 +120,8 @@ class OtherBytes(OutputCase):
         self.json_of("r.json")
 
     def test_photographs(self):
-        """A name in a data set's JSON, with the escape that Python writes; then in the scene and, readable, in glTF."""
+        """The data set's JSON holds a name with the escape that Python writes. The scene holds the name, too, and glTF
+        holds it in readable form."""
         data = self.path("D")
         fixtures.make_dataset(data, views=9)
         with open(os.path.join(data, "transforms.json"), encoding="utf-8") as file:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The packages of a cross build: wheels, archives and the add-on's zip. The builds are files of a few words here."""
+"""Tests the packages of a cross build: wheels, archives and the add-on's zip. The builds here are files of a few
+words."""
 
 import base64
 import csv
@@ -42,7 +43,7 @@ class Packages(Case):
         return self.path(folder)
 
     def cross(self):
-        """A folder of the compiler and of sources, of which each has a licence of a word."""
+        """Makes a folder with the compiler and the sources. Each of them has a licence file of one word."""
         folder = self.path("cross")
         if not os.path.exists(folder):
             for name in ["libcxx/LICENSE.TXT", "libc/mingw/COPYING"]:
@@ -130,7 +131,8 @@ class Packages(Case):
                 self.assertEqual(addon.getinfo("pags_blender/__init__.py").external_attr >> 16, 0o100644)
 
     def test_licences(self):
-        """Each package has those of what its target links: Embree's only where proxies are built, sse2neon's there on ARM, MinGW's only on Windows."""
+        """Each package has the licences of all that its target links. Embree's is only in packages with proxies, and
+        sse2neon's is only in those for ARM. MinGW's is only in packages for Windows."""
         for target in ["linux-x64-glibc2.17", "macos-arm64"]:
             os.makedirs(f"{self.cross()}/{target}/lib/cmake/TinyGLTF")
         for target, program, module, some, others in [
@@ -178,7 +180,7 @@ class Packages(Case):
         self.assertEqual(done.returncode, 1)
         self.assertRegex(done.stderr, "sources/zlib/debian/copyright, a licence, isn't there: make setup-cross")
 
-    def test_a_path_of_this_machine(self):
+    def test_path_of_the_build_machine_is_refused(self):
         build = self.build("linux-arm64")
         self.write(
             os.path.relpath(build, self.path(".")) + "/python/pags.abi3.so",
@@ -192,7 +194,7 @@ class Packages(Case):
             "folder of the machine that built them\n",
         )
 
-    def test_what_python_3_10_lacks(self):
+    def test_functions_that_python_3_10_lacks(self):
         build = self.build("windows-x64", "pags.exe", "pags.pyd")
         self.write(os.path.relpath(build, self.path(".")) + "/python/pags.pyd", "module\0PyObject_GetBuffer\0more")
         done = self.run_script(build)
@@ -204,7 +206,7 @@ class Packages(Case):
         and subprocess.run([sys.executable, "-m", "pip", "--version"], capture_output=True).returncode == 0,
         "no pip",
     )
-    def test_pip_takes_it(self):
+    def test_pip_installs_the_wheels(self):
         build = self.build("linux-x64-glibc2.17")
         wheel, recordings = (name for name in self.pack(build) if name.endswith(".whl"))
         done = subprocess.run(
@@ -233,8 +235,8 @@ class Packages(Case):
         for name in ["pags.abi3.so", "pags-stubs/__init__.pyi", "pags_recordings/writer.py"]:
             self.assertEqual(len([path for path in installed if path.endswith("-packages/" + name)]), 1, name)
 
-    def test_the_lines_of_the_readme(self):
-        """Each names one file of those that are packed for all systems."""
+    def test_install_lines_of_the_readme(self):
+        """Each line of the README matches exactly one of the files that are packed for all systems."""
         packed = []
         for target in ["linux-x64-glibc2.17", "linux-arm64", "macos-arm64", "macos-x64", "windows-x64"]:
             windows = target == "windows-x64"
@@ -246,8 +248,9 @@ class Packages(Case):
         for pattern in patterns:
             self.assertEqual(len(fnmatch.filter(packed, pattern)), 1, pattern)
 
-    def test_the_job_of_slurm(self):
-        """With commands in place of Slurm's: what is run, out of the image where one is named; queued again when it was interrupted, and only then."""
+    def test_slurm_job(self):
+        """Stand-ins replace Slurm's commands. The job runs pags, and runs it in an image if one is named. Only an
+        interrupted job is queued again."""
         job = os.path.join(ROOT, "examples/slurm/train.sbatch")
         for name, text in [("srun", 'echo "$@" >>said; exit $PAGS_CODE'), ("scontrol", 'echo "scontrol $@" >>said')]:
             os.chmod(self.write("bin/" + name, "#!/bin/sh\n" + text + "\n"), 0o755)
@@ -273,7 +276,7 @@ class Packages(Case):
             self.assertEqual(fixtures.read(self.path("said")).decode(), said)
             os.remove(self.path("said"))
 
-    def test_what_is_no_build(self):
+    def test_folders_that_are_no_build(self):
         done = subprocess.run(
             [sys.executable, "-B", SCRIPT, self.path("amiga"), self.path("out")], capture_output=True, text=True
         )

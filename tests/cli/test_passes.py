@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags render --channel crypto-object, crypto-class, expected-normal, motion, count and overdraw, on the drive of test_drive.py."""
+"""Tests the passes of pags render --channel (crypto-object, crypto-class, expected-normal, motion, count, overdraw) on
+the drive of test_drive.py."""
 
 import json
 import os
@@ -13,7 +14,8 @@ from test_drive import camera
 
 
 def read_exr(path):
-    """String attributes, size and planes by name (rows of floats) of an EXR of scan lines, floats, compressed by ZIP."""
+    """Reads an EXR file of scan lines, floats and ZIP compression. Returns its string attributes, its size, and its
+    planes by name."""
     data = read(path)
     at, texts, names = 8, {}, []
     while data[at]:
@@ -50,7 +52,7 @@ def read_exr(path):
 
 
 def murmur(text):
-    """MurmurHash3, 32 bits, seed 0, written independently of the engine's."""
+    """Returns MurmurHash3 of a text (32 bits, seed 0). This code is independent of the engine's."""
     data, h, mask = text.encode(), 0, 0xFFFFFFFF
 
     def turn(x, n):
@@ -69,7 +71,7 @@ def murmur(text):
 
 
 def value(text):
-    """The float of a name; no name here has an exponent of 0 or 255."""
+    """Returns the float of a name. No name here has a float exponent of 0 or 255."""
     return struct.unpack("<f", struct.pack("<I", murmur(text)))[0]
 
 
@@ -83,12 +85,12 @@ class Passes(Case):
         self.count = 0
 
     def path_file(self):
-        """Three cameras that stand still, at intervals of 1 s."""
+        """Writes three cameras that stand still, 1 s apart."""
         frames = [camera(time=100.0 + t) for t in range(3)]
         return self.write("path.json", json.dumps({"fps": 1, "frames": frames}))
 
     def ranks(self, planes, layer, x, y):
-        """The pixel's names (as values) with their weights."""
+        """Returns the names in a pixel (as floats) with their weights."""
         flat = [planes[f"{layer}{k:02d}.{c}"][y][x] for k in range(3) for c in "RGBA"]
         return [pair for pair in zip(flat[::2], flat[1::2]) if pair[1] > 0]
 
@@ -112,7 +114,8 @@ class Passes(Case):
             self.assertEqual(texts[key + "/conversion"], "uint32_to_float32")
             self.assertEqual(json.loads(texts[key + "/manifest"]), {name: f"{murmur(name):08x}" for name in names})
             self.assertEqual((size, len(planes)), ((101, 101), 12))
-        middle = self.ranks(planes, "CryptoClass", 50, 50)  # at 1 s the car is in the middle, the parked one at y = 1.5
+        # At 1 s the car is in the middle, the parked car at y = 1.5 m.
+        middle = self.ranks(planes, "CryptoClass", 50, 50)
         self.assertAlmostEqual(middle[0][1], 0.99, delta=1e-3)
         self.assertEqual(middle[0][0], value("Car"))
         self.assertEqual(self.ranks(planes, "CryptoClass", 35, 50)[0][0], value("Car"))
@@ -122,8 +125,8 @@ class Passes(Case):
         self.assertEqual(self.ranks(planes, "CryptoObject", 35, 50)[0][0], value("p,1"))
         self.assertEqual(self.ranks(planes, "CryptoObject", 0, 99), [])  # the sky has no name
 
-    def test_pairs(self):
-        """One Gaussian in the middle, two balls of one each to the side of and above it, nothing below."""
+    def test_count_and_overdraw(self):
+        """One Gaussian is in the middle, one beside it and one above it. The space below is empty."""
         out = self.render("--camera", self.front, "--time", 1, "--channel", "count,overdraw")
         self.assertEqual(files_below(out), ["00000_count.exr", "00000_overdraw.exr"])
         count = read_exr(os.path.join(out, "00000_count.exr"))[2]["count"]
@@ -131,7 +134,8 @@ class Passes(Case):
         for x, y, wanted in ((50, 50, 1), (35, 50, 1), (50, 20, 1), (90, 90, 0)):
             self.assertEqual((count[y][x], overdraw[y][x]), (wanted, wanted))
         edge = sum(map(sum, overdraw)) - sum(map(sum, count))
-        self.assertGreater(edge, 0)  # pixels of a block that the ball reaches into, but not they
+        # Overdraw also counts pixels of a block that a Gaussian reaches into but doesn't cover.
+        self.assertGreater(edge, 0)
 
     def test_added_and_removed_objects(self):
         options = ["--camera", self.front, "--time", 1, "--channel", "crypto-object"]
@@ -141,24 +145,24 @@ class Passes(Case):
         self.assertEqual(self.ranks(planes, "CryptoObject", 50, 50)[0][0], value("c=2"))
         self.assertEqual(
             self.ranks(planes, "CryptoObject", 60, 50)[0][0], value("c=2")
-        )  # its forward is the camera's right
+        )  # the object is added 1 m ahead, which is to the camera's right
 
     def test_expected_normal(self):
         out = self.render("--camera", self.front, "--time", 1, "--channel", "expected-normal")
         planes = read_exr(os.path.join(out, "00000_expected-normal.exr"))[2]
         x, y, z = [planes[c][50][50] for c in "XYZ"]
         self.assertAlmostEqual(x * x + y * y + z * z, 1, delta=1e-3)
-        self.assertLessEqual(x, 1e-6)  # towards the camera, which looks along x
+        self.assertLessEqual(x, 1e-6)  # the normal points towards the camera, which looks along x
         self.assertEqual([planes[c][99][0] for c in "XYZ"], [0, 0, 0])
 
     def test_motion(self):
-        """The car goes 40 px to the right each frame, what is parked rests."""
+        """The red car moves 40 pixels to the right per frame. The parked car doesn't move."""
         out = self.render("--path", self.path_file(), "--channel", "motion")
         planes = read_exr(os.path.join(out, "00001_motion.exr"))[2]
         for channel, wanted in (("X", -40 * 0.99), ("Y", 0), ("Z", -40 * 0.99), ("W", 0)):
             self.assertAlmostEqual(planes[channel][50][50], wanted, delta=0.05)
             self.assertEqual(planes[channel][50][35], 0)
-        first = read_exr(os.path.join(out, "00000_motion.exr"))[2]  # has no picture before it
+        first = read_exr(os.path.join(out, "00000_motion.exr"))[2]  # no frame precedes the first one
         self.assertEqual(max(max(map(abs, row)) for c in "XY" for row in first[c]), 0)
 
     def test_same_bytes(self):
@@ -171,7 +175,7 @@ class Passes(Case):
         packed = self.render("--path", "ego", "--channel", channels, "--packed")
         self.assertEqual(files_below(packed), files_below(outs[0]))
 
-    def test_what_excludes_passes(self):
+    def test_options_that_exclude_passes(self):
         common = ["render", self.scene, "-o", self.path("out"), "--channel"]
         self.fails(
             [*common, "motion", "--camera", self.front], "--channel motion", "--path instead of --camera", code=2

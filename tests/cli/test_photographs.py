@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Photographs as people bring them: other sizes, alpha, masks of all kinds, EXIF orientation, linear light, one picture."""
+"""Tests photographs as users have them: other sizes, alpha, masks of all kinds, EXIF orientation, linear light, a
+single picture."""
 
 import json
 import math
@@ -15,7 +16,8 @@ WIDTH, HEIGHT, VIEWS = 32, 24, 9
 
 
 def png(width, height, samples, channels=3, bits=8, orientation=1, chunks=()):
-    """The bytes of a PNG; samples: bytes, big-endian where bits is 16; chunks: (name, data) before the pixels."""
+    """Returns the bytes of a PNG file. `samples` are bytes, big-endian if `bits` is 16. `chunks` (name, data) precede
+    the pixels."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -35,7 +37,8 @@ def png(width, height, samples, channels=3, bits=8, orientation=1, chunks=()):
 
 
 def tiff(width, height, samples, extra):
-    """The bytes of a TIFF of 8-bit RGBA; extra: 1: colours are multiplied by alpha, 2: they are not."""
+    """Returns the bytes of an 8-bit RGBA TIFF file. If `extra` is 1, the colours are multiplied by alpha; if it is 2,
+    they are not."""
     entries = [
         (256, 4, width),
         (257, 4, height),
@@ -55,7 +58,8 @@ def tiff(width, height, samples, extra):
 
 
 def exr(width, height, rows, channels="BGRA", left=0, top=0, shown=None, aspect=1):
-    """The bytes of an uncompressed EXR of half-float channels; rows[y][c]: list of values. The data window begins at left, top; shown: display window."""
+    """Returns the bytes of an uncompressed EXR file of half floats. rows[y][c] is a list of values. The data window
+    begins at `left`, `top`; `shown` is the display window."""
 
     def attribute(name, kind, value):
         return name + b"\0" + kind + b"\0" + struct.pack("<i", len(value)) + value
@@ -129,7 +133,7 @@ class Photographs(fixtures.Case):
             self.assertIn(word, found["warnings"][0])
 
     def masks(self, make, folder="masks", ending=".png"):
-        """Writes a mask of each view: make(i) is the bytes of a picture."""
+        """Writes a mask for each view. make(i) returns the bytes of a picture."""
         for i in range(VIEWS):
             write(f"{self.set}/{folder}/{i:03d}{ending}", make(i))
 
@@ -174,13 +178,13 @@ class Photographs(fixtures.Case):
         found = self.info("--image-folder", "images_2")
         self.assertEqual((found["width"], found["warnings"]), (WIDTH // 2, []))
         self.train("--image-folder", "images_2")
-        self.eval()  # the scene remembers it
+        self.eval()  # the scene remembers the image folder
         self.assertEqual(self.photo()[0], WIDTH // 2)
         self.fails(["info", self.set, "--image-folder", "images_3"], "images_3: no such image folder")
-        self.eval("--image-folder", "images")  # shrunk to the scene's size
+        self.eval("--image-folder", "images")  # the photographs are shrunk to the scene's size
         self.assertEqual(self.photo()[0], WIDTH // 2)
 
-    def test_pictures_elsewhere_only(self):
+    def test_pictures_in_another_folder(self):
         os.rename(f"{self.set}/images", f"{self.set}/input")
         self.one_warning(self.info(), "9 of 9 are in", "input")
         shutil.rmtree(f"{self.set}/input")
@@ -208,7 +212,8 @@ class Photographs(fixtures.Case):
         self.assertIn("outside.png", os.listdir(self.path("again", "drawn")))
 
     def test_names_that_differ_in_extension_or_case(self):
-        """No picture of a view overwrites another's, wherever it is unpacked; a name doesn't depend on the chosen views."""
+        """The output pictures of two views never have one name, even if letter case is ignored. A name doesn't depend
+        on the chosen views."""
         names = ["a.png", "a.jpg", "A.png", "a.jpeg", "cam/a.png", "cam/a.JPG", "a.png-1.png", "b.c.png", "b.c"]
         content = self.change()
         for frame, name in zip(content["frames"], names, strict=True):
@@ -230,7 +235,8 @@ class Photographs(fixtures.Case):
         self.assertLess({name[: -len(".png")] for name in fixtures.files_below(self.path("some"))}, drawn)
 
     def test_photographs_of_one_colour(self):
-        """Equal pictures have 100 dB, which is a number in every file and in means; no colour depends on the view."""
+        """Equal pictures have a PSNR of 100 dB, which is a number in every file and in means. No colour depends on the
+        view."""
         black = fixtures.png_bytes(WIDTH, HEIGHT, bytes(3 * WIDTH * HEIGHT))
         for i in range(VIEWS):
             write(f"{self.set}/images/{i:03d}.png", black)
@@ -279,8 +285,9 @@ class Photographs(fixtures.Case):
         self.eval("--background", "0,0,1")
         self.assertEqual(self.photo()[2][3 * 31 : 3 * 32], bytes([0, 0, 255]))
 
-    def test_lines_of_photographs_are_said_once(self):
-        """eval opens the data set of a scene that was trained at another size twice."""
+    def test_messages_are_printed_once(self):
+        """eval opens the data set twice if the scene was trained at another size. A message about photographs is
+        printed once."""
         self.cut_out()
         self.train("--downscale", "2")
         self.assertEqual(self.succeeds("eval", self.path("scene")).stdout.count("have an alpha channel"), 1)
@@ -309,7 +316,7 @@ class Photographs(fixtures.Case):
     # ---- Colours ----
 
     def store_png(self, samples, *chunks):
-        """Makes all photographs PNG files with these chunks; samples(bytes of the picture) are stored."""
+        """Stores all photographs as PNG files with these chunks. samples(pixels) returns the stored samples."""
         for i in range(VIEWS):
             write(f"{self.set}/images/{i:03d}.png", png(WIDTH, HEIGHT, samples(self.pixels[i]), chunks=chunks))
 
@@ -319,10 +326,10 @@ class Photographs(fixtures.Case):
     def test_colours_of_png(self):
         gamma = lambda g: (b"gAMA", struct.pack(">I", round(100000 * g)))
         grey = [b"cHRM", struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)]
-        self.store_png(bytes, gamma(0.45455), grey)  # colour profiles other than sRGB that programs write
+        self.store_png(bytes, gamma(0.45455), grey)  # other programs describe sRGB by these chunks
         self.assertEqual(self.train()["warnings"], [])
         self.assertNotIn("sRGB", self.said)
-        self.store_png(lambda p: bytes(p), (b"cICP", bytes([1, 13, 0, 1])), gamma(1))  # cICP counts more
+        self.store_png(lambda p: bytes(p), (b"cICP", bytes([1, 13, 0, 1])), gamma(1))  # cICP takes precedence over gAMA
         self.train()
         self.assertNotIn("sRGB", self.said)
         self.eval()
@@ -338,8 +345,8 @@ class Photographs(fixtures.Case):
             self.said,
         )
         self.eval()
-        self.photo_near(7)  # 8 bits of light are coarse in the dark
-        self.store_png(linear, gamma(1), (b"sRGB", b"\0"))  # sRGB counts more than gAMA
+        self.photo_near(7)  # 8 bits of linear light are coarse in the dark
+        self.store_png(linear, gamma(1), (b"sRGB", b"\0"))  # sRGB takes precedence over gAMA
         self.train()
         self.assertNotIn("not sRGB", self.said)
         self.store_png(bytes, (b"cICP", bytes([9, 16, 0, 1])))
@@ -350,7 +357,7 @@ class Photographs(fixtures.Case):
         )
 
     def test_tiff_multiplied_by_alpha(self):
-        """Both kinds have the same colours behind alpha."""
+        """The colours are the same whether the file's colours are multiplied by alpha or not."""
         content = self.change()
         for extra in (1, 2):
             for i, frame in enumerate(content["frames"]):
@@ -380,13 +387,13 @@ class Photographs(fixtures.Case):
     # ---- EXR ----
 
     def light(self, i):
-        """Linear light of picture i: rows of channels B, G, R."""
+        """Returns picture i in linear light, as rows of the channels B, G, R."""
         light = [v / 255 for v in self.pixels[i]]
         light = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in light]
         return [[light[3 * WIDTH * y + c : 3 * WIDTH * (y + 1) : 3] for c in (2, 1, 0)] for y in range(HEIGHT)]
 
     def store_exr(self, make):
-        """Makes all photographs EXR files; make(i, rows) is the bytes of one."""
+        """Stores all photographs as EXR files. make(i, rows) returns the bytes of one file."""
         content = self.change()
         for i, frame in enumerate(content["frames"]):
             frame["file_path"] = f"images/{i:03d}.exr"
@@ -404,7 +411,7 @@ class Photographs(fixtures.Case):
 
     def test_linear_light(self):
         def make(i, rows):
-            if i == 0:  # alpha of one half, by which the colours are multiplied
+            if i == 0:  # alpha is 0.5, and the colours are multiplied by it
                 rows = [[[v / 2 for v in c] for c in row] + [[0.5] * WIDTH] for row in rows]
             return exr(WIDTH, HEIGHT, rows)
 
@@ -418,7 +425,7 @@ class Photographs(fixtures.Case):
         def make(i, rows):
             rows = [
                 [c[:1] * 3 + c + c[-1:] for c in row] for row in rows
-            ]  # three columns more at the left, one at the right
+            ]  # adds three columns at the left, one at the right
             return exr(
                 WIDTH + 4,
                 HEIGHT + 5,
@@ -499,30 +506,30 @@ class Photographs(fixtures.Case):
     # ---- Orientation ----
 
     def store(self, orientation):
-        """Stores every picture turned, with the orientation that turns it back."""
+        """Stores every picture turned, with the EXIF orientation that turns it back."""
         for i in range(VIEWS):
             p = [self.pixels[i][3 * at : 3 * at + 3] for at in range(WIDTH * HEIGHT)]
             at = lambda x, y: p[y * WIDTH + x]
-            if orientation == 6:  # the first row is the right side, from top to bottom
+            if orientation == 6:  # the first row is the picture's right side, from top to bottom
                 rows = [[at(WIDTH - 1 - v, u) for u in range(HEIGHT)] for v in range(WIDTH)]
-            elif orientation == 8:  # the first row is the left side, from bottom to top
+            elif orientation == 8:  # the first row is the picture's left side, from bottom to top
                 rows = [[at(v, HEIGHT - 1 - u) for u in range(HEIGHT)] for v in range(WIDTH)]
             else:
                 rows = [[at(WIDTH - 1 - u, HEIGHT - 1 - v) for u in range(WIDTH)] for v in range(HEIGHT)]
             data = b"".join(b"".join(row) for row in rows)
             write(f"{self.set}/images/{i:03d}.png", png(len(rows[0]), len(rows), data, orientation=orientation))
 
-    def test_orientation_that_the_size_tells(self):
+    def test_orientation_shown_by_the_size(self):
         for orientation in (6, 8):
             self.store(orientation)
             self.assertEqual(self.train()["warnings"], [])
             self.eval()
             self.assertEqual(self.photo(), (WIDTH, HEIGHT, self.pixels[0]))
 
-    def test_orientation_that_nothing_tells(self):
+    def test_orientation_not_shown_by_the_size(self):
         self.store(3)
         self.one_warning(self.train(), "9 of 9 photographs have an EXIF orientation", "000.png (orientation 3)")
-        # A picture whose size tells that orientations count tells it of all.
+        # One picture whose size shows that orientations count decides for all pictures.
         self.store(6)
         upside_down = self.path("upside")
         shutil.copytree(self.set, upside_down)
@@ -544,7 +551,8 @@ class Photographs(fixtures.Case):
         return self.eval()["train"]["psnr"]
 
     def test_masks_mean_the_same_in_every_file(self):
-        """Next to the images, under both names; bytes, soft edges, 0 and 1, 16 bits, alpha, half the size."""
+        """The same masks are stored under both kinds of names. They have soft edges, values of 0 and 1, 16 bits, alpha,
+        or half the size."""
         whole = self.masked_psnr()
         grey = self.left_half()
         self.masks(lambda i: png(WIDTH, HEIGHT, grey, 1))
@@ -624,7 +632,8 @@ class Photographs(fixtures.Case):
     # ---- Extent and view ----
 
     def point_set(self, jitter, move=0.0):
-        """Cameras that turn in one place, but for a jitter, and points on a cylinder of 4 m around them."""
+        """Writes cameras that turn in one place, apart from a jitter. The points lie on a cylinder around them with a
+        radius of 4 m."""
         frames, spread = [], [((i * 37) % 9 - 4) / 4 for i in range(VIEWS)]
         for i in range(VIEWS):
             pose = fixtures.ring_pose(2 * math.pi * i / VIEWS, height=0.0)
@@ -648,7 +657,7 @@ class Photographs(fixtures.Case):
         self.change(frames=frames, ply_file_path="points.ply", fl_x=26, fl_y=26)
 
     def test_tripod(self):
-        """The extent is that of the visible scene, not the jitter of the tripod."""
+        """The visible scene decides the extent, not the jitter of the tripod."""
         scores = []
         for jitter in (0, 1e-3):
             self.point_set(jitter)
@@ -658,7 +667,7 @@ class Photographs(fixtures.Case):
         self.assertGreater(scores[1], scores[0] - 1)
 
     def test_a_camera_far_off(self):
-        """A picture whose registration failed is named, and the scene keeps its size and its middle."""
+        """A picture whose registration failed is named. The scene keeps its size and its centre."""
         scores = []
         for away in (0, 500, 1e7):
             self.set = self.path(f"away{away:g}")
@@ -684,12 +693,12 @@ class Photographs(fixtures.Case):
         for frame in frames[:2]:
             frame["transform_matrix"][0][3] += 500
         self.change(frames=frames)
-        self.assertEqual(self.info()["warnings"], [])  # a capture of two parts
+        self.assertEqual(self.info()["warnings"], [])  # the capture has two parts
 
     def test_nothing_in_view(self):
         self.point_set(0, move=-1e6)
         content = self.change()
-        self.change(frames=[content["frames"][4]])  # looks the other way
+        self.change(frames=[content["frames"][4]])  # this camera looks the other way
         beside, unseen = self.info()["warnings"]
         self.assertIn("8 of 9 pictures in the folders of the ones used are not in it", beside)
         self.assertIn("none of the 600 points looked at is in view of any camera", unseen)
@@ -703,7 +712,8 @@ class Photographs(fixtures.Case):
     # ---- Exposure ----
 
     def exposed(self, change):
-        """Trains on photographs times 1 + change and 1 - change by turns; returns PSNR of training and what was said of exposures."""
+        """Trains on photographs that are alternately brighter and darker by `change`. Returns the PSNR with and without
+        fitted exposures, and the message about exposures."""
         for i in range(VIEWS):
             factor = 1 + change if i % 2 else 1 - change
             pixels = bytes(min(255, round(v * factor)) for v in self.pixels[i])
@@ -729,7 +739,8 @@ class Photographs(fixtures.Case):
         self.assertLess(abs(fitted - without), 1)
 
     def test_held_out_exposures(self):
-        """That of a held-out photograph is the mean of its neighbours', also where it has one alone."""
+        """A held-out photograph gets the mean exposure of its neighbours. If it has only one neighbour, it gets that
+        exposure."""
         for i in range(VIEWS):
             write(
                 f"{self.set}/images/{i:03d}.png",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes: two of them at one folder, the signals that ask one to end, and what it does when a file grows too large."""
+"""Tests two processes at one folder, the signals that ask a process to end, and files that grow too large."""
 
 import os
 import pty
@@ -19,7 +19,7 @@ LOCK = ".pags.lock"
 
 
 def catches(pid, number):
-    """Whether the process has installed its handler of the signal. Linux."""
+    """Tells whether the process has installed its handler of the signal (Linux only)."""
     try:
         caught = [line for line in read(f"/proc/{pid}/status").splitlines() if line.startswith(b"SigCgt:")]
     except FileNotFoundError:
@@ -78,7 +78,8 @@ class Locks(Processes):
         self.fails([*arguments, "-q"], "another process is writing", f"process {holder.pid} on ", ", since 2")
 
     def test_two_at_one_folder(self):
-        """Whatever writes to the folder of a training is refused and changes nothing; readers continue; a killed training locks nothing."""
+        """A command that writes to the folder of a running training is refused and changes nothing. A command that
+        reads works. The lock of a killed training has no effect."""
         out, splats = self.path("scene"), self.write("a.ply", ply_bytes(some_splats()))
         raw = make_tree(self.path("raw"), 3)
         running = self.start_training(out)
@@ -87,7 +88,7 @@ class Locks(Processes):
             self.assertLess(time.monotonic(), deadline)
             time.sleep(0.02)
         copy, link = self.path("copy"), self.path("link")
-        shutil.copytree(out, copy)  # with the lock
+        shutil.copytree(out, copy)  # copies the lock, too
         os.symlink("scene", link)
         for words in (
             ["train", self.data, "-o", link + "/", "-n", 20, "--overwrite", *SMALL],
@@ -114,7 +115,7 @@ class Locks(Processes):
         self.succeeds("eval", out, "--images", self.path("images"))
         self.assertFalse([name for name in files_below(self.folder) if name.endswith(LOCK)])
 
-    def test_many_begin_at_once(self):
+    def test_four_trainings_started_at_once(self):
         out = self.path("scene")
         together = [self.start_training(out, wait=False) for _ in range(4)]
         deadline = time.monotonic() + 60
@@ -133,16 +134,16 @@ class Locks(Processes):
         out = self.path("a.gltf")
         both = [self.start("export", scene, out, "--splats", *more) for more in ([], ["--sh-degree", "0"])]
         codes = [(running.communicate(timeout=60), running.returncode)[1] for running in both]
-        self.assertIn(sorted(codes), [[0, 0], [0, 1]])  # the first may have ended before the second begins
+        self.assertIn(sorted(codes), [[0, 0], [0, 1]])  # the first export may end before the second begins
         self.succeeds("info", out)
         self.assertEqual(sorted(name for name in files_below(self.folder) if name != "scene.ply"), ["a.bin", "a.gltf"])
 
-    def test_folders_above_are_removed_again(self):
+    def test_created_parent_folders_are_removed(self):
         self.fails(["merge", self.data, "-o", self.path("new", "folder"), "-q"], "split.json")
         self.assertEqual(os.listdir(self.folder), [])
 
     def test_lock_of_another_user(self):
-        """A colleague's killed process has left its lock, which this user may not write to."""
+        """A killed process of another user has left its lock, which this user may not write to."""
         if os.getuid():
             self.skipTest("needs another user, which root can be")
         out = self.path("scene")
@@ -161,7 +162,7 @@ class Locks(Processes):
 
 class Signals(Processes):
     @unittest.skipUnless(hasattr(signal, "SIGXCPU"), "Windows has no such signals")
-    def test_what_asks_to_end(self):
+    def test_signals_that_end_a_training(self):
         for number in (signal.SIGHUP, signal.SIGUSR2, signal.SIGXCPU):
             with self.subTest(number.name):
                 out = self.path(number.name)
@@ -171,7 +172,7 @@ class Signals(Processes):
                 self.assertLessEqual({"checkpoint.pags", "scene.json"}, set(os.listdir(out)))
                 self.assertNotIn(LOCK, os.listdir(out))
 
-    def test_of_an_import(self):
+    def test_signal_during_an_import(self):
         raw, whole = make_tree(self.path("raw"), 60), self.path("whole")
         running = self.start("import", "kitti", raw, "-o", whole, "-q")
         self.wait_for_handler(running)
@@ -180,8 +181,8 @@ class Signals(Processes):
         self.assertIn(running.returncode, (0, 3))
         self.succeeds("import", "kitti", raw, "-o", whole)
 
-    def test_of_an_export(self):
-        """An interrupted export leaves nothing behind, whatever the format."""
+    def test_signal_during_an_export(self):
+        """An interrupted export leaves nothing behind, in any format."""
         scene = self.write("scene.ply", ply_bytes(some_splats() * 5000))
         for name in ("a.ply", "a.spz", "a.pagsz", "a.gltf"):
             running = self.start("export", scene, self.path(name), *(["--splats"] if name == "a.gltf" else []), "-q")
@@ -199,16 +200,17 @@ class Signals(Processes):
         running.send_signal(signal.SIGTERM)
         self.ends(running, 3)
 
-    def test_one_press_that_comes_twice(self):
-        """The terminal and mpirun, say, both send SIGINT: within 0.3 s they count as one."""
+    def test_interrupt_delivered_twice(self):
+        """A terminal and mpirun may both send SIGINT for one key press. Two signals within 0.3 s count as one."""
         running = self.start_training(self.path("scene"), "-q")
         running.send_signal(signal.SIGINT)
         time.sleep(0.02)
         running.send_signal(signal.SIGINT)
         self.ends(running, 3, "the state is saved")
 
-    def test_two_presses(self):
-        """A second one, later, ends it at once: saved or not, the next command succeeds."""
+    def test_two_interrupts(self):
+        """A later second interrupt ends the training at once. Whether the state was saved or not, the next command
+        succeeds."""
         out = self.path("scene")
         running = self.start_training(out, "-q")
         running.send_signal(signal.SIGINT)
@@ -219,7 +221,8 @@ class Signals(Processes):
         self.succeeds("train", self.data, "-o", out, "-n", 5, "-q", "--overwrite", *SMALL)
 
     def in_a_terminal(self, out):
-        """Starts a training in a terminal of its own; returns its process id and the terminal's other end once it has begun."""
+        """Starts a training in a new terminal. When the training has begun, returns its process id and the terminal's
+        other end."""
         pid, terminal = pty.fork()
         if pid == 0:
             signal.pthread_sigmask(signal.SIG_SETMASK, [])
@@ -256,7 +259,7 @@ class Signals(Processes):
             return b""
 
     def test_ctrl_c_in_a_terminal(self):
-        """Typed twice by an impatient or trembling hand."""
+        """Ctrl-C is typed twice within 0.05 s and counts as one."""
         pid, terminal = self.in_a_terminal(self.path("scene"))
         os.write(terminal, b"\x03")
         time.sleep(0.05)
@@ -270,15 +273,16 @@ class Signals(Processes):
         self.assertIn(b"the state is saved", said + self.read_terminal(terminal))
 
     def test_the_terminal_is_closed(self):
-        """SIGHUP, and nothing can be printed any more: the state is saved all the same."""
+        """SIGHUP arrives, and nothing can be printed any more. The state is saved."""
         out = self.path("scene")
         pid, terminal = self.in_a_terminal(out)
-        os.dup2(os.open(os.devnull, os.O_RDWR), terminal)  # closes it
+        os.dup2(os.open(os.devnull, os.O_RDWR), terminal)  # closes the terminal
         self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), 3)
         self.assertLessEqual({"checkpoint.pags", "scene.json"}, set(os.listdir(out)))
 
     def test_limit_on_files(self):
-        """ulimit -f, as a user sets it: the write fails and names the file; nothing is set up for the program but the limit."""
+        """A limit on file sizes (ulimit -f) makes the write fail with the file's name. The program sees only the
+        limit."""
 
         def limit():
             signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
@@ -311,7 +315,7 @@ class Signals(Processes):
             self.fails(street, self.path("street"), "File too large", preexec_fn=limit)
 
     def test_other_programs_get_their_signals_back(self):
-        """pags import becomes Python: what pags ignores for itself isn't ignored there."""
+        """pags import runs Python. Signals that pags ignores aren't ignored in Python."""
         os.makedirs(self.path("bin"))
         write(self.path("bin", "python3"), b"#!/bin/sh\ngrep SigIgn /proc/self/status\n")
         os.chmod(self.path("bin", "python3"), 0o755)
@@ -328,7 +332,8 @@ class Signals(Processes):
 
 
 class Surroundings(Processes):
-    """Settings of a user's machine that the other tests don't have: rights of new files, a locale, the user's and the temporary folder."""
+    """Tests settings of a user's machine that other tests lack: rights of new files, locale, home folder and temporary
+    folder."""
 
     def test_rights_and_places(self):
         out, empty = self.path("scene"), self.path("empty")

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings with faults that nothing refuses: missing or impossible entries are reported with their numbers, and harm nothing."""
+"""Tests recordings whose faults aren't refused. Missing or impossible entries are reported with their numbers and do no
+harm."""
 
 import array
 import json
@@ -14,10 +15,10 @@ from test_recordings import FRAMES, Street
 
 
 class Frames(Street):
-    """Held-out time steps are counted, whatever the numbers of their frames are."""
+    """The time steps decide which frames are held out. The numbers of the frames don't matter."""
 
     def number(self, first, step):
-        """Gives the frames the numbers first, first + step, ..."""
+        """Gives the frames the numbers first, first + step and so on."""
         names = sorted(
             os.path.join(folder, name)
             for folder, _, files in os.walk(self.set)
@@ -54,14 +55,14 @@ class Frames(Street):
 
 class Sweeps(Street):
     def sweep(self, frame, change):
-        """Rewrites a sweep: change() gets and gives a list of its rows."""
+        """Rewrites a sweep. change() gets a list of its rows and returns the new list."""
         path = os.path.join(self.set, f"lidar/{frame:03d}.bin")
         values = array.array("f", read(path))
         rows = change([list(values[i : i + 4]) for i in range(0, len(values), 4)])
         write(path, array.array("f", [v for row in rows for v in row]).tobytes())
         return len(rows)
 
-    def test_rows_that_are_no_points(self):
+    def test_rows_that_are_not_points(self):
         beams = lambda value: lambda rows: [r for row in rows for r in (row, value)]
         count = [
             self.sweep(3, beams([0, 0, 0, 0])),
@@ -79,18 +80,18 @@ class Sweeps(Street):
         )
         clean = self.path("clean")
         shutil.copytree(self.street, clean)
-        for source, scene in ((clean, "a"), (self.set, "b")):  # rows that are no points change nothing of a training
+        for source, scene in ((clean, "a"), (self.set, "b")):  # such rows change nothing in a training
             self.succeeds("train", source, "-o", self.path(scene), "--iterations", "2")
         self.assertEqual(read(self.path("a/background.ply")), read(self.path("b/background.ply")))
 
     def test_sweeps_without_a_point(self):
-        for frame in (FRAMES // 2, FRAMES // 2 + 1):  # the form is looked at in that of the middle
+        for frame in (FRAMES // 2, FRAMES // 2 + 1):  # the middle sweep shows the form of all sweeps
             self.sweep(frame, lambda rows: [[0.0] * 4 for _ in rows])
         warnings = self.info()["warnings"]
         self.assertEqual(len(warnings), 2, warnings)
         self.assertIn(f"2 of {FRAMES} sweeps have no points, the first is 006.bin", warnings[1])
 
-    def test_most_beams_meet_nothing(self):
+    def test_sweeps_with_few_returns(self):
         for frame in range(FRAMES):
             self.sweep(frame, lambda rows: [r for row in rows for r in (row, [0] * 4, [0] * 4, [0] * 4)])
         self.warned("without a return")
@@ -98,7 +99,7 @@ class Sweeps(Street):
 
 class Boxes(Street):
     def test_files_without_objects(self):
-        """Moving objects are left out of the loss, as without the file."""
+        """Moving objects are left out of the loss, as in a set without the file."""
         listing = os.path.join(self.set, "instances/frame_instances.json")
         for instances, listed in (({}, {}), (self.instances, {str(t): [] for t in range(FRAMES)})):
             write(self.file, json.dumps(instances))
@@ -108,7 +109,7 @@ class Boxes(Street):
             self.assertTrue([n for n in said["notes"] if "left out of the loss" in n], said["notes"])
 
     def test_steps_without_a_box(self):
-        """As in a set without boxes, nothing models what moves there."""
+        """Nothing models moving objects at these time steps, as in a set without boxes."""
         for v in self.instances.values():
             at = v["frame_annotations"]
             for key in list(at):
@@ -151,8 +152,8 @@ class Boxes(Street):
         self.succeeds("train", self.set, "-o", self.path("scene"), "--iterations", "1", "--overwrite")
         return {o["id"]: o for o in json.loads(read(self.path("scene/scene.json")))["objects"]}
 
-    def test_id_that_goes_to_another_car(self):
-        """Each car is an object of its own, with its own labels."""
+    def test_id_given_to_another_car(self):
+        """Each car becomes a separate object with the right labels."""
         a, b = self.annotations("moving_car_027"), self.annotations("moving_car_030")
         for key in ("obj_to_world", "box_size", "frame_idx"):
             both = [[v for f, v in zip(at["frame_idx"], at[key]) if (f < 6) == (at is a)] for at in (a, b)]
@@ -172,7 +173,7 @@ class Boxes(Street):
                 self.assertLess(math.dist(knots[frame][3::4], [row[3] for row in true[frame][:3]]), 1e-9)
 
     def parked(self):
-        """A parked car that is labelled in all frames, and how many cars move."""
+        """Returns the labels of a parked car that is labelled in all frames, and the number of moving cars."""
         moving = self.info()["objects_moving"]["vehicle"]
         return next(
             v["frame_annotations"]
@@ -189,7 +190,7 @@ class Boxes(Street):
             [draw.gauss(0, 0.1) + (2.6 if i in (0, FRAMES - 2, FRAMES - 1) and k == 0 else 0) for k in range(2)]
             for i in range(FRAMES)
         ]
-        slow = [[0.9 * math.sin(i * 1.1 + k) for k in range(2)] for i in range(FRAMES)]  # to and fro
+        slow = [[0.9 * math.sin(i * 1.1 + k) for k in range(2)] for i in range(FRAMES)]  # the error swings to and fro
         for what, error in (("white", white), ("ends", ends), ("slow", slow)):
             with self.subTest(what):
                 for m, place, e in zip(at["obj_to_world"], places, error):
@@ -209,7 +210,7 @@ class Boxes(Street):
 
 
 class Drive(Case):
-    """A street with two cameras, wide enough to look at what its photographs show."""
+    """Tests a street with two cameras, wide enough to check the content of its photographs."""
 
     @classmethod
     def setUpClass(cls):
@@ -248,7 +249,7 @@ class Drive(Case):
         return os.path.join(self.set, f"images/{frame:03d}_{camera}.png")
 
     def matrices(self, change, *folders):
-        """Rewrites the poses of folders: change() gets and gives 4 rows."""
+        """Rewrites the poses in folders. change() gets 4 rows and returns 4 rows."""
         for folder in folders:
             for name in os.listdir(os.path.join(self.set, folder)):
                 path = os.path.join(self.set, folder, name)
@@ -263,7 +264,7 @@ class Drive(Case):
             at["obj_to_world"] = [change(m) for m in at["obj_to_world"]]
         write(file, json.dumps(instances))
 
-    def test_good_one(self):
+    def test_good_drive_gives_no_warning(self):
         self.warns()
 
     def test_camera_that_repeats_a_photograph(self):
@@ -279,7 +280,8 @@ class Drive(Case):
         )
 
     def test_black_photographs(self):
-        black = fixtures.png_bytes(160, 90, bytes(3 + i * 7 % 5 for i in range(3 * 160 * 90)))  # with noise
+        # A black picture with noise.
+        black = fixtures.png_bytes(160, 90, bytes(3 + i * 7 % 5 for i in range(3 * 160 * 90)))
         for frame in (3, 4, 10):
             write(self.photograph(frame, 0), black)
         self.warns("images: 3 of 24 photographs looked at show nothing", "the first is 003_0.png (mean ")
@@ -292,7 +294,7 @@ class Drive(Case):
             "12 of 24 photographs looked at are those of another camera; the first is 000_1.png", "\n".join(warnings)
         )
 
-    def test_camera_of_which_all_are_held_out(self):
+    def test_camera_with_held_out_photographs_only(self):
         for frame in range(FRAMES):
             if frame % 4:
                 os.remove(self.photograph(frame, 1))
@@ -305,7 +307,7 @@ class Drive(Case):
         )
 
     def test_mirrored(self):
-        """All of it in left-handed axes: only the photographs tell."""
+        """All data has left-handed axes. Only the photographs show this."""
         flip = lambda m: [[v if (i == 1) == (k == 1) else -v for k, v in enumerate(row)] for i, row in enumerate(m)]
         mount = lambda m: [[-m[0][0], *m[0][1:]], [m[1][0], *[-v for v in m[1][1:]]], [-m[2][0], *m[2][1:]], m[3]]
         self.matrices(flip, "ego_pose")
@@ -342,23 +344,23 @@ class Drive(Case):
         self.turned([list(row) for row in zip(east, north, up)], [6378137 * v for v in up])
         self.warns("ego_pose: positions are 63", "41 degrees off the world's z", "ECEF", "east, north, up")
 
-    def test_a_world_that_leans(self):
+    def test_world_that_leans(self):
         c, s = math.cos(0.5), math.sin(0.5)
         self.turned([[1, 0, 0], [0, c, -s], [0, s, c]], [0, 0, 0])
         self.warns("upward direction is 28 degrees off its z", "expected z up")
 
-    def test_a_hill_is_none(self):
+    def test_hill_gives_no_warning(self):
         c, s = math.cos(0.2), math.sin(0.2)
         self.turned(
             [[c, 0, -s], [0, 1, 0], [s, 0, c]], [5e5, 6.3e6, 300]
-        )  # in UTM, as far from zero as the earth's centre
+        )  # UTM coordinates, as far from zero as the earth's centre
         self.warns()
 
     def test_boxes_of_other_axes(self):
         self.boxes(lambda m: [[row[0], -row[2], row[1], row[3]] for row in m[:3]] + [m[3]])
         self.warns("boxes stand 9", " degrees off the cameras' upward direction")
 
-    def test_poses_that_are_repeated(self):
+    def test_repeated_poses(self):
         for frame in (4, 8):
             shutil.copy(
                 os.path.join(self.set, f"ego_pose/{frame - 1:03d}.txt"),

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings and labels as people bring them: boxes and poses with faults, odd forms of KITTI's and Waymo's files."""
+"""Tests recordings and labels as users have them: boxes and poses with faults, odd forms of KITTI's and Waymo's
+files."""
 
 import json
 import math
@@ -15,7 +16,7 @@ FRAMES = 12
 
 
 class Street(Case):
-    """A short synthetic street, to which a test does one thing."""
+    """Makes a short synthetic street. Each test changes one thing in a copy."""
 
     @classmethod
     def setUpClass(cls):
@@ -42,11 +43,11 @@ class Street(Case):
         write(self.file, json.dumps(self.instances))
 
     def info(self, *options):
-        """The JSON that info writes about the set."""
+        """Returns the JSON that info writes about the set."""
         return json.loads(self.succeeds("info", self.set, *options, "--json", "-").stdout)
 
     def warned(self, *parts):
-        """The one warning of info, which has all these parts; --strict makes it an error."""
+        """Asserts that info gives one warning with all these parts, and that --strict makes it an error."""
         warnings = self.info()["warnings"]
         self.assertEqual(len(warnings), 1, warnings)
         for part in parts:
@@ -55,7 +56,7 @@ class Street(Case):
 
 
 class Labels(Street):
-    def test_good_ones_give_no_warning(self):
+    def test_good_street_gives_no_warning(self):
         said = self.info()
         self.assertEqual(said["warnings"], [])
         self.assertEqual(said["objects_moving"]["all"] + said["objects_parked"]["all"], len(self.instances))
@@ -91,7 +92,7 @@ class Labels(Street):
         self.fails(["info", self.set], f"obj_to_world of Cyclist '{name}' in frame", "not a rotation")
 
     def knots(self):
-        """The labels of the car as training uses them, written to a scene by the shortest of trainings."""
+        """Returns the car's labels as training uses them. Reads them from the scene of a training of one step."""
         self.succeeds("train", self.set, "-o", self.path("scene"), "--iterations", "1", "--overwrite")
         objects = json.loads(read(self.path("scene/scene.json")))["objects"]
         car = next(o for o in objects if o["id"] == "moving_car_027")
@@ -105,7 +106,7 @@ class Labels(Street):
         self.save()
         return true
 
-    def test_box_aside(self):
+    def test_boxes_beside_the_car(self):
         for frames in [[5], [5, 6], [5, 6, 7], [0]]:
             self.instances = json.loads(read(os.path.join(self.street, "instances/instances_info.json")))
             true = self.aside(frames, 1, 3)
@@ -116,7 +117,7 @@ class Labels(Street):
                 far = math.dist(m[3::4], true[frame][3::4])
                 self.assertLess(far, 0.7 if frame in frames else 1e-9, frame)
 
-    def test_boxes_that_leap_for_long_are_warned_of(self):
+    def test_boxes_that_leap_often(self):
         self.aside([1, 3, 5, 7, 9], 1, 3)
         self.warned("the boxes of 1 of ", "leap", "Car 'moving_car_027' from frame 0 to 1, ", " m off in 0.10 s")
 
@@ -165,7 +166,7 @@ class Labels(Street):
         self.save()
         self.assertEqual([w for w in self.info()["warnings"] if "instances_info" in w], [])
 
-    def test_parked_car_with_a_box_aside_is_parked(self):
+    def test_parked_car_with_one_wrong_box_stays_parked(self):
         parked = self.info()["objects_parked"]["vehicle"]
         name = next(
             v["id"]
@@ -231,7 +232,7 @@ class Poses(Street):
         self.warned("4 of 11 steps", "from frame 005 to 006", "20.")
 
     def test_small_leaps(self):
-        """Poses that are else smooth needn't be off by much."""
+        """Among smooth poses, an error of 0.7 m is enough for a warning."""
 
         def off(rows):
             rows[1][3] += 0.7
@@ -258,7 +259,7 @@ class Poses(Street):
         self.fails(["info", self.set, "--allow-missing"], "ego_pose/005.txt:1: expected a number, found 'x'")
 
     def per_frame(self):
-        """Gives each photograph a pose of its own, as PandaSet has them."""
+        """Gives each photograph a separate pose, as in PandaSet."""
         file = os.path.join(self.set, "dataset.json")
         write(file, json.dumps({**json.loads(read(file)), "extrinsics": "per-frame"}))
         load = lambda name: [
@@ -273,7 +274,7 @@ class Poses(Street):
                 "".join(" ".join(map(repr, row)) + "\n" for row in rows),
             )
 
-    def test_of_photographs_and_sweeps(self):
+    def test_missing_poses_of_photographs_and_sweeps(self):
         self.per_frame()
         os.remove(os.path.join(self.set, "ego_pose/005.txt"))
         self.warned("1 of 12 sweeps have no pose and are left out; the first pose is ", "ego_pose/005.txt")
@@ -284,7 +285,7 @@ class Poses(Street):
 
 
 class Kitti(Case):
-    """A tree of KITTI's tracking benchmark, to which a test does one thing."""
+    """Makes a tree of KITTI's tracking benchmark. Each test changes one thing."""
 
     def setUp(self):
         super().setUp()
@@ -294,7 +295,7 @@ class Kitti(Case):
         self.labels = os.path.join(self.raw, "label_02/0000.txt")
 
     def imports(self, *parts, options=()):
-        """Imports the tree; exactly these warnings are given."""
+        """Imports the tree and asserts that the import gives exactly these warnings."""
         out = self.path("out")
         shutil.rmtree(out, ignore_errors=True)
         said = json.loads(self.succeeds("import", "kitti", self.raw, "-o", out, "--json", "-", *options).stdout)
@@ -305,7 +306,7 @@ class Kitti(Case):
         return json.loads(read(file)) if os.path.exists(file) else None
 
     def rewrite(self, change):
-        """Replaces each label, a list of words, by what `change` makes of it."""
+        """Replaces each label (a list of words) by the result of `change`."""
         rows = [line.split() for line in read(self.labels).decode().splitlines()]
         write(self.labels, "".join(" ".join(row) + "\n" for row in map(change, rows) if row))
 
@@ -338,7 +339,7 @@ class Kitti(Case):
     def test_jpeg(self):
         jpeg = bytes.fromhex(
             "ffd8ffc0000b080018004001011100ffda0008010100003f00ffd9"
-        )  # only the header is read: 64 x 24 pixels
+        )  # only the header is read; its size is 64 x 24 pixels
         folder = os.path.join(self.raw, "image_02/0000")
         for name in os.listdir(folder):
             write(os.path.join(folder, name[:-4] + ".jpg"), jpeg)
@@ -394,7 +395,7 @@ class Kitti(Case):
         self.assertEqual(self.frames_of(found), {"0": ("Car", [0, 1, 2, 3, 4, 5])})
         self.rewrite(
             lambda row: row[:13] + ["300"] + row[14:] if row[2] == "Van" else row
-        )  # two things, far from each other
+        )  # the two objects are far from each other
         self.assertEqual(len(self.imports("track numbers belong to things of several classes")), 2)
 
     def test_leap_of_oxts(self):
@@ -446,7 +447,8 @@ def varint(value):
 
 
 def field(number, value):
-    """A field of a protobuf message: an int, a float as double, or the bytes of a text or message."""
+    """Returns a field of a protobuf message. The value is an int, a float (stored as double), or the bytes of a text or
+    message."""
     if isinstance(value, float):
         return varint(number << 3 | 1) + struct.pack("<d", value)
     if isinstance(value, int):
@@ -461,10 +463,11 @@ def transform(number, x=0.0, y=0.0):
 
 
 class Waymo(Case):
-    """Segments of one camera and of boxes that the tests make."""
+    """Imports segments with one camera and boxes, which the tests make."""
 
     def segment(self, labels, offsets=(0,) * 6):
-        """labels[t]: (id, type, x) of each box of frame t. The car drives at 10 m/s, `offsets` to the side of its line."""
+        """Writes a segment. labels[t] lists (id, type, x) of each box of frame t. The recording car drives at 10 m/s;
+        `offsets` move it sideways."""
         lens = b"".join(field(2, v) for v in [40.0, 40.0, 32.0, 12.0] + [0.0] * 5)
         camera = field(1, 1) + lens + transform(3) + field(4, 64) + field(5, 24) + field(6, 2)
         jpeg = bytes.fromhex("ffd8ffc0000b080018004001011100ffda0008010100003f00ffd9")
@@ -516,7 +519,7 @@ class Waymo(Case):
 
 
 class Foreign(Case):
-    def test_named_with_what_would_do(self):
+    def test_other_layouts_are_named_with_the_remedy(self):
         self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
         self.write("v2/vehicle_pose/1.parquet", b"PAR1" + bytes(60))
         for component in ("camera_image", "camera_calibration", "vehicle_pose"):
@@ -551,8 +554,8 @@ class Foreign(Case):
             self.fails(["info", self.path(name)], self.path(name), *words)
             self.fails(["train", self.path(name), "-o", self.path("scene")], self.path(name), *words)
 
-    def test_a_kind_of_another_layout(self):
-        """--kind on what isn't in drivestudio's layout reports what was found and expected."""
+    def test_kind_with_another_layout(self):
+        """--kind with data that isn't in drivestudio's layout reports what was found and expected."""
         out = ["-o", self.path("scene"), "--kind"]
         self.write("av2/city_SE3_egovehicle.feather", b"ARROW1\0\0")
         self.fails(
@@ -564,7 +567,7 @@ class Foreign(Case):
         self.write("static/images/0_0.png", "")
         self.fails(["info", self.path("static"), "--kind", "waymo"], *words, "neither extrinsics nor ego_pose")
 
-    def test_importers_say_so_too(self):
+    def test_importers_name_other_formats(self):
         if run("import", "--help").returncode:
             self.skipTest("this build has no pags import")
         out = self.path("out")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags render and pags info on small synthetic splat files."""
+"""Tests pags render and pags info on small synthetic splat files."""
 
 import json
 import math
@@ -21,7 +21,8 @@ class Render(Case):
         return struct.unpack(f">{channels}{'H' if bits == 16 else 'B'}", rows[at : at + channels * bits // 8])
 
     def test_colour_of_one_splat(self):
-        # One almost opaque Gaussian in front of the camera: alpha 0.99 at its centre, blended over the background.
+        # One almost opaque Gaussian is in front of the camera. Its alpha is 0.99 at the centre, blended over the
+        # background.
         scene = self.write("one.ply", ply_bytes([splat(0, 0, 4, (0.8, 0.4, 0.2), sigma=0.5, opacity=12.0)]))
         self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--bits", 16)
         red, green, blue = [v / 65535 for v in self.pixel(self.path("out", "00000.png"), 32, 24)]
@@ -63,7 +64,8 @@ class Render(Case):
             )
 
     def test_shutter_along_a_path(self):
-        # A path without shutters gets the scene's read-out, and velocities from the times and places of its frames.
+        # A path without shutters gets the scene's read-out time. The times and places of its frames give the
+        # velocities.
         folder = scenes.make_scene(self.path("scene"))
         with open(self.path("scene", "scene.json")) as file:
             scene = json.load(file)
@@ -82,7 +84,7 @@ class Render(Case):
         self.assertEqual(drawn["given", "global"], drawn["found", "global"])
         for rolling, still in zip(drawn["given", "rolling"], drawn["given", "global"]):
             self.assertNotEqual(rolling, still)
-        # The velocities agree to rounding, and so do the pictures.
+        # The velocities agree up to rounding, and so do the pictures.
         self.succeeds(
             "render", folder, "--path", self.path("found.json"), "-o", self.path("again"), "--shutter", "rolling"
         )
@@ -112,7 +114,7 @@ class Render(Case):
         self.assertEqual((told["budget"]["met"], told["budget"]["steps"][0]["frames"]), (6, 6))
         self.assertEqual(told["budget"]["error"]["psnr"], 100)
         self.assertTrue(all(frame["met"] and frame["step"] == 0 for frame in told["frames"]))
-        self.succeeds(*common, 0.1)  # hardly any time: the reductions and their error are reported
+        self.succeeds(*common, 0.1)  # the time budget is too short: the reductions and their error are reported
         told = json.loads(read(self.path("r.json")))["budget"]
         self.assertEqual(sum(step["frames"] for step in told["steps"]), 6)
         self.assertLess(told["met"], 7)
@@ -221,7 +223,7 @@ class Info(Case):
         self.assertEqual(self.succeeds("info", scene, "--quiet").stdout, "")
 
     def test_orbit_shows_few_large_gaussians_whole(self):
-        """Four blobs at equal distances, whose sigmas are a tenth of that distance."""
+        """Draws four blobs at equal distances. Their sigmas are a tenth of the distance."""
         rows = [splat(x, 0, z, (1, 1, 1)) for x, z in [(0, 0), (1, 0), (0, 1), (1, 1)]]
         self.succeeds(
             "render", self.write("few.ply", ply_bytes(rows)), "-o", self.path("few"), "-n", 4, "--downscale", 8

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags report and the report.html of pags train: a page that is well-formed, needs nothing from elsewhere, and has the figures of pags eval."""
+"""Tests pags report and the report.html of pags train. The page is well-formed, needs no other file, and has the
+figures of pags eval."""
 
 import base64
 import html.parser
@@ -17,19 +18,19 @@ from fixtures import SMALL, DataCase, files_below, make_dataset, png_bytes, read
 
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 SHAPES = {"path", "circle", "text", "title"}
-# dB: JPEG files of quality 82 with chroma at half the resolution are this near to what they were made of, or nearer, of the small and colourful
-# pictures here (31 to 40 dB); a picture of another view is below 20.
+# The least PSNR in dB between a page's JPEG file and its source. With quality 82 and halved chroma, the small colourful
+# pictures here reach 31 to 40 dB. A picture of another view is below 20 dB.
 JPEG = 27
 
 
 class Page(html.parser.HTMLParser):
-    """Reads a page and fails where it isn't well-formed or refers to anything outside of it."""
+    """Reads a page. Fails if the page isn't well-formed or refers to anything outside."""
 
     def __init__(self, path):
         super().__init__(convert_charrefs=True)
         self.stack, self.rows, self.images, self.headings, self.codes = [], [], [], [], []
         self.text = ""
-        self.source = read(path).decode("utf-8")  # strict: fails where it isn't UTF-8
+        self.source = read(path).decode("utf-8")  # strict decoding fails on bytes that aren't UTF-8
         assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f]", self.source), "control characters"
         self.feed(self.source)
         self.close()
@@ -110,7 +111,7 @@ class Report(DataCase):
         done = self.succeeds("report", *arguments, "-o", out, "--json", "-", **more)
         return Page(out), json.loads(done.stdout), done.stderr
 
-    def test_training_leaves_one(self):
+    def test_training_writes_a_report(self):
         page = Page(os.path.join(self.scene, "report.html"))
         self.assertEqual(page.headings[:2], ["scene", "Figures"])
         self.assertIn(f"pags train {self.data} -o {self.scene} -n 60 --split-every 3", page.text)
@@ -149,7 +150,7 @@ class Report(DataCase):
         self.assertEqual(page.source.count('class="line a"'), 3)  # loss, PSNR, Gaussians
         self.assertEqual(page.source.count('class="dot a"'), 3)
 
-    def test_nothing_else_is_touched(self):
+    def test_report_changes_no_other_file(self):
         before = {name: read(os.path.join(self.other, name)) for name in files_below(self.other)}
         self.succeeds("report", self.other)
         after = {name: read(os.path.join(self.other, name)) for name in files_below(self.other)}
@@ -182,7 +183,7 @@ class Report(DataCase):
             if alt != "error":
                 self.assertGreater(psnr(decoded, photo if alt == "photograph" else render), JPEG, (name, alt))
                 continue
-            # The map is the brighter the larger the error; chroma at half the resolution blurs it somewhat.
+            # The map is brighter where the error is larger. Halved chroma blurs the map somewhat.
             error = [
                 min(1, 4 / 3 / 255 * sum(abs(photo[i + c] - render[i + c]) for c in range(3)))
                 for i in range(0, len(photo), 3)
@@ -208,7 +209,7 @@ class Report(DataCase):
         page, _, _ = self.report(self.scene, "--views", 2)
         self.assertEqual(
             [view[0] for view in page.views()], [self.scores["per_view"][i]["name"] for i in (0, 2)]
-        )  # evenly spread
+        )  # the shown views are evenly spread
         page, _, _ = self.report(self.scene, "--views", 0)
         self.assertEqual((len(page.images), page.row("whole picture")[1]), (0, f"{self.scores['psnr']:.2f}"))
 
@@ -233,10 +234,10 @@ class Report(DataCase):
         self.assertTrue(all(a != b for _, a, b in differing), differing)
         self.assertEqual(
             (page.source.count('class="line a"'), page.source.count('class="line b"')), (4, 5)
-        )  # with the key, and the outline of B's histogram
+        )  # the key and the outline of B's histogram count, too
 
-    def test_two_of_one_name(self):
-        """Scenes of the same name are distinguished by their paths; only one of them may know the photographs."""
+    def test_two_scenes_of_one_name(self):
+        """Paths tell scenes of the same name apart. The report works if only one of them knows the photographs."""
         shutil.copytree(self.other, self.path("b", "scene"))
         page, _, _ = self.report(self.scene, self.path("b", "scene"))
         self.assertEqual(page.headings[0], f"{self.scene} compared with {self.path('b', 'scene')}")
@@ -260,7 +261,7 @@ class Report(DataCase):
         self.assertIn("No view is in both.", page.text)
         self.assertIsNotNone(page.row("PSNR, held-out views"))
 
-    def test_photographs_that_are_gone(self):
+    def test_missing_photographs(self):
         scene, data = self.path("scene"), self.path("gone")
         shutil.copytree(self.scene, scene)
         described = json.loads(read(os.path.join(scene, "scene.json")))
@@ -281,7 +282,7 @@ class Report(DataCase):
         page, said, _ = self.report(scene, "--dataset", self.data)
         self.assertEqual(said["scenes"][0]["psnr"], self.scores["psnr"])
 
-    def test_a_photograph_that_cannot_be_read(self):
+    def test_unreadable_photograph(self):
         data = self.path("data")
         shutil.copytree(self.data, data)
         self.write("data/images/000.png", read(os.path.join(data, "images", "000.png"))[:200])
@@ -291,8 +292,8 @@ class Report(DataCase):
         self.assertIn("Means over 2 of 3 held-out views", page.text)
         self.assertEqual([alt for alt, _ in page.jpegs()].count("rendered"), 3)
 
-    def test_a_scene_that_says_little(self):
-        """Old scenes have no log, no report, no configuration; a splat file not even views."""
+    def test_scenes_with_little_data(self):
+        """Old scenes have no log, no report and no configuration. A splat file doesn't even have views."""
         scene = self.path("old")
         shutil.copytree(self.scene, scene)
         described = json.loads(read(os.path.join(scene, "scene.json")))
@@ -316,7 +317,7 @@ class Report(DataCase):
         self.assertEqual((said["scenes"][0]["views"], said["scenes"][0]["psnr"]), (scores["views"], scores["psnr"]))
         self.assertEqual(len(page.images), 3 * scores["views"])
 
-    def test_a_damaged_log(self):
+    def test_damaged_log(self):
         scene = self.path("scene")
         shutil.copytree(self.scene, scene)
         with open(os.path.join(scene, "log.jsonl"), "ab") as file:
@@ -328,11 +329,11 @@ class Report(DataCase):
         self.assertEqual(page.source.count('class="line a"'), 3)
 
     def test_hostile_names(self):
-        """Names with markup, quotes, control characters and bytes that aren't UTF-8 come out as text."""
+        """Names with markup, quotes, control characters and bytes that aren't UTF-8 appear as text."""
         evil = "<script>alert(\"1\")</script>&amp;<img src=http://x onerror='y'>"
         data = self.path('d&"<b>')
         shutil.copytree(self.data, data)
-        photo = "000&b<i>\"'.png"  # held out, as 000.png is
+        photo = "000&b<i>\"'.png"  # this photograph is held out, as 000.png was
         os.rename(os.path.join(data, "images", "000.png"), os.path.join(data, "images", photo))
         transforms = json.loads(read(os.path.join(data, "transforms.json")))
         transforms["frames"][0]["file_path"] = f"images/{photo}"
@@ -385,7 +386,7 @@ class Report(DataCase):
         thing = next(row for row in page.rows if row[0] == evil and len(row) == 8)
         self.assertEqual(thing[1:5], ["\ufffd\u202e</td>" + evil, "0", "yes", "'>" + evil])
         self.assertIn(["caf\u00e9 s", "\u00e9"], page.rows)
-        self.assertIn([evil, evil], page.rows)  # of what was modelled, and of the settings
+        self.assertIn([evil, evil], page.rows)  # one row in the modelled properties, one in the settings
         self.assertEqual(page.row("trained by version")[1], evil)
         self.assertEqual(page.row("kernels")[1], r"\xFF\xC0\xAF</pre>" + "\ufffd[31m")
         self.assertIn(["", "&lt;"], page.rows)
@@ -393,7 +394,8 @@ class Report(DataCase):
         self.assertNotIn("<script", page.source)
 
     def test_time_is_bounded(self):
-        """The views of a training's report are those that fit into a second; the rest is named and can be had."""
+        """A training's report shows the views that can be measured within one second. It names the others, which pags
+        report can show."""
         row, views = png_bytes(2000, 1500, b"\x40\x80\xc0" * 3000000), 120
         make_dataset(self.path("big"), views=views, width=4, height=3)
         for i in range(views):
@@ -412,13 +414,15 @@ class Report(DataCase):
         self.interrupt(self.path("s"))
         shown = [int(view[0][:3]) // 2 for view in page.views()]
         self.assertIn(0, shown)
-        # Evenly spread, as the first numbers of a van der Corput sequence: of 2^k and more of 64 places none is farther than 64 / 2^k from the next.
+        # The views are evenly spread, like the first numbers of a van der Corput sequence. With at least 2^k of 64
+        # places, neighbours are at most 64 / 2^k apart.
         self.assertLessEqual(
             max(b - a for a, b in zip(shown, [*shown[1:], 60])), 64 // 2 ** (len(shown).bit_length() - 1), shown
         )
 
     def stopped(self, arguments, ready, number):
-        """Starts the program, sends it the signal once `ready` of its id holds, and returns its exit code and stderr."""
+        """Starts the program and sends it the signal when ready(process id) is true. Returns its exit code and
+        stderr."""
         run = subprocess.Popen(fixtures.program(arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
             deadline = time.monotonic() + 60
@@ -432,7 +436,7 @@ class Report(DataCase):
         return run.returncode, errors
 
     def interrupt(self, scene):
-        """Ctrl-C while `scene`, which takes a while, is measured: no page, and what was there stays."""
+        """Presses Ctrl-C while the report measures `scene`. No page is written, and the old page stays."""
         page = self.write("before.html", "what was there before")
 
         def catches(pid):
@@ -448,7 +452,7 @@ class Report(DataCase):
         arguments = ["train", self.data, "-o", out, "-n", 1000000, "--log-every", 1, *SMALL, *more]
         return self.stopped(arguments, lambda _: os.path.exists(log) and os.path.getsize(log) > 2000, number)
 
-    def test_a_run_that_was_stopped(self):
+    def test_report_of_a_stopped_run(self):
         out = self.path("scene")
         self.assertEqual(self.train_until(out, signal.SIGINT)[0], 3)
         page = Page(os.path.join(out, "report.html"))
@@ -457,14 +461,14 @@ class Report(DataCase):
         fixtures.run("train", self.data, "-o", out, "-n", 1000000, "--resume", "--time-limit", "1s", *SMALL)
         self.assertIn("The training was resumed", Page(os.path.join(out, "report.html")).text)
 
-    def test_a_run_that_begins_afresh_has_no_old_report(self):
+    def test_new_run_removes_the_old_report(self):
         out = self.path("scene")
         self.write("scene/report.html", "of an earlier run")
         self.train_until(out, signal.SIGKILL, "--overwrite")
         self.assertIn("log.jsonl", files_below(out))
         self.assertNotIn("report.html", files_below(out))
 
-    def test_a_page_that_cannot_be_written_costs_no_scene(self):
+    def test_scene_is_saved_without_its_report(self):
         out = self.path("scene")
         os.makedirs(os.path.join(out, "report.html"))
         done = self.succeeds("train", self.data, "-o", out, "-n", 3, "--resume", *SMALL)
@@ -532,7 +536,8 @@ class Drive(fixtures.Case):
         self.assertEqual(page.row("lidar points"), ["lidar points", str(facts["modelled"]["lidar_points"])])
         self.assertIn("Priorities, % of the Gaussians", page.text)
 
-        # Its background as a splat file: Gaussians with numbers of objects that the file doesn't describe.
+        # Reports on the scene's background as a splat file: its Gaussians have numbers of objects that the file doesn't
+        # describe.
         alone = self.path("alone.html")
         self.succeeds("report", os.path.join(scene, "background.ply"), "-o", alone)
         self.assertIn("There is no recorded view to show.", Page(alone).text)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""In a build with PAGS_REPRODUCIBLE every instruction set of this machine gives the same bits: a street is trained, evaluated and
-rendered on each."""
+"""In a build with PAGS_REPRODUCIBLE, every instruction set of this machine gives the same bits. A street is trained,
+evaluated and rendered with each."""
 
 import os
 
@@ -8,7 +8,7 @@ import fixtures
 from fixtures import Case, files_below, ply_bytes, read, run, splat
 
 SETS = ["scalar", "avx2", "avx512", "neon"]
-TIMED = {"report.html", "report.json", "log.jsonl"}  # log.jsonl holds seconds per step, too
+TIMED = {"report.html", "report.json", "log.jsonl"}  # log.jsonl also holds the seconds per step
 
 
 class SameBits(Case):

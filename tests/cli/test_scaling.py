@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags-bench scaling of a scene and of a data set: tables and JSON. No timing is asserted."""
+"""Tests pags-bench scaling of a scene and of a data set: tables and JSON. No time is checked."""
 
 import json
 import os
@@ -12,7 +12,7 @@ LIMITS = ["serial", "few blocks", "longest block", "tail", "fork and join", "wak
 
 class Scaling(DataCase):
     def check_phase(self, phase):
-        """Properties of every prediction."""
+        """Checks the properties of every prediction."""
         rows = phase["workers"]
         self.assertEqual([r["workers"] for r in rows], [1, 2, 4, 8, 16, 32, 64, 128, 256])
         self.assertTrue(phase["times"] > 0 and 0 < phase["critical_path_ms"] <= phase["ms_alone"])
@@ -22,7 +22,7 @@ class Scaling(DataCase):
             self.assertTrue(row["ms_least"] >= 0.999 * phase["critical_path_ms"], row)
             self.assertTrue(row["times_as_fast_most"] <= row["workers"] * 1.001, row)
             self.assertEqual(sorted(row["lost_ms"]), sorted(LIMITS))
-            # Losses and the work's share add up to the time.
+            # The losses and the share of the work add up to the time.
             lost = sum(row["lost_ms"].values())
             self.assertAlmostEqual(
                 lost + phase["ms_alone"] / row["workers"], row["ms_most"], delta=1e-3 + 1e-6 * row["ms_most"]
@@ -32,7 +32,7 @@ class Scaling(DataCase):
         )
 
     def check_heads(self, shown, phases):
-        """'predicted' stands in the head of every table of predictions."""
+        """Asserts that the head of every table of predictions has the word 'predicted'."""
         for phase in phases:
             self.assertIn(f"\n{phase}: predicted from ", shown)
         self.assertEqual(shown.count("predicted workers"), len(phases))

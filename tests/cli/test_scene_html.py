@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags export SCENE scene.html: one file without outside references, whose data, unpacked here without the program's help, is the scene's.
-make check-scene-html looks at its pictures in a browser."""
+"""Tests pags export SCENE scene.html. The page is one file without outside references. Its data, unpacked here without
+the program, is the scene's. `make check-scene-html` checks its pictures in a browser."""
 
 import base64
 import gzip
@@ -26,7 +26,7 @@ HOSTILE = [
 
 
 class Page:
-    """Contents of a page: its text, the header, and planes[name] = rows of a plane, plane by plane."""
+    """The content of a page: its text, its header, and planes[name], a list of the rows of each plane."""
 
     def __init__(self, path):
         self.text = fixtures.read(path).decode()
@@ -49,7 +49,7 @@ class Page:
         return [[table[v] for v in plane] for plane in self.planes[name]]
 
     def rows(self):
-        """All Gaussians as (model, mean, scale, rotation, opacity, colour, harmonics, colours over time)."""
+        """Returns all Gaussians as (model, mean, scale, rotation, opacity, colour, harmonics, colours over time)."""
         count = self.header["gaussians"]
         cells = [struct.unpack("<6f", cell) for cell in self.planes["cells"]]
         cell_rows = [struct.unpack("<I", rows)[0] for rows in self.planes["cellRows"]]
@@ -90,7 +90,7 @@ class Page:
         return small
 
     def sky(self):
-        """Texels [face][row][column] of 3 values."""
+        """Returns the sky's texels [face][row][column] of 3 values."""
         size, book = self.header["skySize"], self.book("skyBook")
         faces = [[[[0, 0, 0] for _ in range(size)] for _ in range(size)] for _ in range(6)]
         for plane, bytes_ in enumerate(self.planes["sky"]):
@@ -104,7 +104,7 @@ class Page:
 
 
 def make_rows(count, spread, seed):
-    """Random Gaussians: x, y, z, scales, rotation, opacity (logit), dc, 45 harmonics, 12 colours over time."""
+    """Returns random Gaussians: x, y, z, scales, rotation, opacity (logit), dc, 45 harmonics, 12 colours over time."""
     dice = random.Random(seed)
     return [
         [
@@ -151,12 +151,12 @@ def sigmoid(x):
 
 
 def rich_scene(folder, antialiased=False):
-    """scenes' street with all kinds of Gaussians in place of its own, a least alpha, a sky of values below 0 and above 1, and names that mean harm.
-    Returns its description, the rows of each model and the sky's values."""
+    """Writes the street of scenes.py with all kinds of Gaussians, a least alpha, a sky with values below 0 and above 1,
+    and hostile names. Returns the scene's description, the rows of each model and the sky's values."""
     scene = scenes.make_scene(folder)
     models = {"background": make_rows(700, 12, 1), "car_1": make_rows(300, 1, 2)}
     for row in models["background"][:20]:
-        row[10] = -6  # an opacity of 0.0025, which no picture shows
+        row[10] = -6  # this opacity is 0.0025, which no picture shows
     fixtures.write(
         os.path.join(scene, "background.ply"), ply(models["background"], [0 if i >= 650 else -1 for i in range(700)])
     )
@@ -199,7 +199,7 @@ class SceneHtml(Case):
         self.assertNotRegex(text, r"https?:|//[a-z0-9-]+\.[a-z]{2,}/|\bimport\b *[({'\"]|@import|url\(")
         self.assertEqual(re.findall(r'\b(?:src|href|action)="([^"]*)"', text), ["data:,"])
 
-    def test_policy_lets_only_its_own_script_and_style_in(self):
+    def test_policy_allows_no_foreign_script_or_style(self):
         policy = html.unescape(
             re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', self.page.text).group(1)
         )
@@ -221,7 +221,7 @@ class SceneHtml(Case):
         self.assertEqual(self.page.header["scene"]["name"], "a <b> scene")
         self.assertRegex("".join(self.page.chunks), r"\A[A-Za-z0-9+/=]+\Z")
 
-    def test_gaussians_come_back(self):
+    def test_gaussians_are_stored(self):
         rows, left = (
             self.page.rows(),
             {
@@ -239,7 +239,7 @@ class SceneHtml(Case):
         for model, mean, scale, rotation, opacity, colour, harmonics, fourier in rows:
             object_ = self.page.header["models"][model]["object"]
             if object_ > 1:
-                continue  # the street's own small objects
+                continue  # the small objects of the street
             name = "car_1" if object_ == 1 else "background"
             self.assertAlmostEqual(
                 self.page.header["models"][model]["alphaMin"], 0.0157 if name == "background" else 0, delta=1e-6
@@ -249,7 +249,7 @@ class SceneHtml(Case):
             for k in range(3):
                 self.assertAlmostEqual(
                     row[k], mean[k], delta=CELL / 65535 / 2 + 2e-5
-                )  # and what a float of 100 m rounds
+                )  # includes the rounding of a float of 100 m
             length = math.sqrt(sum(q * q for q in row[6:10]))
             turn = 2 * math.acos(min(1, abs(sum(row[6 + k] * rotation[k] for k in range(4))) / length))
             self.assertLess(math.degrees(turn), 0.25)
@@ -260,7 +260,8 @@ class SceneHtml(Case):
             self.assertEqual(len(fourier), 12 if name == "car_1" else 0)
             errors["fourier"] += [fourier[k] - row[59 + k] for k in range(len(fourier))]
         self.assertEqual(left, {"background": [], "car_1": []})
-        # 256 values for numbers of this spread: the root mean square error of the best choice is about 3.5 sigma / 256; twice that is granted.
+        # With 256 values for numbers of this spread, the best choice has a root mean square error of about 3.5 sigma /
+        # 256. The test allows twice this error.
         for name, spread in [("scale", 1), ("opacity", 0.3), ("colour", 1), ("harmonics", 0.2), ("fourier", 0.3)]:
             rms = math.sqrt(sum(e * e for e in errors[name]) / len(errors[name]))
             self.assertLess(rms, 7 * spread / 256, name)
@@ -282,14 +283,15 @@ class SceneHtml(Case):
             self.assertAlmostEqual(abs(poses[i][3]), 1, delta=1e-6)
         self.assertLess(
             max(b - a for a, b in zip(times, times[1:])), 0.051
-        )  # half a label's distance, before the first and after the last
-        self.assertNotIn("times", next(model for model in self.page.header["models"] if model["object"] == 0))  # parked
+        )  # at most half the time between two labels, also before the first label and after the last one
+        # This object is parked.
+        self.assertNotIn("times", next(model for model in self.page.header["models"] if model["object"] == 0))
 
     def test_sky_and_options(self):
         texels = [v for face in self.page.sky() for row in face for texel in row for v in texel]
         self.assertEqual(len(texels), len(self.sky))
         for found, value in zip(texels, self.sky):
-            self.assertAlmostEqual(found, value, delta=0.01)  # of 256 values over a range of 2.55
+            self.assertAlmostEqual(found, value, delta=0.01)  # 256 values cover a range of 2.55
         self.assertEqual(
             [self.page.header[key] for key in ("origin", "antialiased", "lowPass")],
             [scenes.ORIGIN, False, self.page.header["lowPass"]],
@@ -311,7 +313,7 @@ class SceneHtml(Case):
         self.assertLessEqual(said["bytes"], size)
         return done.stdout, said, Page(file)
 
-    def test_target_size_gives_up_harmonics_first(self):
+    def test_target_size_drops_harmonics_first(self):
         whole = os.path.getsize(self.file)
         self.assertEqual(self.said["bytes"], whole)
         out, said, page = self.export(whole)
@@ -323,7 +325,7 @@ class SceneHtml(Case):
         self.assertEqual(page.header["shDegree"], said["sh_degree"])
         self.assertIn(f"left out for --target-size: view-dependent colour above degree {said['sh_degree']}", out)
 
-    def test_target_size_then_gives_up_what_is_faint(self):
+    def test_target_size_then_drops_faint_gaussians(self):
         plain = self.path("plain.html")
         self.succeeds("export", self.scene, plain, "--sh-degree", 0)
         out, said, page = self.export(os.path.getsize(plain) - 4000)
@@ -332,10 +334,10 @@ class SceneHtml(Case):
         self.assertEqual(said["gaussians"], self.said["gaussians"] - said["left_out"])
         self.assertLess(
             said["left_out_share"], 0.5 * said["left_out"] / self.said["gaussians"]
-        )  # the faintest: much less than their share
+        )  # the faintest Gaussians have much less than their share
         self.assertIn(f"the {said['left_out']} faintest Gaussians", out)
 
-    def test_target_size_that_nothing_keeps(self):
+    def test_target_size_that_is_too_small(self):
         self.fails(
             ["export", self.scene, self.path("no.html"), "--target-size", "1000"],
             "--target-size 1000",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SOG and glTF read and written, the output folders of other trainers, and their cameras."""
+"""Tests SOG and glTF (read and written), the output folders of other trainers, and their cameras."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from fixtures import Case, ply_bytes, run, splat
 
 
 def many_splats(count=300):
-    """Rows for ply_bytes of all sizes, colours, opacities and rotations."""
+    """Returns rows for ply_bytes with various sizes, colours, opacities and rotations."""
     dice = random.Random(1)
     rows = []
     for _ in range(count):
@@ -25,7 +25,7 @@ def many_splats(count=300):
 
 
 def ply_rows(path):
-    """The rows of a PLY that PAGS wrote, by position: all its floats."""
+    """Returns the rows of a PLY file that PAGS wrote. Each row is a dictionary of its floats."""
     with open(path, "rb") as file:
         head, body = file.read().split(b"end_header\n", 1)
     names = [line.split()[2].decode() for line in head.splitlines() if line.startswith(b"property float")]
@@ -44,7 +44,7 @@ class Written(Case):
         self.ply = self.write("in.ply", ply_bytes(self.rows))
 
     def assert_near(self, found):
-        """Compares with the rows that were written: each Gaussian of `found` has one within what SOG rounds."""
+        """Asserts that each Gaussian of `found` is near a written row, up to SOG's rounding."""
         self.assertEqual(len(found), len(self.rows))
         left = [list(row) for row in self.rows]
         for g in found:
@@ -60,13 +60,13 @@ class Written(Case):
             self.assertGreater(abs(dot), 0.9999)
 
     def export_sog(self, ply, name, *more):
-        """Exports, or skips the test in a build without libwebp."""
+        """Exports the file. Skips the test in a build without libwebp."""
         done = run("export", ply, self.path(name), *more)
         if "has no libwebp" in done.stderr:
             self.skipTest("this build has no libwebp")
         self.assertEqual(done.returncode, 0, done.stderr)
 
-    def test_sog_comes_back(self):
+    def test_sog_is_read_back(self):
         self.export_sog(self.ply, "a.sog")
         os.makedirs(self.path("folder"))
         self.export_sog(self.ply, "folder/meta.json")
@@ -85,7 +85,7 @@ class Written(Case):
         with open(self.path("1.sog"), "rb") as one, open(self.path("3.sog"), "rb") as three:
             self.assertEqual(one.read(), three.read())
 
-    def test_equal_rotations_pack_to_nothing(self):
+    def test_equal_rotations(self):
         rows = [splat(i % 71 * 0.37, i // 71 * 0.53, 1.0, [0.5, 0.5, 0.5]) for i in range(5000)]
         flat = self.write("flat.ply", ply_bytes(rows))
         self.export_sog(flat, "flat.sog")
@@ -93,7 +93,7 @@ class Written(Case):
             json.loads(self.succeeds("info", self.path("flat.sog"), "--json", "-").stdout)["gaussians"], 5000
         )
 
-    def test_gltf_comes_back(self):
+    def test_gltf_is_read_back(self):
         for name in ["a.glb", "a.gltf"]:
             self.succeeds("export", self.ply, self.path(name), "--splats")
             facts = json.loads(self.succeeds("info", self.path(name), "--strict", "--json", "-").stdout)
@@ -103,7 +103,7 @@ class Written(Case):
 
 
 class Facts(Case):
-    """A scene's data other than its Gaussians, and the axes."""
+    """Tests a scene's data other than its Gaussians, and the axes."""
 
     def setUp(self):
         super().setUp()
@@ -124,7 +124,7 @@ class Facts(Case):
         self.assertEqual(done.returncode, 0, done.stderr)
         return self.path(name), done.stderr
 
-    def test_facts_come_back(self):
+    def test_facts_are_read_back(self):
         with open(self.ply, "rb") as file:
             head, body = file.read().split(b"end_header\n", 1)
         for axis, up in [("z", "+z"), ("0 1 0", "+y"), ("", "-y")]:
@@ -161,7 +161,7 @@ POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:81c6\nsize 11
 
 
 class TrainingOutputs(Case):
-    """INRIA's train.py: point_cloud/iteration_N/point_cloud.ply, cameras.json, cfg_args."""
+    """Tests the output of INRIA's train.py: point_cloud/iteration_N/point_cloud.ply, cameras.json, cfg_args."""
 
     def setUp(self):
         super().setUp()
@@ -193,7 +193,7 @@ class TrainingOutputs(Case):
         self.succeeds("render", self.path("out"), "--split", "train", "-o", self.path("drawn"))
         self.assertEqual(sorted(os.listdir(self.path("drawn"))), ["view0.png", "view1.png", "view2.png"])
         width, height, _, _, pixels = fixtures.read_png(self.path("drawn/view0.png"))
-        self.assertEqual((width, height, set(pixels[:3])), (64, 48, {255}))  # white, as cfg_args says
+        self.assertEqual((width, height, set(pixels[:3])), (64, 48, {255}))  # the background is white, as cfg_args says
         self.succeeds("info", self.path("out", "point_cloud", "iteration_7000"))
         self.succeeds("export", self.path("out"), self.path("turned.ply"), "--axes", "rub")
         self.assertEqual({row["z"] for row in ply_rows(self.path("turned.ply"))}, {-4})
@@ -250,7 +250,7 @@ class TrainingOutputs(Case):
         self.assertAlmostEqual(facts["fx_fy_cx_cy"][0], 24)
         ply = self.write(
             "behind.ply", ply_bytes([splat(2, 3, 0, [1, 0, 0], sigma=0.5)])
-        )  # 4 m ahead: the camera looks along -z
+        )  # the Gaussian is 4 m ahead, as the camera looks along -z
         done = self.succeeds("render", ply, "--camera", name, "-o", self.path("drawn"), "--json", "-")
         self.assertEqual(json.loads(done.stdout)["frames"][0]["in_view"], 1)
         views = self.write("transforms.json", json.dumps({"frames": [{"transform_matrix": []}]}).encode())

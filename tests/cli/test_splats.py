@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Splat files as other programs write them, and what of a scene goes into each format and comes back."""
+"""Tests splat files as other programs write them, and the data of a scene that each format stores and returns."""
 
 import json
 import math
@@ -17,7 +17,7 @@ def with_comments(rows, *comments):
 
 
 def renamed(data, *pairs):
-    """The bytes of a PLY with properties of other names."""
+    """Returns the bytes of a PLY file with renamed properties."""
     for old, new in pairs:
         data = data.replace(f"float {old}\n".encode(), f"float {new}\n".encode())
     return data
@@ -25,7 +25,7 @@ def renamed(data, *pairs):
 
 class Splats(Case):
     def info(self, name, *options):
-        """The facts of a file by pags info."""
+        """Returns the facts that pags info writes about a file."""
         self.works("info", self.path(name), "--json", self.path("info.json"), *options)
         return json.loads(read(self.path("info.json")))
 
@@ -156,7 +156,8 @@ class Reading(Splats):
         self.fails(["render", foreign, "-o", self.path("out")], "a JSON file of another program")
 
     def test_formats_that_are_not_read_are_named(self):
-        """By their content, whatever they are called, else by their names; in every verb, and for a folder of them."""
+        """The message names the format found in the content, or else in the file's name. All verbs do this, also for a
+        folder."""
         lcc = '{"version": "5.0", "totalSplats": 3, "cellLengthX": 30, "encoding": "COMPRESS"}'
         tiles = '{"asset": {"version": "1.1"}, "geometricError": 9, "root": {}}'
         levels = '{"version": 1, "lodLevels": 2, "filenames": []}'
@@ -183,8 +184,8 @@ class Reading(Splats):
                     self.fails(["render", os.path.dirname(path), "-o", self.path("x")], f"holds {name}", *words)
                     self.fails(["info", os.path.dirname(path)], f"holds {name}", *words)
 
-    def test_the_name_of_a_compressed_ply(self):
-        """Other programs take it for a form that isn't written."""
+    def test_name_of_a_compressed_ply(self):
+        """Other programs expect a compressed form in such a file, which PAGS doesn't write. So the name is refused."""
         plain = self.write("a.ply", ply_bytes(some_splats()))
         for name in ("b.compressed.ply", "B.Compressed.PLY"):
             self.fails(["export", plain, self.path(name)], name, "compressed", ".sog")
@@ -200,14 +201,14 @@ class Reading(Splats):
 
 
 class Axes(Splats):
-    """SPZ files: the axes are those of the record, else RUB; an option outdoes both."""
+    """The axes of an SPZ file come from its record, else they are RUB. An option overrides both."""
 
     def setUp(self):
         super().setUp()
         self.write("a.ply", ply_bytes([splat(1, 2, 3, (0.5, 0.5, 0.5)), splat(0, 0, 0, (0.5, 0.5, 0.5))]))
 
     def without_record(self, name):
-        """Takes the record out of a version 4 file."""
+        """Removes the record of axes from a version 4 file."""
         data = bytearray(read(self.path(name)))
         self.assertEqual(struct.unpack("<II", data[32:40]), (0xADBE0003, 4))
         table = struct.unpack("<I", data[16:20])[0]
@@ -215,7 +216,7 @@ class Axes(Splats):
         data[16:20] = struct.pack("<I", 32)
         return self.write("plain.spz", bytes(data[:32] + data[table:]))
 
-    def test_the_record_the_specification_the_option(self):
+    def test_record_specification_and_option(self):
         for axes, as_rub in [("rub", ([0, 0, 0], [1, 2, 3])), ("rdf", ([0, -2, -3], [1, 0, 0]))]:
             self.works("export", self.path("a.ply"), self.path("b.spz"), "--spz-version", "4", "--spz-axes", axes)
             facts = self.info("b.spz", "--strict")
@@ -239,7 +240,7 @@ class Axes(Splats):
 
 
 class RoundTrips(Splats):
-    """The antialiased flag, origin and up axis of a scene in each format."""
+    """Tests the antialiased flag, origin and up axis of a scene in each format."""
 
     def setUp(self):
         super().setUp()
@@ -277,7 +278,8 @@ class RoundTrips(Splats):
         self.fails(["info", self.path("bad.ply"), "--strict"], "its alpha_min, 1.5, isn't from 1/255 to 1")
 
     def test_converted_gaussians_are_changed_back(self):
-        """Gaussians whose least alpha other programs don't know are changed in .ply, .spz and .glb, and back when they are read."""
+        """Other programs don't know a Gaussian's least alpha. So .ply, .spz and .glb store changed Gaussians, which are
+        changed back when they are read."""
         self.write("cut.ply", with_comments(some_splats(), "alpha_min 0.0157"))
         self.works("export", self.path("cut.ply"), self.path("cut.pagsz"))
         wanted = self.values("cut.ply")
@@ -291,7 +293,7 @@ class RoundTrips(Splats):
             self.assertAlmostEqual(self.info("again.pagsz")["alpha_min"], 0.0157, 6)
             self.works("export", self.path(name), self.path("again.ply"))
             for row, true in zip(self.values("again.ply"), self.values("plain.ply")):
-                for k in (9, 10, 11, 12):  # the opacity's logit, the scales' logarithms
+                for k in (9, 10, 11, 12):  # the logit of the opacity, the logarithms of the scales
                     self.assertAlmostEqual(row[k], true[k], delta=bound)
         changed = self.values("plain.ply")
         for row, true in zip(changed, wanted):
@@ -304,7 +306,7 @@ class RoundTrips(Splats):
             self.fails(["info", self.path("bad.ply"), "--strict"], "had the alpha_min", "not used")
 
     def values(self, name):
-        """The rows of a PLY, unchanged."""
+        """Returns the rows of a PLY file as they are stored."""
         head, body = read(self.path(name)).split(b"end_header\n", 1)
         return list(struct.iter_unpack(f"<{head.count(b'property float')}f", body))
 
@@ -317,7 +319,7 @@ class RoundTrips(Splats):
         extras = json.loads(data[20 : 20 + struct.unpack("<I", data[12:16])[0]])["asset"]["extras"]
         self.assertEqual(extras, {"antialiased": True, "origin": [500000.5, 4600000, -100], "up": "z"})
 
-    def test_splat_says_what_it_cannot_hold(self):
+    def test_splat_warns_of_lost_facts(self):
         self.works("export", self.path("a.ply"), self.path("b.splat"), "--json", self.path("x.json"))
         warnings = json.loads(read(self.path("x.json")))["warnings"]
         self.assertEqual(len(warnings), 1)
@@ -354,7 +356,7 @@ class RoundTrips(Splats):
 
 
 class Points(Splats):
-    """ply_file_path of a transforms.json."""
+    """Tests the ply_file_path of a transforms.json."""
 
     def dataset(self, ply):
         frame = {"file_path": "a.png", "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]}
@@ -382,7 +384,7 @@ class Points(Splats):
             head.encode() + (bytes(4) if before else b"") + b"".join(struct.pack(f"{order}3{code}", *v) for v in values)
         )
 
-    def test_what_programs_write(self):
+    def test_points_of_other_programs(self):
         values = [(i / 7, i / 9, i / 11) for i in range(60)]
         one = "element camera 1\nproperty float f\n"
         for ply in [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags train, eval and render on a small synthetic data set; interruption and resumption."""
+"""Tests pags train, eval and render on a small synthetic data set, and interrupted and resumed runs."""
 
 import json
 import os
@@ -15,7 +15,7 @@ import zlib
 import fixtures
 from fixtures import SMALL, DataCase, files_below, make_dataset, read
 
-# Files that hold times, which differ between otherwise identical runs.
+# These files hold times, which differ between otherwise identical runs.
 TIMED = {"report.json", "report.html"}
 
 
@@ -27,12 +27,13 @@ class Train(DataCase):
         return json.loads(done.stdout)
 
     def scene_files(self, folder):
-        """Contents of the files that must have the same bits in repeated runs."""
+        """Returns the contents of the files that must have the same bits in repeated runs."""
         wanted = [n for n in files_below(folder) if n not in TIMED and not n.endswith(".pags")]
         return {name: read(os.path.join(folder, name)) for name in wanted}
 
     def spoil(self, checkpoint):
-        """Sets the mean's x of every fourth Gaussian in a checkpoint to NaN. Its sections are tag, size, payload and CRC."""
+        """Sets the mean's x of every fourth Gaussian in a checkpoint to NaN. A section of the checkpoint has a tag, a
+        size, a payload and a CRC."""
         data = bytearray(read(checkpoint))
         at = 8
         while data[at : at + 4] != b"GAUS":
@@ -45,7 +46,7 @@ class Train(DataCase):
         with open(checkpoint, "wb") as file:
             file.write(data)
 
-    def test_numbers_that_are_not(self):
+    def test_nan_in_a_checkpoint(self):
         out = self.path("scene")
         self.assertEqual(self.train(out, iterations=40)["bad_rows"], 0)
         self.spoil(os.path.join(out, "checkpoint.pags"))
@@ -77,7 +78,7 @@ class Train(DataCase):
         scores = json.loads(self.succeeds("eval", measured, "--split", "test", "--json", "-").stdout)
         self.assertAlmostEqual(
             held[-1]["held_out_psnr"], scores["test"]["psnr"], delta=0.01
-        )  # the scene went through PLY
+        )  # the scene was rounded when PLY stored it
         self.train(resumed, *often, "--set", "schedule_iterations=60", iterations=40)
         self.train(resumed, *often, "--resume", iterations=60)
         self.assertEqual(
@@ -150,7 +151,7 @@ class Train(DataCase):
         self.assertEqual(self.scene_files(self.path("one")), self.scene_files(self.path("two")))
 
     def start(self, out, iterations, *more):
-        """Starts a training in the background; returns when its log has a new line."""
+        """Starts a training in the background. Returns when its log has a new line."""
         command = [fixtures.PAGS, "train", self.data, "-o", out, "--iterations", str(iterations), "--json"]
         command += [self.path("result.json"), "--log-every", "10", "--checkpoint-every", "50", "--resume"]
         command += [*SMALL, *more]
@@ -165,14 +166,15 @@ class Train(DataCase):
         return running
 
     def left_alone(self, iterations, options):
-        """The files of an uninterrupted run, which is done once."""
+        """Returns the files of an uninterrupted run. The run takes place once."""
         if Train.alone is None:
             self.train(self.path("alone"), *options, iterations=iterations)
             Train.alone = self.scene_files(self.path("alone"))
         return Train.alone
 
     def interrupted(self, how):
-        """Interrupts a run by a signal, resumes it to its end, and compares the files with an uninterrupted run's."""
+        """Interrupts a run by a signal and resumes it to its end. Asserts that its files are those of an uninterrupted
+        run."""
         out, iterations = self.path("scene"), 600
         running = self.start(out, iterations)
         running.send_signal(how)
@@ -236,7 +238,8 @@ class Train(DataCase):
         self.interrupted(signal.SIGKILL)
 
     def test_resumed_with_other_kernels(self):
-        """Where the bits differ from an undisturbed run, a warning says so, also when the first kernels are back; else none does."""
+        """If the bits differ from an undisturbed run, a warning says so, even when the first kernels are used again.
+        Otherwise there is no warning."""
         words, plain = ["train", self.data, "-q", *SMALL, "-n"], {**os.environ, "PAGS_CPU": "scalar"}
         self.succeeds(*words, 30, "-o", self.path("whole"))
         self.assertEqual(self.succeeds(*words, 10, "-o", self.path("alike")).stderr, "")
@@ -283,7 +286,7 @@ class Train(DataCase):
         out, more = self.path("scene"), ["--iterations", 60, "--resume", *SMALL]
         begun = self.succeeds(
             "train", self.data, "-o", out, *more
-        )  # there is no checkpoint yet: it reports that the run begins
+        )  # there is no checkpoint yet, so the message says that the run begins
         self.assertIn("no checkpoint to go on from: the run begins", begun.stdout)
         os.remove(os.path.join(out, "checkpoint.pags"))
         before = {name: read(os.path.join(out, name)) for name in files_below(out)}
@@ -291,7 +294,7 @@ class Train(DataCase):
         self.assertEqual({name: read(os.path.join(out, name)) for name in files_below(out)}, before)
         os.remove(
             os.path.join(out, "scene.json")
-        )  # the folder as left by a run that was killed before its first checkpoint
+        )  # a run that is killed before its first checkpoint leaves such a folder
         again = self.succeeds("train", self.data, "-o", out, *more)
         self.assertIn("the run begins", again.stdout)
         self.assertIn("checkpoint.pags", files_below(out))

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags train --view: pages that watch a run change no bit of it, take no more than their share, and can stop it."""
+"""Tests pags train --view. Pages that watch a run change no bit of it, take at most their share of the time, and can
+stop it."""
 
 import json
 import os
@@ -10,11 +11,11 @@ import fixtures
 from fixtures import Case, make_dataset, read
 from view_client import Page, Run, jpeg_size, main
 
-# The output of a run that must not depend on its viewers.
+# These output files must not depend on viewers.
 PAYLOAD = ["background.ply", "scene.json", "checkpoint.pags"]
-SMALL = ["--random-points", 3000, "--max-gaussians", 5000, "--preset", "plain"]  # some milliseconds a step
-CREDIT = 0.1  # seconds that pictures may take at once when nobody looked for a while
-SEEN = 4  # pictures at least that a page which asks for one after the other gets of a run of some seconds
+SMALL = ["--random-points", 3000, "--max-gaussians", 5000, "--preset", "plain"]  # a step takes some milliseconds
+CREDIT = 0.1  # seconds that pictures may take at once after a while without pictures
+SEEN = 4  # the least number of pictures in a run of some seconds for a page that requests one after the other
 
 
 class Watched(Case):
@@ -46,7 +47,7 @@ class Watched(Case):
         return page
 
     def ask(self, page, kind, **more):
-        """Says something about the run; returns the answer."""
+        """Sends a message about the run and returns the answer."""
         page.say(type=kind, serial=1, **more)
         while True:
             found = page.answer()
@@ -57,8 +58,8 @@ class Watched(Case):
         return self.ask(page, "run", edition=edition, **{"from": start})
 
     def watch(self, run, width=320, height=240, enough=None):
-        """Looks again and again until the run is over, which it asks to stop after `enough` pictures; returns the pictures' facts, the last state
-        and the farewell."""
+        """Requests pictures until the run is over. After `enough` pictures, asks the run to stop. Returns the pictures'
+        facts, the last state and the farewell."""
         start = run.description()["start"]
         page, facts, state, number = self.page(run), [], None, 0
         try:
@@ -100,7 +101,7 @@ class Bits(Watched):
         self.same(alone, watched)
         self.assertEqual(read(os.path.join(alone, "log.jsonl")), read(os.path.join(watched, "log.jsonl")))
 
-        # Stopped by a page in the middle, gone on from under the eyes of another.
+        # One page stops the run in the middle. Another page watches the resumed run.
         run = self.start(resumed)
         run.description()
         page = self.page(run)
@@ -120,7 +121,8 @@ class Bits(Watched):
         self.same(alone, resumed)
 
     def test_street(self):
-        """A drive, where no photograph shows everything, so that updates of what it doesn't show are pending when a page draws it."""
+        """On a drive, no photograph shows all Gaussians. So updates of unseen Gaussians are pending when a page draws
+        them."""
         street, alone, watched = self.path("street"), self.path("alone"), self.path("watched")
         done = fixtures.run(
             "synth",
@@ -178,7 +180,7 @@ class Bits(Watched):
         self.assertEqual(worst, sorted(worst))
         self.assertEqual(len({view["view"] for view in state["worst"]}), 6)
 
-    def test_only_what_is_new(self):
+    def test_state_since_an_edition(self):
         run = self.start(self.path("scene"), steps=3000)
         run.description()
         page = self.page(run)
@@ -208,7 +210,8 @@ class Time(Watched):
             print(
                 f"share {share}: {pictures} pictures took {taken:.3f} of {watched + trained:.1f} s, the longest {longest:.3f} s"
             )
-            # Credit of a while without pictures, and the last picture's debt; encoding isn't in drawMs: as long again.
+            # The limit allows for the credit and for the debt of the last picture. Encoding isn't part of drawMs and
+            # may take as long again.
             self.assertLess(watched, share * (watched + trained) + CREDIT + 2 * longest + 0.05)
             self.assertGreater(taken, share / 4, "it takes far less than it may, though the page asks all the time")
 
@@ -283,7 +286,7 @@ class Buttons(Watched):
         self.ask(page, "stop")
         run.wait()
 
-    def test_a_look_that_stays_is_drawn_again(self):
+    def test_unchanged_look_is_drawn_again(self):
         run = self.start(self.path("scene"), steps=6000)
         start = run.description()["start"]
         page = self.page(run)
@@ -312,7 +315,7 @@ class Usage(Watched):
         self.fails(["train", self.data, "-o", out, "--view", "70000"], "from 0 to 65535", code=2)
         self.succeeds("train", self.data, "-o", out, "--view", "--view-share", "0.5", "--check-options")
 
-    def test_a_finished_scene_is_no_run(self):
+    def test_finished_scene_is_no_run(self):
         from view_client import Server
 
         scene = self.path("scene")

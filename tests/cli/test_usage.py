@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Usage: exit codes, messages and help."""
+"""Tests exit codes, messages and help."""
 
 import os
 import re
@@ -8,7 +8,7 @@ import fixtures
 from fixtures import Case, run
 
 VERBS = ["train", "render", "eval", "info", "report", "split"]
-OPTIONAL_VERBS = ["import", "synth", "view"]  # verbs that some builds lack
+OPTIONAL_VERBS = ["import", "synth", "view"]  # some builds lack these verbs
 
 
 class Usage(Case):
@@ -22,7 +22,7 @@ class Usage(Case):
         self.refused(["trian"], "trian", "'train'")
         self.refused(["qqqqqqq"], "qqqqqqq", "--help")
 
-    def test_benchmarks_are_a_program_of_their_own(self):
+    def test_benchmarks_are_a_separate_program(self):
         for arguments in [["bench"], ["bench", "stages", "x"], ["bench", "--help"]]:
             self.refused(arguments, "'bench'", "pags-bench")
         self.assertNotIn("bench", self.succeeds("--help").stdout)
@@ -88,13 +88,13 @@ class Usage(Case):
                 self.assertIn(general, shown)
 
     def test_help_mentions_every_option(self):
-        # Every option that --help lists must parse, and one of each kind must show its unit and default.
+        # Every option that --help lists must parse. One option of each kind must show its unit and default.
         for verb in VERBS:
             shown = run(verb, "--help").stdout
             names = re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)( \S+)?", shown, re.M)
             self.assertGreater(len(names), 5)
             for name, value in names:
-                if value and not value.startswith(" ["):  # in brackets: the value may be left out
+                if value and not value.startswith(" ["):  # a value in brackets may be left out
                     self.fails([verb, "x", name], f"{name}: expected", "got nothing", code=2)
         shown = " ".join(run("train", "--help").stdout.split())
         self.assertIn("[photographs; default 30000]", shown)
@@ -137,7 +137,8 @@ class Usage(Case):
         self.succeeds(*train, "--set", "alpha=1", "--alpha", "0.5")
 
     def test_fields(self):
-        """--fields lists every field once with unit, range and default; a default that is decided later isn't shown as -1."""
+        """--fields lists every field once with unit, range and default. A default that is decided later isn't shown as
+        -1."""
         shown = self.succeeds("train", "--fields").stdout
         self.assertLessEqual(max(map(len, shown.splitlines())), 120)
         fields = re.findall(r"^  ([a-z]\w*) ", shown, re.M)
@@ -145,7 +146,7 @@ class Usage(Case):
         self.assertEqual(len(fields), len(set(fields)))
         words = re.sub(r"\s+", " ", shown)
         self.assertEqual(len(re.findall(r"\[[^]]+; default [^]]+\]", words)), len(fields))
-        self.assertIn("presets plain and paper 0.2]", words)  # the longest is whole
+        self.assertIn("presets plain and paper 0.2]", words)  # the longest text isn't cut
         self.assertNotIn("default -1", words)
         for row in [
             "[steps of 30 000; 0 to 1e9; default 500]",
@@ -160,7 +161,7 @@ class Usage(Case):
         for field in fields:
             self.refused(["train", "x", "-o", "y", "--check-options", "--set", f"{field}=?"], field)
 
-    def test_options_of_old_are_told(self):
+    def test_former_options_name_their_field(self):
         """A former option that is now a field is refused with a message that shows the form --set FIELD=VALUE."""
         for flag, form in [
             (["--densify-from", "500"], "--set densify_from=N"),
@@ -177,12 +178,12 @@ class Usage(Case):
     def test_manual_names_every_option(self):
         manual = fixtures.read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
         for verb in [*VERBS, "merge", "import", "synth"]:
-            shown = run(verb, "--help").stdout  # empty if this build lacks the verb
+            shown = run(verb, "--help").stdout  # the help is empty if this build lacks the verb
             chapter = manual.split(f"\n## {verb}\n")[-1].split("\n## ")[0] + manual.split("\n## train\n")[0]
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
                 self.assertTrue(name in chapter or name == "--help", f"{verb} {name} is not in docs/command-line.md")
 
-    def test_verbs_not_in_every_build(self):
+    def test_verbs_that_some_builds_lack(self):
         top = self.succeeds("--help").stdout
         for verb in OPTIONAL_VERBS:
             row = next(line for line in top.splitlines() if line.startswith(f"  {verb} "))
@@ -192,7 +193,7 @@ class Usage(Case):
                 self.assertIn(f"usage: pags {verb}", self.succeeds(verb, "--help").stdout)
                 self.refused([verb], f"pags {verb}:")
 
-    def test_what_export_lacks(self):
+    def test_export_without_proxies(self):
         """A build without proxies states this in its help, where the Blender add-on reads it, and when proxies are requested."""
         row = next(line for line in self.succeeds("--help").stdout.splitlines() if line.startswith("  export "))
         splats = self.write("some.ply", fixtures.ply_bytes(fixtures.some_splats()))
@@ -203,7 +204,8 @@ class Usage(Case):
             self.succeeds("export", splats, self.path("x.glb"), "--splats")
 
     def test_version(self):
-        """The version is the header's; what a part lacks, the program says under 'without' and refuses to do."""
+        """The version is that of the header. Parts that the build lacks are listed under 'without', and their verbs are
+        refused."""
         first, *rest = self.succeeds("--version").stdout.splitlines()
         facts = dict(line.split(":", 1) for line in rest)
         header = fixtures.read(os.path.join(os.path.dirname(__file__), "../../engine/include/pags/base.h")).decode()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""pags view: what its server lets in and hands out, pictures and picks over the WebSocket, and clients that mean harm."""
+"""Tests the server of pags view: access, served files, pictures and picks over the WebSocket, and hostile clients."""
 
 import concurrent.futures
 import copy
@@ -15,11 +15,11 @@ import scenes
 from fixtures import Case
 from view_client import Page, Server, jpeg_size, main
 
-# Hostile requests of the last test; make check-view sends more.
+# The number of hostile requests in the last test; `make check-view` sends more.
 HOSTILE = int(os.environ.get("PAGS_VIEW_HOSTILE", "150"))
-AT_ONCE = 32  # of them
-CROWD = 1000 if HOSTILE > 1000 else 100  # connections at once; the server keeps 900
-GROWTH = 48 << 20  # bytes that memory may grow by: pictures of several sizes, and what malloc keeps
+AT_ONCE = 32  # hostile requests at a time
+CROWD = 1000 if HOSTILE > 1000 else 100  # connections at a time; the server keeps 900
+GROWTH = 48 << 20  # bytes by which memory may grow: pictures of several sizes, and blocks that malloc keeps
 
 
 class ViewCase(Case):
@@ -42,7 +42,7 @@ class ViewCase(Case):
 
 
 class Door(ViewCase):
-    """Access rules, and the files that are served."""
+    """Tests access rules and the files that are served."""
 
     def test_page_by_token_and_files_by_cookie(self):
         status, headers, body = self.server.get(f"/?token={self.server.token}", Cookie=None)
@@ -153,7 +153,7 @@ class Door(ViewCase):
 
 
 class Pictures(ViewCase):
-    """A page's view of the server."""
+    """Tests the pictures that the server draws for a page."""
 
     def test_first_picture_then_a_sharp_one(self):
         page = self.page()
@@ -170,7 +170,7 @@ class Pictures(ViewCase):
         self.assertEqual(facts["gaussians"], self.description["gaussians"])
         self.assertIsNone(page.picture(timeout=0.5), "a picture that nobody asked for")
 
-    def test_what_is_looked_at_is_what_comes(self):
+    def test_picture_shows_the_requested_view(self):
         page = self.page()
         first = page.sharp(self.camera())[1]
         self.assertEqual(page.sharp(self.camera())[1], first)
@@ -202,7 +202,7 @@ class Pictures(ViewCase):
         moving = page.picture()[0]
         self.assertEqual((moving["sharp"], moving["step"]), (False, 0), "what it saves is seen in moving pictures, too")
 
-    def test_hidden_is_hidden_for_this_page_alone(self):
+    def test_objects_are_hidden_for_one_page_only(self):
         one, other = self.page(), self.page()
         before = one.sharp(self.camera())[1]
         self.assertNotEqual(other.sharp(self.camera(), hidden=[0, 1, 2, 3, 4])[1], before)
@@ -240,7 +240,7 @@ class Pictures(ViewCase):
         page.say(type="got", serial=1)
         self.assertEqual(page.picture()[0]["serial"], last)
 
-    def test_photographs_that_are_not_there(self):
+    def test_missing_photographs(self):
         page = self.page()
         page.look(self.camera(), channel="photograph", view=0)
         self.assertIn("--dataset", page.answer()["text"])
@@ -248,7 +248,7 @@ class Pictures(ViewCase):
         self.assertEqual(page.answer()["type"], "error")
         page.sharp(self.camera())
 
-    def test_slow_page_costs_others_nothing(self):
+    def test_slow_page_does_not_delay_others(self):
         slow = self.page()
         slow.line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
         for _ in range(40):
@@ -281,7 +281,7 @@ class Photographs(Case):
 class Crowd(ViewCase):
     options = ("--clients", "2")
 
-    def test_as_many_pages_as_allowed(self):
+    def test_number_of_pages_is_limited(self):
         pages = [self.page(), self.page()]
         pages[0].sharp(self.camera())
         third = self.page()
@@ -290,7 +290,7 @@ class Crowd(ViewCase):
         self.assertIn("--clients", str(closed.exception))
         pages[1].close()
         end = time.monotonic() + 20
-        while True:  # its seat is free once the server has seen it go
+        while True:  # the seat is free when the server has noticed the closed connection
             page = self.page()
             try:
                 page.sharp(self.camera())
@@ -301,9 +301,9 @@ class Crowd(ViewCase):
 
 
 class Hostile(ViewCase):
-    """Clients that mean harm: the server neither dies nor grows, and others are served meanwhile."""
+    """Hostile clients can't end the server or make its memory grow. Other clients are served meanwhile."""
 
-    options = ("--clients", "64")  # more than hostile pages at once
+    options = ("--clients", "64")  # more clients than hostile pages at a time
 
     def alive(self):
         page = self.page()
@@ -311,7 +311,7 @@ class Hostile(ViewCase):
         page.close()
 
     def ends(self, page):
-        """Whether the server closes the line."""
+        """Tells whether the server closes the connection."""
         try:
             while page.receive(timeout=20) is not None:
                 pass
@@ -342,7 +342,7 @@ class Hostile(ViewCase):
             self.assertTrue(self.ends(page), name)
             self.alive()
 
-    def test_messages_that_make_no_sense(self):
+    def test_invalid_messages(self):
         camera = self.camera()
         bad = [
             "",
@@ -382,7 +382,7 @@ class Hostile(ViewCase):
         self.assertTrue(self.ends(page), "a page that only sends nonsense stays")
         self.alive()
 
-    def test_looks_at_the_edge_of_sense(self):
+    def test_extreme_views(self):
         page, camera = self.page(), self.camera()
         for change in [
             {"width": 1, "height": 1},
@@ -397,7 +397,8 @@ class Hostile(ViewCase):
         page.sharp(camera, solo=2000000000, hidden=[2147483646])
 
     def requests(self, count):
-        """Hostile requests, reproducibly: functions. They don't wait long, since many leave the server waiting for more, which is what they are for."""
+        """Returns functions that send hostile requests, the same in each run. Many requests leave the server waiting
+        for more data. So the functions wait only shortly for an answer."""
         dice = random.Random(41)
         hasty = copy.copy(self.server)
         hasty.patience = 0.2
@@ -460,7 +461,7 @@ class Hostile(ViewCase):
         return [dice.choice(kinds)() for _ in range(count)]
 
     def try_once(self, request):
-        """Whether there was an answer of HTTP."""
+        """Tells whether the request had an HTTP answer."""
         try:
             answer = request()
         except (OSError, EOFError):
@@ -470,7 +471,7 @@ class Hostile(ViewCase):
         return bool(answer and answer[0])
 
     def test_many_hostile_requests(self):
-        """AT_ONCE requests at a time next to idle connections, while a page is served again and again."""
+        """Sends AT_ONCE requests at a time next to idle connections. Meanwhile a page is served again and again."""
         self.alive()
         for request in self.requests(50):
             self.try_once(request)
@@ -492,15 +493,15 @@ class Hostile(ViewCase):
         grown = self.server.memory() - before
         self.assertGreater(
             answered, HOSTILE // 3, "they weren't let in to be answered"
-        )  # half of them are requests of HTTP
+        )  # half of the requests are HTTP requests
         print(
             f"{HOSTILE} hostile requests, {answered} answered: memory grew by {grown / 1e6:.1f} MB; each of {pages} pages beside them had its sharp picture in {worst:.2f} s at most"
         )
         self.assertLess(grown, GROWTH)
 
-    def test_crowd_of_connections(self):
-        """More connections at once than are kept, half of them with a piece of a request: a page that is open is served meanwhile, a new one
-        comes in once those that ask for nothing have been dropped, and memory comes back."""
+    def test_too_many_connections(self):
+        """Opens more connections than the server keeps. Half of them send a part of a request. An open page is served
+        meanwhile. A new page is served when idle connections have been dropped, and the memory is freed again."""
         page = self.page()
         page.sharp(self.camera())
         before = self.server.memory()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Output paths that are devices, FIFOs or links stay what they are, whichever verb and option writes to them."""
+"""Tests output paths that are devices, FIFOs or links. They stay what they are with every verb and option."""
 
 import json
 import os
@@ -18,7 +18,8 @@ def kind(path):
 
 
 def make_device(path):
-    """Makes a null device of the test's own (the machine's devices are never touched); returns why not if that isn't permitted."""
+    """Makes a null device for the test, so that no device of the machine is touched. Returns the reason if that isn't
+    permitted."""
     try:
         os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 3))
         os.chmod(path, 0o666)
@@ -29,7 +30,7 @@ def make_device(path):
 
 
 class Reader:
-    """A thread that reads a FIFO to its end, or, with `most`, reads that many bytes and closes it."""
+    """A thread that reads a FIFO to its end. If `most` is given, it reads that many bytes and closes the FIFO."""
 
     def __init__(self, path, most=-1):
         self.path, self.most, self.got = path, most, b""
@@ -61,7 +62,7 @@ class Writes(DataCase):
             print(f"devices are left out: mknod isn't permitted here ({cls.no_device})")
 
     def table(self):
-        """Yields each command up to its output path, and that path's ending."""
+        """Yields each command up to its output path, and the extension of that path."""
         ring = ["pags-bench", "render", self.splats, "-n", 1, "-r", 1, "--sizes", "32x24", "--modes", "off"]
         many = self.write("many.ply", ply_bytes(3 * some_splats()))
         scale = ["pags-bench", "scale", many, "--camera", self.camera, "--millions", "0.001", "--spacing", 3]
@@ -112,7 +113,7 @@ class Writes(DataCase):
         self.assertEqual(kind(fifo), stat.S_IFIFO)
         got = reader.end()
         self.assertGreater(len(got), 3)
-        if command[0] in ("info", "export"):  # the output of other verbs holds times
+        if command[0] in ("info", "export"):  # the output of other verbs contains times
             named = lambda data: data.replace(b"_fifo", b"_link")
             self.assertEqual(named(got), read(target))
 
@@ -121,7 +122,7 @@ class Writes(DataCase):
             self.succeeds(*command, device, **more)
             self.assertEqual(kind(device), stat.S_IFCHR)
 
-        # Refused, for most verbs before any work is done.
+        # A read-only target is refused. Most verbs refuse it before they do any work.
         os.chmod(target, 0o444)
         before = read(target)
         self.fails([*command, link], "is read-only (mode 0444)", link, **more)
@@ -134,7 +135,7 @@ class Writes(DataCase):
         left = [name for name in os.listdir(self.folder) if name.endswith(".part")]
         self.assertEqual(left, [])
 
-    def test_folders_are_not_made_over_other_things(self):
+    def test_folder_does_not_replace_a_file_or_fifo(self):
         test_import.make_tree(self.path("tree"), 2)
         commands = [["train", self.data, "-n", 2, *SMALL, "--overwrite"]]
         commands += [["render", self.splats, "--camera", self.camera]]
@@ -153,14 +154,14 @@ class Writes(DataCase):
                     self.assertEqual(kind(self.path(name)), before)
         self.fails(["eval", self.scene, "--views", 1, "--images", self.path("fifo")], self.path("fifo"))
 
-    def test_a_dangling_link_makes_its_target(self):
+    def test_dangling_link_creates_its_target(self):
         os.mkdir(self.path("there"))
         os.symlink("there/made.json", self.path("link.json"))
         self.succeeds("info", self.splats, "--json", self.path("link.json"))
         self.assertEqual(kind(self.path("link.json")), stat.S_IFLNK)
         self.assertEqual(json.loads(read(self.path("there/made.json")))["gaussians"], 40)
 
-    def test_as_a_user(self):
+    def test_without_root_rights(self):
         if os.geteuid() != 0:
             return print("left out: only root can become nobody; the other tests ran as a user")
         nobody = pwd.getpwuid(65534).pw_uid
@@ -182,7 +183,7 @@ class Writes(DataCase):
             ["info", self.splats, "--json", self.path("shut/a.json")], "Permission denied", "shut/a.json", **user
         )
 
-    def test_a_reader_that_goes_away(self):
+    def test_reader_that_closes_early(self):
         many = self.write("many.ply", ply_bytes(50 * some_splats()))
         os.mkfifo(self.path("fifo.ply"))
         reader = Reader(self.path("fifo.ply"), 1)
@@ -219,7 +220,7 @@ class Writes(DataCase):
     def train(self, *more):
         return ["train", self.data, "-o", self.path("s"), "-n", 12, "-j", 1, *SMALL, *more]
 
-    def test_the_files_of_a_run(self):
+    def test_files_of_a_run(self):
         names = ["log.jsonl", "report.json", "scene.json", "checkpoint.pags", "background.ply"]
         for name in names:
             self.write(f"far/{name}", "old")
@@ -234,7 +235,7 @@ class Writes(DataCase):
         self.assertEqual(kind(self.path("s/log.jsonl")), stat.S_IFLNK)
         self.assertEqual(read(self.path("far/log.jsonl")).splitlines()[: len(lines)], lines)
 
-    def test_the_log_of_a_run(self):
+    def test_log_of_a_run(self):
         self.succeeds(*self.train())
         plain = read(self.path("s/log.jsonl"))
         os.remove(self.path("s/log.jsonl"))

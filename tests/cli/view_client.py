@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A running `pags view`, and the other end of its line: HTTP requests byte by byte and a WebSocket, for tests that send what no browser sends."""
+"""A running `pags view` and a client for it. The client sends HTTP requests byte by byte and opens a WebSocket, so
+tests can send data that no browser sends."""
 
 import base64
 import json
@@ -16,11 +17,11 @@ import unittest
 
 import fixtures
 
-PATIENCE = 30  # seconds for an answer
+PATIENCE = 30  # seconds to wait for an answer
 
 
 class Listener:
-    """A server at a printed address, and requests to it. `process` is set by those who derive from it."""
+    """A server at a printed address, and requests to it. Derived classes set `process`."""
 
     def listen(self, url):
         self.url = url
@@ -31,7 +32,7 @@ class Listener:
         self.cookie = f"pags_{self.port}={self.token}"
 
     def memory(self):
-        """Resident memory, bytes."""
+        """Returns the resident memory of the server in bytes."""
         with open(f"/proc/{self.process.pid}/statm", encoding="ascii") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
@@ -41,13 +42,15 @@ class Listener:
         return line
 
     def headers(self, **changed):
-        """Headers as our own page sends them; a changed one of None is left out."""
+        """Returns the headers that the viewer's page sends. `changed` replaces headers; the value None removes a
+        header."""
         headers = {"Host": self.host, "Cookie": self.cookie, "Connection": "close"}
         headers.update({name.replace("_", "-"): value for name, value in changed.items()})
         return "".join(f"{name}: {value}\r\n" for name, value in headers.items() if value is not None)
 
     def get(self, path, method="GET", **changed):
-        """The status, headers and body of an answer; status 0 if the line was cut without one."""
+        """Returns the status, headers and body of an answer. The status is 0 if the connection was closed without an
+        answer."""
         return self.send(f"{method} {path} HTTP/1.1\r\n{self.headers(**changed)}\r\n".encode())
 
     def send(self, request):
@@ -66,7 +69,7 @@ class Listener:
 
 
 class Server(Listener):
-    """`pags view` of a scene on a free port, ended by close."""
+    """A `pags view` of a scene on a free port. close() ends it."""
 
     def __init__(self, scene, *options):
         self.folder = tempfile.TemporaryDirectory(prefix="pags-view-")
@@ -84,7 +87,7 @@ class Server(Listener):
         self.listen(self.facts["url"])
 
     def close(self, how=signal.SIGINT):
-        """Ends it by Ctrl-C; returns its exit code and what it said."""
+        """Ends the server by Ctrl-C. Returns its exit code and stderr."""
         if self.process.poll() is None:
             self.process.send_signal(how)
         _, errors = self.process.communicate(timeout=PATIENCE)
@@ -93,7 +96,7 @@ class Server(Listener):
 
 
 class Run(Listener):
-    """`pags train --view` on a free port. Its output is in `output` once it has ended."""
+    """A `pags train --view` on a free port. `output` holds its output after its end."""
 
     def __init__(self, *arguments):
         command = fixtures.program(["train", *arguments, "--view", "0"])
@@ -107,7 +110,7 @@ class Run(Listener):
         self.listen(found.group())
 
     def description(self):
-        """scene.json, once the first step is done."""
+        """Returns scene.json when the first step is done."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             status, _, body = self.get("/scene.json")
@@ -119,13 +122,13 @@ class Run(Listener):
         raise AssertionError("the run doesn't begin")
 
     def wait(self):
-        """Its exit code when it has ended."""
+        """Waits for the end of the run and returns its exit code."""
         self.output += self.process.communicate(timeout=600)[0]
         return self.process.returncode
 
 
 class Page:
-    """A WebSocket as our own page opens it."""
+    """A WebSocket that is opened as the viewer's page opens it."""
 
     def __init__(self, server, **changed):
         self.line = server.connect()
@@ -188,7 +191,8 @@ class Page:
         return taken
 
     def receive(self, timeout=PATIENCE):
-        """The next message: (opcode, bytes), pings answered; None if none comes in time. EOFError when the server has closed."""
+        """Returns the next message as (opcode, bytes), or None if none arrives in time. Answers pings. Raises EOFError
+        when the server has closed the connection."""
         self.end = time.monotonic() + timeout
         whole, kind = b"", 0
         try:
@@ -213,13 +217,13 @@ class Page:
             raise EOFError(str(error)) from error
 
     def look(self, camera, **more):
-        """Looks from a camera; returns the look's serial."""
+        """Requests a view from a camera. Returns the serial number of the request."""
         self.serial += 1
         self.say(type="look", serial=self.serial, camera=camera, **more)
         return self.serial
 
     def picture(self, timeout=PATIENCE, acknowledge=True):
-        """The next picture: its facts and the JPEG; None if none comes in time."""
+        """Returns the facts and the JPEG file of the next picture, or None if none arrives in time."""
         message = self.receive(timeout)
         if message is None:
             return None
@@ -233,7 +237,7 @@ class Page:
         return facts, data[4 + size :]
 
     def sharp(self, camera, **more):
-        """The sharp picture of a look."""
+        """Requests a view and returns its sharp picture."""
         serial = self.look(camera, **more)
         while True:
             facts, jpeg = self.picture()
@@ -241,7 +245,7 @@ class Page:
                 return facts, jpeg
 
     def answer(self):
-        """The next text, as JSON; pictures before it are acknowledged."""
+        """Returns the next text as JSON. Acknowledges the pictures before it."""
         while True:
             kind, data = self.receive()
             if kind == 1:
@@ -251,7 +255,7 @@ class Page:
 
 
 def jpeg_size(jpeg):
-    """Width and height of a JPEG file, by its frame header."""
+    """Returns the width and height of a JPEG file, read from its frame header."""
     at = 2
     while at + 9 < len(jpeg):
         marker, size = jpeg[at + 1], struct.unpack(">H", jpeg[at + 2 : at + 4])[0]
@@ -263,7 +267,8 @@ def jpeg_size(jpeg):
 
 
 def main():
-    """Runs the tests of the calling program, or skips them in a build without a server. The first argument is pags."""
+    """Runs the tests of the calling program, or skips them in a build without a server. The first argument is the
+    program pags."""
     if len(sys.argv) > 1 and not sys.argv[1].startswith("-"):
         fixtures.PAGS = os.path.abspath(sys.argv.pop(1))
     if "this build lacks libwebsockets" in fixtures.run("--help").stdout:
