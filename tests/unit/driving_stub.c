@@ -72,8 +72,7 @@ void stub_close(pags_dataset *d) {
   free(d);
 }
 
-/* Returns the distance along the ray at which it enters an object's box at a time step, or infinity if the ray misses
- * the box. */
+/* Returns the distance along the ray to an object's box at a time step, or infinity if the ray misses the box. */
 static double enter_box(const pags_object *o, int step, const double from[3], const double direction[3]) {
   double inverse[12], low = 1e-6, high = INFINITY;
   pags_rigid_inverse(o->keyframes[step].world_from_object, inverse);

@@ -11,7 +11,8 @@
 #include "same_file.h"
 #include "unit/scratch.h"
 
-/* Largest differences found between the imported poses and the source's: places in metres, turns in radians. */
+/* Largest differences between the poses of the imported set and the source: positions in metres, rotations in
+ * radians. */
 typedef struct import_error {
   double view_place, view_turn;
   double sweep_place, sweep_turn;

@@ -35,7 +35,7 @@ void engine_destroy(engine *e);
 
 /* Renders the frame and computes its gradients (forward and backward pass). */
 frame_result fixture_run(engine *e, const fixture *f, int cluster_size, uint64_t shuffle_seed);
-/* The same with an engine of two threads; also asserts that the picture and all gradients are finite. */
+/* Like fixture_run, with an engine of two threads; also asserts that the picture and all gradients are finite. */
 frame_result fixture_run_finite(const fixture *f);
 int fixture_is_background(const fixture *f, const frame_result *result);
 

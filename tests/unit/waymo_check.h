@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Compares a driving set with the result of writing it as a Waymo segment and importing that. */
+/* Compares a driving set with the set imported from its Waymo segment. */
 #ifndef PAGS_TESTS_UNIT_WAYMO_CHECK_H
 #define PAGS_TESTS_UNIT_WAYMO_CHECK_H
 
@@ -63,8 +63,8 @@ static inline double point_range(const float *p) {
   return point_distance(p, roof);
 }
 
-/* Every imported point lies within half a beam's spacing of a source point, and at least `share` of the points are
- * there. */
+/* Every imported point lies within half a beam's spacing of a source point, and at least `share` of the source
+ * points are imported. */
 static inline void check_same_points(const pags_dataset *a, const pags_dataset *b, int64_t sweep, double share,
                                      double poses) {
   int64_t given, got;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A small driving data set of which every value is known, to be written as a Waymo segment and read back. */
+/* A small driving data set with known values, which tests write as a Waymo segment and import. */
 #ifndef PAGS_TESTS_UNIT_WAYMO_SET_H
 #define PAGS_TESTS_UNIT_WAYMO_SET_H
 

@@ -131,7 +131,7 @@ static void paths_come_apart_and_together(void **state) {
   assert_false(pags_path_is_inside("a/../../b"));
   assert_false(pags_path_is_inside(".."));
   assert_false(pags_path_is_inside(""));
-  assert_true(pags_path_is_inside("objects\\a..ply")); /* a name with a backslash, or two parts on Windows */
+  assert_true(pags_path_is_inside("objects\\a..ply")); /* a name with a backslash; on Windows, two path parts */
   assert_false(pags_path_is_inside("..\\b"));
   assert_false(pags_path_is_inside("a\\..\\..\\b"));
   assert_false(pags_path_is_inside("a/..\\b"));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writing where links, FIFOs, sockets and devices lie, as the caller and as another user. */
+/* Writing to links, FIFOs, sockets and devices, as the caller and as another user. */
 #define _XOPEN_SOURCE 700 /* for mknod */
 #include "base/file.h"
 
@@ -21,7 +21,7 @@
 
 #include <cmocka.h>
 
-/* A tree with a link in it is listed and removed; what the link leads to stays. */
+/* A folder with a link is listed and removed; the link's target stays. */
 static void a_removed_link_keeps_its_target(void **state) {
   (void)state;
   pags_dir_list list;
@@ -158,7 +158,7 @@ static void a_fifo_is_written_straight(void) {
   assert_int_equal(mkfifo(path, 0600), 0);
   assert_int_equal(pthread_create(&self.thread, NULL, read_all, &self), 0);
   assert_int_equal(pags_file_write(path, "through", 7), PAGS_OK);
-  /* Checked before the join, which would wait for ever if the FIFO had been replaced. */
+  /* Checked before the thread is joined, which would block for ever if the FIFO had been replaced. */
   assert_int_equal(kind_of(path), S_IFIFO);
   assert_int_equal(pthread_join(self.thread, NULL), 0);
   assert_string_equal(self.got, "through");
@@ -240,7 +240,7 @@ static void an_appended_file_keeps_what_it_holds(void) {
   for (int i = 0; i < 2; i++) {
     assert_int_equal(pags_file_writer_append(&writer, scratch("to_log")), PAGS_OK);
     assert_int_equal(pags_file_writer_put(&writer, i ? "two" : "one ", i ? 3 : 4), PAGS_OK);
-    if (i) /* each put is written at once */
+    if (i) /* each write goes to the device at once */
       assert_holds(scratch("log"), "one two");
     pags_file_writer_abort(&writer);
   }
@@ -259,8 +259,8 @@ static void check_all(const char *device) {
   an_appended_file_keeps_what_it_holds();
 }
 
-/* Makes a null device of the test's own that all may write to; `out` is "" where it can't be made or opened. The
- * machine's own devices are never touched. */
+/* Makes a null device for the test that everyone may write to; `out` is "" if this isn't permitted. Devices of the
+ * system are never touched. */
 static void make_device(char out[SCRATCH_PATH + 128]) {
   snprintf(out, SCRATCH_PATH + 128, "%s", scratch("device"));
   const bool made = mknod(out, S_IFCHR | 0666, makedev(1, 3)) == 0 && chmod(out, 0666) == 0;
@@ -286,8 +286,8 @@ static void what_is_no_ordinary_file_is_never_replaced(void **state) {
   snprintf(scratch_folder, sizeof scratch_folder, "%s", root);
 }
 
-/* The same checks in a child process that runs as the user nobody, since root may do what a user may not. cmocka's
- * assertions use longjmp, so the child runs a cmocka group of its own. */
+/* Runs the checks in a child process as the user nobody, since root may do what a user may not. cmocka's assertions
+ * use longjmp, so the child runs its own cmocka group. */
 static const char *device_of_child;
 
 static void check_as_nobody(void **state) {

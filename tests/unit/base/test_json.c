@@ -94,7 +94,8 @@ static void strings_are_decoded(void **state) {
   pags_json_destroy(json);
 }
 
-/* File names may have any bytes but zero and the slash; what is written has to be UTF-8 and to read back as it was. */
+/* File names may have any bytes but zero and the slash. The written JSON must be UTF-8, and reading must give the
+ * same bytes. */
 static void bytes_that_are_not_utf8_read_back(void **state) {
   (void)state;
   static const char *const texts[] = {
@@ -150,7 +151,7 @@ static void getters_name_key_and_line(void **state) {
   int64_t i;
   const char *s;
   assert_int_equal(pags_json_number(json, root, "x", &x), PAGS_OK);
-  assert_true(x == 2); /* the last wins */
+  assert_true(x == 2); /* the last of two equal keys counts */
   assert_int_equal(pags_json_number(json, root, "s", &x), PAGS_ERROR_FORMAT);
   assert_string_equal(pags_error_message(), "a.json:3: expected a number for 's', found a string");
   assert_int_equal(pags_json_number(json, root, "fl_x", &x), PAGS_ERROR_FORMAT);
@@ -159,7 +160,7 @@ static void getters_name_key_and_line(void **state) {
   assert_true(x == 7);
   assert_int_equal(pags_json_number_or(json, root, "s", 7, &x), PAGS_ERROR_FORMAT);
   assert_int_equal(pags_json_integer(json, root, "i", 0, INT64_MAX, &i), PAGS_OK);
-  assert_true(i == INT64_C(9007199254740993)); /* 2^53 + 1, which no double is */
+  assert_true(i == INT64_C(9007199254740993)); /* 2^53 + 1 isn't a double */
   assert_int_equal(pags_json_integer(json, root, "i", 1, 9, &i), PAGS_ERROR_FORMAT);
   assert_string_equal(pags_error_message(),
                       "a.json:5: expected an integer from 1 to 9 for 'i', found 9007199254740993");

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Locks of folders and files: who is shut out, what ends a lock, and what it leaves. */
-#define _GNU_SOURCE /* syscall */
+/* Locks of folders and files: which processes are refused, when a lock ends, and which files remain. */
+#define _GNU_SOURCE /* for syscall */
 #include "base/lock.h"
 
 #include <errno.h>
@@ -20,7 +20,7 @@
 
 #include <cmocka.h>
 
-/* A file system without locks: stands in for the C library's function. */
+/* 1: flock fails as on a file system without locks. Replaces the C library's function. */
 static int no_locks;
 
 int flock(int file, int operation) {
@@ -43,8 +43,8 @@ static void assert_refused(pags_result result, const char *words) {
     fail_msg("expected '%s' in '%s'", words, pags_error_message());
 }
 
-/* Starts a process that locks the folder and then waits for ever, as does a program that it has started; returns once
- * the folder is locked. */
+/* Starts a process that locks the folder, starts another program and then waits for ever. Returns once the folder is
+ * locked. */
 static pid_t start_holder(const char *folder) {
   int ready[2];
   char byte;
@@ -56,12 +56,12 @@ static pid_t start_holder(const char *folder) {
     if (pags_lock_folder(folder, &lock) != PAGS_OK)
       _exit(1);
     if (fork() == 0) {
-      close(STDOUT_FILENO); /* which ctest waits for the end of */
+      close(STDOUT_FILENO); /* ctest waits until the output is closed */
       close(STDERR_FILENO);
       execlp("sleep", "sleep", "20", (char *)NULL);
       _exit(1);
     }
-    usleep(100000); /* the program has started, with what it inherits */
+    usleep(100000); /* the other program has started and inherited the file descriptors */
     if (write(ready[1], "", 1) != 1)
       _exit(1);
     for (;;)
@@ -90,7 +90,7 @@ static void a_second_lock_is_refused_and_names_the_first(void **state) {
   assert_false(pags_path_exists(scratch("a")));
 }
 
-/* A process that has the lock may be stopped by the system before it writes its name. */
+/* A process that has the lock may be suspended before it writes its name; the refused process waits for the name. */
 static void a_name_that_comes_late_is_waited_for(void **state) {
   (void)state;
   assert_int_equal(mkdir(scratch("late"), 0777), 0);
@@ -131,14 +131,14 @@ static void a_lock_ends_with_its_process(void **state) {
   assert_int_equal(waitpid(child, &how, 0), child);
   assert_true(pags_path_exists(scratch("folder/.pags.lock")));
   lock = locked(scratch("folder"));
-  assert_int_equal(pags_remove_tree(scratch("folder")), PAGS_OK); /* with the lock in it */
-  pags_lock *other = locked(scratch("folder"));                   /* a new folder of that name */
+  assert_int_equal(pags_remove_tree(scratch("folder")), PAGS_OK); /* the lock file is in the folder */
+  pags_lock *other = locked(scratch("folder"));                   /* a new folder of the same name */
   pags_lock_release(lock);
   assert_refused(pags_lock_folder(scratch("folder"), &lock), "another process is writing there");
   pags_lock_release(other);
 }
 
-/* What a killed process of another host has left says nothing any more. */
+/* A lock file that a killed process on another host left is ignored. */
 static void a_text_alone_locks_nothing(void **state) {
   (void)state;
   assert_int_equal(pags_make_dirs(scratch("folder")), PAGS_OK);
@@ -189,7 +189,7 @@ static void files_of_one_folder_are_locked_separately(void **state) {
   assert_null(a);
 }
 
-/* Two writers of one file: the second is refused, and the first one's bytes are whole. */
+/* A file has one writer at a time: the second is refused, and the bytes of the first are complete. */
 static void a_file_has_one_writer_at_a_time(void **state) {
   (void)state;
   pags_file_writer first, second;

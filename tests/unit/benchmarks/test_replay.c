@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The record of a pool's work and its replay for other numbers of workers. Records are made by hand, so that every
- * predicted time is known exactly; a record of real loops is checked for what it must hold. */
+/* The record of a thread pool's work and the prediction of its time for other numbers of workers. Handmade records
+ * have exactly known times; the record of real loops is checked for its contents. */
 #include "benchmarks/threads/replay.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@
 
 static const pags_replay_costs no_costs = {.spin = 1e18, .slow = 1};
 
-/* A record of one stage: a serial stretch (0: none), then a loop of the blocks. */
+/* A record of one stage: a serial part (0: none), then a loop over the blocks. */
 typedef struct made {
   pags_event events[64];
   int64_t ns[256];
@@ -47,7 +47,7 @@ static pags_replay_time predict(const made *m, int workers, const pags_replay_co
   assert_int_equal(count, 1);
   stages[0].bytes = bytes;
   assert_int_equal(pags_replay_run(&m->record, stages, count, workers, costs, &time), PAGS_OK);
-  /* What is lost and the work's share add up to the time. */
+  /* The work's share and all losses add up to the predicted time. */
   double sum = (stages[0].serial + stages[0].work) / workers;
   for (int k = 0; k < PAGS_REPLAY_LIMITS; k++)
     sum += time.lost[k];
@@ -56,18 +56,18 @@ static pags_replay_time predict(const made *m, int workers, const pags_replay_co
   return time;
 }
 
-/* Blocks are taken in order by whoever is free. */
+/* A worker that is free takes the next block. */
 static void blocks_are_taken_in_order(void **state) {
   (void)state;
   made m;
   begin(&m);
   add_loop(&m, "raster", (const int64_t[]){3000, 1000, 1000, 1000, 4000}, 5);
   assert_ns(predict(&m, 1, &no_costs, 0).total, 10000);
-  /* Worker 0: 3, then 4 (from 3 on); worker 1: 1, 1, 1. The end is at 7, not at 5. */
+  /* Worker 0 runs the blocks of 3 and 4; worker 1 those of 1, 1 and 1. The loop ends at 7, not at 5. */
   const pags_replay_time two = predict(&m, 2, &no_costs, 0);
   assert_ns(two.total, 7000);
   assert_ns(two.lost[PAGS_REPLAY_TAIL], 2000);
-  /* Worker 0: 3; worker 1: 1, 1; worker 2: 1, then 4 (from 1 on). */
+  /* Worker 0 runs the block of 3, worker 1 those of 1 and 1, worker 2 those of 1 and 4. The loop ends at 5. */
   const pags_replay_time three = predict(&m, 3, &no_costs, 0);
   assert_ns(three.total, 5000);
   assert_ns(three.lost[PAGS_REPLAY_LONGEST], 4000 - 10000 / 3.0);
@@ -77,7 +77,8 @@ static void blocks_are_taken_in_order(void **state) {
   assert_ns(many.lost[PAGS_REPLAY_LONGEST], 2000);
 }
 
-/* A run slowed on purpose: a block of known length made serial, and one made four times as large. */
+/* A run that is slowed on purpose, by a serial block of known length and by a block of four times the length, has
+ * the predicted time. */
 static void known_slowness_is_predicted(void **state) {
   (void)state;
   int64_t even[64];
@@ -95,11 +96,12 @@ static void known_slowness_is_predicted(void **state) {
   assert_ns(serial.total, 1000 + 4000);
   assert_ns(serial.lost[PAGS_REPLAY_SERIAL], 1000 * 15 / 16.0);
 
-  even[63] = 4000; /* the last one: it begins when all others are done but for 15 of the last round */
+  even[63] =
+      4000; /* the long block is the last and begins when the others are done, except for 15 blocks of the last round */
   begin(&m);
   add_loop(&m, "raster", even, 64);
   assert_ns(predict(&m, 16, &no_costs, 0).total, 3000 + 4000);
-  even[63] = 1000, even[0] = 4000; /* the first one: the others fill its time */
+  even[63] = 1000, even[0] = 4000; /* the long block is the first, and the others fill its time */
   begin(&m);
   add_loop(&m, "raster", even, 64);
   assert_ns(predict(&m, 16, &no_costs, 0).total, 5000);
@@ -112,9 +114,9 @@ static void costs_are_added(void **state) {
   begin(&m);
   add_loop(&m, "raster", (const int64_t[]){1000, 1000}, 2);
   assert_ns(predict(&m, 2, &costs, 0).total, 1110); /* the other worker begins 100 later */
-  assert_ns(predict(&m, 1, &costs, 0).total, 2000); /* alone: none */
+  assert_ns(predict(&m, 1, &costs, 0).total, 2000); /* one worker alone doesn't start late */
 
-  /* After 6000 without work a worker sleeps; the caller wakes it. */
+  /* A worker sleeps after 6000 ns without work, and the caller has to wake it. */
   const pags_replay_costs wakes = {
       .fork = 100, .join = 10, .spin = 5000, .wake_call = 50, .wake = 300, .wake_next = 70, .slow = 1};
   begin(&m);
@@ -123,14 +125,14 @@ static void costs_are_added(void **state) {
   const pags_replay_time three = predict(&m, 3, &wakes, 0);
   assert_ns(three.total, 6000 + 300 + 70 + 1000 + 10);
   assert_ns(three.lost[PAGS_REPLAY_WAKE], 380);
-  /* After 4000 it still spins. */
+  /* After 4000 ns the worker still spins. */
   m.events[0].ns = 4000;
   assert_ns(predict(&m, 3, &wakes, 0).total, 4000 + 100 + 1000 + 10);
-  /* A sleeper that wakes when all blocks are taken isn't waited for. */
+  /* The loop doesn't wait for a worker that wakes after all blocks are taken. */
   const pags_replay_costs slow_to_wake = {.spin = 5000, .wake = 1e6, .slow = 1};
   m.events[0].ns = 6000;
   assert_ns(predict(&m, 3, &slow_to_wake, 0).total, 6000 + 3000);
-  /* Of two blocks only one sleeper is woken: the third worker sleeps on. */
+  /* A loop of two blocks wakes only one worker; the third continues to sleep. */
   begin(&m);
   add_serial(&m, "raster", 6000);
   add_loop(&m, "raster", (const int64_t[]){1000, 1000}, 2);
@@ -146,12 +148,13 @@ static void claims_and_memory_bound(void **state) {
   made m;
   begin(&m);
   add_loop(&m, "bin", small, 200);
-  /* With 50 workers, blocks of 100 and a counter that is held for 10, only 11 blocks run at once. */
+  /* With 50 workers, blocks of 100 ns and a counter that each worker holds for 10 ns, only 11 blocks run at the same
+   * time. */
   const pags_replay_costs claims = {.claim = 10, .spin = 1e18, .slow = 1};
   assert_ns(predict(&m, 50, &claims, 0).total, 200 * 10 + 100);
   const pags_replay_costs memory = {.bandwidth = 0.5, .spin = 1e18, .slow = 1};
   assert_ns(predict(&m, 50, &memory, 0).total, 400);
-  const pags_replay_time bound = predict(&m, 50, &memory, 50000); /* 50000 bytes at 25 a nanosecond */
+  const pags_replay_time bound = predict(&m, 50, &memory, 50000); /* 50000 bytes at 25 bytes a nanosecond */
   assert_ns(bound.total, 2000);
   assert_ns(bound.lost[PAGS_REPLAY_MEMORY], 1600);
   const pags_replay_costs cores = {.spin = 1e18, .slow = 1.25};

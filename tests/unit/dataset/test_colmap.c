@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* COLMAP models: the text and the binary form, every camera model, tracks, damaged files, and the real fox data set
- * against its other set of poses. */
+/* COLMAP models: text and binary files, every camera model, tracks, damaged files, and two pose sets of the real
+ * data set fox compared with each other. */
 #include <pags/dataset.h>
 
 #include "shared_data.h"
@@ -122,7 +122,7 @@ static void test_places(void **state) {
   scratch_expect(pags_dataset_open(s->folder, &options, &dataset), PAGS_ERROR_FORMAT, "nowhere: not a COLMAP model");
 }
 
-/* One camera of each model, without distortion where that is a pinhole. The angle models keep their focal lengths. */
+/* One camera of each model, without distortion if the model is a pinhole. The angle models keep their focal lengths. */
 static void test_camera_models(void **state) {
   scratch *s = *state;
   static const struct {
@@ -159,7 +159,8 @@ static void test_camera_models(void **state) {
       assert_true(camera->width == 8 && camera->height == 6 && camera->cx == known[i].cx && camera->cy == known[i].cy);
     pags_dataset_close(dataset);
   }
-  write_text(s, "4 EQUIRECTANGULAR 8 6 8 6\n", images, ""); /* a panorama: left of it all, what is behind */
+  write_text(s, "4 EQUIRECTANGULAR 8 6 8 6\n", images,
+             ""); /* a panorama: directions behind the camera lie left of the picture */
   pags_dataset *panorama = open_ok(s->folder, NULL);
   const pags_camera *whole = &pags_dataset_view(panorama, 0)->camera;
   double direction[3];
@@ -169,7 +170,8 @@ static void test_camera_models(void **state) {
   pags_dataset_close(panorama);
   write_text(s, "4 FULL_OPENCV_2 8 6 10 11 4 3\n", images, "");
   open_fails(s->folder, PAGS_ERROR_UNSUPPORTED, "camera model FULL_OPENCV_2 is not known");
-  /* An unused camera may be anything; r(1 - r^2) folds within the picture, 20 pixels wide at a focal length of 10. */
+  /* Cameras without a picture may have any model; r(1 - r^2) folds within a picture of 20 pixels at a focal length
+   * of 10. */
   write_text(s, "4 PINHOLE 8 6 10 11 4 3\n5 LATER 8 6 10\n6 OPENCV 8 6 -1.#IND 1 1 1 0 0 0 0\n", images, "");
   pags_dataset_close(open_ok(s->folder, NULL));
   write_text(s, "4 SIMPLE_RADIAL 8 6 5 4 3 -1\n", images, "");
@@ -216,7 +218,7 @@ static int64_t points_of(scratch *s, const char *points, bool *is_random) {
   return count;
 }
 
-/* Points of scanners have no tracks, or those of views that aren't there; points from depth have one view each. */
+/* Points of scanners have no tracks, or tracks with unknown views; points from depth have one view each. */
 static void test_tracks(void **state) {
   scratch *s = *state;
   bool random;
@@ -467,8 +469,8 @@ static void mean_rotation(const pags_dataset *a, const pags_dataset *b, double r
     r[i] = mean.world_from_camera[i / 3 * 4 + i % 3];
 }
 
-/* As the data set's README says: after a similarity of scale 0.87549 the camera centres of both sets of poses lie
- * within 0.0029 RMS, 0.012 at most. */
+/* As stated in the data set's README: after a similarity of scale 0.87549, the camera centres of both pose sets
+ * differ by 0.0029 RMS and by 0.012 at most. */
 static void test_fox_poses_agree(void **state) {
   (void)state;
   char path[512];

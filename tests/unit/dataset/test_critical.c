@@ -152,7 +152,7 @@ static void sources_come_in_order(void **state) {
     check_case(&cases[i]);
 }
 
-/* dataset.json states by which label set's numbers the label images are to be read. */
+/* The key labels of dataset.json names the table by which label images are read. */
 static void other_sets_are_read(void **state) {
   (void)state;
   pags_dataset_options options = pags_dataset_options_default();
@@ -169,7 +169,7 @@ static void other_sets_are_read(void **state) {
   assert_true(pags_dataset_object_is_critical(dataset, 1) && !pags_dataset_object_is_critical(dataset, 0));
   assert_string_equal(pags_dataset_critical(dataset), "Pedestrian");
   pags_dataset_close(dataset);
-  /* 11 is a building in this label set; that Cityscapes' train id 11 is a person must not matter here. */
+  /* Label 11 is a building in this label set; in Cityscapes' train ids it would be a person. */
   options.critical = "11, Car";
   scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
   critical_plane(dataset, 4, found, TREE_WIDTH, TREE_HEIGHT);
@@ -195,8 +195,7 @@ static void other_sets_are_read(void **state) {
   scratch_end(&s);
 }
 
-/* For a class that no label image has, boxes are used even though label images and dynamic masks exist, and they
- * alone. */
+/* A class that no label image has is taken from boxes only, even if label images and dynamic masks exist. */
 static void boxes_know_more_words(void **state) {
   (void)state;
   pags_dataset_options options = pags_dataset_options_default();
@@ -252,7 +251,8 @@ static void unknown_words_are_refused(void **state) {
   scratch_end(&s);
 }
 
-/* On the real scene, against its files read directly: the critical pixels of a view are exactly that union. */
+/* In the real scene, a view's critical pixels are exactly the union of its semantic classes and dynamic masks, which
+ * the test reads directly. */
 static void pandaset_is_the_union(void **state) {
   (void)state;
   enum { WIDTH = 960, HEIGHT = 540 };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Labels by pixel of driving sets' photographs, from label pictures and from boxes; sky guessed from LiDAR; the mask
- * of the ego vehicle. */
+/* Pixel labels of driving sets, from label pictures and from boxes; sky guessed from LiDAR; masks of the ego
+ * vehicle. */
 #include <pags/dataset.h>
 
 #include "dataset/internal.h"
@@ -77,8 +77,8 @@ static int box_bits(const pags_dataset *dataset, const pags_view *view, int x, i
   return sum;
 }
 
-/* Compares the label bits of every pixel with the expected ones. `files` lists the sources that were written: s sky
- * masks, c semantic classes, d dynamic masks, b boxes, e boxes at the other frames alone. */
+/* Compares the label bits of every pixel with the expected bits. `files` lists the sources that were written: s sky
+ * masks, c semantic classes, d dynamic masks, b boxes, e boxes at all frames but this one. */
 static void check_labels(scratch *s, const char *files, int shrink) {
   pags_dataset_options options = tree_options("pandaset");
   pags_dataset *dataset;
@@ -140,8 +140,7 @@ static void labels_come_from_what_there_is(void **state) {
     }
 }
 
-/* The cache's size limit holds with label planes, too, and photographs and labels are the same as with plenty of
- * room. */
+/* Label planes count in the cache's size limit; photographs and labels are the same with a small and a large limit. */
 static void budgets_count_labels(void **state) {
   (void)state;
   pags_dataset *dataset;
@@ -198,7 +197,7 @@ static void a_mask_of_another_size_is_refused(void **state) {
   scratch_picture(&s, "sky_masks/000_0.png", 20, 10, tree_paint);
   scratch_expect(pags_dataset_open(s.folder, NULL, &dataset), PAGS_ERROR_FORMAT,
                  "sky_masks/000_0.png: 20 x 10 pixels, expected 48 x 32");
-  /* One that isn't looked at when the set is opened is refused when it is used. */
+  /* A label picture that isn't read when the set is opened is refused when it is used. */
   scratch_picture(&s, "sky_masks/000_1.png", TREE_WIDTH, TREE_HEIGHT, paint_sky);
   scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
   scratch_ok(pags_photo_cache_create(dataset, tasks, UINT64_C(1) << 24, &cache));
@@ -209,8 +208,8 @@ static void a_mask_of_another_size_is_refused(void **state) {
   scratch_end(&s);
 }
 
-/* With barrel distortion labels are undistorted like the picture: a border that is straight in the source mask is
- * found where the lens model maps it. */
+/* Labels are undistorted like the picture: a straight border in the source mask is found where the barrel distortion
+ * maps it. */
 static void labels_are_undistorted(void **state) {
   (void)state;
   pags_dataset *dataset;
@@ -281,7 +280,7 @@ static void sky_is_guessed_from_the_lidar(void **state) {
   drop_photo(&photo);
   pags_dataset_close(dataset);
 
-  /* Of the mast alone nothing is known above the horizon, and nothing there is taken for something else than sky. */
+  /* With only the LiDAR point of the mast, sky is unknown above the horizon, and nothing below it is sky. */
   tree_bytes(&s, "lidar/000.bin", rows, 5 * sizeof *rows);
   scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
   with_photo(dataset, 0, 1, copy_photo, &photo);
@@ -358,7 +357,8 @@ static void the_own_car_is_found(void **state) {
   assert_true(tree_has_note(dataset, "none found"));
   pags_dataset_close(dataset);
 
-  /* What never changes at the lower edge of a camera that looks up is the sky. */
+  /* An upward-looking camera sees sky at the picture's lower edge, which never changes and isn't taken for the ego
+   * vehicle. */
   write_drive(&s, paint_drive, true);
   scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
   assert_true(tree_has_note(dataset, "don't stand upright and aren't searched, the first is camera 0"));
@@ -399,7 +399,7 @@ static void given_ego_masks_are_used(void **state) {
 
 /* ---- Scene 002 of PandaSet ---- */
 
-/* The boxes of all objects against dynamic_masks/all, which other software drew from the same boxes. */
+/* The boxes of all objects cover dynamic_masks/all, which other software drew from the same boxes. */
 static void pandaset_boxes_match_masks(void **state) {
   (void)state;
   pags_dataset *dataset = tree_pandaset();

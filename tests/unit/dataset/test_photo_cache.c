@@ -171,7 +171,7 @@ static void test_failures_surface(void **state) {
   pags_photo photo;
   scratch_text(&f->scratch, "04.png", "\x89PNG");
   painted = 5;
-  /* The file changes after the data set was opened. */
+  /* The file of a photograph changes after the data set was opened. */
   scratch_picture(&f->scratch, "05.png", WIDTH + 1, HEIGHT, paint);
   for (int threads = 1; threads <= 2; threads++) {
     pags_tasks *tasks = pags_tasks_create(threads);

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The rolling shutter of a driving set's cameras: direction, read-out and velocity; poses and velocities; camera files.
- */
+/* Rolling shutters of a driving set's cameras: read-out direction and time, velocities, and camera files. */
 #include <pags/object.h>
 
 #include "unit/driving_tree.h"
@@ -11,7 +10,7 @@ static void close_to(const double *found, const double *expected, int count, dou
       fail_msg("number %d: %g, expected %g", i, found[i], expected[i]);
 }
 
-/* The velocity and the pose that it leads to are each other's inverse. */
+/* The velocity between two poses, applied to the first pose, gives the second. */
 static void test_motion(void **state) {
   (void)state;
   const double w[3] = {0.3, -0.2, 0.5}, place[3] = {3, -1, 2}, velocity[6] = {0.4, 0.1, -0.3, 5, -2, 1};
@@ -25,7 +24,7 @@ static void test_motion(void **state) {
   close_to(after, m, 12, 1e-15);
 }
 
-/* An object that drives round a circle: 0.5 radians and 6 metres a second, labelled ten times a second. */
+/* An object drives round a circle at 0.5 rad/s and 6 m/s; it has ten labels a second. */
 static void test_object(void **state) {
   (void)state;
   pags_keyframe keyframes[11] = {0};
@@ -40,7 +39,7 @@ static void test_object(void **state) {
   pags_object_velocity(&object, 0.5, velocity);
   close_to(velocity, expected, 6, 0.01);
   pags_object_velocity(&object, 0.43, velocity);
-  close_to(velocity, expected, 6, 0.2); /* labels are joined by straight lines */
+  close_to(velocity, expected, 6, 0.2); /* poses between labels lie on a straight line */
   pags_object_velocity(&object, 0, velocity);
   close_to(velocity, expected, 6, 0.2);
   pags_object_velocity(&object, 7, velocity);
@@ -67,7 +66,8 @@ static void test_read(void **state) {
              "\"shutter\": {\"0\": [0.01, 0.01, 0.01, 0.01, 0.01]}");
   const pags_dataset_options options = tree_options(NULL);
   scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
-  const double read_out[5] = {0.03, 0.03, 0, 0.04, 0}; /* unknown in the third; the last one's isn't plausible */
+  const double read_out[5] = {0.03, 0.03, 0, 0.04,
+                              0}; /* the third frame has no time, and the last frame's time isn't plausible */
   for (int t = 0; t < TREE_FRAMES; t++) {
     const pags_camera *first = &pags_dataset_view(dataset, 2 * t)->camera,
                       *second = &pags_dataset_view(dataset, 2 * t + 1)->camera;
@@ -76,7 +76,7 @@ static void test_read(void **state) {
   }
   assert_true(tree_has_note(dataset, "camera 0 is read bottom_to_top in 33.3 ms, 3 of 5 views"));
 
-  /* The car goes 4, 1 metres a second and turns left at 0.2 radians a second; a camera has its z axis ahead. */
+  /* The car moves at 4 m/s along x and 1 m/s along y and turns left at 0.2 rad/s; a camera's z axis points ahead. */
   const pags_shutter *shutter = &pags_dataset_view(dataset, 2)->camera.shutter;
   double world[3] = {0}, pose[12], before[12], after[12];
   tree_view(1, 0, pose);
@@ -91,7 +91,8 @@ static void test_read(void **state) {
   scratch_end(&s);
 }
 
-/* Without times or a direction nothing is taken to roll; a wrong word is refused with its place. */
+/* Without read-out times or a direction a camera has a global shutter; an unknown direction is refused with its
+ * position in the file. */
 static void test_unknown(void **state) {
   (void)state;
   const char *const descriptions[] = {"{\"kind\": \"pandaset\"}",
@@ -116,7 +117,7 @@ static void test_unknown(void **state) {
   scratch_end(&s);
 }
 
-/* A camera file keeps the shutter; the point of a standing thing is where the line is when it is read. */
+/* A camera file keeps the shutter. A point of a standing object is seen on the line that is read at that time. */
 static void test_camera(void **state) {
   (void)state;
   scratch s;

@@ -303,7 +303,8 @@ static void test_missing(void **state) {
   assert_int_equal(pags_dataset_missing(dataset), 1);
   assert_string_equal(pags_dataset_view(dataset, 1)->name, "c.png");
   pags_dataset_close(dataset);
-  /* A missing picture doesn't change which others are held out: a.png and c.png of three, by every second. */
+  /* A missing picture doesn't change the split: every second picture is held out, and a.png and c.png are the first
+   * and the third of three. */
   options.split_every = 2;
   dataset = NULL;
   pags_result result = pags_dataset_open(s->folder, &options, &dataset);
@@ -388,7 +389,7 @@ static void test_fox_full(void **state) {
   char path[512];
   if (!fox("transforms_full.json", path))
     skip();
-  /* Cameras of 1080 x 1920 pixels, pictures of 540 x 960: the intrinsics are scaled. */
+  /* Cameras are stated for 1080 x 1920 pixels, pictures have 540 x 960: the intrinsics are scaled. */
   open_fails(path, NULL, PAGS_ERROR_IO, "0005.jpg; 17 of 67 images are missing");
   pags_dataset_options options = pags_dataset_options_default();
   options.allow_missing = 1;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lens models and undistortion: against the models' definitions, against analytic pictures, and against the picture
- * size that COLMAP chooses; which lens a view keeps, and the view through it. */
+/* Lens models and undistortion, compared with the models' definitions, with analytic pictures, and with COLMAP's
+ * picture size; which views keep their lens. */
 #include <pags/image.h>
 
 #include "dataset/driving/label_plane.h"
@@ -37,7 +37,7 @@ static const pags_lens fisheye_lens = {.model.kind = PAGS_LENS_FISHEYE,
                                        .cy = 121,
                                        .model.k = {-0.02, 0.003, -0.001, 0.0002}};
 
-/* The terms of FULL_OPENCV, FOV, THIN_PRISM_FISHEYE, Fisheye624, DIVISION and EUCM as lenses have them. */
+/* The parameters of FULL_OPENCV, FOV, THIN_PRISM_FISHEYE, Fisheye624, DIVISION and EUCM as lenses store them. */
 static const pags_lens rare[] = {{.model.kind = PAGS_LENS_RATIONAL,
                                   .model.k = {-0.2, 0.05, 0.01},
                                   .model.d = {0.03, -0.02, 0.004},
@@ -165,7 +165,8 @@ static void test_rare_models(void **state) {
   scratch_expect(pags_lens_prepare(&lens, "lens"), PAGS_ERROR_FORMAT, "EUCM's alpha");
 }
 
-/* A lens that folds outside of the picture is taken, one that folds far inside is refused, with the radius. */
+/* A lens that folds outside of the picture is accepted; one that folds inside is refused in a message with the
+ * radius. */
 static void test_folds(void **state) {
   (void)state;
   double share;
@@ -173,11 +174,11 @@ static void test_folds(void **state) {
   scratch_ok(pags_lens_prepare(&lens, "lens"));
   scratch_ok(pags_lens_check_inverse(&lens, "lens", &share));
   assert_true(share == 0);
-  lens.model.k[0] = -0.11; /* grows to 1.16 of 1.41 in the corners */
+  lens.model.k[0] = -0.11; /* the radius grows up to 1.16; the corners are at 1.41 */
   scratch_ok(pags_lens_prepare(&lens, "lens"));
   scratch_ok(pags_lens_check_inverse(&lens, "lens", &share));
   assert_true(share > 0 && share < 0.1);
-  lens.model.k[0] = -0.5; /* grows to (2/3)^1.5 = 0.544, 27 pixels */
+  lens.model.k[0] = -0.5; /* the radius grows up to (2/3)^1.5 = 0.544, which is 27 pixels */
   scratch_ok(pags_lens_prepare(&lens, "lens"));
   scratch_expect(pags_lens_check_inverse(&lens, "lens", &share), PAGS_ERROR_FORMAT, "stops growing 27 pixels");
   for (int i = 0; i < 6; i++) {
@@ -401,7 +402,7 @@ static void choose(pags_lens lens, bool undistort, pags_camera *out) {
   scratch_ok(pags_view_camera_choose(&dataset, 0, undistort, &share));
 }
 
-/* A view keeps its lens where a pinhole would lose a tenth of what it sees; unless it must not. */
+/* A view keeps its lens if a pinhole camera would lose a tenth of the picture, unless the options forbid lenses. */
 static void test_which_lens_is_kept(void **state) {
   (void)state;
   pags_lens wide = fisheye_lens, panorama = {.model.kind = PAGS_LENS_EQUIRECTANGULAR, .width = 400, .height = 200};
@@ -429,7 +430,7 @@ static void test_which_lens_is_kept(void **state) {
   }
 }
 
-/* What is used is seen, and what isn't used is not seen or within two pixels of that. */
+/* Every pixel of the mask has a viewing direction; every pixel left out has none within two pixels. */
 static void test_what_is_seen(void **state) {
   (void)state;
   enum { W = 90, H = 70 };
@@ -442,7 +443,7 @@ static void test_what_is_seen(void **state) {
   for (size_t i = 0; i < sizeof models / sizeof *models; i++) {
     pags_camera camera = {.width = W, .height = H, .fx = 26, .fy = 25, .cx = 47, .cy = 33, .lens = models[i]};
     scratch_ok(pags_lens_model_check(&camera.lens, "lens"));
-    bool seen[H + 4][W + 4]; /* two pixels beyond each side, too */
+    bool seen[H + 4][W + 4]; /* also two pixels beyond each side */
     int count = 0;
     for (int y = 0; y < H + 4; y++)
       for (int x = 0; x < W + 4; x++) {
@@ -468,8 +469,8 @@ static void test_what_is_seen(void **state) {
   }
 }
 
-/* Through a lens that hardly bends, a box covers the pixels that a pinhole's outline does; one around the camera, all.
- */
+/* Through an almost undistorted lens, a box covers the same pixels as its outline through a pinhole camera; a box
+ * around the camera covers all pixels. */
 static void test_boxes_by_rays(void **state) {
   (void)state;
   enum { W = 64, H = 48 };

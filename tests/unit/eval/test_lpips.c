@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LPIPS over both networks: against a direct evaluation in double with random weights, against the reference distances
- * of the shared test data, and the reader of its weights file on broken input. */
+/* LPIPS with both networks, compared with a direct evaluation in double with random weights and with the reference
+ * distances of the shared test data. Damaged weights files are refused. */
 #include <pags/eval.h>
 
 #include <math.h>
@@ -328,7 +328,7 @@ static pags_image random_image(int width, int height, uint64_t stream) {
   return image;
 }
 
-/* Every remainder of the sizes by the steps of the first convolutions, 4 and 2, and by those of the pools. */
+/* All remainders of the picture's size by the strides 4 and 2 of the first convolutions, and by those of the pools. */
 static void check_generated(bool alex) {
   static const int sizes[][2] = {{32, 32}, {41, 36}, {50, 33}, {35, 70}};
   buffer file = make_weights(alex, NULL);
@@ -459,7 +459,7 @@ static void test_wrong_files(void **state) {
   put_random(&both, "fire9.squeeze.bias", 1, &three, 0, 1, NULL);
   finish(&both);
   refuses(both.file, "'fire9.squeeze.bias' of SqueezeNet", "'conv2.weight' of AlexNet");
-  put_random(&shape, "conv1.weight", 4, (int[]){64, 3, 3, 3}, 0, 1, NULL); /* SqueezeNet's */
+  put_random(&shape, "conv1.weight", 4, (int[]){64, 3, 3, 3}, 0, 1, NULL); /* the shape of SqueezeNet's first layer */
   put_random(&shape, "conv2.weight", 1, &three, 0, 1, NULL);
   finish(&shape);
   refuses(shape.file, "'conv1.weight' is 64x3x3x3", "expected 64x3x11x11");
@@ -506,8 +506,7 @@ static void test_npz_broken(void **state) {
     assert_null(npz.arrays);
     free(part);
   }
-  /* Whatever any byte of the end record, the directory or the headers is changed to, the reader must not crash or
-   * leak. */
+  /* If any byte of the end record, the directory or the headers changes, the reader must not crash or leak memory. */
   for (size_t i = 0; i < file.size; i++)
     for (int k = 0; k < 8; k++) {
       file.bytes[i] ^= (uint8_t)(1 << k);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What pags_proxy_mesh_clean makes fit for physics: needles, caps, doubles and edges of more than two faces go, closed
- * meshes stay closed, good ones stay as they are. */
+/* pags_proxy_mesh_clean makes meshes fit for physics: it removes needles, caps, double triangles and edges of more
+ * than two faces. Closed meshes stay closed, good meshes stay unchanged. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -35,7 +35,7 @@ static double area_of(const pags_proxy_mesh *m, int64_t i) {
   return 0.5 * sqrt(n);
 }
 
-/* Checks what a cleaned mesh promises. */
+/* Checks the guarantees of a cleaned mesh. */
 static void check(const pags_proxy_mesh *m, bool closed) {
   pags_proxy_mesh_topology topology;
   assert_int_equal(pags_proxy_mesh_inspect(m, &topology), PAGS_OK);
@@ -88,7 +88,7 @@ static void caps_and_needles_go(void **state) {
   }
 }
 
-/* Two boxes that share an edge: it has four faces. */
+/* Two boxes share an edge of four faces, which the cleaning separates. */
 static void boxes_that_share_an_edge_part(void **state) {
   (void)state;
   pags_proxy_mesh m = box(), other = box();
@@ -111,7 +111,7 @@ static void boxes_that_share_an_edge_part(void **state) {
   pags_proxy_mesh_destroy(&other);
 }
 
-/* An open sheet with a triangle twice, once turned over, and a third wing on one edge. */
+/* An open sheet has a double triangle, once turned over, and an edge with a third face. */
 static void open_sheets_are_cleaned(void **state) {
   (void)state;
   static const float places[6][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0.5f, 0.5f, 1}, {-1, 1, 0.5f}};

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Convex parts: an angle falls into two blocks, a ball stays whole, a ring's parts leave its hole free and cover it. */
+/* Division into convex parts: an angle becomes two blocks, a ball stays one part, the parts of a ring cover it and
+ * leave its hole free. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,8 +20,8 @@ static pags_proxy_mesh_topology inspect(const pags_proxy_mesh *mesh) {
   return topology;
 }
 
-/* Makes the parts and checks what holds for all: closed, convex, no vertex of two parts, within the limits. Returns the
- * sum of their volumes. */
+/* Makes the parts and checks that they are closed, convex, within the limits and without common vertices. Returns
+ * the sum of their volumes. */
 static double make_parts(const pags_proxy_mesh *mesh, int64_t budget, pags_proxy_mesh *out, pags_convex_parts *parts) {
   double sum = 0;
   assert_int_equal(pags_proxy_mesh_convex(mesh, budget, out, parts), PAGS_OK);
@@ -41,7 +42,7 @@ static double make_parts(const pags_proxy_mesh *mesh, int64_t budget, pags_proxy
   return sum;
 }
 
-/* How far a point is outside of one part: the farthest that it lies before any of its faces; 0 or less inside. */
+/* Distance of a point from one part: the largest distance in front of any of its faces, 0 or less inside. */
 static double outside(const pags_proxy_mesh *mesh, int64_t begin, int64_t end, const float *point) {
   double most = -HUGE_VAL;
   for (int64_t t = begin; t < end; t++) {
@@ -88,17 +89,17 @@ static void test_angle(void **state) {
   }
   assert_true(inspect(&mesh).closed);
   assert_true(fabs(inspect(&mesh).volume - 3) < 1e-6);
-  assert_true(fabs(make_parts(&mesh, 4000, &out, &parts) - 3) < 1e-3); /* one hull would have 3.5 */
+  assert_true(fabs(make_parts(&mesh, 4000, &out, &parts) - 3) < 1e-3); /* a single hull would have a volume of 3.5 */
   assert_int_equal(parts.count, 2);
   assert_convex(&out, &parts);
   pags_proxy_mesh_destroy(&out);
-  make_parts(&mesh, 12, &out, &parts); /* the limit allows for one part alone */
+  make_parts(&mesh, 12, &out, &parts); /* the limit allows only one part */
   assert_int_equal(parts.count, 1);
   pags_proxy_mesh_destroy(&out);
   pags_proxy_mesh_destroy(&mesh);
 }
 
-/* A ball of 1 m, or a ring whose middle line is a circle of 1.2 m and which is 0.4 m thick either way. */
+/* A ball of 1 m, or a ring: a circle of 1.2 m radius with a section of 0.4 m by 0.4 m. */
 static pags_proxy_mesh round_mesh(bool ring) {
   const double lo[3] = {-2, -2, -2}, hi[3] = {2, 2, 2}, step = 0.1;
   pags_tsdf grid;
@@ -138,7 +139,8 @@ static void test_ring(void **state) {
   assert_true(sum < 0.75 * inspect(&hull).volume);
   assert_true(sum > inspect(&mesh).volume * 0.97);
   assert_convex(&out, &parts);
-  double worst = 0; /* of the ring's vertices, how far outside of all parts: 64 vertices cut 8 cm off its roundness */
+  double worst =
+      0; /* largest distance of a vertex of the ring from all parts: 64 vertices cut off 8 cm of its roundness */
   for (int64_t i = 0; i < mesh.vertex_count; i++) {
     double least = HUGE_VAL;
     for (int p = 0; p < parts.count; p++)
@@ -160,7 +162,7 @@ static void test_flat(void **state) {
   pags_convex_parts parts;
   for (int i = 0; i < 4; i++)
     pags_proxy_mesh_vertex(&mesh, (const float[3]){(float)(i & 1), (float)(i >> 1), 0}, grey, 1);
-  for (uint32_t i = 0; i < 2; i++) { /* both sides of a square */
+  for (uint32_t i = 0; i < 2; i++) { /* both triangles of a square */
     pags_proxy_mesh_triangle(&mesh, 0, 1 + i, 2 - i);
     pags_proxy_mesh_triangle(&mesh, 3, 2 - i, 1 + i);
   }

@@ -334,7 +334,7 @@ static void test_splat_files(void **state) {
   for (int version = 3; version <= 4; version++) {
     snprintf(path, 1024, "%s/v%d.spz", scratch_folder, version);
     for (int axes = PAGS_AXES_LDB; axes <= PAGS_AXES_RUF;
-         axes++) { /* whichever they are, the record brings them back */
+         axes++) { /* the record of the coordinate system restores the axes */
       assert_int_equal(pags_spz_save(path, &g, &(pags_spz_options){version, axes, NULL}), PAGS_OK);
       check_read_back(path, &g, 0.5 / 4096 + 1e-6, 0.5 / 16 + 1e-5, 1e-4, 8.5 / 128 + 1e-5);
     }
@@ -349,7 +349,7 @@ static void count_warnings(void *user, pags_log_level level, const char *line) {
   warnings += level == PAGS_LOG_WARNING;
 }
 
-/* Beyond 2048 m positions get fewer bits of fraction; where the steps are coarse, or values are clamped, it is said. */
+/* Positions beyond 2048 m have fewer fractional bits; the export warns if steps are coarse or values are clamped. */
 static void test_spz_beyond_its_range(void **state) {
   (void)state;
   char path[1024];
@@ -374,7 +374,7 @@ static void test_spz_beyond_its_range(void **state) {
     pags_gaussians_destroy(&g);
   }
 
-  /* One in a thousand may be left out, so that the others keep fine steps. */
+  /* Leaves out up to one in a thousand Gaussians, so that the others keep fine steps. */
   sample_gaussians(&g, 1000, 0, 5);
   memset(pags_plane(&g, PAGS_SH), 0, 3 * (size_t)g.stride * sizeof(float)); /* no colours beyond the range */
   pags_plane(&g, PAGS_MEAN + 1)[7] = 1e9f;
@@ -462,7 +462,7 @@ static void add_object(pags_scene *scene, const char *id, int64_t model, double 
 }
 
 /* A scene of a background without Gaussians, a ball, an object of three Gaussians and a flat object, each of another
- * size; and a fourth object of the three Gaussians, but of the ball's size. */
+ * size. A fourth object of three Gaussians has the ball's size. */
 static pags_scene built_scene(void) {
   pags_scene scene = {.up = PAGS_UP_Z};
   scene.model_count = 4;
@@ -473,7 +473,7 @@ static pags_scene built_scene(void) {
     scene.models[i].file = NULL;
   }
   assert_int_equal(pags_gaussians_create(&scene.models[0].gaussians, 0, 0), PAGS_OK);
-  /* Clear of the ground: low and level Gaussians would count as shadow. */
+  /* Above the ground, as low and level Gaussians would count as shadow. */
   fill_ball(&scene.models[1].gaussians, 7000, 0.7, 0);
   fill_ball(&scene.models[2].gaussians, 3, 0.8, 0);
   fill_ball(&scene.models[3].gaussians, 400, 0.8, 1);
@@ -512,7 +512,7 @@ static void test_proxies_of_a_scene(void **state) {
       assert_true(report.proxies[0].silhouette_iou > (level == PAGS_PROXY_CONVEX ? 0.85 : 0.9));
       assert_int_equal(report.proxies[1].level, PAGS_PROXY_BOX);
       assert_non_null(report.proxies[1].note);
-      /* The ball's shape is taken as the prior for it, and the note says so. */
+      /* The fourth object takes the ball's shape as a prior, and the note says so. */
       assert_int_equal(report.proxies[3].level, level);
       assert_non_null(strstr(report.proxies[3].note, "of its size"));
       assert_true(report.proxies[3].observed < 0.01);
@@ -587,8 +587,9 @@ static void test_empty_scene(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-/* A Gaussian with an alpha_min keeps its alpha at the mean and its integral over the picture, but is cut at 1/255; what
- * is never seen is left out. Where all parts have the same alpha_min it can be kept. */
+/* A Gaussian with an alpha_min is exported with the same alpha at its mean and the same integral over the picture,
+ * for viewers that cut at 1/255. Gaussians that are never visible are left out. If all parts have the same alpha_min,
+ * the file can keep it. */
 static void test_other_cuts(void **state) {
   (void)state;
   pags_gaussians g[2], baked;
@@ -606,7 +607,7 @@ static void test_other_cuts(void **state) {
   assert_true(baked.count == 3 && baked.alpha_min == 0.0f);
   const double a = (double)0.02f, alpha = 1 / (1 + exp(-(double)pags_plane(&baked, PAGS_OPACITY)[0]));
   const double variance = exp(2 * (double)pags_plane(&baked, PAGS_SCALE)[0]);
-  double covered = 0; /* of (o G - a) / (1 - a) over rings of the plane */
+  double covered = 0; /* integral of (o G - a) / (1 - a) over rings of the plane */
   for (double r = 0.0005; r < 6; r += 0.001)
     covered += fmax(0, (0.5 * exp(-0.5 * r * r) - a) / (1 - a)) * 2 * 3.14159265358979 * r * 0.001;
   assert_true(fabs(alpha - (0.5 - a) / (1 - a)) < 1e-6);

@@ -82,15 +82,15 @@ static double height(const pags_ground *ground, double x, double y) {
   return z;
 }
 
-/* Between a LiDAR's rings there is a gap of a metre: a surface beyond the gap is ground if it continues at about the
- * same height, a table is not. */
+/* LiDAR rings leave gaps of a metre: a surface beyond the gap is ground if it continues at about the same height; a
+ * table isn't. */
 static void rings_are_leapt_over(void **state) {
   (void)state;
   pags_lidar lidar = no_points();
   pags_ground ground;
   measure(&lidar, -3, 3, -3, 3, 0);
-  measure(&lidar, -3, 3, 4, 5, -0.12); /* beyond a gap: the road dips */
-  measure(&lidar, -3, 3, 6, 7, -0.2);  /* the road continues from there */
+  measure(&lidar, -3, 3, 4, 5, -0.12); /* beyond a gap the road lies lower */
+  measure(&lidar, -3, 3, 6, 7, -0.2);  /* the road continues at about this height */
   measure(&lidar, -3, 3, -5, -4, 0.8); /* a table */
   find(&lidar, &ground);
   assert_true(fabs(height(&ground, 0, 1)) < 0.005);
@@ -101,8 +101,7 @@ static void rings_are_leapt_over(void **state) {
   free(lidar.points);
 }
 
-/* Where LiDAR meets a wall the cells at its foot are left out: the ground before and behind it gives the height
- * there. */
+/* Ground cells where LiDAR hits a wall are left out; the ground on both sides gives their height. */
 static void walls_are_not_climbed(void **state) {
   (void)state;
   pags_lidar lidar = no_points();

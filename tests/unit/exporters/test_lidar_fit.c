@@ -49,7 +49,7 @@ static void a_surface_comes_to_its_points(void **state) {
   pags_tsdf grid = level_grid();
   pags_lidar_fit cloud = patch_at(0.06);
   scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13));
-  /* The doubt about few points leaves a twentieth of the distance at first, then less of that. */
+  /* Few points are trusted less: the first pull leaves a twentieth of the distance, later ones reduce the rest. */
   assert_true(fabs(height(&grid, 0, 0) - 0.06) < 0.002);
   assert_true(fabs(height(&grid, 0.25, -0.25) - 0.06) < 0.006);
   assert_true(height(&grid, 0.5, 0) > 0 && height(&grid, 0.5, 0) < 0.06);
@@ -92,8 +92,8 @@ static void world_point(int frame, int index, double out[3]) {
   pags_rigid_point(ego, tree_points[index], out);
 }
 
-/* Makes an object whose box moves along with the first LiDAR point, `above` metres below it. At the foot of a box,
- * where the point may belong to something else, it isn't taken; in the upper half it is. */
+/* Makes an object whose box moves with the first LiDAR point, `above` metres below it. A point at the foot of a box
+ * may belong to something else and isn't taken; a point in the upper half is. */
 static void follow(pags_object *object, pags_keyframe *keyframes, double above) {
   *object = (pags_object){.category = PAGS_CATEGORY_VEHICLE,
                           .moving = 1,
@@ -136,7 +136,7 @@ static void points_are_sorted_by_boxes(void **state) {
     for (int64_t i = 0; i < sweeps; i++)
       for (int k = 0; k < 3; k++)
         assert_true(fabs((double)lidar.objects[1].points[3 * i + k] - expected[k]) < 1e-5);
-    assert_int_equal(lidar.count, sweeps); /* the second point, which is in no box */
+    assert_int_equal(lidar.count, sweeps); /* the second point is in no box */
     world_point(held_out ? 4 : 0, 1, first);
     assert_true(fabs((double)lidar.points[0] + 7 - first[0]) < 1e-5 && fabs((double)lidar.points[2] - first[2]) < 1e-5);
     pags_lidar_destroy(&lidar);

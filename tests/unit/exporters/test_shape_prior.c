@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Completing the meshes of vehicles with shape priors, blended from well-observed vehicles of similar size, and
- * without pits. */
+/* Completion of vehicle meshes by shape priors, which are blended from well-observed vehicles of similar size; the
+ * completed meshes have no pits. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -36,7 +36,7 @@ static int64_t index_of(const pags_tsdf *g, double x, double y, double z) {
   return (at[2] * g->n[1] + at[1]) * g->n[0] + at[0];
 }
 
-/* Sets distance and weight of every lattice point within lo..hi. */
+/* Sets distance and weight of every lattice point between lo and hi. */
 static void say(pags_tsdf *g, const double lo[3], const double hi[3], float distance, float weight) {
   for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; i++) {
     const int64_t at[3] = {i % g->n[0], i / g->n[0] % g->n[1], i / g->n[0] / g->n[1]};
@@ -65,7 +65,7 @@ static pags_shape_prior prior_of(float distance, float weight, int64_t object) {
 
 static double middle_of(const pags_shape_prior *prior, double *known) {
   pags_tsdf grid = empty_grid();
-  say(&grid, all_lo, all_hi, 0, 1e-6f); /* almost no weight of its own, like a vehicle seen from far away */
+  say(&grid, all_lo, all_hi, 0, 1e-6f); /* an observation of almost no weight, as of a vehicle seen from far away */
   assert_int_equal(pags_shape_prior_complete(&grid, size, 0, prior, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0)];
   pags_tsdf_destroy(&grid);
@@ -103,8 +103,8 @@ static pags_lidar_fit side_cloud(void) {
   return cloud;
 }
 
-/* LiDAR selects among shapes: one whose surface contains the points, one that is 0.2 m off, and one that fits as well
- * but has almost no weight. */
+/* LiDAR selects among three shapes: one contains the points, one is 0.2 m off, and one fits too but has almost no
+ * weight. */
 static void test_lidar_chooses(void **state) {
   (void)state;
   pags_shape_prior priors[3] = {prior_of(0, 4, 1), prior_of(0.2f, 4, 2), prior_of(0, 0.02f, 4)}, blended;
@@ -138,9 +138,9 @@ static void test_lidar_chooses(void **state) {
   pags_lidar_fit_destroy(&cloud);
 }
 
-/* A shape that fits the fifth of the points that it covers doesn't win against one that is 0.04 m off all of them:
- * where both cover, the latter counts more than half as much as the former. Nor does a third shape that fits badly
- * take the former's weight away. */
+/* A shape that fits only the fifth of the points that it covers doesn't win against one that is 0.04 m off all of
+ * them. Where both cover, the latter counts more than half as much. A third, badly fitting shape doesn't reduce the
+ * weight of the first. */
 static void test_knowing_little_does_not_win(void **state) {
   (void)state;
   static const double lo[3] = {1, -9, -9};
@@ -157,7 +157,7 @@ static void test_knowing_little_does_not_win(void **state) {
   pags_shape_prior_destroy(&blended);
   priors[2] = prior_of(-0.2f, 4, 4);
   assert_int_equal(pags_shape_prior_blend(priors, 3, size, 3, &cloud, &blended), PAGS_OK);
-  /* Would be 0.032 if the shape that covers few points kept a weight of only 0.03. */
+  /* The distance would be 0.032 if the shape that covers few points had a weight of only 0.03. */
   assert_true((double)blended.distance[both] < 0.028);
   pags_shape_prior_destroy(&blended);
   for (int i = 0; i < 3; i++)
@@ -259,10 +259,10 @@ static double below_wheel(double length, int vehicle, double along, double inwar
 static void test_wheels_stand_on_the_ground(void **state) {
   (void)state;
   assert_true(below_wheel(0.6, 1, 0, 0.06, 0.02) < 0);
-  assert_true(below_wheel(0.6, 1, 0.28, 0.06, 0.02) > 0); /* the circle curves away from the ground here */
-  /* Would be -0.006 if the circle ended at the box, and -0.05 if it ended 0.06 m lower. */
+  assert_true(below_wheel(0.6, 1, 0.28, 0.06, 0.02) > 0); /* the wheel's circle is above the ground here */
+  /* The distance would be -0.006 if the circle ended at the box, and -0.05 if it ended 0.06 m lower. */
   assert_true(fabs(below_wheel(0.6, 1, 0.16, 0.06, 0.04) + 0.022) < 0.01);
-  /* Filled to a wheel's width although it was observed as free there. */
+  /* Filled to a wheel's width, although the space was observed as free. */
   assert_true(below_wheel(0.6, 1, 0, 0.12, 0.06) < 0);
   assert_true(below_wheel(0.6, 1, 0, 0.2, 0.06) > 0);
   assert_true(below_wheel(0.6, 0, 0, 0.06, 0.02) > 0); /* not a vehicle */
@@ -272,7 +272,7 @@ static void test_wheels_stand_on_the_ground(void **state) {
   assert_true(below_wheel_at(0.3, 0.6, 1, 0, 0.06, 0.02) > 0);
 }
 
-/* A vehicle has no surface below its box's lower face, whatever was observed there; other objects may. */
+/* A vehicle has no surface below its box's lower face, even if one was observed there; other objects may have one. */
 static void test_vehicles_end_at_the_ground(void **state) {
   (void)state;
   for (int vehicle = 0; vehicle < 2; vehicle++) {
@@ -307,15 +307,15 @@ static double roof_below(double free_from) {
   return height + 0.04 * below / (below - above);
 }
 
-/* The surface lies halfway between the lowest lattice point known to be free and the highest unknown one, up to half
- * a step of the prior's lattice, 0.0175 m, and the effect of smoothing. */
+/* The roof lies halfway between the lowest lattice point known to be free and the highest unknown one. The tolerance
+ * is half a lattice step of the prior, 0.0175 m, and the effect of smoothing. */
 static void test_roofs_are_half_way(void **state) {
   (void)state;
   for (int i = 0; i < 5; i++)
     assert_true(fabs(roof_below(0.25 + 0.1 * i) - (0.2 + 0.1 * i)) < 0.022);
 }
 
-/* Where nothing was observed, a vehicle's body begins 0.2 m above its box's lower face. */
+/* The body of an unobserved vehicle begins 0.2 m above its box's lower face. */
 static void test_air_under_vehicles(void **state) {
   (void)state;
   pags_tsdf grid = grid_of(0.04);

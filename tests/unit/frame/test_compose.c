@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Composing a scene at a time: objects are drawn where their tracks are, can be hidden, moved and added; parked
- * objects; colour that varies over time. */
+/* Composing a scene at a time: objects are drawn at the poses of their tracks and can be hidden, moved and added;
+ * parked objects; colour that varies over time. */
 #include <pags/compose.h>
 #include "frame_fixture.h"
 
@@ -107,7 +107,7 @@ static pags_picture draw(pags_composition *c, double time) {
   return picture;
 }
 
-/* Asserts in which column of the middle row a channel is brightest; -1: it is nowhere above 0.5. */
+/* Asserts the column of the middle row in which a channel is brightest; -1: the channel is nowhere above 0.5. */
 static void assert_column(pags_composition *c, double time, int channel, int wanted) {
   pags_picture picture = draw(c, time);
   int best = -1;
@@ -176,11 +176,11 @@ static void moved_objects_move_in_their_own_frame(void **state) {
   assert_column(c, 101, 0, 60);
   edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .translation = {0, 1, 0}}, 1);
   assert_column(c, 101, 1, 25);
-  /* Half a turn about the box's centre, which the Gaussian isn't at. */
+  /* Half a turn about the box's centre, beside which the Gaussian lies. */
   edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .yaw = 180}, 1);
   assert_column(c, 101, 1, 45);
   edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .translation = {0, 1, 0}, .yaw = 180}, 1);
-  /* The turn comes first; the push goes along the left axis that the box had before the turn. */
+  /* The object is turned first and then moved along the left axis that its box had before the turn. */
   assert_column(c, 101, 1, 35);
   const pags_edit both[] = {{.kind = PAGS_EDIT_HIDE, .object = CAR},
                             {.kind = PAGS_EDIT_ADD, .object = CAR, .translation = {-2, 0, 0}}};
@@ -199,7 +199,9 @@ static void added_objects_leave_the_first_ones(void **state) {
   const float *green = picture.rgb[1] + 50 * picture.stride, *red = picture.rgb[0] + 50 * picture.stride;
   assert_true(green[35] > 0.5f && green[65] > 0.5f);
   assert_true(red[50] > 0.5f && red[80] > 0.5f);
-  picture = draw(c, 103); /* at 103 s the car's copy is gone with the car's track, the parked object's copy stays */
+  picture = draw(
+      c,
+      103); /* at 103 s the copy of the car has disappeared with the car's track; the copy of the parked object stays */
   green = picture.rgb[1] + 50 * picture.stride, red = picture.rgb[0] + 50 * picture.stride;
   assert_true(green[65] > 0.5f && red[80] < 0.1f);
   pags_composition_destroy(c);
@@ -294,8 +296,8 @@ static void ids_and_objects_are_those_of_the_files(void **state) {
   pags_composition_destroy(c);
 }
 
-/* 600 Gaussians before the camera: cut by object id into the parts of two objects and the background, they give the
- * same bits as in one part. */
+/* 600 Gaussians, divided by object id into two objects and the background, give the same picture bits as in one
+ * part. */
 static void cutting_changes_no_bit(void **state) {
   (void)state;
   pags_composition *c[2];
@@ -328,8 +330,8 @@ static void cutting_changes_no_bit(void **state) {
   free(kept);
 }
 
-/* The scene with 600 Gaussians of degree 2 in the background, by turns of no object, PARKED and CAR; `back`: in
- * reverse. */
+/* A scene with 600 Gaussians of degree 2 in the background that belong in turn to no object, PARKED and CAR; `back`:
+ * in reverse order. */
 static pags_scene make_many(bool back) {
   pags_scene scene = make_scene();
   pags_gaussians *g = &scene.models[0].gaussians, sampled;
@@ -365,8 +367,8 @@ static void gaussians_come_back_in_the_order_of_ids(void **state) {
       const float *found = pags_plane(&all, p), *wanted = pags_plane(&kept.models[0].gaussians, p);
       if (!packed)
         assert_memory_equal(found, wanted, 600 * sizeof *found);
-      /* Packed means are within a 131070th of their cluster's box; the worst are harmonics, which
-       * are off by 1/254 of up to 4. */
+      /* Packed means are exact to 1/131070 of their cluster's box; the largest errors are those of harmonics, 1/254
+       * of up to 4. */
       for (int i = 0; i < 600 && (p < PAGS_ROTATION || p >= PAGS_OPACITY); i++)
         assert_true(fabsf(found[i] - wanted[i]) < 0.02f);
       const float car = p < PAGS_SH + 3 ? pags_plane(&kept.models[1].gaussians, p)[0] : 0;
@@ -405,8 +407,8 @@ static void gradients_of(pags_composition *c, int threads, pags_gaussians *out) 
   pags_tasks_destroy(own);
 }
 
-/* Numbering the Gaussians the other way round numbers the gradients the other way round and changes none of their bits;
- * nor do threads. */
+/* Numbering the Gaussians in reverse order reverses the gradients and changes no bit of them; nor does the number of
+ * threads. */
 static void gradients_come_in_the_order_of_ids(void **state) {
   (void)state;
   pags_gaussians forth, back, threaded;
@@ -423,7 +425,7 @@ static void gradients_come_in_the_order_of_ids(void **state) {
     }
   }
   assert_true(drawn > 100);
-  assert_true(pags_plane(&forth, PAGS_SH)[600] > 0); /* the car's, whose model is of degree 0 */
+  assert_true(pags_plane(&forth, PAGS_SH)[600] > 0); /* the car's model is of degree 0 */
   assert_true(pags_plane(&forth, PAGS_SH + 3)[600] == 0);
   pags_gaussians_destroy(&forth);
   pags_gaussians_destroy(&back);
@@ -497,7 +499,8 @@ static void placements_are_drawn_where_they_say(void **state) {
   pags_composition_destroy(c);
 }
 
-/* A placement of twice the size and mirrored takes a point of the object's frame, and of the world, where it says. */
+/* A placement of twice the size, mirrored, moves points of the object's frame and of the world to the expected
+ * places. */
 static void placements_scale(void **state) {
   (void)state;
   pags_composition *c = compose_scene(make_scene());
@@ -509,7 +512,7 @@ static void placements_scale(void **state) {
     double rest[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, in_model[3], found[3];
     assert_int_equal(pags_compose_placed(c, 101, &placement, 1, &parts, &count), PAGS_OK);
     assert_int_equal(count, 1);
-    if (object == PARKED) /* its Gaussians lie in the world, at the rest pose */
+    if (object == PARKED) /* the object's Gaussians are stored in world coordinates at the rest pose */
       pags_composition_rest_pose(c, PARKED, rest);
     pags_rigid_point(rest, point, in_model);
     for (int k = 0; k < 3; k++)
@@ -524,7 +527,7 @@ static void placements_scale(void **state) {
   pags_composition_destroy(c);
 }
 
-/* A rotation that is a little off becomes exact; a scale that is a little off one stays. */
+/* A pose whose rotation is slightly inexact becomes exactly rigid; a scale slightly different from 1 is kept. */
 static void nearly_rigid_poses(void **state) {
   (void)state;
   double turned[12] = {1 + 4e-6, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1 - 3e-6, 3},

@@ -81,21 +81,22 @@ static void test_the_impossible(void **state) {
   double step;
   pags_deadline_controller c = pags_deadline_controller_begin(5);
   assert_true(drive(&c, steep, 100, 200, 100, &step) == 0);
-  assert_int_equal(c.step, PAGS_DEADLINE_WHOLE_STEPS - 1); /* a picture that is kept has its size */
+  assert_int_equal(c.step, PAGS_DEADLINE_WHOLE_STEPS - 1); /* a picture that is kept for later has full size */
   pags_deadline_controller_tell(&c, NAN);
   pags_deadline_controller_tell(&c, 0);
   pags_deadline_controller_tell(&c, INFINITY);
   assert_int_equal(c.step, PAGS_DEADLINE_WHOLE_STEPS - 1);
 }
 
-/* Frames that are looked at: bounded at least, smaller where nothing else keeps the time. */
+/* For frames shown live, Early-Z is bounded in every frame, and frames become smaller if nothing else meets the
+ * deadline. */
 static void test_live(void **state) {
   (void)state;
   double step;
   pags_deadline_controller c = pags_deadline_controller_begin_live(50);
-  assert_true(pags_deadline_steps()[c.step].divisor == 2); /* nothing is known yet */
+  assert_true(pags_deadline_steps()[c.step].divisor == 2); /* the costs aren't known yet */
   pags_deadline_controller_tell(&c, 2);
-  assert_int_equal(c.step, 1); /* at once, since the first picture was a guess */
+  assert_int_equal(c.step, 1); /* full size at once, since the first step was a guess */
   drive(&c, steep, 20, 40, 30, &step);
   assert_true(drive(&c, steep, 20, 40, 200, &step) == 1 && step == 1);
   c = pags_deadline_controller_begin_live(5);
@@ -121,7 +122,7 @@ static int steady(pags_deadline_controller *c, clock_model m, double full, int f
   return changes;
 }
 
-/* Whatever the cost is, the step settles and stays; single frames that something else has delayed change nothing. */
+/* For any cost the step becomes constant; single frames that another program delays don't change it. */
 static void test_no_oscillation(void **state) {
   (void)state;
   for (double full = 30; full < 400; full *= 1.07)
@@ -142,7 +143,7 @@ static void test_a_scene_that_gets_slower(void **state) {
   for (int i = 0; i < 10; i++)
     pags_deadline_controller_tell(&c, 42);
   assert_int_equal(c.step, 0);
-  pags_deadline_controller_tell(&c, 48); /* within the time, but the next may not be */
+  pags_deadline_controller_tell(&c, 48); /* in time, but the next frame may be late */
   assert_true(c.step > 0);
   c = pags_deadline_controller_begin(50);
   steady(&c, steep, 40, 50, 0, &met);
@@ -156,12 +157,12 @@ static void test_a_scene_that_gets_slower(void **state) {
   assert_true(kept >= 157); /* of 162 */
   steady(&c, steep, 40, 60, 0, &met);
   assert_int_equal(c.step, 0);
-  steady(&c, steep, 160, 6, 0, &met); /* at once four times as slow */
+  steady(&c, steep, 160, 6, 0, &met); /* suddenly four times as slow */
   steady(&c, steep, 160, 100, 0, &met);
   assert_true(met >= 98);
 }
 
-/* What the caller's own drawing takes: pictures that come too seldom get less of the target, then more again. */
+/* If the caller's drawing makes pictures too rare, rendering gets less of the target time; later it gets more again. */
 static void test_pace(void **state) {
   (void)state;
   int met;
@@ -173,8 +174,8 @@ static void test_pace(void **state) {
     steady(&c, steep, 40, 1, 0, &met);
   }
   assert_true(c.haste == 0.25 && 40 * steep.share[c.step] < 0.25 * 50);
-  pags_deadline_controller_pace(&c, 3000, 95); /* a pause between two movements says nothing */
-  pags_deadline_controller_pace(&c, 90, 95);   /* as wished */
+  pags_deadline_controller_pace(&c, 3000, 95); /* a pause between two movements doesn't count */
+  pags_deadline_controller_pace(&c, 90, 95);   /* the requested interval */
   assert_true(c.haste == 0.25);
   for (int i = 0; i < 60; i++) {
     pags_deadline_controller_pace(&c, 50, 95);
@@ -468,7 +469,7 @@ static void test_samples_are_interpolated(void **state) {
   destroy(&s);
 }
 
-/* A smaller picture: the field of view stays, and its pixels are those of a camera of that size at those options. */
+/* A smaller frame has the same field of view and the pixels of a camera of that size. */
 static void test_smaller(void **state) {
   (void)state;
   scene s, other;
@@ -500,7 +501,7 @@ static void test_smaller(void **state) {
   destroy(&other);
 }
 
-/* Passes need a frame that is whole: nothing but size is given up for one. */
+/* For passes only the picture's size is reduced, since they need whole frames. */
 static void test_passes_are_whole(void **state) {
   (void)state;
   scene s, other;
@@ -524,7 +525,7 @@ static void test_passes_are_whole(void **state) {
   destroy(&other);
 }
 
-/* A first frame that is too slow is drawn again at the step then chosen, later ones aren't. */
+/* If the first frame is too slow, it is drawn again at the chosen step; later frames aren't. */
 static void test_the_first_frame(void **state) {
   (void)state;
   scene s;

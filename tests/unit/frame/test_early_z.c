@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Early-Z: the mode LOSSLESS gives the bits of OFF, and BOUNDED keeps its error bound, on random and on adversarial
- * scenes, however the frame is cut into depth slabs, for any number of threads and any cluster size.
- *
- * PAGS_EARLY_Z_SCENES=N runs N random scenes in place of 200. */
+/* Early-Z: the mode LOSSLESS gives the bits of OFF, and BOUNDED keeps its error bound. This holds on random and
+ * adversarial scenes for any division into depth slabs, number of threads and cluster size. PAGS_EARLY_Z_SCENES=N runs
+ * N random scenes in place of 200. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -413,8 +412,8 @@ static void test_padding(void **unused) {
   scene_destroy(&s);
 }
 
-/* Of a scene of millions even the first frame loads only what it needs: here thousands of copies, one behind the
- * other. */
+/* In a scene of millions of Gaussians even the first frame loads only visible ones: here thousands of copies stand
+ * one behind the other. */
 static void test_first_of_many(void **unused) {
   (void)unused;
   enum { COPIES = 10000 };
@@ -442,8 +441,8 @@ static void test_first_of_many(void **unused) {
   scene_destroy(&s);
 }
 
-/* If the number of slabs is left to the frame, it probes the scene first and cuts into slabs when much is hidden; the
- * bits stay. The modes of the paper draw as well, and report what they left out. */
+/* If the frame chooses the number of slabs, it probes the scene first and uses slabs when much is hidden; no bit
+ * changes. The paper's modes draw as well and report the Gaussians left out. */
 static void test_choice(void **unused) {
   (void)unused;
   scene s;
@@ -469,7 +468,7 @@ static void test_choice(void **unused) {
   again = shoot_parts(tasks, &s, &options);
   assert_true(again.stats.occluders == 0 && same_bits(&off, &again));
   options.early_z = PAGS_EARLY_Z_OFF;
-  options.order = PAGS_ORDER_PAPER; /* all parts are of one kind: the paper's order is the same order */
+  options.order = PAGS_ORDER_PAPER; /* all parts are of one kind, so that the paper's order is the same */
   shot sorted = shoot_parts(tasks, &s, &options);
   assert_true(same_bits(&off, &sorted));
   s.parts[s.part_count - 1].s_sem = 1;
@@ -481,7 +480,7 @@ static void test_choice(void **unused) {
   scene_destroy(&s);
 }
 
-/* From the third frame on no heap call is made, whatever is hidden. */
+/* From the third frame on no heap call is made, however much is hidden. */
 static void test_steady(void **unused) {
   (void)unused;
   scene s;
@@ -544,8 +543,8 @@ static void draw_fresh(pags_tasks *tasks, scene *s, pags_early_z mode, uint64_t 
   }
 }
 
-/* What a frame knows of the one before changes no bit: cameras forwards, backwards, shuffled and by turns from two
- * frames, then an edited scene, give what frames that know nothing give. */
+/* The state that a frame keeps from the previous frame changes no bit: cameras forwards, backwards, shuffled and
+ * alternating, and an edited scene, give the pictures of fresh frames. */
 static void test_sequences(void **unused) {
   (void)unused;
   scene s;

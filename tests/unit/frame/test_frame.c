@@ -34,8 +34,8 @@ static void test_threads_change_nothing(void **state) {
   fixture_destroy(&f);
 }
 
-/* The sky's gradient is reduced in runs of texels, one task each, in the order of the tiles, so that the number of
- * threads changes no bit; sizes with few and with many runs. */
+/* The sky's gradient is reduced in runs of texels, one task each, in the order of the tiles. The number of threads
+ * changes no bit, with few and with many runs. */
 static void test_threads_change_no_sky(void **state) {
   (void)state;
   const int sizes[] = {1, 30, 250};
@@ -48,7 +48,7 @@ static void test_threads_change_no_sky(void **state) {
     uint64_t expected = hash_of(&f, 1, 64, 0);
     for (int threads = 2; threads <= 7; threads++)
       assert_true(hash_of(&f, threads, 64, 99) == expected);
-    assert_true(hash_of(&f, 9, 64, 99) == expected); /* from 9 on there are more and smaller runs */
+    assert_true(hash_of(&f, 9, 64, 99) == expected); /* from 9 threads on there are more and smaller runs */
     for (int i = 0; i < 18 * sizes[k] * sizes[k]; i++)
       sky.texels[i] += 0.001f;
     assert_true(hash_of(&f, 1, 64, 0) != expected);
@@ -82,8 +82,8 @@ static void test_exposure(void **state) {
   fixture_destroy(&f);
 }
 
-/* Without Gaussians the picture is the sky as it is, not the background colour. A map without texels counts as no
- * sky. */
+/* Without Gaussians the picture shows the sky's values unchanged, not the background colour. A map without texels
+ * counts as no sky. */
 static void test_bare_sky(void **state) {
   (void)state;
   fixture f = fixture_create(12, 0);
@@ -207,7 +207,7 @@ static void test_clusters_and_order_change_nothing(void **state) {
   fixture_destroy(&f);
 }
 
-/* Frames of other sizes drawn before with the same engine don't change a frame's bits. */
+/* A frame object that has drawn pictures of other sizes gives the bits of a new one. */
 static void test_a_used_frame_is_as_good_as_new(void **state) {
   (void)state;
   fixture f = fixture_create(3, 700), other = fixture_create(4, 1900);

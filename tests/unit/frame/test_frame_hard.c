@@ -129,8 +129,8 @@ static void test_zero_quaternion(void **state) {
   fixture_destroy(&f);
 }
 
-/* #6: a quaternion's length changes no bit of the picture, through a pinhole or a lens: powers of two, so that nothing
- * but the length changes. Gradients are finite. */
+/* #6: scaling a quaternion by a power of two changes no bit of the picture, through a pinhole or a lens; gradients
+ * are finite. */
 static void test_quaternion_lengths(void **state) {
   (void)state;
   const int powers[] = {-120, -100, -64, -50, -49, -10, 10, 62, 63, 64, 65, 100, 120};
@@ -147,7 +147,7 @@ static void test_quaternion_lengths(void **state) {
       other.camera.lens = f.camera.lens;
       frame_scene_round(&other.part);
       for (int64_t i = 0; i < 40; i++)
-        for (int k = 0; k < 4 && i % 3; k++) /* some keep their length */
+        for (int k = 0; k < 4 && i % 3; k++) /* some quaternions keep their length */
           *fixture_at(&other, PAGS_ROTATION + k, i) *= ldexp(1, powers[n]);
       frame_result result = fixture_run_finite(&other);
       assert_memory_equal(result.rgb, plain.rgb, 3 * PIXELS * sizeof(float));
@@ -257,12 +257,13 @@ static void test_near_planes(void **state) {
   fixture_destroy(&f);
 }
 
-/* Clipping planes, compared with the same Gaussians made transparent: the same bits, with Early-Z too. */
+/* Gaussians beyond a clipping plane give the same bits as transparent ones, also with Early-Z. */
 static void test_clips(void **state) {
   (void)state;
   enum { COUNT = 300 };
   fixture f = fixture_create(23, COUNT), kept = fixture_create(23, COUNT);
-  const double planes[2][4] = {{1, 0.2, 0, -0.1}, {0, 0, -1, 3}}; /* of the camera: to the right, and nearer than 3 m */
+  const double planes[2][4] = {{1, 0.2, 0, -0.1},
+                               {0, 0, -1, 3}}; /* planes relative to the camera: on its right, and nearer than 3 m */
   int outside = 0;
   camera_at_origin(&f);
   camera_at_origin(&kept);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lenses: formulas, frames and gradients compared with the oracle, which has its own formulas; the affine projection
- * compared with rays through the lens; culling. */
+/* Lenses: formulas, frames and gradients compared with the oracle, which computes them independently; the affine
+ * projection compared with rays through the lens; culling. */
 #include "unit/random_scene.h"
 #include "unit/scratch.h"
 
@@ -17,7 +17,7 @@ static const double pi = 3.14159265358979323846;
 /* One lens of each kind, in a picture of WIDTH x HEIGHT. */
 static const struct lens_case {
   const char *name;
-  double focal; /* of the width */
+  double focal; /* focal length as a share of the width */
   pags_lens_model lens;
 } cases[] = {
     {"fisheye of 200 degrees", 0.30, {.kind = PAGS_LENS_FISHEYE, .k = {-0.06, 0.012, -0.0006}, .field = 200}},
@@ -50,7 +50,7 @@ static pags_camera camera_of(const struct lens_case *c, reference_random *random
   return camera;
 }
 
-/* Gaussians all around the camera, more of them where it looks. */
+/* Makes Gaussians all around the camera, more of them in its viewing direction. */
 static lens_scene make(const struct lens_case *c, uint64_t seed, int count, int sh_degree,
                        const reference_recipe *recipe) {
   lens_scene s = {.random = {seed}, .options = reference_options()};
@@ -122,7 +122,7 @@ static void test_formulas(void **state) {
       for (int k = 0; k < 2; k++)
         if (!(fabs(pixel[k] - want[k]) < 1e-9 * (1 + fabs(want[k]))))
           fail_msg("%s, angle %g: %.12g, should be %.12g", cases[c].name, angle, pixel[k], want[k]);
-      const double far = sqrt(v[0] * v[0] + v[2] * v[2]) / length; /* from the poles */
+      const double far = sqrt(v[0] * v[0] + v[2] * v[2]) / length; /* distance from the poles */
       const bool seam = v[2] < 0 && fabs(v[0]) < 0.1 * length;
       const bool regular =
           angle > 0.02 && i > 0 && (camera.lens.kind != PAGS_LENS_EQUIRECTANGULAR || (far > 0.1 && !seam));
@@ -140,7 +140,7 @@ static void test_formulas(void **state) {
   }
 }
 
-/* A picture of a circle sees nothing outside of it. */
+/* A camera with a circular picture sees nothing outside of the circle. */
 static void test_outside(void **state) {
   (void)state;
   reference_random random = {12};
@@ -198,7 +198,7 @@ static void test_engine_is_the_oracle(void **state) {
     frame_result drawn = draw(&s, 2, 16, (uint64_t)k);
     int compared = 0, shown = 0;
     for (int pixel = 0; pixel < PIXELS; pixel++) {
-      /* Around the poles of longitude and latitude, where derivatives grow without limit, so does rounding. */
+      /* Around the poles of longitude and latitude derivatives grow without limit, and so does rounding. */
       const bool polar = exact.turn > 0 && (pixel / WIDTH < HEIGHT / 6 || pixel / WIDTH > HEIGHT * 5 / 6);
       if (exact.margin[pixel] < 1e-3 || exact.depth_margin[pixel] < 1e-5 || polar)
         continue;
@@ -222,8 +222,8 @@ static void test_engine_is_the_oracle(void **state) {
   }
 }
 
-/* Threads, clusters and their order change no bit: clusters are culled by bounds that hold. Nor does drawing in slabs,
- * whose proof takes the same bounds. Gaussians of unequal sizes, many of them just outside of the picture. */
+/* The number of threads, clusters and their order change no bit, nor does drawing in slabs: the bounds by which
+ * clusters are culled hold. Gaussians have unequal sizes, and many lie just outside of the picture. */
 static void test_bits(void **state) {
   (void)state;
   reference_recipe recipe = reference_recipe_default();
@@ -253,8 +253,8 @@ static void test_bits(void **state) {
   }
 }
 
-/* Clumps of sixteen small Gaussians, each a cluster, most of which are culled, against clusters that hold clumps from
- * all sides and are drawn whole: a bound that is too narrow loses one. */
+/* A scene of clusters of sixteen small neighbours, most of which are culled, gives the same picture as mixed
+ * clusters that are drawn whole. A bound that is too narrow would lose a cluster. */
 static void test_culling(void **state) {
   (void)state;
   enum { CLUMP = 16, CLUMPS = 40, COUNT = CLUMP * CLUMPS };
@@ -272,7 +272,8 @@ static void test_culling(void **state) {
           }
       for (int p = 0; p < PARTS; p++)
         frame_scene_round(&s.parts[p]);
-      s.camera.cx += 20.0 * (double)seed, s.camera.cy -= 15.0 * (double)seed; /* a part of the circle */
+      s.camera.cx += 20.0 * (double)seed,
+          s.camera.cy -= 15.0 * (double)seed; /* only a part of the circle is in the picture */
       engine e = engine_create(1);
       int64_t in_view[2];
       uint64_t hashes[2];
@@ -300,8 +301,8 @@ static double rms(const double *a, const double *b) {
   return sqrt(sum / (3 * PIXELS));
 }
 
-/* The lens's derivatives at the mean, and sigma points, compared with the largest density along the ray of each pixel.
- */
+/* The projections by derivatives at the mean and by sigma points are compared with the largest density along each
+ * pixel's ray. */
 static void test_rays(void **state) {
   (void)state;
   static const double sizes[][2] = {{0.3, 1}, {1, 3}, {3, 8}};
@@ -345,7 +346,8 @@ static double loss(const lens_scene *s, const double *weights) {
   return sum;
 }
 
-/* The engine's gradients against central differences of the oracle, whose decisions the weights keep away from. */
+/* Compares the engine's gradients with central differences of the oracle. Pixels at which the oracle decides
+ * differently have no weight. */
 static void check_gradients(const struct lens_case *c, uint64_t seed, bool antialiased) {
   enum { COUNT = 5, DEGREE = 1 };
   const double step = 1e-5;
@@ -361,7 +363,7 @@ static void check_gradients(const struct lens_case *c, uint64_t seed, bool antia
   for (int k = 0; k < 5 * PIXELS; k++) {
     const int pixel = k % PIXELS;
     double ray[3];
-    /* An equirectangular picture is trained without the other side of its seam. */
+    /* An equirectangular picture is trained without the columns next to its seam. */
     const bool aside = c->lens.kind == PAGS_LENS_EQUIRECTANGULAR && (pixel % WIDTH < 25 || pixel % WIDTH > WIDTH - 25);
     const bool near = picture.margin[pixel] < 1e-2 || picture.depth_margin[pixel] < 1e-3 || aside ||
                       !reference_lens_ray(&s.camera, pixel % WIDTH + 0.5, pixel / WIDTH + 0.5, ray);

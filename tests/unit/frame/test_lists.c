@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The tiles' splat lists: the sort by depth key, and the lists of whole frames, read from the frame's internals. Each
- * list is sorted front to back by (bits of z, id), and a splat's entries have its key or, for a backward pass, are
- * numbered 0, 1, 2, ... by their ranks without a gap, whatever the depths, the ids and the number of threads. */
+/* The tiles' splat lists: the sort by depth key, and the lists of whole frames, read from the frame's internals.
+ * Each list is sorted front to back by (bits of z, id). The entries of a splat have its key; for a backward pass they
+ * are numbered 0, 1, 2, ... by rank without gaps. This holds for any depths, ids and number of threads. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -142,8 +142,8 @@ static int64_t check_lists(const pags_frame *f) {
   return longest;
 }
 
-/* Checks that the slots of each splat (one for each tile it covers) follow those of the previous splat without a gap.
- * */
+/* Checks that the slots of each splat (one for each tile it covers) follow those of the previous splat without a
+ * gap. */
 static void check_slots(const pags_frame *f) {
   int64_t place = 0;
   for (int64_t i = 0; i <= f->dense_count; i++) {

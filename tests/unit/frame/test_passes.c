@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cryptomattes, expected normals, motion vectors and counts of pairs: against sums over the contributions of the
- * double-precision oracle; and what must hold to the bit. */
+/* Cryptomattes, expected normals, motion vectors and counts of pairs, compared with sums over the contributions of
+ * the double-precision oracle. */
 #include <pags/passes.h>
 
 #include "reference/frame_scene.h"
@@ -81,7 +81,7 @@ static void end(fixture *f) {
 
 typedef struct result {
   float planes[PLANES][PIXELS], rgb[3][PIXELS], transmittance[PIXELS];
-  int64_t pairs[2]; /* of the whole picture, by the frame's statistics: blended, computed */
+  int64_t pairs[2]; /* blended and computed pairs of the whole picture, from the frame's statistics */
 } result;
 
 static void copy(const float *plane, float *out) {
@@ -91,7 +91,7 @@ static void copy(const float *plane, float *out) {
 
 typedef struct asked {
   int threads, cluster_size;
-  int moved; /* 0: both moments are the frame's own; 1: the fixture's; 2: none before */
+  int moved; /* moments before and after: 0: the frame's time for both; 1: those of the fixture; 2: no moment before */
 } asked;
 
 static void run(const fixture *f, asked how, result *out) {
@@ -114,7 +114,7 @@ static void run(const fixture *f, asked how, result *out) {
     memcpy(parts[1][p].world_from_model, f->before[p], sizeof f->before[p]);
     memcpy(parts[2][p].world_from_model, f->after[p], sizeof f->after[p]);
   }
-  /* Parts are found by their Gaussians, in whatever order they come. */
+  /* Parts are found by the ids of their Gaussians, in any order of parts. */
   const pags_part first = parts[1][0];
   parts[1][0] = parts[1][5];
   parts[1][5] = first;
@@ -129,7 +129,7 @@ static void run(const fixture *f, asked how, result *out) {
                                      .before = how.moved == 2 ? NULL : &moments[0],
                                      .after = &moments[1]};
   assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
-  for (int round = 0; round < 2; round++) { /* twice: nothing is left over from the first */
+  for (int round = 0; round < 2; round++) { /* twice: the first frame leaves nothing behind */
     assert_int_equal(pags_frame_render(frame, parts[0], PARTS, &f->camera, &f->options, NULL, NULL, &picture), PAGS_OK);
     assert_int_equal(picture.stride, STRIDE);
     if (f->options.keep_for_passes)
@@ -180,7 +180,7 @@ static void oracle_normal(const fixture *f, const reference_part *part, int64_t 
   }
 }
 
-/* Where the world's point lies in a picture; false behind the camera. */
+/* Projects a point of the world into a picture; returns false for points behind the camera. */
 static bool project(const pags_camera *camera, const double origin[3], const double point[3], double xy[2]) {
   double pose[12], inverse[12], p[3];
   memcpy(pose, camera->world_from_camera, sizeof pose);
@@ -193,7 +193,7 @@ static bool project(const pags_camera *camera, const double origin[3], const dou
   return p[2] > 0;
 }
 
-/* The motion of the point at depth z on a pixel's ray; part NULL: of one that is infinitely far. */
+/* The motion of the point at depth z on a pixel's ray; part NULL: of a point at infinity. */
 static void oracle_motion(const fixture *f, int part, double z, int pixel, double out[4]) {
   const double x = pixel % WIDTH + 0.5, y = pixel / WIDTH + 0.5;
   const double far = part < 0 ? 1e9 : z;
@@ -251,8 +251,8 @@ static sums *oracle(const fixture *f, const reference_picture *picture) {
   return all;
 }
 
-/* Compares a pixel's ranks: each sum with the oracle's of the same name, and that none that was
- * left out is larger. A weight is a product of some tens of float factors: 2e-5 is a hundred times their rounding. */
+/* Compares a pixel's ranks: each sum equals the oracle's of the same name, and no name left out has a larger sum. A
+ * weight is a product of tens of float factors: 2e-5 is a hundred times their rounding. */
 static int compare_matte(const fixture *f, const result *got, const sums *want, int m, int pixel) {
   double left[NAMES], least = INFINITY;
   int ranks = 0;
@@ -295,10 +295,11 @@ static void passes_are_the_oracle_s(void **unused) {
     compared++;
     full += compare_matte(&f, got, &want[pixel], 0, pixel) == PAGS_MATTE_RANKS;
     none += compare_matte(&f, got, &want[pixel], 1, pixel) < 3;
-    for (int k = 0; k < 3; k++) /* a quotient by the sum of weights, which may be small */
+    for (int k = 0; k < 3; k++) /* a quotient whose divisor, the sum of weights, may be small */
       assert_true(fabs((double)got->planes[2 * PAGS_MATTE_PLANES + k][pixel] - want[pixel].normal[k]) <
                   2e-5 + 2e-6 / fmax(want[pixel].weight, 1e-3));
-    for (int k = 0; k < 4; k++) { /* px: differences of coordinates of some 100 px in float, and the weights' 2e-5 */
+    for (int k = 0; k < 4;
+         k++) { /* tolerance in px: differences of coordinates of about 100 px in float, and the weights' 2e-5 */
       const double error = fabs((double)got->planes[2 * PAGS_MATTE_PLANES + 3 + k][pixel] - want[pixel].motion[k]);
       assert_true(error < 2e-4 + 4e-5 * want[pixel].motion_size[k]);
       moved = fmax(moved, fabs(want[pixel].motion[k]));
@@ -330,7 +331,7 @@ static double least_quadratic(const reference_splat *s, double x0, double y0) {
   return least;
 }
 
-/* Splats that reach into the block whose first pixel is (x, y); slack: of their alpha, in shares. */
+/* Number of splats that reach into the block whose first pixel is (x, y); slack: tolerance of alpha as a share. */
 static int reaching(const reference_picture *picture, int x, int y, double slack) {
   int count = 0;
   for (int64_t i = 0; i < picture->splat_count; i++) {
@@ -351,7 +352,7 @@ static void pairs_are_the_oracle_s(void **unused) {
   for (int64_t k = 0; k < picture.contribution_count; k++)
     blended[picture.contributions[k].pixel]++;
 
-  /* Blended: to the last one, where float rounding can't decide otherwise. */
+  /* Blended pairs: those up to the last Gaussian, where float rounding can't decide otherwise. */
   int compared = 0, most = 0;
   double totals[2] = {0, 0};
   for (int pixel = 0; pixel < PIXELS; pixel++) {
@@ -365,9 +366,9 @@ static void pairs_are_the_oracle_s(void **unused) {
   }
   assert_true(compared > PIXELS / 2 && most > 20);
 
-  /* Computed: the Gaussians that reach into the block, all of them where no pixel of it stops. What is excluded falls
-   * short of the cut by at least 0.02 powers of two (PAGS_CUT_SLACK), so what is computed does by at most that, and
-   * 0.01 of rounding: 2.1 % of its alpha. */
+  /* Computed pairs: the Gaussians that reach into the block, all of them if no pixel of it stops. Excluded Gaussians
+   * fall short of the cut by at least 0.02 powers of two (PAGS_CUT_SLACK). With 0.01 for rounding, computed Gaussians
+   * may fall short by 2.1 % of alpha. */
   int open = 0, stopped = 0;
   for (int y = 0; y < HEIGHT; y += 4)
     for (int x = 0; x < WIDTH; x += 4) {
@@ -420,7 +421,7 @@ static void the_picture_is_that_of_a_frame_without_passes(void **unused) {
     run(&f, (asked){.threads = 2, .cluster_size = 64}, without);
     assert_memory_equal(with->rgb, without->rgb, sizeof with->rgb);
     assert_memory_equal(with->transmittance, without->transmittance, sizeof with->transmittance);
-    /* Weights and transmittance add up to 1; with two hundred terms, to about their number times 2^-24. */
+    /* Weights and transmittance add up to 1. With two hundred terms the error is about their number times 2^-24. */
     for (int pixel = 0; pixel < PIXELS; pixel++) {
       float sum = with->transmittance[pixel];
       for (int k = 0; k < PAGS_MATTE_RANKS; k++)
@@ -457,7 +458,8 @@ static void what_rests_has_no_motion(void **unused) {
   end(&f);
 }
 
-/* Signs by hand: a wall of one Gaussian that fills the picture moves 1 px to the right and 2 px down each frame. */
+/* Checks signs with known values: a wall of one Gaussian that fills the picture moves 1 px to the right and 2 px
+ * down each frame. */
 static void motion_has_blender_s_signs(void **unused) {
   (void)unused;
   fixture f = {.options = reference_options()};
@@ -481,7 +483,7 @@ static void motion_has_blender_s_signs(void **unused) {
     parts[k] = (pags_part){.gaussians = &g, .clusters = &clusters};
     memcpy(parts[k].world_from_model, identity, sizeof identity);
   }
-  parts[1].world_from_model[3] = -0.1, parts[1].world_from_model[7] = -0.2; /* one frame earlier; z = 2, 20 px */
+  parts[1].world_from_model[3] = -0.1, parts[1].world_from_model[7] = -0.2; /* one frame earlier; 0.1 is 1 px */
   parts[2].world_from_model[3] = 0.1, parts[2].world_from_model[7] = 0.2;
   const pags_moment before = {f.camera, &parts[1], 1}, after = {f.camera, &parts[2], 1};
   const pags_pass_request request = {.normal = 1, .motion = 1, .before = &before, .after = &after};
@@ -490,7 +492,7 @@ static void motion_has_blender_s_signs(void **unused) {
   assert_int_equal(pags_frame_render(frame, parts, 1, &f.camera, &f.options, NULL, NULL, &picture), PAGS_OK);
   assert_int_equal(pags_frame_passes(frame, &request, &passes), PAGS_OK);
   const int64_t middle = 16 * picture.stride + 16;
-  const double shown = 1 - (double)picture.transmittance[middle]; /* 0.99; what is infinitely far rests */
+  const double shown = 1 - (double)picture.transmittance[middle]; /* 0.99; points at infinity don't move */
   const double want[4] = {-1, 2, -1, 2}, normal[3] = {0, 0, -1};
   for (int k = 0; k < 4; k++)
     assert_float_equal(passes.motion[k][middle], (float)(shown * want[k]), 1e-4);
@@ -503,7 +505,7 @@ static void motion_has_blender_s_signs(void **unused) {
   pags_gaussians_destroy(&g);
 }
 
-/* The hashes of "bunny" and "default" are those of the specification's own example. */
+/* The hashes of "bunny" and "default" are those of the Cryptomatte specification's example. */
 static void names_are_hashed_as_the_specification_does(void **unused) {
   (void)unused;
   assert_int_equal(pags_cryptomatte_hash("", 0), 0);

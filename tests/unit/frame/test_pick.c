@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Picking: compared with testing every Gaussian, and for the nearest hit with Embree, over rotated and packed parts;
- * and what is reported of the hit's object. */
+/* Picking: the nearest hit compared with a test of every Gaussian and with Embree, over rotated and packed parts;
+ * the object that a hit reports. */
 #include <pags/pick.h>
 
 #include <math.h>
@@ -181,8 +181,7 @@ static void test_brute_force(void **state) {
   destroy_world(&w);
 }
 
-/* A part that its pose scales is picked as one whose means and sigmas were scaled before, and ids count from id_base.
- */
+/* A part scaled by its pose is picked like a part of scaled means and sigmas; ids count from id_base. */
 static void test_scaled_part(void **state) {
   (void)state;
   const double scale = 0.4;
@@ -213,7 +212,7 @@ static void test_scaled_part(void **state) {
       continue;
     met++;
     assert_int_equal(found.id, wanted.id + 100000);
-    assert_true(fabs(found.depth - wanted.depth) < 1e-5); /* the means were rounded to float once more */
+    assert_true(fabs(found.depth - wanted.depth) < 1e-5); /* means are rounded to float once more */
   }
   assert_true(met > RAYS / 20);
   destroy_world(&w);
@@ -249,8 +248,8 @@ static void test_limits(void **state) {
   destroy_world(&w);
 }
 
-/* A ray that passes a lone Gaussian of opacity 0.99 at 3 sigma hits it (alpha 0.011); at 3.5 sigma it doesn't
- * (0.0022). The cluster's bounds must extend to that distance, though no neighbour widens them here. */
+/* A ray that passes a single Gaussian of opacity 0.99 at 3 sigma hits it (alpha 0.011); at 3.5 sigma it doesn't
+ * (0.0022). The cluster's bounds must extend to that distance, though it has no other Gaussian. */
 static void test_grazing(void **state) {
   (void)state;
   pags_pick_options options = pags_pick_options_default();
@@ -285,8 +284,8 @@ static void test_grazing(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* Packing rounds positions, so that of two Gaussians of nearly the same depth the other may be picked: all depths
- * agree, and nearly all ids. */
+/* Packing rounds positions, so that another Gaussian of nearly the same depth may be picked: all depths agree, and
+ * nearly all ids. */
 static void test_packed(void **state) {
   (void)state;
   pags_packed packed[PARTS];

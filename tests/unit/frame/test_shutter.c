@@ -20,8 +20,8 @@ typedef struct moving {
   reference_part parts[PARTS];
 } moving;
 
-/* A camera that goes at `speed` metres and turns at a twentieth as many radians in a read-out, before things that stand
- * and things that move. */
+/* A camera that moves by `speed` metres and turns by a twentieth as many radians during a read-out, in front of
+ * standing and moving objects. */
 static moving make(uint64_t seed, const char *direction, double speed, int count, int sh_degree,
                    const reference_recipe *recipe) {
   const double seconds = 0.03;
@@ -95,10 +95,9 @@ static const char *const directions[] = {"top_to_bottom", "bottom_to_top", "left
 
 /* ---- Pictures ---- */
 
-/* The engine differs from the oracle by rounding, as with a global shutter, except where rounding may change a
- * decision, and by its poses: the oracle's are exact, the engine's on a parabola through three of them, which at the
- * 0.02 radians a read-out of this test is off by 1e-7 radians within the picture and 1e-6 outside of it. 1e-3 is a
- * quarter of a grey level. */
+/* The engine differs from the oracle by rounding where no decision changes, and by its poses. The oracle's poses are
+ * exact, the engine's lie on a parabola through three of them: at 0.02 radians a read-out the error is 1e-7 radians
+ * within the picture and 1e-6 outside. 1e-3 is a quarter of a grey level. */
 static void test_engine_is_the_oracle(void **state) {
   (void)state;
   const reference_recipe recipe = reference_recipe_default();
@@ -133,8 +132,8 @@ static void test_engine_is_the_oracle(void **state) {
   }
 }
 
-/* Compared with the picture drawn line by line: the remaining part of the error of a global shutter. A Gaussian is an
- * ellipse in a picture whose lines were read at different times only to first order, which small ones meet best. */
+/* The error against the picture drawn line by line, as a share of the error of a global shutter. A Gaussian whose
+ * lines are read at different times is an ellipse only to first order, so small Gaussians fit best. */
 static void test_line_by_line(void **state) {
   (void)state;
   const reference_recipe small = reference_recipe_default();
@@ -149,7 +148,7 @@ static void test_line_by_line(void **state) {
     print_message("  %-14s error %.5f, with a global shutter %.5f\n", directions[k], with, without);
     assert_true(with < 0.1 * without);
 
-    /* The other way round is worse than not at all. */
+    /* The opposite direction is worse than a global shutter. */
     moving swapped = s;
     swapped.camera.shutter.across *= -1, swapped.camera.shutter.down *= -1;
     reference_picture wrong = draw_exactly(&swapped);
@@ -169,13 +168,13 @@ static void test_long_road_gaussians(void **state) {
   s.camera = (pags_camera){.width = WIDTH, .height = HEIGHT, .fx = 800, .fy = 800, .cx = 0.5 * WIDTH, .cy = -87};
   s.camera.world_from_camera[0] = s.camera.world_from_camera[5] = s.camera.world_from_camera[10] = 1;
   pags_shutter_set(&s.camera.shutter, "top_to_bottom", 0.03);
-  s.camera.shutter.velocity[1] = 0.3; /* turning, radians a second */
+  s.camera.shutter.velocity[1] = 0.3; /* turn in radians a second */
   s.camera.shutter.velocity[5] = 10;
   s.parts[1] = reference_part_create(0, 0);
   s.parts[0] = reference_part_create(9, 0);
   s.parts[0].world_from_model[0] = s.parts[0].world_from_model[5] = s.parts[0].world_from_model[10] = 1;
   for (int i = 0; i < 9; i++) {
-    /* Lines along a road 1.5 m below: sigmas of 2 cm across, 1 cm up and 1.4 m along. */
+    /* Gaussians of a road 1.5 m below: sigmas of 2 cm across, 1 cm up and 1.4 m along. */
     const double values[PAGS_SH + 3] = {
         -0.5 + 0.125 * i, 1.5, 10, log(0.02), log(0.01), log(1.4), 1, 0, 0, 0, 2, 1, 1, 1};
     for (int plane = 0; plane < PAGS_SH + 3; plane++)
@@ -191,7 +190,7 @@ static void test_long_road_gaussians(void **state) {
     shown[k] = (double)drawn.rgb[k];
   const double with = rms(shown, truth), without = rms(global.rgb, truth);
   print_message("  error %.5f, with a global shutter %.5f\n", with, without);
-  assert_true(4 * sqrt(exact.splats[4].cov[2]) > 64); /* lines from -2 to 2 sigma */
+  assert_true(4 * sqrt(exact.splats[4].cov[2]) > 64); /* height from -2 to 2 sigma in lines */
   assert_true(with < 0.25 * without);
   frame_result_destroy(&drawn);
   reference_picture_destroy(&exact);
@@ -201,7 +200,7 @@ static void test_long_road_gaussians(void **state) {
   destroy(&s);
 }
 
-/* A rolling shutter that nothing moves under gives the bits of a global one. */
+/* Without motion a rolling shutter gives the bits of a global shutter. */
 static void test_standing_still(void **state) {
   (void)state;
   const reference_recipe recipe = reference_recipe_default();
@@ -215,9 +214,9 @@ static void test_standing_still(void **state) {
   destroy(&s);
 }
 
-/* Threads, clusters and their order change no bit: clusters are culled by bounds over the whole read-out. Nor does
- * drawing in slabs, whose proof takes the same bounds. The motion is violent, so that Gaussians come into view that at
- * mid-exposure are out of it, and sizes of Gaussians are unequal. */
+/* The number of threads, clusters and their order change no bit, nor does drawing in slabs: clusters are culled by
+ * bounds over the whole read-out. Motion is fast, so that Gaussians come into view that aren't in view at mid-exposure;
+ * sizes are unequal. */
 static void test_bits(void **state) {
   (void)state;
   reference_recipe recipe = reference_recipe_default();
@@ -245,8 +244,8 @@ static void test_bits(void **state) {
   }
 }
 
-/* What moves along with the read-out, and what moves more than a pixel a line across it, is drawn as it stood in the
- * middle, and counted. */
+/* Objects that move along with the read-out, or by more than a pixel a line across it, are drawn at their pose of
+ * mid-exposure and counted. */
 static void test_held(void **state) {
   (void)state;
   engine e = engine_create(1);
@@ -262,8 +261,8 @@ static void test_held(void **state) {
     memcpy(s.parts[0].world_from_model, s.camera.world_from_camera, sizeof s.parts[0].world_from_model);
     const double values[PAGS_SH + 3] = {0, 0, 6, -1, -1, -1, 1, 0, 0, 0, 2, 1, 1, 1};
     memcpy(s.parts[0].planes, values, sizeof values);
-    /* At 10 px a metre, in a read-out: half of the picture's height against it, its height along, more than that
-     * across. */
+    /* At 10 px a metre, objects move during a read-out by half of the picture's height against its direction, by the
+     * height along it, or by more than the height across it. */
     s.parts[0].velocity[way == 2 ? 3 : 4] = (way == 0 ? -0.5 : way == 1 ? 1.0 : 1.2) * 0.1 * HEIGHT / 0.1;
     frame_scene scene = frame_scene_create(s.parts, 1, 16, 0);
     frame_result rolling = frame_run(e.frame, &scene, &s.camera, &s.options, NULL);
@@ -292,8 +291,8 @@ static double loss(const moving *s, const double *weights) {
   return sum;
 }
 
-/* The engine's gradients against central differences of the oracle, whose decisions the weights keep away from. Means,
- * scales, rotations, opacities and colours of Gaussians that stand and that move. */
+/* Compares the engine's gradients with central differences of the oracle: means, scales, rotations, opacities and
+ * colours of standing and moving Gaussians. Pixels at which the oracle decides differently have no weight. */
 static void check_gradients(uint64_t seed, const char *direction, bool antialiased) {
   enum { COUNT = 6, DEGREE = 1 };
   const double step = 1e-5;

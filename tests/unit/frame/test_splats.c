@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A frame drawn from the splats of several owners (engine/frame/splats.c): picture, gradients, scores and the sky's
- * gradient have the bits of one frame of all Gaussians. */
+ * gradient have the bits of one frame that draws all Gaussians. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>
@@ -16,7 +16,7 @@
 enum { SIZE = 16, MOST_PIECES = 5, STRIDE = (WIDTH + 15) / 16 * 16, ROWS = (HEIGHT + 15) / 16 * 16, SCORES = 3 };
 enum { FIRST = 900, SECOND = 333, ALL = FIRST + SECOND, SKY = 30 };
 
-/* What a frame's backward pass hands over, by id; and the picture. */
+/* The results of a frame's backward pass by id, and the picture. */
 typedef struct outcome {
   int64_t count;
   float *gradient, *statistics; /* [count][PAGS_MAX_PLANES]; [count][2]: mean2d, radius */
@@ -27,7 +27,7 @@ typedef struct outcome {
   int64_t bad_rows;
 } outcome;
 
-/* The Gaussians [begin, end) of each part, as one owner has them. */
+/* The Gaussians [begin, end) of each part, as one owner holds them. */
 typedef struct piece {
   pags_part parts[2];
   pags_gaussians gaussians[2];
@@ -149,7 +149,7 @@ static void piece_create(piece *p, const frame_scene *scene, const int64_t begin
     p->parts[k].gaussians = &p->gaussians[k];
     p->parts[k].clusters = &p->clusters[k];
     p->parts[k].first_id = scene->parts[k].first_id + (int32_t)begin[k];
-    if (scene->parts[k].opacity_factor) { /* of its own, which others don't change */
+    if (scene->parts[k].opacity_factor) { /* a copy of the factors for each owner */
       p->parts[k].opacity_factor = p->factors[k] = zeros(p->gaussians[k].stride, sizeof(float));
       for (int64_t i = begin[k]; i < end[k]; i++)
         p->factors[k][i - begin[k]] = scene->parts[k].opacity_factor[i];
@@ -181,8 +181,8 @@ static outcome *draw_whole(const fixture *f, const frame_scene *scene, pags_task
   return o;
 }
 
-/* The same by `count` owners, whose parts are cut at multiples of SIZE rows at random. first_part 1: only splats of the
- * second part are drawn and go back. */
+/* Draws the scene by `count` owners, whose parts are cut at random multiples of SIZE rows. first_part 1: only splats
+ * of the second part are drawn and have gradients. */
 static outcome *draw_pieces(fixture *f, const frame_scene *scene, int count, int first_part, pags_tasks *tasks) {
   outcome *const o = outcome_create(ALL);
   piece pieces[MOST_PIECES];
@@ -206,7 +206,7 @@ static outcome *draw_pieces(fixture *f, const frame_scene *scene, int count, int
     memcpy(splats + all, own + before[k], (size_t)(taken[k] - before[k]) * sizeof *own);
     all += taken[k] - before[k];
     free(own);
-    for (int p = 0; p < 2 && pieces[k].factors[p]; p++) /* training draws those of the next view here */
+    for (int p = 0; p < 2 && pieces[k].factors[p]; p++) /* training draws the dropout factors of the next view here */
       memset(pieces[k].factors[p], 0, (size_t)pieces[k].gaussians[p].stride * sizeof(float));
   }
   pags_picture picture;
@@ -282,7 +282,7 @@ static void scene_create(scene_of_two *s, uint64_t seed) {
   pags_frame_options *const o = &s->first.options;
   *o = pags_frame_options_default();
   memcpy(o->origin, s->second.options.origin, sizeof o->origin);
-  o->early_z = PAGS_EARLY_Z_OFF; /* as training */
+  o->early_z = PAGS_EARLY_Z_OFF; /* as in training */
   o->keep_for_backward = 1;
   o->depth_sum = 1;
   o->sky = &s->sky;
@@ -320,7 +320,7 @@ static void test_pieces_are_one_frame(void **state) {
   scene_destroy(&s);
 }
 
-/* ---- What owners keep of their splats ---- */
+/* ---- State of splats that owners keep ---- */
 
 typedef struct view_kind {
   const char *name;
@@ -328,7 +328,7 @@ typedef struct view_kind {
   int antialiased, rolls, factors;
 } view_kind;
 
-/* Colours are clamped in each channel by itself, and in none. */
+/* Makes colours so dark that none, one or several channels are clamped. */
 static void darken(scene_of_two *s, float *factors[2]) {
   for (int p = 0; p < 2; p++) {
     fixture *const f = p ? &s->second : &s->first;
@@ -375,7 +375,7 @@ static void check_kind(const view_kind *kind, uint64_t seed) {
                  whole->gradient[i * PAGS_MAX_PLANES + PAGS_OPACITY] != 0.0f;
   }
   assert_in_range(drawn, 300, whole->count - 1);
-  for (int c = 0; c < 3; c++) /* by half */
+  for (int c = 0; c < 3; c++) /* about half of each channel is clamped */
     assert_in_range(held[c], drawn / 5, drawn * 4 / 5);
   for (int count = 1; count <= MOST_PIECES; count += 2) {
     outcome *const got = draw_pieces(&s.first, &s.scene, count, 0, tasks);
@@ -389,7 +389,7 @@ static void check_kind(const view_kind *kind, uint64_t seed) {
   scene_destroy(&s);
 }
 
-/* Each way by which a byte a Gaussian leads back to the gradients. */
+/* Draws each kind of view for which owners keep one byte a Gaussian for the backward pass. */
 static void test_kept_of_each_camera(void **state) {
   static const view_kind kinds[] = {
       {"pinhole", {0}, 0, 0, 0},
@@ -404,8 +404,8 @@ static void test_kept_of_each_camera(void **state) {
     check_kind(kinds + k, 23 + k);
 }
 
-/* A second picture of the second part alone, from splats that were projected once: as training's term of the moving
- * objects. */
+/* Draws a second picture of only the second part, from splats that were projected once, as training's loss term of
+ * moving objects does. */
 static void test_pieces_of_one_part(void **state) {
   (void)state;
   scene_of_two s;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Colour spaces of pictures: profiles, numbers and primaries, converted to sRGB. The expected colours are published
- * ones: what sRGB's primaries are in other spaces. */
+/* Colour spaces of pictures: ICC profiles, code points and primaries, converted to sRGB. The expected colours are
+ * published values of sRGB's primaries in other spaces. */
 #include "image/colour.h"
 
 #include "base/file.h"
@@ -57,7 +57,7 @@ static const double display_p3[9] = {0.51512, 0.29198, 0.15710, 0.24120, 0.69225
 static const double adobe_rgb[9] = {0.60974, 0.20528, 0.14919, 0.31111, 0.62567, 0.06322, 0.01947, 0.06087, 0.74457};
 static const double srgb[9] = {0.43607, 0.38515, 0.14307, 0.22249, 0.71687, 0.06061, 0.01392, 0.09708, 0.71410};
 
-/* A profile of a matrix, NULL: none, and a curve. */
+/* A profile with a matrix (NULL: none) and a curve. */
 static profile make_profile(const char *space, const double *matrix, curve_kind kind, double gamma) {
   static const char *const tags[] = {"desc", "rXYZ", "gXYZ", "bXYZ", "rTRC", "gTRC", "bTRC", "kTRC"};
   profile p = {.size = 128};
@@ -66,7 +66,7 @@ static profile make_profile(const char *space, const double *matrix, curve_kind 
   memcpy(p.bytes + 16, space, 4);
   memcpy(p.bytes + 20, "XYZ ", 4);
   memcpy(p.bytes + 36, "acsp", 4);
-  p.size = 68; /* D50 */
+  p.size = 68; /* white point D50 */
   put_fixed(&p, 0.9642);
   put_fixed(&p, 1);
   put_fixed(&p, 0.8249);
@@ -109,8 +109,8 @@ static profile make_profile(const char *space, const double *matrix, curve_kind 
 
 /* ---- Checks ---- */
 
-/* Converts one pixel of each sample type and expects a colour, within a level; 0 within five, as the
- * published colours are rounded, and the curve is steep there. */
+/* Converts one pixel of each sample type and expects a colour within one level. A channel of 0 may be five levels
+ * off, as published colours are rounded and the curve is steep there. */
 static void expect(const pags_colour *colour, const uint8_t from[3], const uint8_t to[3]) {
   for (pags_sample sample = PAGS_U8; sample <= (colour->encoded ? PAGS_F32 : PAGS_U16); sample++) {
     pags_image image;
@@ -175,13 +175,13 @@ static void test_what_is_not_converted(void **state) {
   profile p = make_profile("CMYK", NULL, GAMMA, 1);
   pags_colour_set_icc(&colour, p.bytes, p.size);
   expect_refused(&colour, "a.png: its colours are in a space that is not converted here (Named)");
-  p = make_profile("RGB ", NULL, GAMMA, 1); /* tables alone */
+  p = make_profile("RGB ", NULL, GAMMA, 1); /* only tables */
   pags_colour_set_icc(&colour, p.bytes, p.size);
   expect_refused(&colour, "magick");
   pags_colour_set_icc(&colour, p.bytes, 100);
   expect_refused(&colour, "a damaged ICC profile");
   p = make_profile("RGB ", srgb, FORMULA, 0);
-  for (size_t size = 0; size < p.size; size++) { /* cut anywhere */
+  for (size_t size = 0; size < p.size; size++) { /* cut at every byte */
     pags_colour_set_icc(&colour, p.bytes, size);
     assert_int_equal(colour.kind, PAGS_COLOUR_UNKNOWN);
   }
@@ -204,7 +204,7 @@ static void test_numbers(void **state) {
   assert_string_equal(colour.name, "Display P3");
   expect(&colour, (const uint8_t[]){234, 51, 35}, (const uint8_t[]){255, 0, 0});
   pags_colour_set_cicp(&colour, 1, 1, true);
-  expect(&colour, (const uint8_t[]){21, 128, 255}, (const uint8_t[]){37, 140, 255}); /* BT.709's curve */
+  expect(&colour, (const uint8_t[]){21, 128, 255}, (const uint8_t[]){37, 140, 255}); /* the curve of BT.709 */
   pags_colour_set_gamma(&colour, 1 / 0.45455, NULL, NULL);
   assert_int_equal(colour.kind, PAGS_COLOUR_SRGB);
   pags_colour_set_gamma(&colour, 1, NULL, NULL);
@@ -213,7 +213,7 @@ static void test_numbers(void **state) {
   expect(&colour, (const uint8_t[]){219, 0, 0}, (const uint8_t[]){255, 0, 0});
 }
 
-/* Linear light: ACES' primaries lie outside of the spectrum's; white stays white, whatever the white point. */
+/* Linear light: some of ACES' primaries lie outside of the spectrum. White stays white for any white point. */
 static void test_primaries_of_light(void **state) {
   (void)state;
   static const double aces[8] = {0.7347, 0.2653, 0, 1, 0.0001, -0.077, 0.32168, 0.33767};
@@ -263,7 +263,7 @@ static void test_jpeg(void **state) {
   const profile whole = make_profile("RGB ", display_p3, FORMULA, 0);
   const size_t half = whole.size / 2;
   pags_image_facts facts;
-  for (int missing = 0; missing < 2; missing++) { /* the second part comes first, or is missing */
+  for (int missing = 0; missing < 2; missing++) { /* the second part of the profile comes first, or is missing */
     profile parts = {.size = 0};
     for (uint32_t part = 2; part > (uint32_t)missing; part--) {
       const size_t begin = part == 1 ? 0 : half, end = part == 1 ? half : whole.size;
@@ -280,7 +280,7 @@ static void test_jpeg(void **state) {
     assert_int_equal(facts.colour, missing ? PAGS_COLOUR_UNKNOWN : PAGS_COLOUR_OTHER);
     assert_string_equal(facts.space, missing ? "a damaged ICC profile" : "Named");
   }
-  /* EXIF of a camera that is set to Adobe RGB: directory 0 at 8, EXIF at 26, interoperability at 44 */
+  /* EXIF of a camera set to Adobe RGB: directory 0 at byte 8, EXIF at 26, interoperability at 44 */
   static const uint8_t exif[] = {0xff, 0xe1, 0,    70,   'E', 'x', 'i', 'f', 0, 0, 'M', 'M', 0,   42, 0, 0, 0, 8,
                                  0,    1,    0x87, 0x69, 0,   4,   0,   0,   0, 1, 0,   0,   0,   26, 0, 0, 0, 0,
                                  0,    1,    0xa0, 5,    0,   4,   0,   0,   0, 1, 0,   0,   0,   44, 0, 0, 0, 0,
@@ -297,7 +297,7 @@ static void test_jpeg(void **state) {
     pags_exif_says_adobe_rgb(exif + 10, size);
 }
 
-/* A chunk iCCP after the header of a PNG file: name, method of compression, profile. */
+/* The chunk iCCP follows the header of a PNG file: name, method of compression, profile. */
 static void test_png(void **state) {
   scratch *s = *state;
   const profile whole = make_profile("RGB ", display_p3, FORMULA, 0);
@@ -323,7 +323,8 @@ static void test_png(void **state) {
   scratch_ok(pags_image_inspect(s->path, &facts));
   assert_string_equal(facts.space, "Named");
   assert_int_equal(facts.colour, PAGS_COLOUR_OTHER);
-  all.bytes[60] ^= 64; /* in the deflated bytes; the chunk's CRC tells, but the profile's size or checksum as well */
+  all.bytes[60] ^=
+      64; /* changes the deflated bytes; the chunk's CRC or the profile's size or checksum shows the change */
   scratch_write(s, "b.png", all.bytes, all.size + plain_size - 33);
   scratch_ok(pags_image_inspect(s->path, &facts));
   assert_string_equal(facts.space, "a damaged ICC profile");

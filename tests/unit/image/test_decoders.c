@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The decoders of PNG, JPEG and EXR compared with OpenImageIO's: same size, samples and refusals, for generated files
- * of every kind, whole, truncated and damaged, and for the pictures of the test data. Skipped without OpenImageIO. */
+/* The decoders of PNG, JPEG and EXR compared with OpenImageIO's. Both give the same size, samples and refusals for
+ * generated files of every kind, whole, truncated and damaged, and for the test data's pictures. Skipped without
+ * OpenImageIO. */
 #include <pags/image.h>
 
 #include "base/rng.h"
@@ -13,10 +14,10 @@
 
 static const pags_oiio *oiio;
 
-/* A picture as one of both sides gives it. */
+/* A picture as one of both decoders gives it. */
 typedef struct decoded {
   pags_result result;
-  int channels; /* of the file, at most 4 */
+  int channels; /* channels of the file, at most 4 */
   pags_image image;
 } decoded;
 
@@ -34,8 +35,8 @@ static size_t bytes_of(const pags_image *image) {
                                       : 4);
 }
 
-/* Decodes a file both ways, with all of its channels and without alpha. Returns 1 if both give the same, 0 if both
- * refuse it; -1 if they differ, after a line with the difference. */
+/* Decodes a file by both decoders, with all channels and without alpha. Returns 1 if both give the same and 0 if
+ * both refuse the file. Otherwise prints the difference and returns -1. */
 static int compare(const char *path, const char *name) {
   int outcome = 0;
   for (int most = 4; most >= 3; most--) {
@@ -101,9 +102,9 @@ static void test_every_kind(void **state) {
   assert_int_equal(different, 0);
 }
 
-/* Files that are cut off, and files of which a few bits are turned. libpng's decoder is the same as OpenImageIO's, so
- * that both sides agree on what can still be read. So is libjpeg's, but OpenImageIO's module takes its warnings for
- * errors, and cut-off files are refused here alone. The EXR readers differ, and may take what the other one refuses. */
+/* Truncated files, and files with a few changed bits. OpenImageIO uses libpng too, so both decoders accept the same
+ * PNG files. Both use libjpeg, but OpenImageIO takes its warnings for errors, so only our decoder's refusal of
+ * truncated JPEG files is checked. The EXR decoders differ and may accept different files. */
 static void test_damage(void **state) {
   need_oiio();
   int same = 0, stricter = 0, laxer = 0, different = 0;
@@ -147,7 +148,7 @@ static void test_damage(void **state) {
   assert_int_equal(different, 0);
 }
 
-/* What is written here is read alike by both sides, and losslessly from PNG and EXR. */
+/* Both decoders read the files that pags writes alike, PNG and EXR without loss. */
 static void test_written_files(void **state) {
   need_oiio();
   static const char *const names[] = {"a.png", "a.jpg", "a.exr"};
@@ -188,7 +189,7 @@ static void test_written_files(void **state) {
   assert_int_equal(compare(path, "names.exr"), 1);
 }
 
-/* Compares all pictures in a folder and below. */
+/* Compares all pictures in a folder and its subfolders. */
 static void compare_folder(const char *folder, int *equal, int *different) {
   pags_dir_list names;
   if (pags_dir_list_read(folder, &names) != PAGS_OK)

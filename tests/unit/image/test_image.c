@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures: conversion, writing and reading of files, refused files, shrinking, and decoding in several threads at
+/* Pictures: conversion, reading and writing files, refused files, shrinking, and decoding by several threads at
  * once. */
 #include <pags/image.h>
 #include <pags/tasks.h>
@@ -150,7 +150,7 @@ static void test_jpeg(void **state) {
   pags_image_destroy(&image);
 }
 
-/* Is OpenImageIO there, for what is neither PNG, JPEG nor EXR? */
+/* Returns whether OpenImageIO is installed, which reads all formats other than PNG, JPEG and EXR. */
 static bool has_oiio(void) {
   const pags_oiio *oiio;
   return pags_oiio_module(&oiio) == PAGS_OK;
@@ -189,7 +189,7 @@ static void test_other_formats(void **state) {
   assert_null(image.data);
 }
 
-/* The decoder is chosen by what a file holds, not by its name. */
+/* The decoder is chosen by a file's contents, not by its name. */
 static void test_names_mislead(void **state) {
   scratch *s = *state;
   static const char *const names[] = {"a.png", "a.jpg", "a.exr"};
@@ -206,9 +206,8 @@ static void test_names_mislead(void **state) {
   }
 }
 
-/* A header that is longer than what is read at first: an EXIF segment of 65 kB, thrice, before the size. */
-/* The column and row in the file of the pixel (x, y) of the picture as it is looked at, by the words of EXIF ("the 0th
- * row is the visual right-hand side", ...); width and height are those of the file. */
+/* Returns column and row in the file of the pixel (x, y) of the upright picture, by EXIF's definitions ("the 0th row
+ * is the visual right-hand side", ...). Width and height are those of the file. */
 static void stored_place(int orientation, int width, int height, int x, int y, int *column, int *row) {
   const int places[9][2] = {{0},
                             {x, y},
@@ -241,7 +240,7 @@ static void test_turning(void **state) {
   }
 }
 
-/* A JPEG file with an EXIF segment of one entry, in both byte orders; nonsense counts as no orientation. */
+/* A JPEG file whose EXIF segment has one entry, in both byte orders; invalid entries count as no orientation. */
 static void test_orientation_of_jpeg(void **state) {
   scratch *s = *state;
   pags_image image = make_u8(16, 8, 3);
@@ -272,6 +271,7 @@ static void test_orientation_of_jpeg(void **state) {
   free(plain);
 }
 
+/* The size of a JPEG is found behind three EXIF segments of 65 kB, more than is read at first. */
 static void test_size_after_a_long_header(void **state) {
   scratch *s = *state;
   enum { LENGTH = 65535 };
@@ -299,7 +299,7 @@ static void test_sizes_that_a_file_can_not_hold(void **state) {
   scratch *s = *state;
   static const struct {
     const char *name;
-    size_t width, height; /* bytes of the file at which they lie, 2 of them */
+    size_t width, height; /* two bytes of each lie at this place of the file */
   } files[] = {{"claims.png", 18, 22}, {"claims.jpg", 0, 0}};
   for (int i = 0; i < 2; i++) {
     uint8_t *bytes;
@@ -314,7 +314,7 @@ static void test_sizes_that_a_file_can_not_hold(void **state) {
       }
     for (size_t k = 0; k < 2; k++)
       bytes[width + k] = bytes[height + k] = 0xf0;
-    if (i == 0) { /* the header's CRC, after its 17 bytes */
+    if (i == 0) { /* corrects the header's CRC, which follows its 17 bytes */
       const uint32_t crc = (uint32_t)crc32(0, bytes + 12, 17);
       for (int k = 0; k < 4; k++)
         bytes[29 + k] = (uint8_t)(crc >> (24 - 8 * k));
@@ -353,8 +353,8 @@ static void put32(uint8_t *to, uint32_t value) {
     to[k] = (uint8_t)(value >> (8 * k));
 }
 
-/* Writes a TIFF of 12 x 8 pixels of bytes in one strip, the directory first: stored or compressed by Deflate. Returns
- * its size. */
+/* Writes a TIFF of 12 x 8 byte pixels in one strip after the directory, stored or compressed by Deflate. Returns its
+ * size. */
 static size_t make_tiff(bool deflate, uint8_t *out) {
   enum {
     WIDTH = 12,
@@ -387,8 +387,8 @@ static size_t make_tiff(bool deflate, uint8_t *out) {
   return PIXELS + size;
 }
 
-/* A picture that OpenImageIO reads is refused, wherever it is cut off; a compressed one, too, where it has zeros in
- * place of its bytes. */
+/* A TIFF that OpenImageIO reads is refused wherever it is cut. A compressed one is also refused if its data are
+ * replaced by zeros. */
 static void test_cut_off_files_of_other_formats(void **state) {
   scratch *s = *state;
   pags_image image = {0};
@@ -411,7 +411,7 @@ static void test_cut_off_files_of_other_formats(void **state) {
       scratch_expect(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "damaged");
     }
   }
-  const char *const never[] = {"\0\0\1\0\1\0", "FOR4\0\0"}; /* their readers crash */
+  const char *const never[] = {"\0\0\1\0\1\0", "FOR4\0\0"}; /* OpenImageIO's readers of these formats crash */
   for (int i = 0; i < 2; i++) {
     scratch_write(s, "a.png", never[i], 6);
     scratch_expect(pags_image_load(s->path, PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "which isn't read");
@@ -455,7 +455,7 @@ static void test_saving_fails_cleanly(void **state) {
   pags_image_destroy(&image);
 }
 
-/* The temporary file that a killed process has left is overwritten and then renamed, so that it doesn't stay. */
+/* The temporary file of a killed process is overwritten and then renamed, so that it doesn't remain. */
 static void test_saving_clears_up(void **state) {
   scratch *s = *state;
   scratch_text(s, "again.png.part", "half of a picture");
@@ -498,8 +498,8 @@ static void test_shrink_mean(void **state) {
       }
   pags_image_destroy(&to);
 
-  /* A ramp averaged over [1.5 x, 1.5 (x + 1)) is the ramp at the middle: 10 (1.5 x + 0.25) for value 10 i at pixel i.
-   */
+  /* The mean of a ramp over [1.5 x, 1.5 (x + 1)) is its value in the middle: 10 (1.5 x + 0.25) for a ramp of 10 i at
+   * pixel i. */
   for (int i = 0; i < 12 * 10 * 3; i++)
     ((uint8_t *)from.data)[i] = (uint8_t)(10 * (i / 3 % 12));
   assert_int_equal(pags_image_create(&to, 8, 6, 3, PAGS_U8), PAGS_OK);

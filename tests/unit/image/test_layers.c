@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which channels of an EXR file are its picture, and how its windows lie. */
+/* Selection of the channels of an EXR file that are its picture, and the position of its windows. */
 #include "image/layers.h"
 
 #include "unit/scratch.h"
 
 enum { MOST = 12 };
 
-/* Names of channels, "|" before those of the next part, whose name follows it; "#" before channels of integers. */
+/* Names of channels. "|" begins the next part and is followed by its name; "#" precedes channels of integers. */
 typedef struct layer_case {
   const char *names[MOST];
-  const char *layer; /* what is chosen, or a part of the refusal */
+  const char *layer; /* the selected layer, or a part of the error message */
   int part, channels;
   int order[4];
   pags_layer_rule rule;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The KITTI importer: raw trees written from a driving set come back the same; stopping and resuming an import; input
- * that is refused. */
+/* The KITTI importer: raw recordings written from a driving set give the same set; an import can be stopped and
+ * resumed; bad input is refused. */
 #include "unit/import_check.h"
 
 #include "base/json.h"
@@ -74,8 +74,8 @@ static int end(void **state) {
 
 /* ---- The imported data ---- */
 
-/* With all digits in the raw files the only error left is the rounding in double of Mercator coordinates, which are
- * scaled by the Earth's radius of 6,378 km: 1e-9 m. */
+/* If the raw files have all digits, the only error is the rounding of Mercator coordinates, which are scaled by the
+ * Earth's radius of 6,378 km: 1e-9 m. */
 static void check_all_digits(const char *from, const char *to) {
   const raw_kitti raw = source(0);
   scratch_ok(import(from, to, NULL));
@@ -94,9 +94,9 @@ static void a_drive_comes_back(void **state) {
   check_all_digits("all/2011_09_26", "drive");
 }
 
-/* With as few digits as KITTI's files have: latitude to 1e-12 degrees (1e-7 m), roll and pitch to 1e-6, labels to
- * 1e-6 m and 1e-6 rad. Measured: sweeps 1.5e-7 m, cameras (1.6 m from the inertial unit that roll and pitch turn)
- * 0.9e-6 m, boxes 20 m away 3e-6 m, 0.6e-6 rad all. */
+/* With as few digits as in KITTI's files: latitude to 1e-12 degrees (1e-7 m), roll and pitch to 1e-6, labels to 1e-6
+ * m and 1e-6 rad. Measured errors: sweeps 1.5e-7 m; cameras 0.9e-6 m, as they are 1.6 m from the inertial unit; boxes
+ * 20 m away 3e-6 m; all turns 0.6e-6 rad. */
 static void kittis_digits_bound_the_error(void **state) {
   static const char *const names[2][2] = {{"few", "tracking_few"}, {"few/2011_09_26", "drive_few"}};
   const raw_kitti raw = source(1);
@@ -134,8 +134,8 @@ static void times_and_velocities_come_with_a_drive(void **state) {
                 fabs(right[t] - left[t] - 0.001) < 1e-6);
     assert_true(fabs(lidar[2 * t] - left[t] + 0.053) < 1e-6 && fabs(lidar[2 * t + 1] - left[t] - 0.047) < 1e-6);
   }
-  /* The ego vehicle drives at 4 m/s and 1 m/s along x and y and turns at 0.2 rad/s. The imported velocity is that of
-   * the Velodyne; the inertial unit moves relative to it at 0.17 m/s because of the turn, a speed that the writer's
+  /* The ego vehicle drives at 4 m/s along x and 1 m/s along y and turns at 0.2 rad/s. The imported velocity is that
+   * of the Velodyne. Because of the turn the inertial unit moves relative to it at 0.17 m/s, which the writer's
    * differences over a second give to 1 %. */
   const double *v = velocity + 6 * 2;
   assert_true(fabs(v[0] - 4) < 0.003 && fabs(v[1] - 1) < 0.003 && fabs(v[2]) < 1e-6);
@@ -175,7 +175,7 @@ static void frames_and_cameras_are_chosen(void **state) {
   assert_int_equal(pags_dataset_view_count(part), 3);
   assert_string_equal(pags_dataset_view(part, 0)->name, "000_1.png");
   assert_same_file(pags_dataset_view(part, 0)->image_path, view_of(dataset, 1, 1)->image_path);
-  /* The part has the same world frame as the whole sequence. */
+  /* The frames of a part have the same world coordinates as the whole sequence. */
   double place = 0, turn = 0;
   compare_pose(pags_dataset_sweep(part, 0)->world_from_sweep, pags_dataset_sweep(dataset, 1)->world_from_sweep,
                pags_dataset_sweep(dataset, 0)->world_from_sweep, &place, &turn);
@@ -258,7 +258,7 @@ static void what_was_stopped_goes_on(void **state) {
   free(path);
   scratch_ok(import("all", "stopped", NULL));
   compare_imports("stopped", "tracking");
-  /* A file that exists is kept, whatever it holds; one that is missing is written again; a half-written ".part" file
+  /* An existing file is kept, whatever its contents; a missing one is written again; an unfinished ".part" file
    * doesn't count. */
   path = pags_path_join(folder, "ego_pose/001.txt");
   scratch_ok(pags_file_write(path, "kept", 4));

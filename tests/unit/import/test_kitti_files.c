@@ -21,8 +21,8 @@ static pags_kitti_calib object_calib(int frame) {
   return calib;
 }
 
-/* Counts the points of a sweep inside a label's box, extended by 5 cm below its bottom as for the figures in the
- * sample's README, and how many of these points project into its 2D box (2 px slack). */
+/* Counts the points of a sweep inside a label's box, extended by 5 cm below its bottom as for the counts in the
+ * sample's README. Also counts those of them that project into its 2D box, with 2 px tolerance. */
 static const pags_kitti_form usual = {4, 4, 1};
 
 static void count_points(const pags_kitti_calib *calib, const pags_kitti_label *label, int64_t count, const float *xyzr,
@@ -198,8 +198,8 @@ static void odometry_clips_parse(void **state) {
   check_poses("kitti/tracking/poses_orbslam3/0000.txt", 154);
 }
 
-/* Mean image gradient at the pixels where the sweep has depth edges, with the pixels shifted horizontally: the
- * calibration fits if every shift gives a lower value. */
+/* Returns the mean image gradient at depth edges of the sweep, with pixels shifted horizontally. The calibration is
+ * right if every shift gives a lower value. */
 static double edge_strength(const pags_image *image, const pags_kitti_calib *calib, int64_t count, const float *xyzr,
                             int shift) {
   const uint8_t *grey = image->data;
@@ -296,7 +296,8 @@ static void times_parse(void **state) {
   assert_true(fabs(seconds[0] - 1317042145.594360375) < 1e-6);
   assert_true(seconds[1] == 1330473600 && seconds[2] == 1.5);
   free(seconds);
-  scratch_text(&s, "t.txt", "\n1970-01-01 00:00:01\n \n\r\n1970-01-01 00:00:04\n\n\n"); /* times that were lost */
+  scratch_text(&s, "t.txt",
+               "\n1970-01-01 00:00:01\n \n\r\n1970-01-01 00:00:04\n\n\n"); /* lines whose time is missing */
   scratch_ok(pags_kitti_times_read(s.path, &count, &seconds));
   assert_int_equal(count, 5);
   assert_true(isnan(seconds[0]) && seconds[1] == 1 && isnan(seconds[2]) && isnan(seconds[3]) && seconds[4] == 4);
@@ -332,7 +333,8 @@ static void bad_rows_are_refused_with_their_line(void **state) {
   scratch_end(&s);
 }
 
-/* Writes 400 points on the ground and on walls in a form, each place multiplied by `unit` and moved by `shift`. */
+/* Writes 400 points on the ground and on walls in a given format, with each position multiplied by `unit` and moved
+ * by `shift`. */
 static void write_sweep(scratch *s, int columns, int width, double unit, double shift) {
   static uint8_t bytes[400 * 5 * 8];
   for (int i = 0; i < 400; i++) {
@@ -406,7 +408,8 @@ static void bad_labels_are_refused_with_their_line(void **state) {
   scratch_ok(pags_kitti_labels_read(s.path, true, &labels));
   assert_int_equal(labels.count, 0);
 
-  /* A score, whole numbers with a point, another spelling of DontCare, and a detection that has no place in space. */
+  /* Labels with a score, whole numbers with a decimal point, another spelling of DontCare, and a detection without a
+   * position in space. */
   scratch_text(&s, "labels.txt",
                LABEL
                " 0.75\n1.0 3.0 Car 0 0.0 -1.5 10 20 30 40 1.5 1.6 4.0 1 2 20 0.1\n"

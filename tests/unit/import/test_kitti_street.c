@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The synthetic street written as KITTI's raw trees and imported again: the same poses, boxes, points and pictures.
- * */
+/* The synthetic street written as a raw recording of KITTI and imported: poses, boxes, points and pictures are the
+ * same. */
 #include <pags/synth.h>
 
 #include "unit/import_check.h"
@@ -65,8 +65,8 @@ static void a_drive_of_the_street_comes_back(void **state) {
   assert_true(e.box_turn < 1e-8);
 }
 
-/* The street's camera looks 0.02 rad down and its car rolls and pitches by 0.003 rad. KITTI's labels have no tilt, so
- * that boxes are read as upright in the camera's axes, which sets the tolerance. */
+/* The street's camera looks 0.02 rad down, and its car rolls and pitches by 0.003 rad. KITTI's labels have no tilt,
+ * so boxes are read as upright in the camera's axes; this sets the tolerance. */
 static void the_street_as_a_tracking_sequence_comes_back(void **state) {
   const import_error e = import(*state, "raw", "tracking", 0.05);
   check_poses(&e);

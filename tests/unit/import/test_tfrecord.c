@@ -59,7 +59,7 @@ static file three_records(void) {
   return f;
 }
 
-/* Records whose data have these CRCs are accepted. */
+/* CRC-32C: records whose data have these checksums are accepted. */
 static void test_crc_is_castagnolis(void **state) {
   (void)state;
   /* The published check value of CRC-32C, and the vectors of RFC 3720 B.4: 32 bytes of zero, of ones, ascending. */
@@ -160,7 +160,7 @@ static void test_refuses_every_cut(void **state) {
   }
 }
 
-/* A length with a valid CRC that exceeds the file. */
+/* A length beyond the end of the file is refused, though its CRC is right. */
 static void test_believes_no_length_beyond_the_file(void **state) {
   (void)state;
   static const uint64_t lengths[] = {17, 1u << 30, UINT64_C(1) << 62, UINT64_MAX, UINT64_MAX - 11};

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Importing Waymo segments: the real frame of the shared test data, and a synthetic segment that must read back the
- * same. */
+/* Import of Waymo segments: the real frame of the shared test data, and a synthetic segment that gives the same data
+ * set again. */
 #include "unit/scratch.h"
 
 #include <math.h>
@@ -131,7 +131,7 @@ static void check_real_poses(const real *r, const char *folder) {
   for (int i = 0; i < 16; i++)
     assert_true(ego[i] == r->frame->pose->transform[i]);
   assert_true(fabs(ego[3] + 25211.26) < 0.01 && fabs(ego[7] - 42391.08) < 0.01 && fabs(ego[11] + 160.62) < 0.01);
-  /* The ego vehicle stands still: poses of photographs differ from its own by 0.1 mm and 1e-4 rad. */
+  /* The ego vehicle stands still: the poses of photographs differ from its pose by at most 0.1 mm and 1e-4 rad. */
   for (int c = 0; c < 5; c++) {
     read_matrix(at("%s/extrinsics/%d.txt", folder, c), extrinsics);
     read_matrix(at("%s/extrinsics/000_%d.txt", folder, c), camera);
@@ -159,7 +159,7 @@ static void check_real_boxes(const char *folder) {
   pags_json_destroy(json);
 }
 
-/* Box -zRacoa4APhIbgKYpgbiDQ: a pedestrian 10.23 m ahead and 1.98 m to the left who walks to the left. */
+/* Box -zRacoa4APhIbgKYpgbiDQ: a pedestrian 10.23 m ahead and 1.98 m to the left, who walks to the left. */
 static void check_a_real_box(const char *folder) {
   pags_dataset *dataset;
   pags_dataset_options options = pags_dataset_options_default();
@@ -259,8 +259,8 @@ static void test_refuses_damage_of_the_real_frame(void **state) {
 
 /* ---- A synthetic segment ---- */
 
-/* The centre of the moving car lies inside the masks of "all" and "vehicle" wherever it is in the picture, and the
- * picture's corner doesn't; parked cars are in no dynamic mask. */
+/* The centre of the moving car lies inside the masks "all" and "vehicle" in every picture that shows it; the
+ * picture's corner doesn't. Parked cars are in no dynamic mask. */
 static void check_dynamic_masks(const pags_dataset *set, const char *folder) {
   int seen = 0;
   for (int t = 0; t < FRAMES; t++)
@@ -379,7 +379,7 @@ static void test_goes_on_where_it_was_stopped(void **state) {
     scratch_ok(import_to(at("segment.tfrecord"), folder, NULL));
     assert_same_tree(at("again"), folder);
   }
-  /* Files that are complete aren't written again. */
+  /* A resumed import doesn't write finished files again. */
   int left = 3;
   scratch_expect(pags_import_waymo(at("segment.tfrecord"), at("kept"), NULL, tasks, stop_after, &left), PAGS_CANCELLED,
                  "cancelled");
@@ -396,7 +396,7 @@ static void test_goes_on_where_it_was_stopped(void **state) {
   scratch_expect(import_to(at("segment.tfrecord"), at("again"), "0"), PAGS_ERROR_IO, "again");
 }
 
-/* What import.json says was read and left out. */
+/* Compares the counts of read and left-out data in import.json. */
 static void check_account(const char *folder, int64_t steps, int64_t photographs, const char *const left_out[2]) {
   pags_json *json;
   const pags_json_value *result, *rows;
@@ -438,8 +438,8 @@ static void test_takes_the_frames_asked_for(void **state) {
 
 /* ---- Poses of photographs ---- */
 
-/* A car at 20 m/s that turns: the record's pose is of a time 4 ms before the middle of the exposure, and the import
- * moves the pose on to that middle. */
+/* A car turns at 20 m/s. The recorded pose is from 4 ms before the middle of the exposure, and the import moves it
+ * on to the middle. */
 static void test_moves_poses_on_to_the_exposure(void **state) {
   (void)state;
   raw_waymo w = {0};

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Waymo's range images to points: hand-computed directions, and a synthetic world of a floor and a round wall seen by
- * the LiDARs of a moving car. */
+/* Conversion of Waymo's range images to points: directions computed by hand, and a synthetic world of a floor and a
+ * round wall scanned from a moving car. */
 #include "unit/scratch.h"
 
 #include <math.h>
@@ -49,8 +49,8 @@ static float two_metres(void *user, const double origin[3], const double directi
   return which == 0 ? 2 : 0;
 }
 
-/* Four columns look at 135, 45, -45 and -135 degrees from the vehicle's x axis, in this order, whatever the LiDAR's
- * own yaw. The first row is the highest beam. */
+/* Four columns look at 135, 45, -45 and -135 degrees from the vehicle's x axis, in this order, for any yaw of the
+ * LiDAR. The first row is the highest beam. */
 static void test_directions_by_hand(void **state) {
   (void)state;
   static const double beams[2] = {-PI / 6, 0};
@@ -89,8 +89,8 @@ typedef struct world {
   int columns;
 } world;
 
-/* Distance to the floor or to the round wall, whichever is nearer. The second return, which only rising rays have,
- * lies on a wall of 4/5 of the radius. */
+/* Returns the distance to the floor or the round wall, whichever is nearer. Only rising rays have a second return,
+ * which lies on a wall of 4/5 of the radius. */
 static float see(void *user, const double origin[3], const double direction[3], int which) {
   const world *w = user;
   const double x = origin[0] - w->middle[0], y = origin[1] - w->middle[1], z = origin[2] - w->middle[2];
@@ -104,8 +104,8 @@ static float see(void *user, const double origin[3], const double direction[3], 
   return (float)fmin(wall, down);
 }
 
-/* The pose of the car at a column: 15 m/s ahead and 0.3 rad/s of yaw during the tenth of a second of a sweep, with
- * pitch and roll. */
+/* Returns the car's pose at a column. During a sweep of 0.1 s it drives at 15 m/s and turns at 0.3 rad/s, with pitch
+ * and roll. */
 static void drive(void *user, int column, float out[6]) {
   const world *w = user;
   const double t = 0.1 * ((double)column / w->columns - 0.5);
@@ -142,8 +142,8 @@ static double worst_miss(const world *w, const double pose[12], const pags_waymo
   return worst;
 }
 
-/* Decodes the roof LiDAR, with a list of beam inclinations and a pose for each column, and a front LiDAR, tilted down,
- * without either; every point must lie within `allowed` metres of a surface. */
+/* Decodes two LiDARs: one on the roof with a list of beam inclinations and a pose for each column, and a tilted
+ * front one without either. Every point must lie within `allowed` metres of a surface. */
 static void drive_through(double far_away, double allowed) {
   enum { ROWS = 24, COLUMNS = 180 };
   world w = {
@@ -281,7 +281,7 @@ static void test_empty_lidars_give_no_points(void **state) {
   pags_waymo_points_destroy(&p);
 }
 
-/* Four million bytes of two million empty labels, which would take 300 MB unpacked, are refused. */
+/* A message of four million bytes, two million empty labels, is refused: unpacked it would take 300 MB. */
 static void test_messages_keep_to_a_budget(void **state) {
   (void)state;
   const size_t size = 4000000;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The synthetic street written as a Waymo segment and imported again: the same poses, boxes, points, masks and
- * pictures. */
+/* The synthetic street written as a Waymo segment and imported: poses, boxes, points, masks and pictures are the
+ * same. */
 #include <pags/import.h>
 #include <pags/synth.h>
 
@@ -100,7 +100,7 @@ static void labels_come_back(void **state) {
   assert_true(compared > FRAMES * CAMERAS * 160 * 96 / 2);
 }
 
-/* The street's pictures are PNG, Waymo's are JPEG, hence the tolerance. */
+/* The street's pictures are PNG, Waymo's are JPEG, which sets the tolerance. */
 static void pictures_come_back(void **state) {
   const street *st = *state;
   for (int t = 0; t < FRAMES; t++)
@@ -117,8 +117,8 @@ static void pictures_come_back(void **state) {
     }
 }
 
-/* The street's dynamic masks are exact outlines of the visible parts, the imported ones are outlines of whole boxes,
- * which must contain the former. */
+/* The street's dynamic masks are the exact outlines of visible parts. The imported masks are outlines of whole boxes
+ * and must contain the exact ones. */
 static void dynamic_masks_come_back(void **state) {
   const street *st = *state;
   int64_t exact = 0, boxes = 0, both = 0;

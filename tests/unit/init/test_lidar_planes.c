@@ -65,8 +65,8 @@ static double above(const pags_gaussians *g, int64_t i) {
   return (double)pags_plane(g, PAGS_MEAN + 2)[i] - height(x, y);
 }
 
-/* With a strength of 0.5 Gaussians above and below the road move half of the way towards it. Those further off than
- * 30 cm, those in the bush and those beyond the road's edge don't move. */
+/* With a strength of 0.5, Gaussians above and below the road move half of the way towards it. Those more than 30 cm
+ * away, in the bush and beyond the road's edge don't move. */
 static void they_come_halfway(void **unused) {
   (void)unused;
   /* 10 cm above the plane of the road, within reach of the outermost fitted plane. */
@@ -96,7 +96,7 @@ static void they_come_halfway(void **unused) {
   pags_tasks_destroy(tasks);
 }
 
-/* The unit normal of the road, and its dot product with a Gaussian's own shortest axis. */
+/* The unit normal of the road, and its dot product with the shortest axis of a Gaussian. */
 static double along_normal(const pags_gaussians *g, int64_t row) {
   const double length = sqrt(0.05 * 0.05 + 0.02 * 0.02 + 1.0), road[3] = {-0.05 / length, 0.02 / length, 1 / length};
   double normal[3];
@@ -104,7 +104,7 @@ static double along_normal(const pags_gaussians *g, int64_t row) {
   return fabs(normal[0] * road[0] + normal[1] * road[1] + normal[2] * road[2]);
 }
 
-/* Gaussians of sigmas from 3 to 22 cm, of any rotation and of quaternions of any length, at the place given. */
+/* Gaussians of sigmas from 3 to 22 cm, with random rotations and quaternion lengths, at the given places. */
 static pags_gaussians make_shapes(int count, const float (*means)[3]) {
   pags_gaussians g = make_gaussians(count, means);
   for (int i = 0; i < count; i++) {
@@ -116,9 +116,9 @@ static pags_gaussians make_shapes(int count, const float (*means)[3]) {
   return g;
 }
 
-/* All of the way: nearly all Gaussians about the road lie in it and are flat there, whatever they were like; their
- * other two sigmas stay. Those in the bush, beyond the road's edge, 12 cm above it and of a parked object keep every
- * bit, and so does one whose quaternion is zero. Half of the way changes half as much. */
+/* With a strength of 1 nearly all Gaussians near the road lie in it and become flat; their other two sigmas stay.
+ * Those in the bush, beyond the road's edge, 12 cm above it, of a parked object, and with a zero quaternion keep every
+ * bit. Half the strength changes half as much. */
 static void they_lie_in_the_road(void **unused) {
   (void)unused;
   enum { LAID = 200, OTHERS = 5, ALL = LAID + OTHERS };
@@ -148,7 +148,7 @@ static void they_lie_in_the_road(void **unused) {
     for (int i = 0; i < LAID; i++) {
       int changed = 0;
       if (pags_plane(&g, PAGS_MEAN + 2)[i] == pags_plane(&before, PAGS_MEAN + 2)[i])
-        continue; /* in a cell of which the road cuts off a corner, whose few points make no plane */
+        continue; /* a cell at the road's edge has too few points for a plane */
       for (int k = 0; k < 3; k++) {
         const float was = pags_plane(&before, PAGS_SCALE + k)[i], is = pags_plane(&g, PAGS_SCALE + k)[i];
         const double expected = half ? 0.5 * ((double)was + log(0.005)) : log(0.005);
@@ -156,7 +156,7 @@ static void they_lie_in_the_road(void **unused) {
         assert_true(is == was || fabs((double)is - expected) < 1e-5);
       }
       assert_int_equal(changed, 1);
-      /* A plane of 0.4 m and 64 points with 2 cm of noise is askew by one degree; one of 3.2 m isn't. */
+      /* A plane fitted to 64 points over 0.4 m with 2 cm of noise is tilted by one degree; one over 3.2 m isn't. */
       laid +=
           fabs(above(&g, i) - (half ? 0.5 * above(&before, i) : 0.0)) < 0.02 && (half || along_normal(&g, i) > steady);
     }
@@ -172,7 +172,7 @@ static void they_lie_in_the_road(void **unused) {
   pags_tasks_destroy(tasks);
 }
 
-/* The same surface as a wall: Gaussians are pulled to it, but not laid into it. */
+/* If the same surface is a wall, Gaussians are pulled to it, but don't become flat. */
 static void walls_are_not_laid(void **unused) {
   (void)unused;
   float means[1][3] = {{(float)(height(3.0, 3.0) + 0.08), 3.0f, 3.0f}};

@@ -15,7 +15,7 @@
 #include "train/config.h"
 #include "unit/driving_stub.h"
 
-/* Makes the points from at most `most` LiDAR points of the background; 0: as many as by default. */
+/* Makes the points from at most `most` LiDAR points of the background; 0: the default number. */
 static pags_driving_points make_of(int lidar, int most, int threads) {
   pags_dataset *d = stub_open();
   pags_tasks *tasks = pags_tasks_create(threads);
@@ -41,7 +41,7 @@ static int is_colour(const uint8_t *rgb, const uint8_t *wanted) {
   return abs(rgb[0] - wanted[0]) <= 20 && abs(rgb[1] - wanted[1]) <= 20 && abs(rgb[2] - wanted[2]) <= 20;
 }
 
-/* The colour of the surface on which a background point lies; NULL if it lies on none. */
+/* Returns the colour of the surface that a background point lies on; NULL if it lies on none. */
 static const uint8_t *surface(const float *p) {
   if (fabsf(p[0] - 15) < 1.1f && fabsf(p[1] - 6) < 1.1f && p[2] > 0.07f && p[2] < 2.1f)
     return stub_colours[STUB_CRATE];
@@ -99,7 +99,7 @@ static void moving_things_have_their_own_points(void **state) {
     left += p[1] > 0.5f;
   }
   assert_true((double)red > 0.95 * (double)car->count);
-  /* The LiDAR sees only the car's right side; the points of the left side are mirrored from it. */
+  /* The LiDAR sees only the car's right side; points of the left side are its mirror image. */
   assert_true(left > 50);
   assert_true(car->count - left > 50);
   assert_int_equal(start.objects[STUB_CRATE].count, 0);
@@ -140,7 +140,7 @@ static void held_out_data_is_not_used(void **state) {
   const pags_point_set *b = &start.background;
   for (int64_t i = 0; i < b->count; i++) {
     const uint8_t *c = b->rgb + 3 * i;
-    /* No trace of magenta, the colour of the held-out photograph. */
+    /* No point is magenta, the colour of the held-out photograph. */
     assert_false(c[0] > c[1] + 60 && c[2] > c[1] + 60);
   }
   for (int64_t i = 0; i < start.lidar_points; i++)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The compiled-in transcendental functions: errors against the system's long double functions, special values, and the
- * bits of many results, which are the same on every system. */
+/* The compiled-in transcendental functions: errors compared with the system's long double functions, special values,
+ * and a hash of many results, which is the same on every system. */
 #include <float.h>
 #include <math.h>
 #include <setjmp.h>
@@ -17,8 +17,8 @@
 
 enum { ARGUMENTS = 20000 };
 
-/* Whether the system's long double functions are exact enough to compare with. Those of Windows' C libraries are
- * functions of doubles under other names. */
+/* 1 if the system's long double functions are exact enough for a comparison. Those of Windows' C libraries compute
+ * in double. */
 #ifdef _WIN32
 enum { LONG_DOUBLE_IS_BETTER = 0 };
 #else
@@ -29,8 +29,8 @@ typedef struct double_case {
   const char *name;
   double (*ours)(double);
   long double (*exact)(long double);
-  double from, to; /* arguments */
-  double most;     /* ulp */
+  double from, to; /* range of arguments */
+  double most;     /* largest error in ulp */
 } double_case;
 
 typedef struct float_case {
@@ -41,13 +41,12 @@ typedef struct float_case {
   double most;
 } float_case;
 
-/* The half-angle formula: the acosl of some systems (mingw's) is off by more than ours. */
+/* Uses the half-angle formula, as the acosl of some systems (mingw's) has larger errors than our function. */
 static long double exact_acos(long double x) {
   return 2 * atan2l(sqrtl(1 - x), sqrtl(1 + x));
 }
 
-/* How far powl itself may be off, in ulp of a double: mingw's takes y log2(x) to 64 bits, ten of which are spent on the
- * exponent. */
+/* Largest error of powl in ulp of a double: mingw computes y log2(x) with 64 bits, ten of which hold the exponent. */
 #ifdef _WIN32
 static const double powl_error = 0.125;
 #else
@@ -160,7 +159,7 @@ static void test_special_values(void **state) {
   assert_true(pags_expf(200) == INFINITY && pags_expf(-200) == 0 && isnan(pags_logf(-1)) && pags_powf(2, 3) == 8);
 }
 
-/* FNV-1a over the bits of the results: a number that no system, compiler or processor may change. */
+/* FNV-1a hash over the bits of the results, which is the same for every system, compiler and processor. */
 static uint64_t add_bits(uint64_t hash, uint64_t bits) {
   for (int i = 0; i < 8; i++)
     hash = (hash ^ (bits >> 8 * i & 255)) * 1099511628211U;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What pags_scene_filter leaves out, by each of its limits. */
+/* Which Gaussians pags_scene_filter leaves out by each of its limits. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -12,7 +12,7 @@
 
 #include "scene/filter.h"
 
-/* Four Gaussians along x, at 0, 1, 2 and 3 m, opacities rising and sizes falling. */
+/* Four Gaussians on the x axis at 0, 1, 2 and 3 m, with rising opacities and falling sizes. */
 static void make(pags_scene *scene, pags_model *model) {
   *scene = (pags_scene){.model_count = 1, .models = model, .origin = {100, 200, 300}};
   *model = (pags_model){0};
@@ -27,7 +27,7 @@ static void make(pags_scene *scene, pags_model *model) {
   }
 }
 
-/* Filters; returns the places that are left as bits: 1 for x = 0, 2 for x = 1, ...; -1 after an error. */
+/* Filters; returns the remaining Gaussians as bits: 1 for x = 0, 2 for x = 1, ...; -1 after an error. */
 static int left(const pags_filter *filter, const pags_scene_view *views, int64_t view_count) {
   pags_scene scene;
   pags_model model;
@@ -66,7 +66,7 @@ static void limits_leave_out(void **state) {
   assert_int_equal(left(&nowhere, NULL, 0), -1);
 }
 
-/* Two cameras 2 m off look along y: one sees x = 0 and 1, one x = 1, 2 and 3. A held-out one sees all. */
+/* Two cameras 2 m away look along y: one sees x = 0 and 1, the other x = 1, 2 and 3. A held-out camera sees all. */
 static void views_support(void **state) {
   (void)state;
   pags_scene_view views[2] = {{.name = NULL}};
@@ -88,7 +88,7 @@ static void views_support(void **state) {
   assert_int_equal(left(&one, views, 0), -1);
 }
 
-/* An object with a model of its own is in or out as a whole, by where it is at the time. */
+/* An object with its own model is kept or left out as a whole, by its position at the time. */
 static void objects_are_judged_whole(void **state) {
   (void)state;
   pags_scene scene = {0};

@@ -100,13 +100,13 @@ static int moves(const double (*positions)[3], int count) {
 
 static void motion_is_travel_or_spread(void **state) {
   (void)state;
-  /* The spread of two positions is half their distance, so that 1 m is the threshold here. */
+  /* The spread of two positions is half their distance, so the threshold here is 1 m. */
   assert_false(moves((const double[][3]){{0, 0, 0}}, 1));
   assert_false(moves((const double[][3]){{0, 0, 0}, {0.99, 0, 0}}, 2));
   assert_true(moves((const double[][3]){{0, 0, 0}, {1.01, 0, 0}}, 2));
   assert_true(moves((const double[][3]){{0, 0, 0}, {0, 4, 0}, {0, 0, 0}}, 3));
-  /* Ten keyframes on a way with a bend and a stop: the spread on each axis is below 0.5 m, so that the distance
-   * travelled decides. */
+  /* Ten keyframes on a path with a bend and a stop: the spread on each axis is below 0.5 m, so the travelled
+   * distance decides. */
   double way[10][3];
   for (int far = 0; far < 2; far++) {
     for (int i = 0; i < 10; i++) {
@@ -122,22 +122,23 @@ static void motion_is_travel_or_spread(void **state) {
 static void jitter_is_no_motion(void **state) {
   (void)state;
   double labels[40][3] = {{0}};
-  labels[9][0] = 5; /* only the last is displaced */
+  labels[9][0] = 5; /* only the last label is displaced */
   assert_false(moves((const double(*)[3])labels, 10));
-  assert_true(moves((const double(*)[3])(labels + 7), 3)); /* of too few nobody knows */
+  assert_true(moves((const double(*)[3])(labels + 7), 3)); /* too few labels to call the object parked */
   for (int i = 0; i < 12; i++)
     labels[i][i % 2] = i % 3 ? 1.2 : -1.2;
   assert_false(moves((const double(*)[3])labels, 12));
   for (int i = 0; i < 12; i++)
-    labels[i][0] += 0.5 * i; /* it drives all the same */
+    labels[i][0] += 0.5 * i; /* despite the jitter it drives */
   assert_true(moves((const double(*)[3])labels, 12));
   memset(labels, 0, sizeof labels);
   for (int i = 20; i < 40; i++)
-    labels[i][1] = 0.01 * (i - 20) * (i - 20); /* stands, then drives off */
+    labels[i][1] = 0.01 * (i - 20) * (i - 20); /* the object stands and then drives off */
   assert_true(moves((const double(*)[3])labels, 40));
 }
 
-/* Whether an object moves that goes `metres` in `count` equal steps of 0.1 s, with every other label `jitter` aside. */
+/* Returns whether an object counts as moving that moves by `metres` in `count` equal steps of 0.1 s, with every
+ * other label shifted sideways by `jitter`. */
 static int walks(pags_category category, double metres, int count, double jitter) {
   pags_object object = sample(count);
   object.category = category;
@@ -161,7 +162,7 @@ static void walkers_of_a_short_clip_move(void **state) {
   assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 0.9, 2, 0));     /* two labels */
   assert_true(walks(PAGS_CATEGORY_VEHICLE, 1.25, 12, 0));
   assert_false(walks(PAGS_CATEGORY_VEHICLE, 1.15, 12, 0));
-  assert_false(walks(PAGS_CATEGORY_VEHICLE, 1.5, 17, 0)); /* 0.94 m/s: a label that drifts */
+  assert_false(walks(PAGS_CATEGORY_VEHICLE, 1.5, 17, 0)); /* 0.94 m/s: the label drifts */
   assert_false(walks(PAGS_CATEGORY_OTHER, 1.5, 12, 0));
 }
 
@@ -231,8 +232,8 @@ static void true_pose(double time, double out[12]) {
   turn_about_z(2.9 + 0.7 * s + 0.4 * s * s, 12 * s + 3 * s * s, 5 - 2 * s * s, 0.3 * s, out);
 }
 
-/* Labels of that car with errors of up to half a metre and 0.2 rad, and increments that correct them exactly at
- * trained keyframes: all but those in `held_out`, whose increments must not be used. */
+/* Labels of the car with errors of up to 0.5 m and 0.2 rad, and increments that correct them exactly at trained
+ * keyframes. The keyframes in `held_out` aren't trained, and their increments must not be used. */
 static pags_object trained_sample(int count, const int *held_out, int held_out_count) {
   pags_object object = sample(count);
   for (int i = 0; i < count; i++) {

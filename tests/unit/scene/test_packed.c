@@ -311,8 +311,9 @@ static void test_copies(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* Rows far from the others of their cluster, or with far larger harmonics, cost the others no accuracy and keep their
- * own values: one, a few, half of a cluster, all rows far from each other, and some of an unfinished cluster. */
+/* Rows far from the others of their cluster, or with far larger harmonics, are stored whole and don't reduce the
+ * accuracy of the others. Tested with one, a few, half of a cluster, all rows, and some rows of an unfinished
+ * cluster. */
 static void test_stray_rows(void **state) {
   (void)state;
   static const float far[] = {1e3f, 1e6f, -1e12f, 1e30f, -3e38f, 3e38f};
@@ -335,7 +336,7 @@ static void test_stray_rows(void **state) {
         stray[i] = true;
       }
     }
-    for (int k = 0; k < 4; k++) /* a zero quaternion is the identity here, too */
+    for (int k = 0; k < 4; k++) /* a zero quaternion becomes the identity here as well */
       pags_plane(&g, PAGS_ROTATION + k)[7] = 0.0f;
     scratch_ok(pags_packed_create(&g, &packed));
     scratch_path(&place, "stray.pagsz");
@@ -372,8 +373,8 @@ static void test_stray_rows(void **state) {
   }
 }
 
-/* Stray Gaussians leave the clusters of all others small, so that those out of view are culled as before; packed, the
- * picture stays what it was. */
+/* Stray Gaussians don't enlarge the clusters of the others, so those out of view are culled as before, and the
+ * packed picture stays the same. */
 static void test_stray_rows_and_culling(void **state) {
   (void)state;
   static drawn plain, packed, without;
@@ -400,8 +401,7 @@ static void test_stray_rows_and_culling(void **state) {
   }
 }
 
-/* Every written file can be read: colours beyond 0 to 1, also negative ones. Values that no reader accepts are not
- * written. */
+/* Every written file can be read, also with colours below 0 or above 1. Values that readers refuse are not written. */
 static void test_written_is_readable(void **state) {
   (void)state;
   pags_gaussians g = make_cloud(100, 0);

@@ -281,7 +281,8 @@ static void comments_say_what_a_scene_says(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* A PLY of `count` Gaussians on a line, whose x y z, of a `type`, lie near `far`; the third is a stray one. */
+/* A PLY of `count` Gaussians on a line near `far`, with coordinates x y z of a `type`; the third Gaussian is far
+ * away. */
 static file_bytes make_far_ply(int count, const double far[3], const char *comment, const char *type) {
   static const char *const rest[] = {"f_dc_0",  "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1",
                                      "scale_2", "rot_0",  "rot_1",  "rot_2",   "rot_3"};
@@ -297,7 +298,8 @@ static file_bytes make_far_ply(int count, const double far[3], const char *comme
   return file;
 }
 
-/* Doubles at large coordinates are relative to an origin, to which a comment's offset is added; small ones stay. */
+/* Large coordinates in double are read relative to an origin, to which an offset in a comment is added. Small
+ * coordinates stay. */
 static void doubles_far_away_keep_their_digits(void **state) {
   (void)state;
   const double far[3] = {500000.25, -4600000, 120};
@@ -315,15 +317,15 @@ static void doubles_far_away_keep_their_digits(void **state) {
   }
   pags_gaussians_destroy(&g);
   assert_int_equal(pags_splat_read(path, PAGS_AXES_RUB, &g, &facts),
-                   PAGS_OK); /* y up, z back: both turn, the origin, too */
+                   PAGS_OK); /* y up and z back: the origin is turned as well */
   assert_true(facts.origin[0] == 500010 && facts.origin[1] == 4599980 && facts.origin[2] == -30);
   assert_true(fabs((double)pags_plane(&g, PAGS_MEAN + 1)[9] - 0.009) < 1e-7);
   pags_gaussians_destroy(&g);
-  load(path, &g); /* which returns no origin */
+  load(path, &g); /* this loader returns no origin */
   assert_true(pags_plane(&g, PAGS_MEAN + 1)[0] == -4600000);
   pags_gaussians_destroy(&g);
   bytes_free(&file);
-  file = make_far_ply(50, far, "", "float"); /* text has the digits, whatever its type */
+  file = make_far_ply(50, far, "", "float"); /* text keeps all digits, whatever the stated type */
   assert_int_equal(pags_splat_read(scratch_file("text.ply", file.data, file.size), 0, &g, &facts), PAGS_OK);
   assert_true(facts.origin[1] == -4600000 && fabs((double)pags_plane(&g, PAGS_MEAN + 1)[9] + 0.009) < 1e-7);
   pags_gaussians_destroy(&g);
@@ -390,7 +392,7 @@ static void a_scrambled_file_keeps_its_bits(void **state) {
     skip();
   load(path, &g);
   assert_int_equal(g.count, 11458);
-  /* The values of a trained model: sigmas below 10 cm, quaternions near unit length. */
+  /* The values of a trained model: sigmas below 10 cm, and quaternions of about unit length. */
   for (int64_t i = 0; i < g.count; i++) {
     double norm = 0;
     for (int k = 0; k < 4; k++)

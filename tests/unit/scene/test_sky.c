@@ -57,7 +57,7 @@ static void fill(pags_sky *sky, int size) {
     sky->texels[i] = (float)i / 256;
 }
 
-/* What bounded Early-Z has to know of a sky: how far it is below 0. */
+/* A loaded sky stores its lowest value below 0, which bounded Early-Z needs. */
 static void a_loaded_sky_knows_its_dip(void **state) {
   (void)state;
   const float least[] = {0.0f, -0.5f, -100.0f}, dips[] = {0.0f, 0.25f, 1.0f};
@@ -137,8 +137,8 @@ static void bad_files_are_explained(void **state) {
   pags_sky_destroy(&sky);
 }
 
-/* The direction to the centre of texel (i, j) of each face, by the table of cube map faces in the OpenGL
- * specification, must give that texel's colour. */
+/* The direction to the centre of texel (i, j) of each face, by OpenGL's table of cube map faces, gives that texel's
+ * colour. */
 static void directions_meet_their_texels(void **state) {
   (void)state;
   enum { SIZE = 4 };

@@ -68,7 +68,7 @@ static void bad_splats_are_explained(void **state) {
   uint32_t nan = 0x7FC00000;
   pags_gaussians g;
   memcpy(file.data + 64 + 8, &nan, 4);
-  file.data[32 + 15] |= 0x80; /* sets the sign bit of the second one's first sigma */
+  file.data[32 + 15] |= 0x80; /* sets the sign bit of the second Gaussian's first sigma */
   assert_int_equal(pags_splat_load(scratch_file("a.splat", file.data, 128), &g, NULL, NULL), PAGS_OK);
   assert_int_equal(g.count, 2);
   pags_gaussians_destroy(&g);
@@ -127,7 +127,7 @@ static void older_files_have_no_colour_bounds(void **state) {
   bytes_free(&file);
 }
 
-/* Between bounds far from zero, positions keep the digits that they have, relative to an origin. */
+/* Positions between bounds far from zero keep all their digits relative to an origin. */
 static void a_packed_vertex_far_away_keeps_its_digits(void **state) {
   (void)state;
   file_bytes file = make_compressed_ply(1, 0, 1, 2);

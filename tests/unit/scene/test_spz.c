@@ -43,7 +43,7 @@ static void kinds_and_flags_are_told(void **state) {
       assert_int_equal(g.count, 500);
       assert_int_equal(g.sh_degree, degree > 3 ? 3 : degree);
       assert_int_equal(pags_gaussians_find_bad(&g, NULL), 0);
-      /* Of a file of degree 4, degrees 0 to 3 are kept: the file has 24 coefficients for each Gaussian. */
+      /* A file of degree 4 has 24 coefficients for each Gaussian; degrees 0 to 3 are kept. */
       if (degree == 4)
         assert_true(plane(&g, PAGS_SH + 3 + 44, 7) == (parts.stream[5].data[7 * 72 + 44] - 128) / 128.0);
       pags_gaussians_destroy(&g);
@@ -124,8 +124,8 @@ static void sh_turns_with_the_axes(void **state) {
   free_spz_parts(&parts);
 }
 
-/* Turning the axes by half a turn about x flips y and z of a rotation's quaternion. All quaternions come out at unit
- * length, or above where version 2's three random bytes exceed it. */
+/* Half a turn of the axes about x flips y and z of a rotation's quaternion. Quaternions have unit length, or more
+ * where the three random bytes of version 2 exceed it. */
 static void rotations_turn_with_the_axes(void **state) {
   (void)state;
   for (int version = 2; version <= 4; version++) {
@@ -234,8 +234,8 @@ static void extension_records_are_skipped(void **state) {
   free_spz_parts(&parts);
 }
 
-/* The record of the coordinate system names the axes of the file, at any position; an option overrides it. The
- * right values are those of the same bytes read as RUB, turned. */
+/* The record of the coordinate system names the file's axes, wherever it stands in the file; an option overrides it.
+ * Expected values come from the same bytes read as RUB and turned. */
 static void the_axes_are_those_of_the_record(void **state) {
   (void)state;
   for (int version = 3; version <= 4; version++) {
@@ -257,7 +257,7 @@ static void the_axes_are_those_of_the_record(void **state) {
         bytes_u32(&file, record[i]);
       bytes_put(&file, plain.data + 32, plain.size - 32);
       file.data[14] = 2;
-      file.data[16] = 52; /* the table is behind this record and the one that pack_spz writes */
+      file.data[16] = 52; /* the table follows this record and the one that pack_spz writes */
     }
     if (pags_splat_read(scratch_file("rdf.spz", file.data, file.size), 0, &g, &facts) != PAGS_OK)
       fail_msg("%s", pags_error_message());
@@ -282,7 +282,7 @@ static void the_axes_are_those_of_the_record(void **state) {
   }
 }
 
-/* Systems with y forward or back: a Gaussian at x, y, z of the file and its colour are seen where they are. */
+/* Coordinate systems with y forward or back: a Gaussian and its colours are turned to the right place. */
 static void axes_with_z_up_are_turned(void **state) {
   (void)state;
   spz_parts parts = make_spz_parts(4, 20, 3, 9);
@@ -339,7 +339,7 @@ static void an_empty_file_reads(void **state) {
   }
 }
 
-/* Half the angle in radians between the rotations of row i. */
+/* Returns half the angle in radians between the rotations of row i. */
 static double half_angle(const pags_gaussians *a, const pags_gaussians *b, int64_t i) {
   double dot = 0, aa = 0, bb = 0;
   for (int k = 0; k < 4; k++) {
@@ -351,8 +351,8 @@ static double half_angle(const pags_gaussians *a, const pags_gaussians *b, int64
   return acos(fmin(1, fabs(dot) / sqrt(aa * bb)));
 }
 
-/* The same model in the same order in two lossy formats: each field differs by at most half of the sum of both
- * quantisation steps. */
+/* Two files of the same model in lossy formats, in the same order: each field differs by at most half of the sum of
+ * both quantisation steps. */
 static void both_bikers_agree(void **state) {
   (void)state;
   char spz[1024], ply[1024];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where cameras may stand in scenes without photographs, and the orbits made of that: objects are seen whole from
- * outside, rooms from within; the eye isn't in a wall. */
+/* Places for cameras in scenes without photographs, and the orbits made of them: objects are seen whole from
+ * outside, rooms from within; no camera is in a wall. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,7 +18,7 @@
 
 const char pags_program_name[] = "test";
 
-/* Adds flat Gaussians on the faces of a box to `g`, `across` by `across` a face. */
+/* Adds flat Gaussians on the faces of a box to `g`, `across` x `across` on each face. */
 static void put_box(pags_gaussians *g, const double lo[3], const double hi[3], int across) {
   for (int face = 0; face < 6; face++)
     for (int i = 0; i < across * across; i++) {
@@ -86,7 +86,7 @@ static void object_is_seen_whole(void **state) {
   pags_camera_path path;
   const double lo[3] = {-0.3, -2, -0.4}, hi[3] = {0.3, 0, 0.4}, middle[3] = {0, -1, 0};
   make(&scene, &model);
-  for (int i = 0; i < 12; i++) { /* filled, as objects are after training */
+  for (int i = 0; i < 12; i++) { /* the box is filled with Gaussians, as objects are after training */
     double from[3], to[3];
     for (int k = 0; k < 3; k++) {
       from[k] = middle[k] + (lo[k] - middle[k]) * (12 - i) / 12;
@@ -94,7 +94,7 @@ static void object_is_seen_whole(void **state) {
     }
     put_box(&model.gaussians, from, to, 20);
   }
-  for (int k = 0; k < 3; k++) /* one floater far away */
+  for (int k = 0; k < 3; k++) /* one stray Gaussian far away */
     pags_plane(&model.gaussians, PAGS_MEAN + k)[0] = 500;
   assert_int_equal(pags_camera_path_orbit(&scene, 24, PAGS_STAND_AUTO, &path), PAGS_OK);
   for (int64_t i = 0; i < path.count; i++) {
@@ -117,8 +117,8 @@ static void object_is_seen_whole(void **state) {
   pags_gaussians_destroy(&model.gaussians);
 }
 
-/* Cameras on a ring round an object, 2 m off, on one side 4 m; on the other side stands a wall where none was, and the
- * orbit passes before it. */
+/* Cameras stand on a ring round an object, 2 m away and on one side 4 m. On the other side a new wall stands in the
+ * way, and the orbit passes in front of it. */
 static void orbit_follows_the_photographs(void **state) {
   (void)state;
   enum { VIEWS = 36 };
@@ -129,7 +129,7 @@ static void orbit_follows_the_photographs(void **state) {
   const double lo[3] = {-0.3, -0.3, -0.3}, hi[3] = {0.3, 0.3, 0.3};
   make(&scene, &model);
   put_box(&model.gaussians, lo, hi, 30);
-  for (int i = 0; i < 4; i++) { /* filled */
+  for (int i = 0; i < 4; i++) { /* the object is filled with Gaussians */
     const double wall_lo[3] = {-2.2 + 0.06 * i, -1.5, -1.2}, wall_hi[3] = {-1.7 - 0.06 * i, 1.5, 1.2};
     put_box(&model.gaussians, wall_lo, wall_hi, 40);
   }
@@ -156,7 +156,7 @@ static void orbit_follows_the_photographs(void **state) {
     assert_false(m[3] > -2.2 && m[3] < -1.7 && fabs(m[11]) < 1.1);
     least = fmin(least, m[3]);
   }
-  assert_true(least < -1); /* it is a full turn */
+  assert_true(least < -1); /* the orbit is a full turn */
   pags_camera_path_destroy(&path);
   pags_gaussians_destroy(&model.gaussians);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading SOG and glTF with KHR_gaussian_splatting: known bytes decode to known values, what is ignored or guessed is
- * said, and what can't be right is refused. */
+/* SOG, and glTF with KHR_gaussian_splatting: known bytes give known values, ignored and guessed parts are reported,
+ * and invalid files are refused. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -151,7 +151,7 @@ static void sog_says_what_it_guesses(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* Positions far from zero have more digits than a float: they are relative to an origin. */
+/* Positions far from zero, which need more digits than a float has, are read relative to an origin. */
 static void sog_far_away_keeps_its_digits(void **state) {
   pags_gaussians g;
   pags_splat_facts facts;
@@ -286,7 +286,7 @@ static void gltf_attributes_of_all_types_decode(void **state) {
   assert_string_equal(said, "");
   assert_int_equal(g.count, 2);
   assert_int_equal(g.sh_degree, 1);
-  /* glTF's x left, y up, z forward are PLY's x right, y down, z forward: half a turn about z. */
+  /* glTF has x left, y up, z forward; PLY has x right, y down, z forward: half a turn about z. */
   near(value(&g, 0, 0), -1, 0);
   near(value(&g, 1, 0), -2, 0);
   near(value(&g, 2, 0), 3, 0);
@@ -295,7 +295,7 @@ static void gltf_attributes_of_all_types_decode(void **state) {
   near(value(&g, PAGS_SH + 2, 1), 0.75, 0);
   near(fabs(value(&g, PAGS_ROTATION + 3, 0)), 1, 1e-6); /* (0, 0, 0, 1) turned about z */
   near(fabs(value(&g, PAGS_ROTATION + 2, 1)), sqrt(0.5), 1e-4);
-  /* Degree 1 goes as (y, z, x): y and x change sign. */
+  /* The terms of degree 1 are (y, z, x): y and x change sign. */
   near(value(&g, PAGS_SH + 3, 1), -0.25, 1e-6);
   near(value(&g, PAGS_SH + 6, 1), -4, 1e-6);
   near(value(&g, PAGS_SH + 9, 1), -0.1, 1e-6);
@@ -305,7 +305,7 @@ static void gltf_attributes_of_all_types_decode(void **state) {
 static void gltf_nodes_place_gaussians(void **state) {
   scratch *s = *state;
   pags_gaussians g;
-  /* A child, whose frame is turned by 90 degrees about z, twice as large and moved, and its parent. */
+  /* A child node, turned by 90 degrees about z, scaled by 2 and moved, and its parent. */
   load(put_glb(s,
                document(
                    "[{\"mesh\": 0, \"translation\": [10, 0, 0], \"children\": [1]}, {\"mesh\": 0, \"rotation\": [0, 0, "
@@ -322,7 +322,7 @@ static void gltf_nodes_place_gaussians(void **state) {
   near(value(&g, 2, 2), 13, 1e-5);
   near(value(&g, PAGS_SCALE, 2), log(0.2), 1e-6);
   pags_gaussians_destroy(&g);
-  /* A node on the earth: positions are relative to an origin. */
+  /* A node far away on the globe: positions are read relative to an origin. */
   pags_scene scene;
   scratch_ok(pags_scene_load(
       put_glb(s, document("[{\"mesh\": 0, \"translation\": [0, 0, 5000000.25]}]", dc, plain, ""), 1), &scene));

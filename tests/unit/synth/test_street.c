@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The synthetic street: it has every file of a driving set, the same for any number of threads; LiDAR, boxes, masks
- * and depth agree with each other; and noise affects only what it was requested for. */
+/* The synthetic street has every file of a driving set, with the same bytes for any number of threads. LiDAR, boxes,
+ * masks and depth agree, and requested noise changes only its own quantity. */
 #include <pags/camera.h>
 #include <pags/dataset.h>
 #include <pags/image.h>
@@ -201,8 +201,8 @@ static int project(const pags_camera *camera, const double p[3], int *x, int *y,
   return u >= 0.0 && u < WIDTH && v >= 0.0 && v < HEIGHT;
 }
 
-/* LiDAR against the depth pictures. The LiDAR isn't at the camera, and a small picture's pixels are large: most
- * points, not all, lie within the depth range of the 3 x 3 pixels around their projection. */
+/* Compares LiDAR with the depth pictures. The LiDAR isn't at the camera and a pixel of a small picture is large, so
+ * most points lie within the depth range of the 3 x 3 pixels around their projection. */
 static void test_lidar(void **state) {
   (void)state;
   int64_t seen = 0, agree = 0;
@@ -254,7 +254,7 @@ static void test_nearest_surfaces(void **state) {
   assert_non_null(truth);
   int64_t of_kind[2] = {0};
   for (int f = 0; f < FRAMES; f += FRAMES - 1)
-    for (int step = 0; step < 2; step++) { /* the second time at points 3 cm in front of the surface */
+    for (int step = 0; step < 2; step++) { /* the second pass tests points 3 cm in front of the surface */
       const pags_camera camera = read_camera("street", f, 1);
       pags_image depth = load(file_of("street", "truth/depth/%03d_1.exr", f), PAGS_F32);
       pags_image labels = load(file_of("street", "semantic/%03d_1.png", f), PAGS_U8);
@@ -362,7 +362,7 @@ static void check_pixels(const pags_json *json, int frame, int camera, int64_t c
     assert_int_equal(at[1], at[0] == 10 ? 255 : 0);
     counts[0] += at[0] == 10;
     if (id > 0 && !read_box(json, id - 1, frame, &b)) {
-      /* Labels end 90 m from the car; in camera z this is less where a camera looks to the side. */
+      /* Labels end 90 m from the car; camera z is smaller at the side of the picture. */
       assert_true(z > 45.0);
       continue;
     }
@@ -437,7 +437,7 @@ static void test_noise(void **state) {
   pags_json_destroy(plain);
 }
 
-/* The set as the dataset reader opens it for training. */
+/* The dataset reader opens the street for training. */
 static void test_reads_back(void **state) {
   (void)state;
   const int provided = PAGS_PROVIDES_BOXES | PAGS_PROVIDES_LIDAR | PAGS_PROVIDES_SKY_MASKS | PAGS_PROVIDES_SEMANTIC |

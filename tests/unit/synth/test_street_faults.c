@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The faults of the synthetic street's cameras: each is in the pictures or in what the data set says, as large as it
- * was asked for, and nowhere else; the truth about it is in truth/. */
+/* Faults of the synthetic street's cameras: each has the requested size in the pictures or in the data set's
+ * statements and changes nothing else. The true values are in truth/. */
 #include <pags/camera.h>
 #include <pags/dataset.h>
 #include <pags/image.h>
@@ -24,7 +24,7 @@
 
 enum { SIDE = 16, LAST = 40, CAMERAS = 3 };
 
-/* A street of 0.2 s: whatever its rate, the same houses and objects. */
+/* A street of 0.2 s with the same houses and objects at any frame rate. */
 static pags_street_options small_street(double fps) {
   pags_street_options options = pags_street_options_default();
   options.width = SIDE;
@@ -69,7 +69,7 @@ static pags_dataset *open_set(const char *set) {
   return dataset;
 }
 
-/* Largest difference of a byte between line i of one picture and of another; `column`: the line is one. */
+/* Largest difference of a byte between a line of one picture and a line of another; `column`: compares columns. */
 static int line_difference(const pags_image *a, const pags_image *b, int i, bool column) {
   int most = 0;
   for (int k = 0; k < SIDE; k++)
@@ -81,8 +81,8 @@ static int line_difference(const pags_image *a, const pags_image *b, int i, bool
   return most;
 }
 
-/* Each line of a picture that is read in 0.16 s is that line of a picture which a global shutter takes at the line's
- * time: line i is read (i - 7.5) 0.01 s after the middle. */
+/* Each line of a picture that is read out in 0.16 s equals that line of a global-shutter picture at the line's time.
+ * Line i is read (i - 7.5) 0.01 s after the middle. */
 static void test_rolling(void **state) {
   (void)state;
   static const char *const faults[4] = {"rolling-down=0.16", "rolling-up=0.16", "rolling-right=0.16",
@@ -98,14 +98,14 @@ static void test_rolling(void **state) {
       pags_image rolling = load(words[d], 1, c);
       int64_t same = 0, other = 0;
       for (int i = 0; i < SIDE; i++) {
-        const int line = d % 2 ? SIDE - 1 - i : i; /* that is read as number i */
+        const int line = d % 2 ? SIDE - 1 - i : i; /* the line that is read as number i */
         pags_image then = load("fast", 5 + 2 * i, c);
         same += line_difference(&rolling, &then, line, d >= 2) <= 1;
         other += line_difference(&rolling, &then, SIDE - 1 - line, d >= 2) <= 1;
         pags_image_destroy(&then);
       }
       pags_image_destroy(&rolling);
-      /* A ray that just meets an edge may miss it: times differ in their last digit. */
+      /* A ray that just meets an edge may miss it, since times differ in their last digit. */
       assert_true(same >= SIDE - 1);
       assert_true(other < SIDE / 2);
     }
@@ -126,7 +126,7 @@ static void test_rolling(void **state) {
   }
 }
 
-/* A camera that is late sees what a later frame would show, and nothing of the data set says so. */
+/* A delayed camera shows what a later frame would show, and the data set doesn't state the delay. */
 static void test_delay(void **state) {
   (void)state;
   pags_street_options options = small_street(10);
@@ -147,7 +147,7 @@ static void test_delay(void **state) {
       assert_true(fabs(apart - 10.0 * late[c]) < fabs(late[c]) * 1.3 + 1e-3);
     }
     pags_camera_path_destroy(&path);
-    /* The picture is that of the time which truth says. */
+    /* The best match is the picture at the time stated in truth/. */
     double best = HUGE_VAL;
     int nearest = 0;
     pags_image picture = load("late", 1, c);
@@ -169,7 +169,8 @@ static void test_delay(void **state) {
     assert_true(fabs(late[c]) > 1e-4 && fabs(late[c]) < 0.2);
 }
 
-/* The errors of poses: rotation in degrees, position in metres, of the recorded camera in the frame of the true one. */
+/* Returns the errors of the recorded camera's pose in the frame of the true one: rotation in degrees, position in
+ * metres. */
 static void pose_error(const pags_camera *truth, const pags_camera *recorded, double *degrees, double *metres) {
   double to[12], off[12];
   pags_rigid_inverse(truth->world_from_camera, to);
@@ -200,8 +201,8 @@ static void test_poses(void **state) {
       squares[c][1] += metres * metres / FRAMES;
     }
     pags_camera_path_destroy(&path);
-    /* Of 80 steps, half of whose error is correlated: within a quarter. All cameras of the car turn alike, and 1.6 m
-     * before the axle a turn of 0.3 degrees adds a centimetre. */
+    /* The error of 80 steps, half of it correlated, is within a quarter of the request. All cameras turn with the
+     * car; 1.6 m in front of the axle, a turn of 0.3 degrees adds a centimetre. */
     assert_true(fabs(sqrt(squares[c][0]) / 0.3 - 1.0) < 0.25);
     assert_true(fabs(sqrt(squares[c][1]) / 0.05 - 1.0) < 0.3);
     assert_true(fabs(squares[c][0] - squares[0][0]) < 1e-6);
@@ -228,7 +229,7 @@ static void test_poses(void **state) {
   assert_true(fabs(degrees[0] - degrees[1]) > 1e-3 && fabs(metres[1] - metres[2]) > 1e-5);
 }
 
-/* Linear light of a byte of a picture. */
+/* Linear light of one byte of a picture. */
 static double light_at(const pags_image *image, int x, int y, double power) {
   const double s = pow(((const uint8_t *)image->data)[3 * (y * SIDE + x) + 1] / 255.0, 1.0 / power);
   return s <= 0.04045 ? s / 12.92 : pow((s + 0.055) / 1.055, 2.4);
@@ -247,7 +248,7 @@ static void test_light(void **state) {
     for (int y = 0; y < SIDE; y++)
       for (int x = 0; x < SIDE; x++) {
         const double u = (x - 7.5) / 8.0, v = (y - 7.5) / 8.0, full = light_at(&plain, x, y, 1.0);
-        if (full > 0.05 && full < 0.9) /* else a byte says little, or is clipped */
+        if (full > 0.05 && full < 0.9) /* a byte is inexact when dark and clipped when bright */
           assert_true(fabs(light_at(&dark, x, y, powers[c]) / full - (1.0 - 0.5 * (u * u + v * v) / 2.0)) < 0.05);
       }
     pags_image_destroy(&plain);
@@ -255,7 +256,7 @@ static void test_light(void **state) {
   }
 }
 
-/* The share of pixels of two pictures of the front camera, of which the first is read as a data set, that are alike. */
+/* Share of equal pixels in a front camera's picture of a data set and in the wanted picture. */
 static double alike(const char *set, int frame, const pags_image *wanted) {
   pags_dataset *dataset = open_set(set);
   pags_tasks *tasks = pags_tasks_create(1);
@@ -267,7 +268,7 @@ static double alike(const char *set, int frame, const pags_image *wanted) {
   const pags_camera *camera = &pags_dataset_view(dataset, frame)->camera;
   for (int y = 0; y < photo.height; y++)
     for (int x = 0; x < photo.width; x++) {
-      /* The same direction in the pinhole picture. */
+      /* The same direction in the pinhole camera's picture. */
       const int px = (int)floor((x + 0.5 - camera->cx) / camera->fx * 0.8 * wanted->width + 0.5 * wanted->width),
                 py = (int)floor((y + 0.5 - camera->cy) / camera->fy * 0.8 * wanted->width + 0.5 * wanted->height);
       if (px < 0 || py < 0 || px >= wanted->width || py >= wanted->height ||
@@ -284,7 +285,7 @@ static double alike(const char *set, int frame, const pags_image *wanted) {
   return (double)same / (double)used;
 }
 
-/* A distorted photograph that is undistorted shows what a pinhole camera sees. */
+/* An undistorted photograph shows the same as a pinhole camera. */
 static void test_distortion(void **state) {
   (void)state;
   pags_street_options options = small_street(10);
@@ -307,7 +308,7 @@ static void test_distortion(void **state) {
   pags_image_destroy(&wanted);
 }
 
-/* The rays of a fisheye are those of the lens that the set says, and the picture is empty outside of its circle. */
+/* A fisheye's rays are those of the lens in the data set, and its picture is empty outside of the circle. */
 static void test_fisheye(void **state) {
   (void)state;
   pags_street_options options = small_street(10);
@@ -339,7 +340,7 @@ static void test_fisheye(void **state) {
   pags_image_destroy(&classes);
 }
 
-/* The same bytes for any number of threads. */
+/* The street has the same bytes for any number of threads. */
 static void test_threads(void **state) {
   (void)state;
   static const char *const all[] = {"rolling-right=0.03", "delay=0.01",   "position=0.05", "angle=0.3",
@@ -359,8 +360,8 @@ static void test_threads(void **state) {
   }
 }
 
-/* A lively drive brakes from 13.6 m/s to 6.4 within half of its wave; and its true surfaces, built again, are those
- * that its LiDAR saw, which stand where the car met them. */
+/* A lively drive brakes from 13.6 m/s to 6.4 m/s within half of its wave. The true surfaces, built again, are those
+ * that the LiDAR saw and that stand where the car met them. */
 static void test_lively(void **state) {
   (void)state;
   pags_street_options options = small_street(5);

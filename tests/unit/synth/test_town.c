@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags_synth_town: how many Gaussians lie where, their sizes, and the same bytes for any number of threads. */
+/* pags_synth_town: number, position and size of Gaussians, and the same bytes for any number of threads. */
 #include <math.h>
 #include <pags/scene.h>
 #include <pags/synth.h>
@@ -91,8 +91,8 @@ static void test_scene(void **state) {
   free(folder);
 }
 
-/* Inside a block of houses, 4 m behind the fronts and 3 m from its ends, there are no Gaussians, as no street sees
- * that space. */
+/* A block of houses has no Gaussians inside, 4 m behind the fronts and 3 m from its ends, as no street sees that
+ * space. */
 static void test_hidden_is_empty(void **state) {
   (void)state;
   const pags_town_options options = small_town();

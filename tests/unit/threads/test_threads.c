@@ -105,8 +105,7 @@ static void ten_thousand_tiny_loops(void **state) {
     for (int64_t b = 0; b < (count + 63) / 64; b++)
       sum += partials[b];
     assert_int_equal(sum, count * (count - 1) / 2);
-    /* From time to time a pause that is long enough for the workers to fall asleep, and some that end just as they do
-     * so. */
+    /* Sometimes a pause is long enough for the workers to fall asleep, and some pauses end just as they do. */
     if (round % 100 == 0)
       nanosleep(&(struct timespec){.tv_nsec = (long)(30000 + round * 7)}, NULL);
   }
@@ -453,7 +452,8 @@ static void nap_block(void *context, int64_t begin, int64_t end, int worker) {
   nanosleep(&(struct timespec){.tv_nsec = 100000}, NULL);
 }
 
-/* Blocks that sleep leave their processors to others, so that all workers would come, were they awake. */
+/* As many workers are awake as there are processors: blocks that sleep would leave room for all workers if these
+ * were awake. */
 static void as_many_workers_are_awake_as_there_are_processors(void **state) {
   enum { LOOPS = 50, MORE = 12 };
   const int processors = pags_available_threads(), workers = processors + MORE;
@@ -462,7 +462,7 @@ static void as_many_workers_are_awake_as_there_are_processors(void **state) {
   pags_tasks *tasks = pags_tasks_create(workers);
   atomic_int *seen = calloc((size_t)workers, sizeof *seen);
   assert_true(tasks && seen);
-  nanosleep(&(struct timespec){.tv_nsec = 30000000}, NULL); /* until they sleep */
+  nanosleep(&(struct timespec){.tv_nsec = 30000000}, NULL); /* until the workers sleep */
   for (int i = 0; i < LOOPS; i++) {
     for (int w = 0; w < workers; w++)
       atomic_store(&seen[w], 0);
@@ -470,7 +470,7 @@ static void as_many_workers_are_awake_as_there_are_processors(void **state) {
     for (int w = 0; w < workers; w++)
       sum += atomic_load(&seen[w]);
   }
-  /* One more may be awake for a moment: one that was called for a loop and comes when the next has called another. */
+  /* One more worker may be awake for a moment, if it was woken for a loop that ends before it starts. */
   assert_in_range(sum, LOOPS, LOOPS * (processors + 3));
   free(seen);
   pags_tasks_destroy(tasks);

@@ -74,7 +74,7 @@ static void end(run *r) {
   free(r->dense_gradient);
 }
 
-/* Whether a view at `step` shows the cluster; the last cluster is hidden from step 40 to step 640. */
+/* Returns whether a view at `step` sees the cluster; no view sees the last cluster from step 40 to step 640. */
 static int in_view(int64_t step, int64_t cluster, int64_t clusters) {
   if (cluster == clusters - 1)
     return step < 40 || step > 640;
@@ -123,8 +123,8 @@ static void dense_step(run *r, int64_t step) {
   reference_adam_step(&r->dense, r->dense_gradient, rate);
 }
 
-/* Edits the rows as densification does, in the model and in the dense reference: drops 7 rows, appends copies of 17
- * with zero moments, sorts by Morton order. */
+/* Edits the rows of the model and of the dense reference as densification does: drops 7 rows, appends 17 copies with
+ * zero moments, sorts by Morton order. */
 static void edit(run *r) {
   pags_train_model *s = &r->state;
   int64_t count = s->gaussians.count, source[MOST_ROWS], order[MOST_ROWS], kept = 0;

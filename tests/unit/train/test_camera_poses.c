@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Corrections of camera poses (train/camera_poses.h): gradients compared with finite differences, fixed poses, poses
- * between two corrections, and recovery of a wrong pose. */
+ * between two corrections, and recovery of wrong poses. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -16,9 +16,9 @@
 
 enum { POINTS = 40 };
 
-/* A loss of view `view`: weighted image positions of points in front of its camera, which a world motion moves. */
+/* A loss for one view: weighted image positions of points in front of its camera, which a motion of the world moves. */
 typedef struct toy {
-  double points[POINTS][3]; /* absolute */
+  double points[POINTS][3]; /* absolute coordinates */
   double weights[POINTS][2];
 } toy;
 
@@ -50,7 +50,7 @@ static double loss_of(const toy *t, const pags_camera *camera) {
   return sum;
 }
 
-/* Gradient by a motion of all points about the data set's origin, by central differences. */
+/* Gradient of the loss by a motion of all points about the data set's origin, by central differences. */
 static void world_gradient(toy t, const pags_camera *camera, double out[6]) {
   const double *origin = pags_dataset_origin(dataset);
   for (int axis = 0; axis < 6; axis++) {
@@ -86,9 +86,9 @@ static void test_gradient(void **state) {
     pags_camera_poses_gradient(&poses, dataset, view, by_world, got[0], got[1], got[2]);
     pags_camera_part *items[3] = {&poses.items[poses.step_of[view]], &poses.items[poses.steps + poses.sensor_of[view]],
                                   &poses.items[poses.steps + poses.sensors + poses.sensor_of[view]]};
-    const double *speed = poses.speeds[view] + 3; /* metres a second; the street's car drives at 9 to 11 */
+    const double *speed = poses.speeds[view] + 3; /* in metres a second; the street's car drives at 9 to 11 m/s */
     assert_true(fabs(sqrt(speed[0] * speed[0] + speed[1] * speed[1] + speed[2] * speed[2]) - 10.0) < 1.2);
-    items[0]->moments.count = 1; /* else its value counts as unknown */
+    items[0]->moments.count = 1; /* without this its value would count as unknown */
     for (int part = 0; part < 3; part++)
       for (int axis = 0; axis < (part < 2 ? 6 : 1); axis++) {
         double sides[2];
@@ -107,26 +107,26 @@ static void test_gradient(void **state) {
   pags_camera_poses_destroy(&poses);
 }
 
-/* A camera that is as late as the next photograph stands where that was taken. */
+/* A camera whose delay is a whole frame stands where the next photograph was taken. */
 static void test_delay(void **state) {
   (void)state;
   pags_camera_poses poses;
   assert_int_equal(pags_camera_poses_create(&poses, dataset), PAGS_OK);
-  for (int64_t view = 6; view < 14; view++) { /* whose speed is a mean over two photographs to either side */
+  for (int64_t view = 6; view < 14; view++) { /* the speed is a mean over two photographs on either side */
     const pags_camera *next = &pags_dataset_view(dataset, view + 2)->camera;
     double *const delay = poses.items[poses.steps + poses.sensors + poses.sensor_of[view]].value;
     delay[0] = next->time - pags_dataset_view(dataset, view)->camera.time;
     const pags_camera late = pags_camera_poses_view(&poses, dataset, view);
     delay[0] = 0.0;
     assert_int_equal(poses.sensor_of[view + 2], poses.sensor_of[view]);
-    for (int k = 0; k < 12; k++) /* of 1 m; the street's car brakes and turns */
+    for (int k = 0; k < 12; k++) /* within 10 cm of about 1 m, as the car brakes and turns */
       assert_true(fabs(late.world_from_camera[k] - next->world_from_camera[k]) < (k % 4 == 3 ? 0.1 : 0.01));
   }
   pags_camera_poses_destroy(&poses);
 }
 
-/* Time steps that nobody has corrected get what lies between their neighbours; poses don't change without a
- * correction. */
+/* Time steps without a correction get one interpolated between their neighbours; without any correction poses don't
+ * change. */
 static void test_between(void **state) {
   (void)state;
   pags_camera_poses poses;
@@ -149,7 +149,7 @@ static void test_between(void **state) {
   pags_camera_poses_destroy(&poses);
 }
 
-/* Noise on the poses is found again by descent on the squared image positions, and means are held. */
+/* Descent on the squared image positions finds noise on the poses again; mean corrections are kept at 0. */
 static void test_found(void **state) {
   (void)state;
   enum { ROUNDS = 400 };
@@ -165,7 +165,8 @@ static void test_found(void **state) {
       mean[k] += wrong[f][k] / FRAMES;
     }
   for (int64_t step = 1; step <= schedule.length; step++) {
-    /* The error's square is the loss: its gradient by a world motion is minus that by the step's own motion. */
+    /* The loss is the square of the error. Its gradient by a motion of the world is minus its gradient by the motion
+     * of the step. */
     const int64_t view = (step * 7) % poses.count;
     const int f = poses.step_of[view];
     const double *place = poses.places[f];

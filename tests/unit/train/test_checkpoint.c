@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checkpoints: the whole state of a run comes back, and no damaged file is loaded as a sound one. */
+/* Checkpoints: the complete state of a run is restored, and damaged files are refused. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -98,8 +98,8 @@ static void each_rule_decides(void **unused) {
   end(&f);
 }
 
-/* The threshold is 2e-4. Row 1 shows nothing critical (S_sem 0), row 2 only critical things (1), row 3 a quarter
- * (0.25). */
+/* The threshold is 2e-4. Row 1 shows nothing critical (S_sem 0), row 2 only critical things (S_sem 1), row 3 a
+ * quarter (0.25). */
 static void growth_counts_what_is_critical_by_itself(void **unused) {
   (void)unused;
   static const struct {
@@ -179,7 +179,7 @@ static int find(const pags_gaussians *g, float who, int64_t rows[4]) {
   return n;
 }
 
-/* With long_axis_split the children lie on the longest axis, with that sigma alone divided: together they have the
+/* With long_axis_split the children lie on the longest axis, and only that sigma is divided: together they have the
  * parent's variance. */
 static void a_split_follows_the_longest_axis(void **unused) {
   (void)unused;
@@ -225,7 +225,7 @@ static void apply_moves_rows_moments_and_statistics_together(void **unused) {
   assert_int_equal(g->count, ROWS + 1 + 1 - 1);
   assert_int_equal(f.state.clusters.count, (g->count + 63) / 64);
   assert_int_equal(find(g, 4.0f, rows), 0);
-  assert_int_equal(find(g, 50.0f, rows), 1); /* a row left alone keeps its moments */
+  assert_int_equal(find(g, 50.0f, rows), 1); /* a row that is neither cloned nor split keeps its moments */
   assert_true(pags_plane(&f.state.adam.first, PAGS_SH)[rows[0]] == 51.0f);
   assert_true(pags_plane(&f.state.adam.second, PAGS_SH)[rows[0]] == 51.0f);
   /* Cloned: both copies have the same parameters, only the original keeps its moments. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Training of a driving scene, a small street with moving cars: which parts the result has, that its bits follow from
- * data, configuration and seed alone, and that each part can be left out. */
+/* Training of a driving scene, a small street with moving cars: the parts of the result, its bits, which follow only
+ * from data, configuration and seed, and training without each part. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -125,8 +125,8 @@ static double mean_s_sem(const pags_gaussians *g) {
   return sum;
 }
 
-/* A run that is interrupted and resumed has the bits of one that wasn't; two prunes lie before the interruption and
- * two after it. */
+/* A run that is interrupted and resumed has the bits of an uninterrupted one; two prunes lie before the interruption
+ * and two after it. */
 static void pruned_runs_go_on(const pags_train_config *config, const char *name) {
   char whole[32], parts[32];
   pags_train_config half = *config;
@@ -193,8 +193,8 @@ static void parts_can_be_left_out(void **unused) {
   pags_scene_destroy(&scene);
 }
 
-/* The bound on the count holds for objects and background together; of a small bound the background gets at least a
- * third, and objects get some. */
+/* The limit of the count holds for objects and background together. The background gets at least a third of a small
+ * limit, and objects get some Gaussians. */
 static void a_bound_holds_for_all_models(void **unused) {
   (void)unused;
   pags_train_config config = quick();
@@ -294,7 +294,7 @@ static double mean_gain(const pags_exposures *e, const pags_dataset *pair) {
   return sum / training;
 }
 
-/* If one camera of two is exposed more, its photographs that training hasn't visited get that exposure, too, and the
+/* If one of two cameras is exposed more, also its photographs that training hasn't visited get that exposure. The
  * mean over the training views stays 1. */
 static void a_camera_is_exposed_as_its_photographs(void **unused) {
   (void)unused;
@@ -304,7 +304,7 @@ static void a_camera_is_exposed_as_its_photographs(void **unused) {
   config.schedule.iterations = STEPS;
   pags_schedule schedule = pags_schedule_make(&config, 10.0, pags_dataset_view_count(pair));
   pags_exposures e;
-  /* For each camera its first training view, which is trained, and its last, which is not. */
+  /* The first training view of each camera is trained, its last isn't. */
   int64_t seen[2] = {-1, -1}, other[2] = {-1, -1};
   double value[6];
   assert_int_equal(pags_exposures_create(&e, pair), PAGS_OK);
@@ -357,16 +357,16 @@ static uint64_t decoded_by(const pags_trainer *t) {
   return decoded;
 }
 
-/* Scores measured at half size: each Gaussian covers a quarter of the pixels, plus 9 per cent here as the low-pass
- * filter is equally wide in pixels, and its critical share agrees with that at full size except for pixels at
- * outlines. Neither this pass nor the test for colour over time decodes a photograph twice. */
+/* Scores measured at half size: each Gaussian covers a quarter of the pixels, plus 9 % as the low-pass filter is
+ * equally wide in pixels. Its critical share agrees with that at full size except at outlines. Neither this pass nor
+ * the test for colour over time decodes a photograph twice. */
 static void half_size_scores_alike_from_the_same_photographs(void **unused) {
   (void)unused;
   pags_train_options options;
   pags_trainer t;
   pags_score_pass whole, rough;
   begin_run(&options, &t);
-  const uint64_t before = decoded_by(&t); /* the start of the sky may have decoded some at a smaller size */
+  const uint64_t before = decoded_by(&t); /* the initial sky may have decoded some photographs at a smaller size */
   assert_int_equal(pags_score_pass_measure(&t, 0, &whole), PAGS_OK);
   const uint64_t once = decoded_by(&t);
   assert_true(once - before <= (uint64_t)t.view_count);
@@ -393,8 +393,8 @@ static void half_size_scores_alike_from_the_same_photographs(void **unused) {
   end_run(&t);
 }
 
-/* The test for colour over time compares colours at half size: photographs of full size that are averaged and
- * photographs decoded at half size give the same gain. */
+/* The test for colour over time works at half size: photographs averaged from full size and photographs decoded at
+ * half size give the same gain. */
 static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
   (void)unused;
   pags_train_options options;
@@ -405,7 +405,7 @@ static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
   pags_state_set_step(&t.state, ITERATIONS / 6);
   assert_int_equal(pags_color_over_time_decide(&t), PAGS_OK);
   assert_true(whole > 0.01);
-  /* The two differ by the rounding to bytes, before or after averaging. */
+  /* The gains differ by rounding to bytes before or after averaging. */
   assert_true(fabs(t.state.models[1].fourier_gain / whole - 1.0) < 0.02);
   end_run(&t);
 }

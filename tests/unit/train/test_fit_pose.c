@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fits of a camera's pose to the left half of a photograph (train/fit_pose.c): a pose that is off is found, one that is
- * right stays, and nothing of the right half is used. */
+/* Fits of a camera's pose to the left half of a photograph (train/fit_pose.c): a wrong pose is found, a right one
+ * stays, and the right half isn't used. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>
@@ -15,7 +15,7 @@
 
 enum { STRIDE = 112, COUNT = 120 };
 
-typedef struct shot { /* a scene and the photograph that its camera takes */
+typedef struct shot { /* a scene and its camera's photograph */
   fixture f;
   engine e;
   frame_scene scene;
@@ -29,7 +29,7 @@ static void begin(shot *s, int threads) {
   s->f = fixture_create(3, COUNT);
   s->e = engine_create(threads);
   s->scene = frame_scene_create(&s->f.part, 1, 16, 0);
-  s->scene.parts[0].gaussians = s->scene.gaussians; /* of this copy */
+  s->scene.parts[0].gaussians = s->scene.gaussians; /* the scene was copied, so its pointers are set again */
   s->scene.parts[0].clusters = s->scene.clusters;
   s->photo = (pags_photo){.width = WIDTH, .height = HEIGHT, .stride = STRIDE, .rgb = s->rgb};
   pags_picture picture;
@@ -102,10 +102,10 @@ static void test_left_alone(void **state) {
     for (int y = 0; y < HEIGHT; y++)
       for (int x = WIDTH / 2; x < WIDTH; x++)
         s.rgb[(c * HEIGHT + y) * STRIDE + x] ^= 0x55;
-  const pags_fitted_pose other = fit(&s, &off); /* another right half moves nothing but the score */
+  const pags_fitted_pose other = fit(&s, &off); /* another right half changes only the score */
   assert_memory_equal(&one.camera, &other.camera, sizeof one.camera);
   assert_true(other.given < one.given);
-  s.photo.mask = s.mask; /* no pixel counts */
+  s.photo.mask = s.mask; /* all pixels are masked */
   const pags_fitted_pose none = fit(&s, &off);
   assert_memory_equal(&none.camera, &off, sizeof off);
   assert_true(isnan(none.given) && isnan(none.fitted));

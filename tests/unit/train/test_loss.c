@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The photometric training loss and its gradient: against a direct evaluation in double, that evaluation against
- * finite differences, for every SIMD kernel table that this machine runs, and for any number of threads. */
+/* The photometric training loss and its gradient, compared with a direct evaluation in double, which is compared
+ * with finite differences. Both for every SIMD kernel table that the machine runs and for any number of threads. */
 #include <pags/frame.h>
 
 #include <math.h>
@@ -260,8 +260,8 @@ static void test_plain(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-/* The directly evaluated gradient is the derivative of the directly evaluated loss by finite differences, on which
- * the comparisons above rely. */
+/* Finite differences of the directly evaluated loss give its directly evaluated gradient, on which the comparisons
+ * above rely. */
 static void test_finite_differences(void **state) {
   (void)state;
   pair p = make_pair(37, 29, 5, 1);
@@ -287,8 +287,8 @@ static void test_finite_differences(void **state) {
   free_pair(&p);
 }
 
-/* With an exposure the loss is that of a picture whose planes hold gain * x + offset; the gradients are by the
- * planes' own values, by the gains and by the offsets. */
+/* With an exposure the loss is that of a picture with the planes gain * x + offset. Gradients are by the planes'
+ * values, the gains and the offsets. */
 static void test_exposure(void **state) {
   (void)state;
   static const double value[6] = {1.2, 0.9, 1.05, 0.03, -0.02, 0.01};
@@ -318,7 +318,7 @@ static void test_exposure(void **state) {
   }
   memcpy(p.planes, picture, (size_t)count * sizeof *picture);
   for (int k = 0; k < 6; k++) {
-    const double step = 1e-3; /* within this step many signs of x - y change, each with little effect */
+    const double step = 1e-3; /* over this step many signs of x - y change, each with little effect */
     pags_photometric_loss above, below;
     assert_near(exposed.by_exposure[k], by[k], 1e-6);
     memcpy(p.exposure, value, sizeof value);
@@ -338,7 +338,7 @@ static void test_threads(void **state) {
   (void)state;
   pair p = make_pair(150, 333, 3, 1);
   emphasise(&p);
-  /* Rows of sums so different in size that a double rounds when they are added: another order would give other bits. */
+  /* Sums of rows differ so much in size that double rounds when they are added: another order would give other bits. */
   for (int c = 0; c < 3; c++)
     for (int y = 0; y < p.height; y += 3)
       for (int x = 0; x < p.width; x++) {
@@ -350,7 +350,8 @@ static void test_threads(void **state) {
   const size_t bytes = (size_t)(3 * p.stride * p.height) * sizeof(float);
   float *first = malloc(bytes);
   pags_photometric_loss loss, first_loss = {0};
-  static const int counts[] = {1, 2, 3, 4, 11, 32, 64}; /* from 12 on, more than bands of the usual size */
+  static const int counts[] = {1,  2,  3, 4,
+                               11, 32, 64}; /* with more than 11 threads there are more than the usual bands */
   for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
     const int threads = counts[i];
     pags_tasks *tasks = pags_tasks_create(threads);

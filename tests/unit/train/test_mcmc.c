@@ -54,8 +54,8 @@ static void relocation_keeps_what_a_ray_sees(void **unused) {
   assert_true(fabs(opacity - 0.7) < 1e-12 && fabs(factor - 1.0) < 1e-12);
   for (int n = 2; n <= 20; n++) {
     pags_mcmc_relocation(0.7, n, &opacity, &factor);
-    assert_true(fabs(1.0 - pow(1.0 - opacity, n) - 0.7) < 1e-9); /* opacity through the centre */
-    /* The opacity integrated along the axis agrees as well: n composited copies against one Gaussian. */
+    assert_true(fabs(1.0 - pow(1.0 - opacity, n) - 0.7) < 1e-9); /* opacity along the ray through the centre */
+    /* The opacity integrated along the axis agrees too: n copies composited, compared with one Gaussian. */
     double one = 0.0, many = 0.0;
     for (int i = -4000; i <= 4000; i++) {
       double x = i * 0.002;
@@ -66,7 +66,8 @@ static void relocation_keeps_what_a_ray_sees(void **unused) {
   }
 }
 
-/* A Gaussian moved onto another takes all of it: colour over time, object and priority, too. */
+/* A dead Gaussian that is moved onto another takes all of its values, including colour over time, object and
+ * priority. */
 static void the_dead_take_everything_of_what_they_move_onto(void **unused) {
   (void)unused;
   fixture f;

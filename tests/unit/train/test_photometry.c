@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Vignettes and response curves (train/photometry.h): gradients compared with finite differences, fixed values, and
- * recovery of those of three cameras. */
+ * recovery of the curves of three cameras. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -29,7 +29,7 @@ static double hashed(int a, int b) {
 static void fill(void) {
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < PLANE; i++) {
-      drawn[c][i] = (float)(0.03 + 0.94 * hashed(i, c)); /* some values are beyond 1 with a bright vignette */
+      drawn[c][i] = (float)(0.03 + 0.94 * hashed(i, c)); /* with a bright vignette some values exceed 1 */
       weights[c][i] = (float)(hashed(i, 10 + c) - 0.5);
     }
 }
@@ -84,7 +84,8 @@ static void test_gradient(void **state) {
       }
       numbers[kind][i] = begun;
       const double want = (sides[1] - sides[0]) / (2 * step);
-      if (!(fabs(by[kind][i] - want) < 0.01 * (1.0 + fabs(want)))) /* pixels that cross a bend of the curve */
+      if (!(fabs(by[kind][i] - want) <
+            0.01 * (1.0 + fabs(want)))) /* the tolerance is for pixels that cross a bend of the curve */
         fail_msg("number %d of kind %d: %.6g, should be %.6g", i, kind, by[kind][i], want);
     }
   for (int i = 0; i < 20; i++) {
@@ -101,7 +102,7 @@ static void test_gradient(void **state) {
       fail_msg("pixel %d %d of channel %d: %.6g, should be %.6g", x, y, c, (double)gradient[c][at], want);
   }
 
-  /* The same bits with one thread. */
+  /* One thread gives the same bits. */
   pags_tasks *one = pags_tasks_create(1);
   memcpy(gradient, weights, sizeof gradient);
   assert_int_equal(pags_photometry_back(one, &light, &camera, &picture, planes, &other), PAGS_OK);
@@ -110,7 +111,7 @@ static void test_gradient(void **state) {
   pags_photometry_destroy(&p);
 }
 
-/* Photographs by three cameras with known light: their vignettes and curves are found to 2 %. */
+/* Photographs of known light by three cameras: their vignettes and curves are found to 2 %. */
 static void test_found(void **state) {
   (void)state;
   enum { STEPS = 4500 };
@@ -125,7 +126,7 @@ static void test_found(void **state) {
       mean += truth.parts[s].share[k] * truth.parts[s].vignette[k];
     }
     for (int k = 0; k < PAGS_VIGNETTING_RINGS; k++)
-      truth.parts[s].vignette[k] -= mean; /* as training holds it */
+      truth.parts[s].vignette[k] -= mean; /* with mean 0, as training keeps them */
     for (int i = 0; i < PAGS_RESPONSE_PIECES; i++)
       truth.parts[s].slopes[i] = (s - 1) * 0.3 * (i - 2.5) / 2.5; /* mean 0 over the cameras and over the pieces */
   }
@@ -169,7 +170,7 @@ static void test_found(void **state) {
   pags_photometry_destroy(&truth);
 }
 
-/* A frame shows the background through the camera's light, then exposed. */
+/* A frame applies the camera's vignette and curve to the background, and then the exposure. */
 static void test_frame(void **state) {
   (void)state;
   pags_frame *frame;

@@ -84,7 +84,7 @@ static void poses_are_found(void **unused) {
   pags_track_poses_destroy(&tracks);
 }
 
-/* A car that brakes in a bend, labelled with noise at each time step: smoothing removes most of the noise. A clean
+/* A car brakes in a bend and is labelled with noise at each time step: smoothing removes most of the noise. A clean
  * track doesn't change, even one that swerves twice a second, which a fixed amount of smoothing would flatten. */
 static void jitter_goes_and_motion_stays(void **unused) {
   (void)unused;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pruning by score: at which steps, how many and which rows, and what happens to moments and priorities. */
+/* Pruning by score: steps, number and choice of rows, and the moments and priorities of the remaining rows. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -65,7 +65,7 @@ static void the_default_begins_earlier_and_asks_less(void **unused) {
   assert_true(plain.config.priority.critical_weight == 1.0);
 }
 
-/* What a preset chooses follows what the data set and other fields allow; a value that is set is left alone. */
+/* A preset's automatic choices follow the data set and other fields; a value that is set stays. */
 static void choices_follow_the_data(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default(), c;
@@ -89,8 +89,8 @@ static void choices_follow_the_data(void **unused) {
   assert_true(c.exposure.exposure == 1 && c.priority.prunes == 2);
 }
 
-/* The weight of critical pixels in the loss follows alpha: at alpha 0 it is 1, so that nothing of the training depends
- * on what is critical. */
+/* The weight of critical pixels in the loss follows alpha: at alpha 0 it is 1, so that critical pixels don't
+ * influence the training. */
 static void the_loss_follows_alpha(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
@@ -133,7 +133,7 @@ static void they_stretch_and_none_is_the_last_step(void **unused) {
         assert_true(i == 0 || s.prune_step[i] > s.prune_step[i - 1]);
       }
     }
-  /* As for the three cameras of PandaSet's scene 002. */
+  /* The numbers of PandaSet's scene 002 with three cameras. */
   pags_schedule s = four_prunes(7000, 180);
   static const int64_t want[] = {2340, 3600, 4680, 5833};
   assert_int_equal(s.prunes, 4);
@@ -265,7 +265,7 @@ static void the_bound_holds_at_the_last_prune(void **unused) {
   assert_int_equal(pags_prune_target(&s, 3, 3), 16); /* more than there are rows: none is dropped */
 }
 
-/* With the default, growth keeps to the limit, and prunes that nothing can fill up again leave as many. */
+/* By default growth keeps to the limit, and prunes after the end of growth leave exactly as many Gaussians. */
 static void a_limit_is_kept_full(void **unused) {
   (void)unused;
   pags_schedule s = schedule_of(PAGS_PRESET_DEFAULT, 30000, 10);
@@ -346,7 +346,7 @@ static void mcmc_keeps_its_own_count(void **unused) {
   assert_non_null(strstr(pags_error_message(), "s_grad: expected one of rank|minmax|log, got 'median'"));
 }
 
-/* Presets that are gone are named with what does their work. */
+/* The names of removed presets are refused with the options that replace them. */
 static void old_presets_name_their_heirs(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();

@@ -120,7 +120,7 @@ static void resolution_rises_and_small_photographs_stay(void **unused) {
   assert_int_equal(pags_schedule_level(&s, 501, 540, 960), 1);
   assert_int_equal(pags_schedule_level(&s, 1, 200, 960), 2);
   assert_int_equal(pags_schedule_level(&s, 1, 100, 960), 1);
-  /* By the default, the end of half size follows from the pixels for each Gaussian. */
+  /* By default, the step at which half size ends follows from the pixels per Gaussian. */
   assert_true(pags_schedule_half_until(0.1) == 0.2 && fabs(pags_schedule_half_until(2) - 0.4) < 1e-12);
   assert_true(fabs(pags_schedule_half_until(1e9) - 0.6) < 1e-12);
   config = pags_train_config_default();
@@ -240,7 +240,7 @@ static void a_configuration_of_old_is_read(void **unused) {
   pags_train_config config = pags_train_config_default(), expected = pags_train_config_default();
   expected.schedule.iterations = 300;
   expected.schedule.seed = 7;
-  expected.schedule.preset = PAGS_PRESET_PLAIN; /* its name was none */
+  expected.schedule.preset = PAGS_PRESET_PLAIN; /* the preset was named none */
   expected.objects.fourier_gain = 0.0;
   expected.color.sh_degree = 3;
   /* Values that the older version had already resolved when it wrote the file. */

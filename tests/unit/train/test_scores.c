@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The per-Gaussian scores that a frame computes for pruning: against the double-precision oracle, the oracle against
- * finite differences, the cases that the scores are meant to handle; and the semantic score S_sem written to the rows
- * of a run. */
+/* The scores by which pruning ranks Gaussians, computed by a frame: compared with the double-precision oracle, which
+ * is compared with finite differences; and the semantic score S_sem written to a run's rows. */
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 
@@ -17,7 +16,7 @@
 
 enum { WIDTH = 101, HEIGHT = 67, PIXELS = WIDTH * HEIGHT, STRIDE = 112, ROWS = 80, COUNT = 600 };
 
-typedef struct sums { /* per Gaussian, one part's after the other's */
+typedef struct sums { /* sums of each Gaussian, part after part */
   double seen[COUNT], critical[COUNT], squared[COUNT];
 } sums;
 
@@ -247,7 +246,7 @@ static void a_wall_behind_a_car_gets_no_credit(void **unused) {
   assert_true(got.critical[0] > 0.5 * got.seen[0]);
   assert_true(got.seen[LAYERS] > 1.0);
   assert_true(got.critical[LAYERS] < 0.05 * got.seen[LAYERS]);
-  score(&f, 1, 64, 1, &got); /* the score by mere overlap credits the wall */
+  score(&f, 1, 64, 1, &got); /* a score by overlap alone gives the wall critical weight */
   assert_true(got.critical[LAYERS] > 0.2 * got.seen[LAYERS]);
   end(&f);
 }

@@ -119,8 +119,8 @@ static void test_differences(void **state) {
   }
 }
 
-/* The value of a term when all pixels have the same label and transmittance, and its derivative by one pixel's
- * transmittance, times the pixels' number. */
+/* Returns a term's value if all pixels have the same label and transmittance, and its derivative by the
+ * transmittance of one pixel, times the number of pixels. */
 static double uniform_value(pixel_term *term, uint8_t labels, float t, double *slope) {
   fixture *const f = create(1, 0);
   for (int i = 0; i < PLANE; i++)
@@ -171,8 +171,8 @@ static void test_threads(void **state) {
   }
 }
 
-/* Without labels or without counted pixels a term is 0 and leaves the gradients alone; a photograph of another size
- * is refused. */
+/* Without labels or counted pixels a term is 0 and doesn't change gradients; a photograph of another size is
+ * refused. */
 static void test_nothing(void **state) {
   (void)state;
   pixel_term *const terms[] = {pags_driving_loss_sky, pags_driving_loss_objects};
@@ -314,7 +314,7 @@ static void test_depth_of_nothing(void **state) {
   free(f);
 }
 
-/* Many samples on each pixel, several blocks of them: the same bits for any number of threads. */
+/* Many samples on each pixel, in several blocks, give the same bits for any number of threads. */
 static void test_depth_threads(void **state) {
   (void)state;
   enum { MANY = 5000 };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Whole training runs on a small scene rendered here: what they learn, and that their bits depend only on data,
- * configuration and seed. */
+/* Whole training runs on a small scene: what they learn, and their bits, which depend only on data, configuration
+ * and seed. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -255,7 +255,7 @@ static int stop_at(void *user, const pags_train_progress *progress) {
   return progress->step < *(const int64_t *)user;
 }
 
-/* Trains with any number of threads, and in three pieces, to the same bits; `names` are three folders. */
+/* Training with any number of threads, and in three pieces, gives the same bits; `names` are three folders. */
 static void check_reproducible(const pags_train_config *config, const char *const names[3]) {
   const int64_t batch = config->schedule.batch, stops[] = {77, 118, config->schedule.iterations / batch};
   pags_train_options options = pags_train_options_default();
@@ -285,7 +285,7 @@ static void dropout_is_reproducible_too(void **unused) {
   assert_false(is_same_file(in_root("drop1"), in_root("drop4"), "background.ply"));
 }
 
-/* The same of steps of several photographs, whose last one is full. */
+/* Runs with several photographs a step are reproducible; the number of iterations is rounded up to whole steps. */
 static void batches_are_reproducible_too(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
@@ -310,7 +310,7 @@ static void batches_are_reproducible_too(void **unused) {
   assert_non_null(strstr(pags_error_message(), "another batch"));
 }
 
-/* Gradients of one stamp add up, those of another replace them. */
+/* Gradients with the same stamp add up; a new stamp replaces them. */
 static void a_store_adds_up_what_belongs_together(void **unused) {
   (void)unused;
   pags_gradient_store store = {0};
@@ -368,14 +368,14 @@ static double difference(const char *a, const char *b) {
   return worst;
 }
 
-/* A step that sees one photograph twice is a step that sees it once, by the mean of equal gradients, with Adam's decays
- * squared and root 2 times the rates. */
+/* A step that sees one photograph twice equals a step that sees it once: gradients are averaged, Adam's decays
+ * squared and its rates multiplied by root 2. */
 static void a_step_goes_by_the_mean_of_its_photographs(void **unused) {
   (void)unused;
   const double root2 = sqrt(2.0);
   pags_dataset *const whole = dataset;
   pags_train_config twice = small_config();
-  twice.exposure.exposure = 0; /* moves once for each photograph */
+  twice.exposure.exposure = 0; /* exposure is updated once for each photograph */
   twice.density.densify_from = 30000;
   twice.schedule.quarter_until = 0;
   twice.schedule.half_until = 0;
@@ -402,7 +402,7 @@ static void a_step_goes_by_the_mean_of_its_photographs(void **unused) {
   dataset = whole;
 }
 
-/* The same of a least alpha and of scale resets, of which the scene remembers the former. */
+/* Runs with a least alpha and scale resets are reproducible; the scene stores the least alpha. */
 static void shorter_lists_are_reproducible_too(void **unused) {
   (void)unused;
   pags_scene scene;
@@ -448,7 +448,7 @@ static void stopping_and_resuming_changes_no_bit(void **unused) {
   assert_same_folder(in_root("straight"), in_root("stopped"));
 }
 
-#ifndef _WIN32 /* there is no fork */
+#ifndef _WIN32 /* fork doesn't exist there */
 /* Trains in a child process that is killed after some milliseconds. Returns 1 if it had finished before. */
 static int train_and_kill(const pags_train_config *config, const char *output, long milliseconds) {
   int status;
@@ -503,7 +503,7 @@ static void resuming_may_go_further_but_not_elsewhere(void **unused) {
   assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_OK);
   assert_true(result.finished && result.resumed);
   assert_int_equal(result.iterations, ITERATIONS + 30);
-  /* The finished job is started again, as by a requeue: nothing is left to do. */
+  /* A finished job is started again, as a cluster's queue may do: nothing is left to do. */
   assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_OK);
   assert_int_equal(result.iterations, ITERATIONS + 30);
 }
@@ -523,13 +523,13 @@ static void a_folder_in_use_is_refused_untouched(void **unused) {
   pags_dir_list_destroy(&list);
   options.overwrite = 1;
   assert_int_equal(run(&config, in_root("mine"), 1, options, &result), PAGS_OK);
-  assert_true(pags_file_exists(in_root("mine/letter.txt"))); /* a file that isn't the trainer's is kept */
+  assert_true(pags_file_exists(in_root("mine/letter.txt"))); /* a file of the user is kept */
   assert_int_equal(run(&config, in_root("mine/letter.txt"), 1, options, &result), PAGS_ERROR_IO);
   options.overwrite = 0;
   assert_int_equal(run(&config, SYSTEM_NO_PLACE, 1, options, &result), PAGS_ERROR_IO);
 }
 
-/* Saves a scene of a background and two models, one of them in the folder objects. */
+/* Saves a scene of a background and two models, one of them in the folder objects/. */
 static void save_old_scene(const char *folder) {
   pags_model models[3] = {{.name = (char[]){"background"}, .file = (char[]){"background.ply"}},
                           {.name = (char[]){"car"}, .file = (char[]){"objects/car.ply"}},
@@ -612,15 +612,15 @@ static uint64_t scene_bytes(const char *folder) {
   return sum;
 }
 
-/* target_size bounds the count: growth stops there, a start that is too large is thinned, and a size that can't be
- * reached is refused. */
+/* target_size limits the count: growth stops there, a start that is too large is thinned, and an impossible size is
+ * refused. */
 static void a_size_becomes_a_bound_on_the_count(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
   config.size_limit.max_gaussians = 0;
-  for (int i = 0; i < 3; i++) { /* in the third run it is the last prune that reaches the size */
+  for (int i = 0; i < 3; i++) { /* in the third run the last prune reaches the size */
     char name[16];
     snprintf(name, sizeof name, "size%d", i);
     config.size_limit.target_size = i ? 0.036 : 0.1;
@@ -670,8 +670,8 @@ static float largest_difference(pags_frame *frames[2], pags_composition *scenes[
   return most;
 }
 
-/* The same training with and without trimming of SH: pictures of training views agree within the stated error, the
- * scene has fewer bytes, and the checkpoint isn't changed by it. */
+/* Training with and without trimming of SH: pictures of training views agree within the stated error, the trimmed
+ * scene has fewer bytes, and the checkpoint is the same. */
 static void colour_terms_go_where_they_do_not_show(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
@@ -705,14 +705,12 @@ static void colour_terms_go_where_they_do_not_show(void **unused) {
   pags_tasks_destroy(tasks);
 }
 
-/* Exposures that change smoothly from name to name are those of photographs taken in that order, and a held-out one is
- * between its neighbours'. Those that don't say nothing of a held-out one. */
-/* Looks at a run after every step, and stops it at one. */
+/* Watches a run after every step, and stops it at a given step. */
 typedef struct onlooker {
   pags_tasks *tasks;
   pags_frame *frame;
   int64_t stop_at, looks;
-  double difference; /* of the last picture from that of the step before: the largest, 0..1 */
+  double difference; /* largest difference of the last picture from that of the step before, 0..1 */
   float *last;
 } onlooker;
 
@@ -750,8 +748,8 @@ static int look_on(void *user, const pags_train_progress *progress) {
   return progress->step < o->stop_at;
 }
 
-/* What a callback sees after the last step is what the scene shows. The order of rows differs, so that Gaussians of the
- * same depth may be blended the other way round: 1/255. */
+/* The picture seen by a callback after the last step is that of the saved scene. Rows have another order, so
+ * Gaussians of equal depth may be blended in reverse: 1/255. */
 static void looking_on_changes_no_bit(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
@@ -781,18 +779,20 @@ static void looking_on_changes_no_bit(void **unused) {
   pags_tasks_destroy(o.tasks);
 }
 
+/* If exposures change smoothly in the order of names, photographs were taken in this order, and a held-out photograph
+ * gets an exposure between its neighbours'. Otherwise names don't help. */
 static void exposures_may_follow_names(void **unused) {
   (void)unused;
   pags_exposures e;
   double value[6];
   assert_int_equal(pags_exposures_create(&e, dataset), PAGS_OK);
-  assert_false(pags_exposures_follow_names(&e, dataset)); /* all alike: nothing to be known */
+  assert_false(pags_exposures_follow_names(&e, dataset)); /* equal exposures give no evidence */
   for (int i = 0; i < VIEWS; i++)
     e.items[i].value[0] = 1 + 0.1 * sin(0.7 * i);
   assert_true(pags_exposures_follow_names(&e, dataset));
   pags_exposures_between(&e, dataset, 4, value);
   assert_true(fabs(value[0] - 1 - 0.05 * (sin(2.1) + sin(3.5))) < 1e-12);
-  pags_exposures_between(&e, dataset, 0, value); /* the first has one neighbour */
+  pags_exposures_between(&e, dataset, 0, value); /* the first photograph has one neighbour */
   assert_true(fabs(value[0] - 1 - 0.1 * sin(0.7)) < 1e-12);
   for (int i = 0; i < VIEWS; i++)
     e.items[i].value[0] = 1 + 0.1 * uniform(50, i) - 0.05;
