@@ -85,7 +85,7 @@ class Passes(Case):
         self.count = 0
 
     def path_file(self):
-        """Writes three cameras that stand still, 1 s apart."""
+        """Writes three cameras that stand still, at intervals of 1 s."""
         frames = [camera(time=100.0 + t) for t in range(3)]
         return self.write("path.json", json.dumps({"fps": 1, "frames": frames}))
 
@@ -126,7 +126,7 @@ class Passes(Case):
         self.assertEqual(self.ranks(planes, "CryptoObject", 0, 99), [])  # the sky has no name
 
     def test_count_and_overdraw(self):
-        """One Gaussian is in the middle, one beside it and one above it. The space below is empty."""
+        """One Gaussian is in the middle, one is left of it and one above it. The space below is empty."""
         out = self.render("--camera", self.front, "--time", 1, "--channel", "count,overdraw")
         self.assertEqual(files_below(out), ["00000_count.exr", "00000_overdraw.exr"])
         count = read_exr(os.path.join(out, "00000_count.exr"))[2]["count"]

@@ -632,7 +632,7 @@ class Photographs(fixtures.Case):
     # ---- Extent and view ----
 
     def point_set(self, jitter, move=0.0):
-        """Writes cameras that turn in one place, apart from a jitter. The points lie on a cylinder around them with a
+        """Writes cameras that turn in one place, except for a jitter. The points lie on a cylinder around them with a
         radius of 4 m."""
         frames, spread = [], [((i * 37) % 9 - 4) / 4 for i in range(VIEWS)]
         for i in range(VIEWS):

@@ -237,7 +237,7 @@ class Report(DataCase):
         )  # the key and the outline of B's histogram count, too
 
     def test_two_scenes_of_one_name(self):
-        """Paths tell scenes of the same name apart. The report works if only one of them knows the photographs."""
+        """Scenes of the same name are distinguished by their paths. The report works if only one of them knows the photographs."""
         shutil.copytree(self.other, self.path("b", "scene"))
         page, _, _ = self.report(self.scene, self.path("b", "scene"))
         self.assertEqual(page.headings[0], f"{self.scene} compared with {self.path('b', 'scene')}")
@@ -415,7 +415,7 @@ class Report(DataCase):
         shown = [int(view[0][:3]) // 2 for view in page.views()]
         self.assertIn(0, shown)
         # The views are evenly spread, like the first numbers of a van der Corput sequence. With at least 2^k of 64
-        # places, neighbours are at most 64 / 2^k apart.
+        # places, the distance between neighbours is at most 64 / 2^k.
         self.assertLessEqual(
             max(b - a for a, b in zip(shown, [*shown[1:], 60])), 64 // 2 ** (len(shown).bit_length() - 1), shown
         )

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A library for LD_PRELOAD that refuses one allocation of a process's main thread, which is a rank's own: the one with
- * the number PAGS_REFUSE of those of at least 64 bytes, if the process is the rank PAGS_REFUSE_RANK of a job of Open
- * MPI. PAGS_REFUSE_COUNT names a file that receives how many there were. The names beginning with __libc are glibc's
- * own functions. */
-#define _DEFAULT_SOURCE /* syscall */
+/* A library for LD_PRELOAD that makes one allocation of a rank's main thread fail. PAGS_REFUSE is the number of this
+ * allocation among those of at least 64 bytes. PAGS_REFUSE_RANK is the rank in the job of Open MPI. The number of
+ * allocations is written to the file that PAGS_REFUSE_COUNT names. Functions with names that begin with __libc belong
+ * to glibc. */
+#define _DEFAULT_SOURCE /* for syscall */
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,7 +17,7 @@ void *__libc_memalign(size_t alignment, size_t size);
 
 #define SEEN __attribute__((visibility("default")))
 
-static long all, left; /* `left`: allocations until the one that is refused; 0: none is */
+static long all, left; /* `left`: allocations until the one that fails; 0: none fails */
 
 __attribute__((constructor)) static void begin(void) {
   const char *const number = getenv("PAGS_REFUSE"), *const rank = getenv("PAGS_REFUSE_RANK"),

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* mpi_ranks MODE: one rank of a job that test_mpi.py starts by mpirun. MODE:
- *   checks   the checks of every transport, with a part of several chunks
+ *   checks   the checks of transport_checks.c, with one part of several chunks
  *   mismatch rank 1 sends less than rank 0 expects
  *   leave    rank 1 ends while rank 0 waits for it
  *   stop     rank 1 stops its process
- *   fail     rank 1 fails by itself while rank 0 waits for it */
+ *   fail     rank 1 gives up while rank 0 waits for it */
 #include <pags/base.h>
 #include <signal.h>
 #include <stdio.h>
@@ -37,7 +37,7 @@ int main(int argc, char **argv) {
     return say(transport, true, "");
   if (rank == 1 && !strcmp(argv[1], "fail")) {
     pags_transport_give_up(transport, pags_fail(PAGS_ERROR_LIMIT, "no room"));
-    pags_transport_give_up(transport, pags_transport_agree(transport, PAGS_OK)); /* as what is around it does, too */
+    pags_transport_give_up(transport, pags_transport_agree(transport, PAGS_OK)); /* as callers of transports do */
     return say(transport, false, pags_error_message());
   }
   if (rank == 1 && !strcmp(argv[1], "stop"))

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Starts programs by mpirun: as root where the tests run as root, with more ranks than processors."""
+"""Starts programs by mpirun. Allows root as the user and more ranks than processors."""
 
 import os
 import subprocess
 
 
 def environment(**more):
-    """Open MPI's settings for tests, and `more`."""
+    """Returns the environment with Open MPI's settings for tests and the variables `more`."""
     settings = {
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
@@ -28,7 +28,8 @@ def start(ranks, command, **more):
 
 
 def run(ranks, command, timeout=120, **more):
-    """Runs it to its end; `more` are variables of its environment. Nothing may last longer than `timeout` seconds."""
+    """Runs a command on `ranks` ranks to its end. `more` are variables of its environment. Raises an error after
+    `timeout` seconds."""
     process = start(ranks, command, **more)
     try:
         out, err = process.communicate(timeout=timeout)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared by the tests of jobs with several ranks: a small street, its training, and functions that watch and end such a job."""
+"""Helpers of the tests of jobs with several ranks: a small street, its training, and functions that watch and end such
+a job."""
 
 import os
 import shutil
@@ -10,11 +11,11 @@ import unittest
 
 import mpirun
 
-PAGS = ""  # the program; set by each test's main
+PAGS = ""  # path of the program; the main function of each test sets it
 
 
 def contents(folder):
-    """{path: bytes} of all files below the folder."""
+    """Returns {path: bytes} of all files in the folder and its subfolders."""
     found = {}
     for base, _, names in os.walk(folder):
         for name in names:
@@ -24,7 +25,7 @@ def contents(folder):
 
 
 def children_of(pid):
-    """The pags processes of a mpirun, in the order in which they were started."""
+    """Returns the ids of the pags processes of an mpirun, in the order of their start."""
     found = []
     for name in os.listdir("/proc"):
         try:
@@ -101,13 +102,13 @@ class Jobs(unittest.TestCase):
         return [PAGS, "train", self.street, "-o", self.path(name), *self.SHORT, *more]
 
     def trained(self, name):
-        """All files of a scene's folder but those with times and the command line."""
+        """Returns all files of a scene's folder except those that hold times and the command line."""
         return {
             file: data for file, data in contents(self.path(name)).items() if file not in ("report.json", "report.html")
         }
 
     def same_training(self, name):
-        """The folder is that of one process, which is made once."""
+        """Asserts that the folder equals that of a training by one process, which runs once."""
         if not os.path.exists(self.path("alone")):
             done = subprocess.run(self.training("alone"), capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stderr)
@@ -120,7 +121,8 @@ class Jobs(unittest.TestCase):
             self.assertTrue(data == shared[file], f"{name}/{file}")
 
     def goes_on(self, name, numbers):
-        """Each number of ranks (1: a single process) resumes a run that ended early and reaches the bits of an uninterrupted run."""
+        """Resumes a run that ended early with each number of ranks (1: a single process). Asserts that the bits are
+        those of an uninterrupted run."""
         for ranks in numbers:
             copy = f"{name}-{ranks}"
             shutil.copytree(self.path(name), self.path(copy))

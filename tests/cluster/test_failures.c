@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A training of two ranks, which are threads here, in which one allocation is refused: wherever that is, both ranks
- * end, with the same reason or with the same scene, and what stays in the folder is a checkpoint that can be gone on
- * with. No rank waits for one that has failed. */
+/* Trains with two ranks, which are threads here, and refuses one allocation. Both ranks must end, with the same error
+ * or with the same scene. A checkpoint in the folder can be resumed. No rank waits for a failed one. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -53,10 +52,10 @@ static const char *run_one_rank(pags_transport *transport, void *unused) {
   return "";
 }
 
-/* Trains with one allocation refused; the number of allocations. */
+/* Trains with one allocation refused. Returns the number of allocations. */
 static int64_t train(int64_t refused) {
   for (int rank = 0; rank < RANKS; rank++)
-    run.results[rank] = PAGS_ERROR_MEMORY; /* where the ranks can't even be made */
+    run.results[rank] = PAGS_ERROR_MEMORY; /* stays if even the ranks can't be made */
   memory_guard_begin(0, refused);
   run_ranks(RANKS, 0, PATIENCE, run_one_rank, NULL);
   memory_guard_end();
@@ -98,7 +97,7 @@ static void try_once(int64_t refused, uint64_t expected) {
     assert_true(hash_of_scene() == expected);
 }
 
-/* One process resumes from the checkpoint of a failed run and reaches the bits of a run without failure. */
+/* One process resumes the checkpoint of a failed run and reaches the bits of a run without failure. */
 static bool goes_on(uint64_t expected) {
   char path[1100];
   snprintf(path, sizeof path, "%s/checkpoint.pags", run.folder);
@@ -124,7 +123,7 @@ static void allocations(void **unused) {
   run.config.objects.fourier_gain = 0;
   for (int rank = 0; rank < RANKS; rank++)
     assert_non_null(run.tasks[rank] = pags_tasks_create(1));
-  train(0); /* twice: the first run makes allocations that last as long as the process */
+  train(0); /* twice: some allocations of the first run last as long as the process */
   const int64_t count = train(0);
   const uint64_t expected = hash_of_scene();
   assert_int_equal(run.results[0], PAGS_OK);

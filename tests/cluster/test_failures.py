@@ -1,8 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""test_failures.py PAGS FAILING_MALLOC: a training of several ranks under mpirun of which one fails, dies, stops or can't be reached: all end, one
-line says why, and the checkpoint that is there is whole and is gone on with to the bits of a run without failures.
-PAGS_KILLS: how often ranks are killed and allocations refused, at random moments (make check-cluster: 10); then disks fill up and links go down, too."""
+"""test_failures.py PAGS FAILING_MALLOC: one rank of a training under mpirun fails, is killed, stops or can't be
+reached. All ranks end, and one line says why. The checkpoint is complete, and resuming it gives the bits of a run
+without failures.
+
+PAGS_KILLS is the number of random moments at which ranks are killed and allocations fail (make check-cluster: 10). If
+it is set, disks fill up and links go down, too."""
 
 import os
 import random
@@ -26,7 +29,7 @@ LONG = unittest.skipUnless(KILLS, "make check-cluster")
 
 class Failures(rank_jobs.Jobs):
     def lines(self, err):
-        """The lines printed by the ranks, without those of mpirun."""
+        """Returns the lines printed by the ranks, without those of mpirun."""
         return [line for line in err.split("\n") if line.startswith("pags: ")]
 
     def has_ended(self, done, *said):
@@ -37,7 +40,7 @@ class Failures(rank_jobs.Jobs):
             self.assertIn(words, lines[0])
 
     def seconds_alone(self):
-        """How long two undisturbed ranks take."""
+        """Returns the seconds that a training of three undisturbed ranks takes."""
         if not hasattr(Failures, "seconds"):
             since = time.monotonic()
             done = mpirun.run(3, self.training("undisturbed", "--checkpoint-every", "5"))
@@ -51,8 +54,8 @@ class Failures(rank_jobs.Jobs):
         self.assertEqual(done.returncode, 0, done.stderr)
         self.same_training(name)
 
-    def test_photograph_that_is_removed(self):
-        """The rank whose turn it is finds that out, in the middle of a step."""
+    def test_removed_photograph(self):
+        """Photographs are removed during the training. The rank that reads one fails in the middle of a step."""
         street = self.path("removed")
         shutil.copytree(self.street, street)
         command = [
@@ -90,7 +93,7 @@ class Failures(rank_jobs.Jobs):
             rank, number = (i + 1) % 3, random.randint(most // 4, most)
             done = self.refuse(rank, number)
             with self.subTest(rank=rank, number=number):
-                if done.returncode == 0:  # it could be done without
+                if done.returncode == 0:  # the training didn't need this allocation
                     self.same_training("refused")
                     continue
                 failed += 1
@@ -101,12 +104,12 @@ class Failures(rank_jobs.Jobs):
 
     @LONG
     def test_killed(self):
-        """At any moment, whether there is a checkpoint yet or not."""
+        """A rank is killed at any moment, before or after the first checkpoint."""
         seconds = self.seconds_alone()
         killed = begun = 0
         while killed < KILLS:
             name, after, rank = f"killed{begun}", random.uniform(0, seconds), random.randrange(3)
-            begun += 1  # one that was done before it could be killed keeps its folder
+            begun += 1  # a run that ended before it could be killed keeps its folder
             process = mpirun.start(3, self.training(name, "--checkpoint-every", "5"))
             time.sleep(after)
             ranks = children_of(process.pid)
@@ -130,7 +133,7 @@ class Failures(rank_jobs.Jobs):
 
     @LONG
     def test_stopped(self):
-        """A process that stands still: the others give it up and say so."""
+        """A process is stopped. The other ranks give it up and report this."""
         for rank in range(3):
             name = f"stopped{rank}"
             process = mpirun.start(3, self.training(name, "--checkpoint-every", "5"), PAGS_WATCHDOG="2")
@@ -143,7 +146,7 @@ class Failures(rank_jobs.Jobs):
 
     @LONG
     def test_full_disk(self):
-        """A disk with room for one checkpoint of three shards (the first includes the sky), but not for two."""
+        """The disk has room for one checkpoint of three shards (the first includes the sky), but not for two."""
         self.seconds_alone()
         size = os.path.getsize(os.path.join(self.path("alone"), "checkpoint.pags")) // 1024
         disk = tempfile.mkdtemp(prefix="pags-disk-")
@@ -182,7 +185,7 @@ class Failures(rank_jobs.Jobs):
         print(
             f"both ended {time.monotonic() - since:.1f} s after the link went down; {self.shards('parted')}", flush=True
         )
-        machines.remove()  # mpirun waits for the other machine until TCP gives it up
+        machines.remove()  # mpirun waits for the other machine until TCP gives up the connection
         self.assertNotEqual(process.wait(timeout=60), 0)
         with open(said, encoding="utf-8") as file:
             self.assertIn("pags: rank 1 of 2 has been silent for 3 s", file.read())

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""test_mpi.py MPI_RANKS: the transport over MPI, 2 ranks under mpirun (mpi_ranks.c)."""
+"""test_mpi.py MPI_RANKS: tests the transport over MPI with one to three ranks under mpirun (mpi_ranks.c)."""
 
 import os
 import sys
@@ -26,7 +26,7 @@ class Transport(unittest.TestCase):
         self.assertNotEqual(done.returncode, 0)
         self.assertIn("rank 0: rank 1 of 2 has ended before its work was done", done.stderr)
 
-    def test_rank_that_fails_by_itself(self):
+    def test_rank_that_fails(self):
         done = mpirun.run(2, [RANKS, "fail"], timeout=30)
         self.assertNotEqual(done.returncode, 0)
         self.assertIn("rank 1: no room", done.stderr)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Orders, order statistics, sums and shares of rows over one to five ranks with random splits, compared with serial
- * code. */
+/* Compares orders, order statistics, sums and shares of rows over one to five ranks with serial code. The rows are
+ * split at random. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -25,7 +25,7 @@ typedef struct job {
   pags_key keys[MOST_ITEMS];
   uint32_t values[MOST_ITEMS];
   int64_t own[MOST_RANKS + 1], cuts[MOST_RANKS + 1];
-  int64_t expected[MOST_ITEMS]; /* items in their order */
+  int64_t expected[MOST_ITEMS]; /* the items after sorting */
 } job;
 
 static uint32_t dice(uint64_t seed, uint64_t at, uint32_t sides) {
@@ -51,7 +51,8 @@ static void split(int64_t count, int ranks, uint64_t seed, int64_t *begin) {
     begin[r] = (int64_t)at[r];
 }
 
-/* `few` > 0: the number of different high halves, so that the low halves decide. */
+/* Fills in random items. If `few` > 0, the keys have only `few` different high halves, so that the low halves decide.
+ */
 static void fill(job *j, int ranks, int64_t count, uint32_t few, uint64_t seed) {
   j->count = count;
   for (int64_t i = 0; i < count; i++) {

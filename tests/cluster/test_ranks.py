@@ -1,7 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""test_ranks.py PAGS: mpirun pags train, render and eval, compared with one process; and with a rank that fails, dies, stops or gets a signal.
-PAGS_KILLS: number of random moments at which a rank is killed, and at which ranks are stopped (make check-cluster: 10)."""
+"""test_ranks.py PAGS: compares pags train, render and eval under mpirun with one process. In some tests, a rank fails,
+is killed, is stopped or gets a signal.
+
+PAGS_KILLS is the number of random moments at which a rank is killed and at which ranks are stopped (make check-cluster:
+10)."""
 
 import json
 import os
@@ -35,7 +38,7 @@ class Ranks(rank_jobs.Jobs):
         cls.make(["train", cls.street, "-q", "-o", cls.scene, "--iterations", "8", "--seed", "1"])
 
     def compare(self, verb, *arguments):
-        """The same of one process, and of two ranks: files and report."""
+        """Asserts that one process and two ranks give the same files and the same report."""
         reports = []
         for ranks in (1, 2):
             folder, report = self.path(f"{verb}-{ranks}"), self.path(f"{verb}-{ranks}.json")
@@ -98,13 +101,13 @@ class Ranks(rank_jobs.Jobs):
             self.assertGreater(rank["processor_ms"], 0)
             self.assertGreater(rank["peak_rss_bytes"], 10e6)
 
-    def test_train_asked_to_end(self):
+    def test_train_ends_by_signal(self):
         process = mpirun.start(2, self.training("asked"))
         wait_for(lambda: os.path.exists(os.path.join(self.path("asked"), "log.jsonl")))
         ranks = children_of(process.pid)
         for rank in ranks:
             os.kill(rank, signal.SIGSTOP)
-        second = mpirun.run(2, self.training("asked", "--resume"))  # another job at the same folder
+        second = mpirun.run(2, self.training("asked", "--resume"))  # a second job at the same folder is refused
         for rank in ranks:
             os.kill(rank, signal.SIGCONT)
         self.assertEqual((second.returncode, second.stderr.count("pags: ")), (1, 1), second.stderr)
@@ -140,7 +143,7 @@ class Ranks(rank_jobs.Jobs):
         self.assertFalse([file for file in self.trained("no-room") if file.startswith("checkpoint")])
 
     def test_train_refuses(self):
-        """Once, with a way out, before anything is written."""
+        """An option that requires one process is refused with one message, before anything is written."""
         for given, said, code in (
             (["--estimate"], "pags: --estimate requires one process; it can't be shared between ranks", 1),
             (["--view"], "--view requires one process", 2),
@@ -151,10 +154,10 @@ class Ranks(rank_jobs.Jobs):
                 self.assertEqual(done.stderr.count(said), 1, done.stderr)
                 self.assertFalse(os.path.exists(self.path("refused")))
 
-    # ---- How it ends ----
+    # ---- Ends and failures ----
 
     def long_render(self, ranks=2, **more):
-        """A render that lasts for minutes, once a picture of it is there."""
+        """Starts a render that lasts for minutes. Returns when its first picture exists."""
         out = self.path("long")
         shutil.rmtree(out, ignore_errors=True)
         process = mpirun.start(
@@ -164,7 +167,7 @@ class Ranks(rank_jobs.Jobs):
         return process, out
 
     def whole_pictures(self, out):
-        """Nothing half-written has a picture's name."""
+        """Asserts that every file with a picture's name is complete."""
         for name, data in contents(out).items():
             if name.endswith(".png"):
                 self.assertEqual(data[-8:-4], b"IEND", name)
@@ -188,7 +191,7 @@ class Ranks(rank_jobs.Jobs):
         self.assertEqual(done.stderr.count("nowhere"), 1, done.stderr)
 
     def test_disk_full_on_one_rank(self):
-        """A limit of file size simulates a full disk: rank 1 can write no picture."""
+        """A limit on file sizes simulates a full disk: rank 1 can't write a picture."""
         script = f'[ "$OMPI_COMM_WORLD_RANK" = 0 ] || {{ ulimit -f 0; }}; exec "{PAGS}" render "{self.scene}" -o "{self.path("full")}" --frames 6 --threads 1'
         done = mpirun.run(2, ["sh", "-c", script])
         self.assertEqual(done.returncode, 1)
@@ -196,8 +199,8 @@ class Ranks(rank_jobs.Jobs):
         self.assertIn("full/0000", done.stderr)
         self.whole_pictures(self.path("full"))
 
-    def test_asked_to_end(self):
-        """SIGUSR1 to mpirun, which hands it on; and to one rank, which the other one hears of."""
+    def test_ends_by_signal(self):
+        """SIGUSR1 ends the job. Either mpirun passes it on, or one rank receives it and tells the other rank."""
         for to_rank in (None, 1):
             process, out = self.long_render()
             target = process.pid if to_rank is None else children_of(process.pid)[to_rank]
@@ -219,7 +222,7 @@ class Ranks(rank_jobs.Jobs):
 
     @unittest.skipUnless(KILLS, "make check-cluster")
     def test_stopped(self):
-        """A process that stands still, as one behind a link that is down: the other one gives it up and says so."""
+        """A process is stopped, as if its network link were down. The other rank gives it up and reports this."""
         for rank in (0, 1):
             process, out = self.long_render(PAGS_WATCHDOG="2")
             os.kill(children_of(process.pid)[rank], signal.SIGSTOP)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checkpoints in shards: written by 1 to 5 ranks with random cuts and read by 1 to 5 others, they give the rows of one
- * process; a failure on any rank leaves the old checkpoint. */
+/* Checkpoints in shards: 1 to 5 ranks write them with random cuts, and 1 to 5 ranks read the same rows from them. A
+ * failure on any rank leaves the old checkpoint. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -21,7 +21,7 @@
 enum { MODELS = 3, SIZE = 64, MOST_RANKS = 5 };
 static const int64_t rows_of[MODELS] = {1000, 70, 0};
 
-static pags_dataset *dataset; /* whose objects the second and third model are */
+static pags_dataset *dataset; /* its objects are the second and third model */
 static char folder[200], path[256];
 static _Thread_local char wrong[512];
 
@@ -33,7 +33,8 @@ static _Thread_local char wrong[512];
     }                                                                                                \
   } while (0)
 
-/* Where the models are cut: [models * (ranks + 1)]. Random, from `cut_seed`; some ranks have no rows. */
+/* `cut` divides the rows of each model among the ranks at random places, which depend on `cut_seed`. Some ranks have no
+ * rows. */
 static uint64_t cut_seed;
 
 static int compare_counts(const void *a, const void *b) {
@@ -62,7 +63,7 @@ static float value(int64_t model, int plane, int64_t row) {
   return (float)pags_rng_uniform(5, (uint64_t)(model * 1000 + plane), (uint64_t)row);
 }
 
-/* Every number of a row, in an order of its own: calls `each` with where it lies and what it must be. */
+/* go_through calls this for every number of a row, with its address and the value that it must have. */
 typedef bool each_fn(float *at, float expected);
 
 static bool set(float *at, float expected) {
@@ -74,7 +75,7 @@ static bool is(float *at, float expected) {
   return *at == expected;
 }
 
-/* Goes through a model's rows, which are those from `begin` on of the whole model. */
+/* Calls `each` for every number of a model's rows. These are the rows of the whole model from `begin` on. */
 static bool go_through(pags_train_model *m, int64_t model, int64_t begin, each_fn *each) {
   bool right = true;
   for (int64_t i = 0; i < m->gaussians.count; i++) {
@@ -96,7 +97,8 @@ static bool go_through(pags_train_model *m, int64_t model, int64_t begin, each_f
   return right;
 }
 
-/* The state of a rank that owns [begin[m], end[m]) of each model. Rank 0's alone has what isn't rows. */
+/* Makes the state of a rank that owns the rows [begin[m], end[m]) of each model m. Only rank 0 has data other than
+ * rows. */
 static pags_result make(int rank, const int64_t *begin, const int64_t *end, pags_train_state *state) {
   pags_train_config config = pags_train_config_default();
   config.color.sh_degree = 1;
@@ -195,14 +197,14 @@ static int64_t count_files(void) {
   return count;
 }
 
-static void any_ranks_read_what_any_wrote(void **unused) {
+static void any_number_of_ranks_reads_shards(void **unused) {
   (void)unused;
   for (int writers = 1; writers <= MOST_RANKS; writers++)
     for (int round = 0; round < 2; round++) {
       uint64_t fingerprint = (uint64_t)(100 * writers + round);
       cut_seed = fingerprint;
       assert_true(run_ranks(writers, 0, 60, save, &fingerprint));
-      assert_int_equal(count_files(), writers == 1 ? 1 : 1 + writers); /* nothing is left of those before */
+      assert_int_equal(count_files(), writers == 1 ? 1 : 1 + writers); /* no file of an earlier checkpoint is left */
       for (int readers = 1; readers <= MOST_RANKS; readers++) {
         cut_seed = fingerprint + (uint64_t)(1000 * readers);
         assert_true(run_ranks(readers, 0, 60, load, &fingerprint));
@@ -222,7 +224,7 @@ static char *newest_shard(int rank) {
   return NULL;
 }
 
-/* Where rank 1 begins its next shard lies a folder: it can't write there. */
+/* A folder has the name of rank 1's next shard, so rank 1 can't write this shard. */
 static const char *save_and_fail(pags_transport *transport, void *user) {
   (void)user;
   int64_t begin[MODELS], end[MODELS];
@@ -235,7 +237,7 @@ static const char *save_and_fail(pags_transport *transport, void *user) {
   return "";
 }
 
-static void a_failed_save_leaves_the_old_one(void **unused) {
+static void failed_save_keeps_the_old_checkpoint(void **unused) {
   (void)unused;
   uint64_t fingerprint = 7;
   assert_true(run_ranks(3, 0, 60, save, &fingerprint));
@@ -251,7 +253,7 @@ static void a_failed_save_leaves_the_old_one(void **unused) {
   assert_int_equal(count_files(), before);
   assert_true(run_ranks(2, 0, 60, load, &fingerprint));
   assert_true(pags_port_remove_folder(blocked));
-  assert_true(run_ranks(3, 0, 60, save, &fingerprint)); /* without the obstacle it succeeds */
+  assert_true(run_ranks(3, 0, 60, save, &fingerprint)); /* saving succeeds without this folder */
   assert_int_equal(count_files(), before - 1);
 }
 
@@ -284,7 +286,7 @@ static void damage_is_found(void **unused) {
   assert_true(run_ranks(2, 0, 60, fails, (void *)"as the manifest says"));
   free(bytes);
   free(other);
-  /* manifests cut off anywhere */
+  /* manifests that are cut off anywhere */
   assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
   for (size_t cut_off = 1; cut_off + 2 < size; cut_off += 1 + size / 20) {
     assert_int_equal(pags_file_write(path, bytes, cut_off), PAGS_OK);
@@ -315,8 +317,8 @@ static int tear_down(void **state) {
 int main(void) {
   system_prefer_memory();
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test_setup_teardown(any_ranks_read_what_any_wrote, set_up, tear_down),
-      cmocka_unit_test_setup_teardown(a_failed_save_leaves_the_old_one, set_up, tear_down),
+      cmocka_unit_test_setup_teardown(any_number_of_ranks_reads_shards, set_up, tear_down),
+      cmocka_unit_test_setup_teardown(failed_save_keeps_the_old_checkpoint, set_up, tear_down),
       cmocka_unit_test_setup_teardown(damage_is_found, set_up, tear_down),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

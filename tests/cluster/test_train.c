@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Training shared out to ranks, which are threads here: the folder has the bits of one process with the same batch. */
+/* Training shared among ranks, which are threads here. The folder has the bits of one process with the same batch. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -20,8 +20,8 @@
 
 enum { BATCH = 4, PHOTOGRAPHS = 240, MOST_RANKS = 4 };
 
-/* A short run in which everything happens: the term of the moving objects, their colour over time, poses, exposure,
- * sky; dropout. */
+/* A short run that trains most features: the loss of moving objects, their colour over time, poses, exposure, sky and
+ * dropout. */
 static pags_train_config quick(void) {
   pags_train_config config = pags_train_config_default();
   config.schedule.iterations = PHOTOGRAPHS;
@@ -35,9 +35,9 @@ static pags_train_config quick(void) {
 typedef struct shared_run {
   const pags_train_config *config;
   const char *folder;
-  int threads; /* a rank */
+  int threads; /* of each rank */
   int resume;
-  double seconds; /* time limit; 0: none */
+  double seconds; /* time limit in seconds; 0: none */
   pags_train_result results[MOST_RANKS];
 } shared_run;
 
@@ -62,9 +62,9 @@ static const char *run_rank_of_training(pags_transport *transport, void *user) {
   return run_one(run, transport, run->results + pags_transport_rank(transport)) == PAGS_OK ? "" : pags_error_message();
 }
 
-/* A view takes of other ranks what docs/lab/cluster-model.md says: each splat there and its sums back, but for the
- * share of the rank that draws it (on average 1 / ranks), with a tolerance of 10 %. The tolerance covers the sums of
- * pictures that show moving objects only. */
+/* Compares the traffic of a view with docs/lab/cluster-model.md. Each splat is sent and its sums are returned, except
+ * for the share of the drawing rank (on average 1 / ranks). The tolerance of 10 % covers the sums of pictures that show
+ * only moving objects. */
 static void check_traffic(const shared_run *run, int ranks) {
   pags_train_traffic all = {0};
   for (int r = 0; r < ranks; r++) {
@@ -135,7 +135,7 @@ static void assert_same_run(const char *a, const char *b) {
   pags_scene_destroy(&scene);
 }
 
-/* How often a word stands in a file of the run. */
+/* Counts a word in a file of the run. */
 static int count_in(const char *name, const char *file, const char *word) {
   char path[1024];
   uint8_t *bytes;
@@ -176,7 +176,8 @@ static void without_density_control(void **unused) {
   ranks_change_no_bit(&config, "fixed", 3);
 }
 
-/* Growth up to a limit that cuts it, prunes by score with floors of objects, opacity resets, and a resort each time. */
+/* Tests growth up to a limit, pruning by score with floors of objects, opacity resets, and sorting after each of them.
+ */
 static void with_density_control(void **unused) {
   (void)unused;
   pags_train_config config = quick();
@@ -196,8 +197,8 @@ static void with_density_control(void **unused) {
   assert_true(count_in("grown4", "log.jsonl", "\"pruned_by_score\"") > 1);
 }
 
-/* A run that ends while corrections of poses, vignettes and response curves are on trial; then others go on with it, so
- * that the trials end. */
+/* A run ends while corrections of poses, vignettes and response curves are on trial. Other numbers of ranks resume the
+ * run and end the trials. */
 static void with_corrected_cameras(void **unused) {
   (void)unused;
   pags_train_config config = quick();
@@ -214,7 +215,7 @@ static void with_corrected_cameras(void **unused) {
   assert_true(count_in("corrected", "scene.json", "\"gain_db\""));
 }
 
-/* Settings that few runs have: a size that the scene must keep to, S_grad from training, the pull onto LiDAR planes. */
+/* Tests rare settings: a size that the scene must keep, S_grad from training, and the pull to LiDAR planes. */
 static void with_other_settings(void **unused) {
   (void)unused;
   pags_train_config config = quick();
@@ -225,7 +226,7 @@ static void with_other_settings(void **unused) {
   ranks_change_no_bit(&config, "other", 2);
 }
 
-/* Gaussians that are drawn at random over all ranks, move between them and are added. */
+/* Tests Gaussians that are drawn at random over all ranks, move between ranks and are added. */
 static void with_mcmc(void **unused) {
   (void)unused;
   pags_train_config config = quick();
@@ -234,7 +235,7 @@ static void with_mcmc(void **unused) {
   ranks_change_no_bit(&config, "mcmc", 3);
 }
 
-/* Rank 0's clock decides, for all ranks. */
+/* The clock of rank 0 decides for all ranks. */
 static void with_a_time_limit(void **unused) {
   (void)unused;
   pags_train_config config = quick();
@@ -245,7 +246,7 @@ static void with_a_time_limit(void **unused) {
   assert_true(run.results[0].iterations != PHOTOGRAPHS);
 }
 
-/* A run of two ranks that three go on with, in the middle of its growth, with Adam steps pending. */
+/* Three ranks resume a run of two ranks in the middle of its growth, while Adam steps are pending. */
 static void resumed_on_other_ranks(void **unused) {
   (void)unused;
   pags_train_config config = quick(), half = quick();
@@ -274,7 +275,7 @@ static const char *run_rank_that_is_refused(pags_transport *transport, void *exp
              : "isn't refused";
 }
 
-/* What several ranks can't do is refused before anything is written, and no rank is named. */
+/* An option that requires one process is refused before anything is written. The message names no rank. */
 static void refuses(void **unused) {
   (void)unused;
   static char expected[] = "--estimate requires one process";

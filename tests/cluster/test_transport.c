@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The transport of one process and that of threads: what arrives, how failures end, how long a link that is held to a
- * rate takes. The same checks run under mpirun (mpi_ranks.c). */
+/* Tests the transport of one process and the transport of threads: delivery, failures, and the time that a limited rate
+ * takes. mpi_ranks.c runs the same checks under mpirun. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -34,10 +34,10 @@ static void test_ranks(void **state) {
   assert_true(run_ranks(4, 1e9, 60, all_checks, NULL));
 }
 
-/* ---- Failures: rank 1 never sends what the others wait for ---- */
+/* ---- Failures: rank 1 never sends the data that the others wait for ---- */
 
 static const char *leave(pags_transport *transport, void *user) {
-  const bool *returns = user; /* else it is silent until the others have gone */
+  const bool *returns = user; /* false: rank 1 is silent until the others have gone */
   if (pags_transport_rank(transport) == 1) {
     bool gone;
     for (int64_t given_up = *returns ? 2 : 0; given_up < 2;)
@@ -50,7 +50,7 @@ static const char *leave(pags_transport *transport, void *user) {
   pags_transport_tell(transport, 1, true);
   if (!strstr(pags_error_message(), *returns ? "rank 1 of 3 has ended" : "rank 1 of 3 has been silent for 0.2 s"))
     return pags_error_message();
-  /* nothing works any more */
+  /* all later calls fail */
   return pags_transport_broadcast(transport, 0, &value, sizeof value) == PAGS_ERROR_IO ? "" : "it must stay broken";
 }
 
@@ -62,7 +62,7 @@ static void test_lost_rank(void **state) {
   }
 }
 
-/* Rank 2 fails by itself; ranks 0 and 1 hear of it where they wait for it, each in another call. */
+/* Rank 2 gives up. Ranks 0 and 1 learn of this while they wait, each in another call. */
 static const char *give_up(pags_transport *transport, void *unused) {
   (void)unused;
   static const char *const expected = "rank 2: no room";
@@ -74,14 +74,14 @@ static const char *give_up(pags_transport *transport, void *unused) {
                                        : pags_transport_broadcast(transport, 2, &number, sizeof number);
   if (result != PAGS_ERROR_LIMIT || strcmp(pags_error_message(), expected) != 0)
     return pags_error_message();
-  /* handing on what was heard changes nothing, and nothing works any more */
+  /* giving up with this failure changes nothing, and all later calls fail */
   pags_transport_give_up(transport, result);
   if (pags_transport_agree(transport, PAGS_OK) != PAGS_ERROR_LIMIT || strcmp(pags_error_message(), expected) != 0)
     return pags_error_message();
   return "";
 }
 
-/* What the ranks have agreed on is no news. */
+/* Giving up with a result that all ranks agreed on has no effect. */
 static const char *agree_first(pags_transport *transport, void *unused) {
   (void)unused;
   const pags_result mine = pags_transport_rank(transport) == 1 ? pags_fail(PAGS_ERROR_LIMIT, "no room") : PAGS_OK;
@@ -99,7 +99,7 @@ static void test_one_gives_up(void **state) {
 
 /* ---- Rate ---- */
 
-/* Every rank sends `bytes` to every other. */
+/* Every rank sends `bytes` bytes to every other rank. */
 typedef struct load {
   int64_t bytes;
   double took_ms[THREAD_RANKS_MOST];
@@ -120,8 +120,7 @@ static const char *exchange_load(pags_transport *transport, void *user) {
   return "";
 }
 
-/* 2 x 1,000,000 bytes to and from each of three ranks at 20 MB/s are busy for 100 ms at each end: they can't be faster.
- */
+/* Each of three ranks sends and receives 2 x 1,000,000 bytes. At 20 MB/s, each end is busy for at least 100 ms. */
 static void test_rate(void **state) {
   (void)state;
   load l = {.bytes = 1000000};

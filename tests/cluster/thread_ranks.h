@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Runs a function on N ranks that are threads of the test. */
+/* Runs a function on several ranks, which are threads of the test. */
 #ifndef PAGS_TESTS_THREAD_RANKS_H
 #define PAGS_TESTS_THREAD_RANKS_H
 
@@ -10,13 +10,13 @@
 
 enum { THREAD_RANKS_MOST = 64 };
 
-/* Creates the transports of `ranks` threads of this process. bytes_a_second > 0 limits what each rank sends, and what
- * it receives, to that rate. `watchdog`: seconds. Each rank destroys its own. */
+/* Creates the transports of `ranks` threads of this process. bytes_a_second > 0 limits the rate at which each rank
+ * sends and the rate at which it receives. `watchdog` is in seconds. Each rank destroys its transport. */
 pags_result pags_transport_create_threads(int ranks, double bytes_a_second, double watchdog,
                                           pags_transport **transports);
 
-/* What one rank does; returns "" or what was wrong. It may not use cmocka's asserts, which belong to the main thread.
- */
+/* The work of one rank. Returns "" or a message about a fault. It may not use cmocka's asserts, which belong to the
+ * main thread. */
 typedef const char *rank_fn(pags_transport *transport, void *user);
 
 typedef struct rank_thread {
@@ -33,7 +33,7 @@ static inline void *run_rank(void *argument) {
   return NULL;
 }
 
-/* Runs `run` on every rank, prints what was wrong and returns whether nothing was. */
+/* Runs `run` on every rank and prints the faults. Returns whether there was none. */
 static inline bool run_ranks(int ranks, double bytes_a_second, double watchdog, rank_fn *run, void *user) {
   pags_transport *transports[THREAD_RANKS_MOST];
   static rank_thread threads[THREAD_RANKS_MOST];

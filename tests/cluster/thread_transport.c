@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A transport whose ranks are threads of one process. Every message is copied when it is sent. Its receiver identifies
- * it by its sender and the number of the transfer.
+/* A transport whose ranks are threads of one process. Every message is copied when it is sent. The receiver identifies
+ * a message by its sender and by the number of the transfer.
  *
  * With a rate limit, a message arrives when both ends have been busy with it for bytes / rate seconds. Each end handles
- * one message at a time per direction, as a full-duplex network card does. The data is available earlier; calls wait.
+ * one message at a time per direction, as a full-duplex network card does. The data is copied earlier, so calls wait
+ * until the time of arrival.
  */
 #include <assert.h>
 #include <stdio.h>
@@ -24,7 +25,7 @@ typedef struct message {
   char data[];
 } message;
 
-/* One rank as the others see it. All of it is guarded by the hub's lock. */
+/* One rank as the others see it. The hub's lock guards all fields. */
 typedef struct seat {
   message *inbox;
   double sends_until_ms, receives_until_ms;
@@ -37,22 +38,22 @@ typedef struct hub {
   pthread_cond_t changed;
   int present; /* the last rank to leave frees the hub */
   double bytes_a_ms, watchdog;
-  pags_result failure; /* of a rank that gave up */
-  char failed[1024];   /* its message; "": none did */
+  pags_result failure; /* the failure of a rank that gave up */
+  char failed[1024];   /* its message; "": no rank gave up */
   seat *seats;
 } hub;
 
 typedef struct threads_transport {
   pags_transport base;
   hub *hub;
-  int64_t number; /* of the next transfer */
+  int64_t number; /* number of the next transfer */
   bool broken;
 } threads_transport;
 
-/* A transfer under way. */
+/* A transfer that is under way. */
 typedef struct moving {
   int64_t number;
-  double sent_ms; /* when the last of this rank's parts is away */
+  double sent_ms; /* time at which the last part of this rank is sent */
 } moving;
 
 static pags_result fail_parted(threads_transport *self) {
@@ -116,7 +117,7 @@ static pags_result begin(pags_transport *transport, const pags_part *parts, movi
   return PAGS_OK;
 }
 
-/* Takes the message out of this rank's inbox; NULL if it isn't there. Locked. */
+/* Takes the message out of this rank's inbox. Returns NULL if it isn't there. The caller holds the lock. */
 static message *take(seat *own, int from, int64_t number) {
   for (message **at = &own->inbox; *at; at = &(*at)->next)
     if ((*at)->from == from && (*at)->number == number) {
@@ -127,7 +128,7 @@ static message *take(seat *own, int from, int64_t number) {
   return NULL;
 }
 
-/* Waits until the clock says `until_ms`. Locked. */
+/* Waits until the clock reaches `until_ms`. The caller holds the lock. */
 static void wait_until(hub *shared, double until_ms) {
   for (double left = until_ms - pags_clock_ms(); left > 0; left = until_ms - pags_clock_ms())
     pags_port_condition_wait(&shared->changed, &shared->lock, left * 1e-3);

@@ -25,7 +25,7 @@ static bool fail(const char *format, ...) {
       return fail("%s:%d: %s (%s)", __FILE__, __LINE__, #condition, pags_error_message()); \
   } while (0)
 
-/* Bytes from rank a to rank b in a round: a third of the parts are empty. */
+/* Returns the number of bytes that rank a sends to rank b in a round. A third of the parts are empty. */
 static int64_t size_of(int round, int a, int b) {
   const double u = pags_rng_uniform(7, (uint64_t)round, (uint64_t)(a * 64 + b));
   return u < 0.33 ? 0 : (int64_t)(u * u * u * 200000);
@@ -35,7 +35,7 @@ static char byte_of(int round, int a, int b, int64_t i) {
   return (char)(uint8_t)(round * 31 + a * 17 + b * 5 + (i & 0xffff) * 3 + (i >> 20));
 }
 
-/* One rank's buffers of an exchange. */
+/* The buffers of one rank in an exchange. */
 typedef struct buffers {
   int64_t send_bytes[64], receive_bytes[64];
   char *send, *receive;
@@ -126,18 +126,19 @@ static bool agreements(pags_transport *transport) {
   snprintf(expected, sizeof expected, "rank %d: the last one's file is damaged", last);
   EXPECT(strcmp(pags_error_message(), ranks > 1 ? expected : "the last one's file is damaged") == 0);
   EXPECT(pags_transport_agree(transport, pags_fail(PAGS_ERROR_IO, "no such file")) == PAGS_ERROR_IO);
-  EXPECT(strcmp(pags_error_message(), "no such file") == 0); /* all say so: no rank is named */
+  EXPECT(strcmp(pags_error_message(), "no such file") == 0); /* all ranks fail alike: no rank is named */
   if (ranks < 2)
     return true;
-  /* a failure goes before being cancelled, and the lowest rank's before the others' */
+  /* a failure precedes a cancellation, and the lowest rank's failure precedes the others' */
   mine = rank == 0 ? pags_fail(PAGS_CANCELLED, "stopped") : pags_fail(PAGS_ERROR_IO, "disk %d", rank);
   EXPECT(pags_transport_agree(transport, mine) == PAGS_ERROR_IO);
   EXPECT(strcmp(pags_error_message(), "rank 1: disk 1") == 0);
-  EXPECT(pags_transport_agree(transport, PAGS_ERROR_IO) == PAGS_ERROR_IO); /* again: it is named once */
+  /* the second time, the rank is still named once */
+  EXPECT(pags_transport_agree(transport, PAGS_ERROR_IO) == PAGS_ERROR_IO);
   EXPECT(strcmp(pags_error_message(), "rank 1: disk 1") == 0);
   mine = rank == 1 ? pags_fail(PAGS_CANCELLED, "stopped") : PAGS_OK;
   EXPECT(pags_transport_agree(transport, mine) == PAGS_CANCELLED);
-  EXPECT(strcmp(pags_error_message(), "stopped") == 0); /* that is no rank's fault */
+  EXPECT(strcmp(pags_error_message(), "stopped") == 0); /* a cancellation names no rank */
   return true;
 }
 
@@ -147,7 +148,7 @@ static bool news(pags_transport *transport) {
   bool ends_early = true;
   pags_transport_hear(transport, &done, &ends_early);
   EXPECT(done == 0 && !ends_early);
-  EXPECT(pags_transport_agree(transport, PAGS_OK) == PAGS_OK); /* nobody tells before all have heard */
+  EXPECT(pags_transport_agree(transport, PAGS_OK) == PAGS_OK); /* no rank tells before all have heard */
   pags_transport_tell(transport, 10 + pags_transport_rank(transport), pags_transport_rank(transport) == ranks - 1);
   const int64_t expected = transport ? 10 * ranks + ranks * (ranks - 1) / 2 : 0;
   const int64_t give_up_ns = pags_port_clock_ns() + 5 * INT64_C(1000000000);

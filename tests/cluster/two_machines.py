@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two machines for mpirun that are one: two network namespaces of Linux with a cable between them (as root)."""
+"""Simulates two machines for mpirun by two network namespaces of Linux with a cable between them (requires root)."""
 
 import os
 import shutil
@@ -16,7 +16,8 @@ def can_be_made():
 
 
 class Machines:
-    """mpirun(2, ...) starts rank 0 on the first and rank 1 on the second; they reach each other by the cable alone."""
+    """A command that begins with mpirun() starts rank 0 on the first machine and rank 1 on the second. Only the cable
+    connects the machines."""
 
     def __init__(self, folder):
         mark = f"{os.getpid() % 100000}"
@@ -36,7 +37,7 @@ class Machines:
         self.hosts, self.agent = os.path.join(folder, "hosts"), os.path.join(folder, "agent.sh")
         with open(self.hosts, "w", encoding="utf-8") as file:
             file.write("".join(f"{address} slots=1\n" for address in self.addresses))
-        with open(self.agent, "w", encoding="utf-8") as file:  # in place of ssh: HOST COMMAND...
+        with open(self.agent, "w", encoding="utf-8") as file:  # replaces ssh: HOST COMMAND...
             file.write(f'#!/bin/sh\nshift\nexec ip netns exec {self.names[1]} sh -c "$*"\n')
         os.chmod(self.agent, 0o755)
 
@@ -47,7 +48,7 @@ class Machines:
         self._ip("netns", "exec", name, "ip", *words)
 
     def mpirun(self):
-        """The begin of a command, up to what mpirun starts."""
+        """Returns the begin of an mpirun command, up to the program to start."""
         network = f"{self.addresses[0].rsplit('.', 1)[0]}.0/24"
         settings = {
             "plm_rsh_agent": self.agent,
@@ -72,11 +73,11 @@ class Machines:
         ]
 
     def cut(self):
-        """Takes the cable out."""
+        """Disconnects the cable."""
         self.ip_of(self.names[0], "link", "set", self.ends[0], "down")
 
     def processes(self):
-        """{process id: name} of what runs on the two machines."""
+        """Returns {process id: name} of the processes on the two machines."""
         found = {}
         for name in self.names:
             for pid in subprocess.run(["ip", "netns", "pids", name], capture_output=True, text=True).stdout.split():

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-// operator new for our own C++ objects: the memory guard makes it fail, like malloc. Blocks that libstdc++ frees
-// are not counted.
+// Replaces operator new of this project's C++ objects. The memory guard makes it fail, like malloc. Blocks that
+// libstdc++ frees aren't counted.
 #include <cstddef>
 #include <new>
 

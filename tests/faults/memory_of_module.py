@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""memory_of_module.py MODULE SCENE: with less and less memory allowed, the Python module raises MemoryError and stays usable."""
+"""memory_of_module.py MODULE SCENE: limits the memory to several sizes. Short of memory, the Python module raises
+MemoryError and stays usable."""
 
 import resource
 import sys

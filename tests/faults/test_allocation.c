@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Allocation failures: reading, rendering, training and exporting with the n-th allocation refused, for every n. Each
- * run must end with PAGS_ERROR_MEMORY or, where the allocation was optional, with the same result as without the
- * failure; nothing may crash or leak.
+/* Tests reading, rendering, training and exporting while the n-th allocation is refused, for every n. Each run must end
+ * with PAGS_ERROR_MEMORY or, where the allocation was optional, with the same result as without the failure; nothing
+ * may crash or leak.
  *
  * Where an operation makes too many allocations to fail each of them, the first hundred fail in turn and the others are
  * sampled; PAGS_FAULTS=N samples N times as many. */
@@ -45,7 +45,7 @@ typedef struct operation {
 } operation;
 
 static char place[SCRATCH_PATH + 128]; /* the operation's path in the scratch folder */
-static uint64_t outcome;               /* hash of the output of the last run, where it has one */
+static uint64_t outcome;               /* hash of the last run's output, if it has one */
 
 static void note(const void *bytes, size_t size) { /* FNV-1a hash */
   for (size_t i = 0; i < size; i++)
@@ -130,7 +130,7 @@ static pags_result draw(pags_composition *composition, pags_tasks *tasks, pags_e
   return result;
 }
 
-/* Renders a scene or a splat file, packed before or not, without writing a picture file. */
+/* Renders a scene or a splat file, which is packed first if `pack` is set. Writes no picture file. */
 static pags_result render_as(const char *path, int pack, pags_early_z mode) {
   pags_composition *composition;
   PAGS_TRY(pags_composition_load(path, &composition));
@@ -246,7 +246,7 @@ static pags_result export_usd(const char *path) {
   return export_proxies_at(path, PAGS_PROXY_BOX, 1);
 }
 
-/* Mesh operations on a ball and a ring: meshing, simplification, repair, convex parts, hull, cage. */
+/* Tests mesh operations on a ball and a ring: meshing, simplification, repair, convex parts, hull, cage. */
 static pags_result shape(const char *path) {
   const double lo[3] = {-2, -2, -2}, hi[3] = {2, 2, 2}, step = 0.25;
   PAGS_AUTO(pags_tsdf_destroy) pags_tsdf grid = {0};

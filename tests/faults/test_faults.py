@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults around the program: it is killed, disks are full or read-only, files change while in use, memory is short.
+"""Tests faults around the program: it is killed, disks are full or read-only, files change while in use, memory is
+short.
 
-Short by default; PAGS_FAULTS=100 kills each of training, import and export at 100 moments (docs/reliability.md).
-"""
+The test is short by default. PAGS_FAULTS=100 kills training, import and export at 100 moments each
+(docs/reliability.md)."""
 
 import json
 import os
@@ -42,7 +43,7 @@ SANITIZED = os.environ.get("PAGS_SANITIZED", "") not in ("", "OFF")
 
 
 def contents(folder):
-    """Files and their bytes, without the lock that a killed process leaves."""
+    """Returns the files of a folder with their bytes, without the lock that a killed process leaves."""
     return {name: read(os.path.join(folder, name)) for name in files_below(folder) if not name.endswith(".pags.lock")}
 
 
@@ -55,7 +56,8 @@ def many_splats(count):
 
 
 def catches(pid, number):
-    """Whether the process has installed its handler of the signal, which takes a while on a slow machine or with a sanitizer."""
+    """Tells whether the process has installed its handler of the signal. This takes a while on a slow machine or with a
+    sanitizer."""
     try:
         caught = re.search(rb"SigCgt:\s*([0-9a-f]+)", read(f"/proc/{pid}/status"))
     except FileNotFoundError:
@@ -64,7 +66,7 @@ def catches(pid, number):
 
 
 class Faults(Case):
-    """Base class: a data set and the files of an undisturbed training on it."""
+    """Base class with a data set and the files of an undisturbed training on it."""
 
     @classmethod
     def setUpClass(cls):
@@ -75,7 +77,8 @@ class Faults(Case):
         return ["train", data or self.data, "-o", out, "-n", str(ITERATIONS), "-j", "2", "-q", *SMALL, *more]
 
     def undisturbed(self):
-        """Files of an undisturbed training, and the seconds it took; done once for each class, since a scene names its data set."""
+        """Returns the files of an undisturbed training and stores its seconds. Trains once for each class, since a
+        scene names its data set."""
         own = type(self)
         if "whole" not in own.__dict__:
             out, begin = os.path.join(self.shared, "alone"), time.monotonic()
@@ -97,7 +100,7 @@ class Faults(Case):
         return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **more)
 
     def kill_at(self, running, seconds):
-        """Runs a command and kills it after some seconds; returns False if it had ended before."""
+        """Waits for a number of seconds, then kills the command. Returns False if the command has ended before."""
         try:
             running.wait(timeout=seconds)
             _, errors = running.communicate()
@@ -109,7 +112,8 @@ class Faults(Case):
             return True
 
     def fails_somehow(self, done, *words):
-        """Asserts that the program ended by itself with exit code 1 and one line of its own on stderr."""
+        """Asserts that the program ended regularly with exit code 1 and a last line on stderr that holds `words`.
+        Returns this line."""
         self.assertEqual(done.returncode, 1, f"{done.args}: {done.returncode} {done.stderr[-2000:]}")
         lines = [line for line in done.stderr.splitlines() if line.startswith("pags: ")]
         self.assertTrue(lines, done.stderr)
@@ -192,8 +196,8 @@ class Kills(Faults):
 
 
 class Signals(Faults):
-    """SIGTERM ends the program regularly (exit code 3 and how to resume), a second Ctrl-C ends it at once, and no output is partial. The
-    tests of training are in test_train.py."""
+    """SIGTERM ends the program regularly (exit code 3 and a message how to resume). A second Ctrl-C ends it at once. No
+    output is partial. test_train.py has the tests of training."""
 
     def check(self, arguments, check_files):
         for second in [False, True]:
@@ -236,7 +240,7 @@ class Signals(Faults):
 
 
 class Disks(Faults):
-    """Small and read-only file systems; mounting them requires root."""
+    """Tests small and read-only file systems. Mounting them requires root."""
 
     def mount(self, size):
         folder = self.path("disk")
@@ -301,7 +305,7 @@ class Disks(Faults):
             self.fails_somehow(fixtures.run(*arguments), disk)
 
     def test_limit_on_files(self):
-        """A full disk simulated without root: a limit by which no file may grow beyond 20 kB."""
+        """A limit of 20 kB on file sizes simulates a full disk without root."""
         scene, target = self.write("scene.ply", many_splats(3000)), self.path("a.ply")
 
         done = fixtures.run(
@@ -312,7 +316,7 @@ class Disks(Faults):
 
 
 class Changes(Faults):
-    """Files that are removed or changed while they are in use."""
+    """Tests files that are removed or changed while they are in use."""
 
     def begin_training(self, data):
         out = self.path("scene")
@@ -352,15 +356,13 @@ class Changes(Faults):
 
     def test_output(self):
         running, out = self.begin_training(make_dataset(self.path("data"), views=5))
-        gone = self.path(
-            "gone"
-        )  # in one step, as files being written appear and vanish while a folder is being removed
+        gone = self.path("gone")  # the folder vanishes in one step, as files come and go while a folder is removed
         os.rename(out, gone)
         shutil.rmtree(gone, ignore_errors=True)
         self.ends_with(running, out)
 
     def test_packed_scene_is_cut(self):
-        """A packed scene is a mapped file: if it is truncated while in use, rendering fails with a message."""
+        """A packed scene is a mapped file. If it is truncated while in use, rendering fails with a message."""
         scene, packed = self.write("scene.ply", many_splats(20000)), self.path("a.pagsz")
         self.succeeds("export", scene, packed)
         out = self.path("out")
@@ -387,7 +389,8 @@ class Changes(Faults):
 
 @unittest.skipIf(SANITIZED, "sanitizers reserve terabytes")
 class Memory(Faults):
-    """ulimit -v: with any limit between what the program needs to start and what is enough, it ends by itself and reports out of memory."""
+    """Limits the memory (ulimit -v). If the limit suffices to start but not to finish, the program ends regularly and
+    reports out of memory."""
 
     def limited(self, megabytes, *arguments):
         size = int(megabytes * 2**20)

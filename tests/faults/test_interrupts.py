@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every signal at random moments of training, import, export and merge, and several processes at one folder: what is there is whole, and the next
-command succeeds.
+"""Sends every signal at random moments of training, import, export and merge, and runs several processes at one folder.
+All files left are complete, and the next command succeeds.
 
-Short by default. `make check-interrupts`: PAGS_MOMENTS=10 moments for each signal, PAGS_TOGETHER=50 times two and four processes, PAGS_ORDINARY=200
-ordinary runs, one after the other."""
+The test is short by default. `make check-interrupts` sets PAGS_MOMENTS=10 moments for each signal, PAGS_TOGETHER=50
+rounds of two and of four processes, and PAGS_ORDINARY=200 ordinary runs in sequence."""
 
 import collections
 import os
@@ -32,7 +32,7 @@ SAVE = [
     if number
 ]
 STOP = [signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU]
-REAL_TIME = range(signal.SIGRTMIN + 1, signal.SIGRTMAX)  # the first and the last are tested
+REAL_TIME = range(signal.SIGRTMIN + 1, signal.SIGRTMAX)  # these aren't tested, only the first and the last are
 CATCHABLE = sorted(signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP} - set(REAL_TIME))
 CHOSEN = CATCHABLE if MOMENTS > 1 else [signal.SIGHUP, signal.SIGQUIT]
 
@@ -55,12 +55,13 @@ class Interrupts(Faults):
         _, errors = running.communicate(timeout=120)
         allowed = (
             [0] if late or number in STOP else [0, 3, -number] if number in SAVE else [0, -number]
-        )  # the program may not have begun to catch them
+        )  # the program may not handle the signal yet
         self.assertIn(running.returncode, allowed, f"{name_of(number)} after {after:.3f} s: {arguments}: {errors}")
         return None if late else running.returncode
 
     def each(self, verb, begin, check):
-        """`begin(round)` makes ready and returns a command; `check(command)` says that what it has left is whole, and that the command succeeds then."""
+        """begin(round) prepares a round and returns its command. check(command) asserts that the files left are
+        complete and that the command then succeeds."""
         since = time.monotonic()
         command = begin("whole")
         self.succeeds(*command)
@@ -68,7 +69,7 @@ class Interrupts(Faults):
         dice, ended = random.Random(verb), collections.Counter()
         for number, moment in ((number, moment) for number in CHOSEN for moment in range(MOMENTS)):
             code, tries = None, 0
-            while code is None and tries < 20:  # a command that had ended before is begun again
+            while code is None and tries < 20:  # repeats a command that ended before the signal
                 command = begin(f"{int(number)}-{moment}")
                 code = self.interrupt(number, dice.uniform(0, seconds), command)
                 if code is None:
@@ -153,10 +154,11 @@ class Interrupts(Faults):
 
 
 class Together(Faults):
-    """Several processes at one folder at the same time, begun at random moments."""
+    """Several processes start at random moments and use one folder at the same time."""
 
     def run_together(self, commands, dice, longest):
-        """Starts the commands in sequence within `longest` seconds. Returns their exit codes; a refused one names another process."""
+        """Starts the commands in sequence within `longest` seconds. Asserts that a refused command names another
+        process. Returns the exit codes."""
         running = []
         for command in commands:
             running.append(self.start(*command))
@@ -190,8 +192,8 @@ class Together(Faults):
             flush=True,
         )
 
-    def test_of_all_kinds(self):
-        """A training, an import, an export and a rendering into one folder: those that are refused change nothing."""
+    def test_different_commands(self):
+        """A training, an import, an export and a rendering write to one folder. The refused commands change nothing."""
         self.undisturbed()
         raw, scene = make_tree(self.path("raw"), 20), self.write("scene.ply", many_splats(3000))
         dice, refused = random.Random(5), 0
@@ -206,7 +208,7 @@ class Together(Faults):
             training = self.start(*self.train_command(out, "--resume"), "-n", "1000000")
             deadline = time.monotonic() + 60
             lock = os.path.join(out, ".pags.lock")
-            while not (os.path.exists(lock) and os.path.getsize(lock)):  # what it says is written once it is locked
+            while not (os.path.exists(lock) and os.path.getsize(lock)):  # the lock's content is written after locking
                 self.assertLess(time.monotonic(), deadline)
                 time.sleep(0.002)
             dice.shuffle(others)
@@ -226,7 +228,7 @@ class Together(Faults):
         print(f"{TOGETHER} times a training with three others: {refused} refused", flush=True)
 
     def test_ordinary_runs(self):
-        """One command after the other, at once: none is refused."""
+        """Commands that follow each other without a pause aren't refused."""
         out, scene = self.path("scene"), self.write("scene.ply", many_splats(500))
         for number in range(ORDINARY):
             command = self.train_command(out)
