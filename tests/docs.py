@@ -4,10 +4,10 @@
 
 - A page of the manual, docs/*.md, and CONTRIBUTING.md have at most 1,500 words each. Text between "<!-- generated" and
   "<!-- end -->" is not counted.
-- Every link to a file of the repository, and every #heading of such a link, exists. So does every docs/....md that a source names.
+- Every link to a file of the repository, and every #heading of such a link, exists. Every docs/....md that a source names exists as well.
 - A program that a page shows below "<!-- file: PATH -->" is that file.
-- Every name pags_... and every C file on a page of the manual is one of the sources'.
-- Every page of the manual is reached from docs/index.md, every page of the notebook from docs/lab/index.md."""
+- Every name pags_... and every C file on a page of the manual exists in the sources.
+- Links lead from docs/index.md to every page of the manual, and from docs/lab/index.md to every page of the notebook."""
 
 import os
 import re
@@ -30,7 +30,7 @@ def read(path):
 
 
 def anchors(text):
-    """The URL fragments of a page's headings, as GitHub makes them."""
+    """Returns the URL fragments of a page's headings, as GitHub makes them."""
     heads = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), re.M)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
@@ -59,7 +59,7 @@ def check_links(path, text):
 
 
 def check_listings(path, text):
-    """After `<!-- file: PATH -->` the page shows that file, its SPDX line left out."""
+    """Checks that a page shows the file PATH, without its SPDX line, after `<!-- file: PATH -->`."""
     for match in re.finditer(r"^<!-- file: (\S+) -->\n```\w*\n(.*?)^```$", text, re.M | re.S):
         line = text.count("\n", 0, match.start()) + 1
         if not os.path.exists(os.path.join(ROOT, match.group(1))):

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Measures structure, size and language of the code and the manual: at a commit and now (--reference COMMIT), or fails where a limit
-is exceeded (--check). Both states are counted after the same clang-format, so that a line means the same in both.
+"""Measures structure, size and language of the code and the manual. Compares a commit with the working tree
+(--reference COMMIT), or fails if a limit is exceeded (--check). Both states are formatted by the same rules before lines
+are counted.
 
     tests/figures.py --reference COMMIT     a table in Markdown, before and after
     tests/figures.py --check                FILE: fault, for the test suite
@@ -12,9 +13,9 @@ is exceeded (--check). Both states are counted after the same clang-format, so t
 Definitions:
 - Function: a definition in C or C++ (at file scope, also below `extern "C"` and in namespaces) or in Python (methods and nested ones too) in
   engine, simd, threads, exporters, cli, blender_addon and benchmarks. Tests, tools and scripts neither define nor call here.
-- Called once: one call in all of these folders, calls to itself left out, and no other mention. A function whose address is passed or
-  stored (a loop's body for parallel_for, a table's entry, a callback) is not called once, nor one that Blender or Python calls. Macros'
-  bodies count as the code they are. A name is looked for in the caller's own file first, then among what is not static.
+- Called once: a function with one call in all of these folders, recursive calls not counted, and no other mention. Functions whose
+  address is passed or stored (a loop's body for parallel_for, a table's entry, a callback) don't count, nor functions that Blender or
+  Python calls. Bodies of macros are code. A name is searched in the caller's file first, then among functions that aren't static.
 - Length: lines from the signature to the closing brace after formatting, without comments and empty lines.
 - Circle: a group of files that reach each other by calls (a strongly connected component). A header and its source are one file.
 - Lines: neither empty nor comment (in Python, docstrings are comments), after formatting.
@@ -44,7 +45,7 @@ FORMATTER = "19.1.7"
 LONGEST_FUNCTION = 120  # lines
 LONGEST_PAGE = 1500  # words
 SMALL_HEADER = 25  # lines
-# Limits of --check: the values reached. They may only fall.
+# Limits of --check, which may only be lowered.
 MOST_PHRASES = {"comments": 2.7, "manual": 0.3}  # per 1,000 words
 MOST_PHRASES_IN_STRINGS = 155
 MOST_SMALL_HEADERS = 72
@@ -128,7 +129,7 @@ TOKEN = re.compile(r"[A-Za-z_]\w*|->|::|&&|\|\||==|!=|<=|>=|\.?\d[\w.]*|\S")
 
 
 def without_comments(text):
-    """The text with comments and the contents of literals replaced by blanks, so that line numbers stay."""
+    """Returns the text with blanks in place of comments and literals, so that line numbers stay."""
 
     def blank(match):
         word = match.group(0)
@@ -154,7 +155,7 @@ class Function:
 
 
 class CFile:
-    """The functions of a C file, and the names that the rest of it (initialisers, macros) mentions."""
+    """Returns the functions of a C file, and the names that initialisers and macros mention."""
 
     def __init__(self, path, text):
         self.path, self.functions, self.rest = path, [], []
@@ -201,7 +202,7 @@ class CFile:
                     i = end + 1
                     start = i
                 else:
-                    i = end + 1  # a struct, an enum, an initialiser: up to its semicolon
+                    i = end + 1  # skips a struct, enum or initialiser up to its semicolon
             elif word == "}":
                 i += 1
                 start = i
@@ -219,7 +220,7 @@ class CFile:
 
     @staticmethod
     def function_name(head):
-        """The function's name, that is the identifier before the parameters, or None if `head` isn't the head of a function."""
+        """Returns the function's name, the identifier before its parameters, or None if `head` isn't a function's head."""
         if "=" in head or "(" not in head or head[0] in ("typedef", "enum"):
             return None
         while (
@@ -242,7 +243,7 @@ class CFile:
                             break
                     continue
                 after = CFile.after_parenthesis(head, k)
-                if after < len(head) and head[after] == "(":  # NAME(blend)(...): the name is made by a macro
+                if after < len(head) and head[after] == "(":  # NAME(blend)(...): a macro makes the name
                     return head[k + 1]
                 return head[k - 1] if k >= 2 or len(head) > 2 else None
             k += 1
@@ -343,7 +344,7 @@ class PythonFile:
 
 
 def python_code_lines(text, tree):
-    """Numbers of the lines that hold code, not only comments or docstrings."""
+    """Returns the numbers of the lines that have code, not only comments or docstrings."""
     lines = set()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type not in (
@@ -366,7 +367,7 @@ def python_code_lines(text, tree):
 
 # ---- The call graph ----
 def node_of(path):
-    """The node of a file in the graph: a header and its source are one node."""
+    """Returns the node of a file in the call graph; a header and its source are one node."""
     return str(path.with_suffix("")) if path.suffix in C_KINDS else str(path)
 
 
@@ -509,7 +510,7 @@ def help_lines(program):
 
 # ---- Language ----
 def comments_of(path, text):
-    """The comments of a file, line by line, as (line, text)."""
+    """Returns the comments of a file, line by line, as (line, text)."""
     if path.suffix == ".py":
         found = []
         for token in tokenize.generate_tokens(io.StringIO(text).readline):
@@ -526,7 +527,7 @@ def comments_of(path, text):
 
 
 def strings_of(path, text):
-    """The string literals of a file as (line, text); adjacent ones are one."""
+    """Returns the string literals of a file as (line, text); adjacent literals are joined."""
     if path.suffix == ".py":
         return [
             (node.lineno, node.value)
@@ -547,7 +548,7 @@ def strings_of(path, text):
 
 
 def language(root):
-    """{kind: (words, [(path, line, phrase, text)])} of comments, manual and strings."""
+    """Returns {kind: (words, [(path, line, phrase, text)])} for comments, manual and strings."""
     kinds = {kind: [0, []] for kind in ("comments", "manual", "strings")}
 
     def add(kind, path, parts):
@@ -583,13 +584,13 @@ def per_thousand(kind):
 
 
 def small_headers(root):
-    """The internal headers, and those of them below SMALL_HEADER lines."""
+    """Returns the internal headers, and those below SMALL_HEADER lines."""
     headers = [path for path in walk(root, PROGRAM_FOLDERS) if path.suffix == ".h" and "include/pags" not in str(path)]
     return headers, [path for path in headers if (root / path).read_bytes().count(b"\n") < SMALL_HEADER]
 
 
 def targets(root):
-    """The Makefile's targets: those with a text for `make help`; in Makefiles without such texts, all."""
+    """Returns the Makefile's targets with a text for `make help`; all targets in Makefiles without such texts."""
     text = (root / "Makefile").read_text(encoding="utf-8")
     named = re.findall(r"^([a-z%-]+):.*## ", text, re.M)
     return named or [name for line in re.findall(r"^\.PHONY:(.*)$", text, re.M) for name in line.split()]

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""foreign_wheels.py PAGS WHEEL...: checks wheels for Linux on 64-bit ARM and for macOS, which this machine cannot run directly. Compares the name of
-a wheel with its files: processor, oldest system, libraries, entry of the module; on macOS also the signature, whose hashes must be those of
-the pages. The program for ARM runs under qemu and is compared with PAGS, a build of the same commit whose kernels fuse multiply-add, like
-NEON's: twenty training steps and a picture must have the same bits.
+"""foreign_wheels.py PAGS WHEEL...: checks wheels for Linux on 64-bit ARM and for macOS, which this machine can't run
+directly. Compares a wheel's name with its files: processor, oldest system, libraries, entry of the module. On macOS
+it also checks the signature's hashes of the pages. The program for ARM runs under qemu and is compared with PAGS, a
+build of the same commit whose kernels use fused multiply-add like NEON: twenty training steps and a picture must
+have the same bits.
 
-Mach-O, its export trie and its code signature are as <mach-o/loader.h> and <kern/cs_blobs.h> of Apple's XNU describe them."""
+Mach-O, its export trie and its code signature are described in <mach-o/loader.h> and <kern/cs_blobs.h> of Apple's
+XNU."""
 
 import hashlib
 import os
@@ -25,11 +27,11 @@ import cross_report  # noqa: E402
 import same_bits  # noqa: E402
 
 ARM_ROOT = "/usr/aarch64-linux-gnu"  # Debian's libc6-arm64-cross
-ADHOC, SHA256 = 2, 2  # of the code directory's flags and kinds of hash
+ADHOC, SHA256 = 2, 2  # a flag of the code directory, and a kind of hash
 
 
 def uleb(data, at):
-    """An unsigned LEB128 number and the offset after it."""
+    """Returns an unsigned LEB128 number and the offset after it."""
     value = shift = 0
     while True:
         byte = data[at]
@@ -47,10 +49,13 @@ def load_commands(data):
 
 
 def macho_exports(data):
-    """The names that a Mach-O file shows, from its trie."""
+    """Returns the names that a Mach-O file exports, from its trie."""
     names = set()
     for command, at in load_commands(data):
-        if command in (0x80000033, 0x80000022):  # the trie alone; within the information for dyld
+        if command in (
+            0x80000033,
+            0x80000022,
+        ):  # a load command for the trie, or one for dyld's information that contains it
             start, size = struct.unpack_from("<II", data, at + (8 if command == 0x80000033 else 40))
             trie, nodes = data[start : start + size], [(0, b"")] if size else []
             while nodes:
@@ -69,7 +74,7 @@ def macho_exports(data):
 
 
 def signature_faults(data):
-    """The faults of the ad-hoc signature of a Mach-O file, a line each."""
+    """Returns the faults of a Mach-O file's ad-hoc signature, one in each line."""
     blobs = [struct.unpack_from("<II", data, at + 8) for command, at in load_commands(data) if command == 0x1D]
     if not blobs:
         return ["not signed"]
@@ -113,7 +118,7 @@ class Wheels(unittest.TestCase):
     wheels, reference = [], Path()
 
     def files(self, platform):
-        """Path, program and module of each wheel whose name holds the platform."""
+        """Returns path, program and module of each wheel whose file name contains the platform."""
         found = []
         for path in self.wheels:
             if platform in path.name:
@@ -196,7 +201,7 @@ class Wheels(unittest.TestCase):
                 )
                 self.succeeds(*program, "export", folder / "here/scene", folder / side / "scene.spz", "-q")
             self.assertEqual(same_bits.compare_folders(folder / "here", folder / "arm"), [])
-            if "proxies" in parts:  # rays of NEON's have other last bits than those of AVX2 (docs/porting.md)
+            if "proxies" in parts:  # rays of NEON's kernels differ from AVX2's in the last bits (docs/porting.md)
                 self.succeeds(
                     *arm, "synth", "street", "-o", folder / "arm/street", "--frames", 2, "--size", "48x32", "-q"
                 )

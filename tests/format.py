@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""format.py [--fix]: checks Python by ruff (format and rules of ruff.toml), shell scripts by shellcheck, and the width of Markdown. Prints
-each fault as FILE:LINE: fault, and fails if there is one; --fix formats the Python code first. C is checked by tests/figures.py. Where ruff
-or shellcheck is missing (make setup-min installs them into scripts/.venv), the test says so in one line."""
+"""format.py [--fix]: checks Python by ruff (format and rules of ruff.toml), shell scripts by shellcheck, and the width
+of Markdown. Prints each fault as FILE:LINE: fault, and fails if there is one; --fix formats the Python code first.
+tests/figures.py checks C. If ruff or shellcheck is missing (make setup-min installs them into scripts/.venv), the test
+prints a line about it and skips that check."""
 
 import os
 import re
@@ -16,7 +17,7 @@ MOST_COLUMNS = 120
 
 
 def find(pattern):
-    """Files of the repository whose path matches, relative to its root."""
+    """Yields the paths of the repository that match the pattern, relative to its root."""
     for base, folders, names in os.walk(ROOT):
         folders[:] = sorted(folder for folder in folders if not SKIPPED.match(folder))
         for name in sorted(names):
@@ -34,7 +35,7 @@ def tool(name):
 
 
 def run(*command):
-    """The lines that a checker prints where it finds a fault."""
+    """Returns the lines that a checker prints if it finds faults."""
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     if done.returncode == 0:
         return []
@@ -61,8 +62,8 @@ def check_shell():
 
 
 def check_markdown():
-    """Lines of more than MOST_COLUMNS characters, except in code, tables, pictures, generated parts, and where a word
-    or link is longer."""
+    """Returns lines of more than MOST_COLUMNS characters, except in code, tables, pictures and generated parts, and lines
+    with a word or link of this length."""
     faults = []
     for path in find(r"\.md$"):
         code = generated = False

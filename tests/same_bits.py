@@ -1,19 +1,21 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Compares the output of two builds of pags bit by bit: of a commit before a change, and of the program built here.
+"""Compares the output of two builds of pags bit by bit: a reference, built from a commit before a change, and the
+program built here.
 
-A row is one use of the program (a training, a render, an export, an import). Both programs run it on the same input; where a row needs a
-data set or a scene, both get the one that the reference wrote. Payloads are compared instead of files: every number of PLY rows, sky, tracks
-and exposures (of scene.json those and the cameras alone), pixels of PNG and EXR, accessors and names of glTF, unpacked SPZ (of version 4
-its bytes), text of USD without comments. Headers, the scene's configuration, reports, log.jsonl and checkpoints are left out.
+A row is one use of the program (a training, a render, an export, an import). Both programs run each row on the same
+input: data sets and scenes are those that the reference wrote. Payloads of files are compared: numbers of PLY rows, sky,
+tracks and exposures (of scene.json only these and the cameras), pixels of PNG and EXR, accessors and names of glTF,
+unpacked SPZ (of version 4 the bytes), text of USD without comments. Headers, the scene's configuration, reports,
+log.jsonl and checkpoints aren't compared.
 
     tests/same_bits.py --reference COMMIT            builds COMMIT in a git worktree below build/
     tests/same_bits.py --reference-build PROGRAM     takes a build that is there
     --quick                                          a few small rows of the synthetic street, under a minute
 
-Outputs of the reference are kept next to its program, keyed by its hash. A row that both programs have run with the same result is not run
-again. Data sets that are not there (../shared/data) are skipped with a line that says so. Exit code: 0 all the same, 1 a difference or a
-failure, 2 wrong usage. A line of each difference names file, array, index and both values.
+Outputs of the reference are kept next to its program, by its hash. Rows with equal results aren't run again. If a data
+set in ../shared/data is missing, its rows are skipped with a message. Exit code: 0 no difference, 1 a difference or a
+failure, 2 wrong usage. A line for each difference names file, array, index and both values.
 """
 
 import argparse
@@ -65,7 +67,7 @@ class Program:
         """The arguments for `flag value` in the form that this program takes; True as a value means a switch. An option that train no
         longer has becomes --set of its field."""
         if flag == "--preset" and value in ("plain", "default") and "|plain" not in self.text("train", "--help"):
-            if value == "plain":  # what this program does without being asked
+            if value == "plain":  # defaults of this program
                 return []
             raise Failure(f"{self.path}: 'pags train' has no preset {value}; give a later reference")
         if re.search(rf"(?<![\w-]){re.escape(flag)}(?![\w-])", self.text(verb, "--help")):
@@ -299,8 +301,7 @@ def all_rows():
         ),
     )
     yield Row("synth town", Command("synth", "town", output="{out}/town", size="128x72", frames=3, gaussians=20000))
-    # A compromise: enough views that each part is seen, few enough that each interval, which isn't shorter than a pass over the
-    # views, fits in 300 steps.
+    # Enough views to see each part, but few enough for 300 steps, as an interval isn't shorter than a pass over the views.
     yield from trainings("street", street, [], DRIVING, fourier_gain=0)
     yield from trainings(
         "pandaset-002",
@@ -549,7 +550,7 @@ def read_png(data):
 
 
 def read_exr(data):
-    """The channels of a scan-line EXR, uncompressed or ZIP; of other EXR files the compressed bytes."""
+    """Returns the channels of a scan-line EXR, uncompressed or ZIP; for other EXR files the compressed bytes."""
     position, header = 8, {}
     while data[position]:
         name_end = data.index(0, position)
@@ -595,7 +596,7 @@ def read_exr(data):
 
 
 def flatten(value, path=""):
-    """A JSON value as lines `path=value` with all digits of its numbers."""
+    """Returns a JSON value as lines `path=value` with all digits of its numbers."""
     if isinstance(value, dict):
         for key in sorted(value):
             yield from flatten(value[key], f"{path}.{key}")
@@ -608,7 +609,7 @@ def flatten(value, path=""):
 
 
 def read_scene(data):
-    """The models, tracks, exposures and cameras of a scene.json, without the configuration and the facts about the training."""
+    """Returns models, tracks, exposures and cameras of a scene.json, without configuration and facts about the training."""
     scene = json.loads(data)
     take = lambda thing, keys: {key: thing.get(key) for key in keys if key in thing}
     return [
@@ -704,7 +705,7 @@ def payload(path):
 
 
 def first_difference(a, b):
-    """The first index at which two byte strings differ, or the length of the shorter."""
+    """Returns the first index at which two byte strings differ, or the length of the shorter."""
     size = min(len(a), len(b))
     for start in range(0, size, 65536):
         if a[start : start + 65536] != b[start : start + 65536]:

@@ -4,9 +4,9 @@
 if there is one. Format, circles of files and the length of functions are tests/figures.py's.
 
 - Characters: no tabs, no blanks at the end of a line, a newline at the end of a file; C and C++ in ASCII, without notes of unfinished work.
-- Includes, quoted or <pags/...>, lead to a file of the repository and go one way: KNOWS lists the folders that a folder may include from. A
+- Includes, quoted or <pags/...>, name a file of the repository and go one way: KNOWS lists the folders from which a folder may include. A
   public header belongs to the folder that implements it (HEADERS).
-- A C or C++ file that a comment names is one of the repository's.
+- Every C or C++ file that a comment names exists in the repository.
 - Public headers compile alone, as C17 and as C++17."""
 
 import concurrent.futures
@@ -31,7 +31,7 @@ CORE = [
     "engine/base",
     "engine/scene",
     "engine/frame",
-]  # the folders linked into libpags.so and the Python module
+]  # folders linked into libpags.so and the Python module
 DATA = ["engine/image", "engine/dataset"]
 ENGINE = (
     CORE
@@ -40,7 +40,7 @@ ENGINE = (
 )
 CLI = ["cli/" + name for name in ("common", "draw", "measure", "view", "html_report", "scene_html", "verbs")]
 
-# A folder -> the folders, with those inside of them, that it includes from. Itself is always allowed.
+# A folder -> the folders, with their subfolders, from which it may include, besides its own files.
 KNOWS = {
     "engine/port": [],
     "threads": ["engine/port"],
@@ -75,7 +75,8 @@ KNOWS = {
     "tests": ENGINE + ["exporters", "cli", "blender_addon", "benchmarks", "tests/reference"],
 }
 
-# Functions that differ between systems are called in one folder. POSIX threads are everywhere. Tests use tests/system.h; examples are code of users.
+# Only one folder calls functions that differ between systems; POSIX threads are the same everywhere. Tests use
+# tests/system.h; examples are written as users would write them.
 PORT = "engine/port"
 SYSTEM_HEADERS = re.compile(
     r"^(unistd|fcntl|dirent|dlfcn|sched|signal|poll|termios|pwd|glob|libgen|langinfo|malloc|xlocale|windows|io|direct|process"
@@ -123,7 +124,7 @@ HEADERS = {
 }
 OWNER = {name: folder for folder, names in HEADERS.items() for name in names}
 
-# Includes that break the rule, each with its reason. One that is no longer needed is a fault.
+# Includes that break the rule, with the reason. An entry that is no longer needed is a fault.
 CONFIGURATION = "reads the configuration of a run, a struct; calls nothing of training"
 EXCEPTIONS = {
     ("engine/init/driving_points.h", "engine/include/pags/train.h"): CONFIGURATION,
@@ -199,7 +200,7 @@ def check_system(path, text):
 
 # ---- The direction of includes ----
 def room_of(path):
-    """The folder of KNOWS that `path` belongs to, or None."""
+    """Returns the folder of KNOWS that `path` belongs to, or None."""
     header = re.fullmatch(r".*include/pags/(\w+)\.h", path)
     if header:
         return OWNER.get(header.group(1))
@@ -207,7 +208,7 @@ def room_of(path):
 
 
 def resolve(path, name, files):
-    """The file to which an include of `name` in `path` leads, or None."""
+    """Returns the file that an include of `name` in `path` finds, or None."""
     for folder in [
         os.path.dirname(path),
         "engine/include",

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""third_party.py BUILD [--complete] PRODUCT... [--tests PROGRAM...]: compares the table of libraries in THIRD_PARTY.md with what is linked:
-the shared libraries that a binary names itself (NEEDED) and the static ones outside of the folder BUILD that its link line names. Fails
-where a linked library is not listed for the product. With --complete, of a build that leaves nothing out, also where a listed one is not
-linked."""
+"""third_party.py BUILD [--complete] PRODUCT... [--tests PROGRAM...]: compares the table of libraries in
+THIRD_PARTY.md with the linked libraries. These are the shared libraries that a binary names (NEEDED) and the static
+libraries outside of the folder BUILD in its link line. Fails if a linked library isn't listed for the product. With
+--complete, for a full build, it also fails if a listed library isn't linked."""
 
 import os
 import re
@@ -32,7 +32,7 @@ def needed(binary):
 
 
 def static_libraries(build, binary):
-    """The static libraries of a program's link line, which the generator (make or Ninja) has stored."""
+    """Returns the static libraries of a program's link line, which the build generator (make or Ninja) has stored."""
     name = os.path.relpath(os.path.realpath(binary), build)
     lines = []
     for base, _, files in os.walk(build):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of tools/ need packages that the system's Python may lack: runs such a test with the tools' own Python environment."""
+"""Runs a test of tools/ with the tool's Python environment, as the test needs packages that the system's Python may
+lack."""
 
 import importlib.util
 import os
@@ -9,7 +10,8 @@ TOOLS = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
 def need(tool, *modules):
-    """Restarts the test with the environment of a tool unless these modules are here, or skips it with exit code 77."""
+    """Restarts the test with a tool's environment unless these modules can be imported; without one, skips it with
+    exit code 77."""
     if all(importlib.util.find_spec(name) for name in modules):
         return
     python = os.path.join(TOOLS, tool, ".venv", "bin", "python")

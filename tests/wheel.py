@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""wheel.py WHEEL PAGS: installs the wheel for Linux on x86-64 into a fresh environment, from a folder without other files, and compares it with
-the program PAGS, a build of the same commit: outputs have the same bits, in Python too. PAGS_OLD_ROOT: the folder of an older Debian, in
-which the installed program also runs (as root).
+"""wheel.py WHEEL PAGS: installs the wheel for Linux on x86-64 into a fresh environment and runs it in an empty
+folder. Its outputs, also those of the Python module, must have the same bits as those of the program PAGS, a build
+of the same commit. PAGS_OLD_ROOT names the root folder of an older Debian, in which the installed program also runs
+(as root).
 
-The capture fox is read from PAGS_SHARED_DATA, or from ../shared/data next to the sources, if present."""
+The data set fox is read from PAGS_SHARED_DATA, or from ../shared/data next to the sources, if present."""
 
 import os
 import shutil
@@ -20,9 +21,9 @@ import cross_report  # noqa: E402
 import same_bits  # noqa: E402
 
 SHARED = Path(os.environ.get("PAGS_SHARED_DATA") or ROOT.parent / "shared" / "data")
-CLEAN = {"PATH": "/usr/bin:/bin", "LC_ALL": "C.UTF-8"}  # nothing of the build's
-# Put before the reference's libraries: Embree of SSE2, as the wheel's is. Debian's takes the best that the processor has, whose fused
-# multiply-add measures distances with other last bits.
+CLEAN = {"PATH": "/usr/bin:/bin", "LC_ALL": "C.UTF-8"}  # without variables of the build
+# Runs the reference with an Embree for SSE2, like the wheel's. Debian's Embree uses the processor's fused multiply-add,
+# which gives distances with other last bits.
 SSE2 = """#define _GNU_SOURCE
 #include <dlfcn.h>
 void *rtcNewDevice(const char *configuration) {
@@ -68,7 +69,8 @@ class Wheel(unittest.TestCase):
         return done.stdout
 
     def same(self, name, *words):
-        """Runs both programs on {out}, a folder of each one's own: build/NAME is the reference's, wheel/NAME that of what is installed."""
+        """Runs both programs on {out}, a separate folder for each: build/NAME is the reference's, wheel/NAME that of
+        the installed program."""
         for side, program in [("build", self.reference), ("wheel", self.program)]:
             folder = self.folder / side
             (folder / name if words[0] == "export" else folder).mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""windows.py PAGS.EXE PAGS: compares the program for Windows under wine with the one for Linux: outputs have the same bits; checks special paths
-of Windows, places without write access, Ctrl-C.
+"""windows.py PAGS.EXE PAGS: runs the program for Windows under wine and compares its outputs with those of the
+program for Linux: they must have the same bits. Also checks special paths of Windows, folders without write access,
+and Ctrl-C.
 
-Splat files and the capture fox are read from PAGS_SHARED_DATA, or from ../shared/data next to the sources, if present."""
+Splat files and the data set fox are read from PAGS_SHARED_DATA, or from ../shared/data next to the sources, if
+present."""
 
 import glob
 import json
@@ -41,7 +43,7 @@ def run_linux(*arguments, **more):
 
 
 def drive(path):
-    """The path as Windows has it: wine shows the root folder as the drive Z."""
+    """Returns the path in Windows' form: wine shows the root folder as drive Z."""
     return "Z:" + path.replace("/", "\\")
 
 
@@ -90,13 +92,15 @@ class Case(unittest.TestCase):
         self.assertEqual(files_below(a), files_below(b))
         for name in files_below(a):
             windows = read(os.path.join(a, name))
-            if name.endswith(".json"):  # names the source by its absolute path, which has a drive there
+            if name.endswith(
+                ".json"
+            ):  # the file states the absolute path of its source, which has a drive letter there
                 windows = windows.replace(b"Z:/", b"/")
             self.assertEqual(windows, read(os.path.join(b, name)), name)
 
 
 class Bits(Case):
-    """Outputs of both programs."""
+    """Compares the outputs of both programs."""
 
     kinds = [
         ("out.ply",),
@@ -126,7 +130,7 @@ class Bits(Case):
                 with self.subTest(path=path, options=options):
                     ours, theirs = run_windows("info", path, *options), run_linux("info", path, *options)
                     self.assertEqual(ours.returncode, theirs.returncode, ours.stderr)
-                    if "--memory" not in options:  # what is measured differs
+                    if "--memory" not in options:  # measured times differ
                         self.assertEqual(ours.stdout, theirs.stdout)
 
     def test_export(self):
@@ -177,7 +181,7 @@ class Bits(Case):
         self.succeeds("eval", self.path("linux"), "--dataset", self.path("data"))
 
     def test_train_a_capture(self):
-        """Photographs of a camera, with COLMAP's poses, in JPEG files."""
+        """Trains from the JPEG photographs of the data set fox, with COLMAP's poses."""
         if not has_pictures():
             self.skipTest("this build reads no pictures")
         capture = os.path.join(SHARED, "fox")
@@ -190,7 +194,7 @@ class Bits(Case):
 
 
 class Places(Case):
-    """Paths, folders and files that Windows treats in its own way."""
+    """Tests paths, folders and files that Windows treats differently."""
 
     def setUp(self):
         super().setUp()
@@ -274,7 +278,8 @@ class Places(Case):
         self.succeeds("export", self.ply, self.path("shut/out.spz"), **someone)
 
     def someone_else(self):
-        """Arguments of run_windows for the user nobody, who owns the test folder, a copy of the program and a folder for wine."""
+        """Returns arguments of run_windows for the user nobody, who owns the test folder, a copy of the program and
+        a folder for wine."""
         nobody = pwd.getpwnam("nobody")
         home = os.path.join(self.folder, "home")
         os.makedirs(home)
@@ -311,10 +316,11 @@ class Places(Case):
 
 
 class Interrupt(Case):
-    """Ctrl-C, which reaches programs that have a console: wine gives them one on a terminal."""
+    """Tests Ctrl-C, which only reaches programs that have a console; wine gives them one on a terminal."""
 
     def interrupted(self, when, *arguments):
-        """Exit code and output of a program that Ctrl-C interrupts after a number of seconds, or once a file exists."""
+        """Returns exit code and output of a program that Ctrl-C interrupts after some seconds, or once a file
+        exists."""
         helper = os.path.join(os.path.dirname(WINDOWS), "tests", "windows_interrupt.exe")
         if not os.path.exists(helper):
             self.skipTest(f"no {helper}: the build has no tests")
@@ -362,7 +368,7 @@ class Interrupt(Case):
         self.succeeds("train", self.path("data"), "-o", self.path("whole"), *options)
         whole = read(self.path("whole/background.ply"))
         self.assertEqual(read(self.path("stopped/background.ply")), whole)
-        self.assertNotEqual(half, whole)  # it was stopped on its way
+        self.assertNotEqual(half, whole)  # the program was stopped before its end
 
 
 def main():

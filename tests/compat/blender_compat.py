@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A .blend file that Blender 3.4 and the add-on of commit ec025b61 saved opens and renders."""
+"""Opens and renders a .blend file that was saved by Blender 3.4 and the add-on of commit ec025b61."""
 
 import os
 import shutil

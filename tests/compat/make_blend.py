@@ -13,7 +13,7 @@ module = next(name.split("/")[0] for name in zipfile.ZipFile(package).namelist()
 bpy.ops.preferences.addon_enable(module=module)
 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
 bpy.ops.preferences.addon_enable(module=module)
-bpy.ops.wm.save_as_mainfile(filepath=out)  # so that the path of the scene is relative
+bpy.ops.wm.save_as_mainfile(filepath=out)  # the saved path of the scene is relative to the .blend file
 bpy.ops.import_scene.pags(filepath=scene)
 bpy.context.scene.render.resolution_x, bpy.context.scene.render.resolution_y = 64, 36
 bpy.ops.wm.save_as_mainfile(filepath=out, compress=True, relative_remap=True)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""test_compat.py PAGS CORPUS [PROGRAMS [MODULE]]: what commit ec025b61 made still works, or fails with a message that names the replacement.
-CORPUS is the unpacked ec025b61.zip (make_corpus.sh has its contents), PROGRAMS the folder of its C programs, built against this commit's
-headers and libraries, MODULE the folder of the Python module."""
+"""test_compat.py PAGS CORPUS [PROGRAMS [MODULE]]: files and scripts of commit ec025b61 still work, or fail with a
+message that names the replacement. CORPUS is the unpacked ec025b61.zip (make_corpus.sh lists its contents). PROGRAMS
+is the folder of that commit's C programs, built against the current headers and libraries. MODULE is the folder of
+the Python module."""
 
 import json
 import os
@@ -15,7 +16,7 @@ import unittest
 PAGS, CORPUS, *MORE = map(os.path.abspath, sys.argv[1:])
 PROGRAMS, MODULE = [*MORE, "", ""][:2]
 
-# Removed on purpose: (verb, option) -> words of the message that names the replacement; JSON output -> keys.
+# Removed on purpose: (verb, option) -> words of the message that names the replacement; JSON output -> removed keys.
 GONE_OPTIONS = {}
 GONE_KEYS = {}
 
@@ -49,7 +50,7 @@ def run(*words, **more):
 
 
 def keys(value, path=""):
-    """The paths of all keys of a JSON value; the elements of a list count as one."""
+    """Returns the paths of all keys of a JSON value; all elements of a list share one path."""
     found = set()
     if isinstance(value, dict):
         for key, inner in value.items():
@@ -82,7 +83,7 @@ class Compat(unittest.TestCase):
         return done
 
     def test_scenes(self):
-        """Scene folder, packed file and SPZ are read and drawn; packed rows give the picture of their scene."""
+        """Reads and draws the old scene folder, packed file and SPZ file."""
         for name in ("scene", "scene.pagsz", "scene.spz"):
             with self.subTest(name):
                 self.succeeds("info", name)
@@ -90,7 +91,7 @@ class Compat(unittest.TestCase):
                 self.assertEqual(os.listdir(self.path(f"{name} pictures")), ["00000.png"])
 
     def test_checkpoint(self):
-        """A training continues from it."""
+        """Training resumes from the old checkpoint."""
         self.succeeds("info", "scene/checkpoint.pags")
         self.succeeds(*TRAIN, "-o", "scene", "-n", "30", "--resume", "--json", "now.json")
         now = json.loads(self.read("now.json"))
@@ -98,7 +99,7 @@ class Compat(unittest.TestCase):
         self.assertEqual(now["iterations"], 30)
 
     def test_json(self):
-        """Every key of the JSON outputs is still there."""
+        """The JSON outputs still have every key of the old ones."""
         commands = {
             "train": [*TRAIN, "-o", "again", "-n", "20"],
             "render": ["render", "scene", "--split", "test", "-o", "pictures", "-q"],
@@ -118,7 +119,7 @@ class Compat(unittest.TestCase):
                 self.assertEqual(then - now - set(GONE_KEYS.get(name, ())), set())
 
     def test_options(self):
-        """Every option of every verb is in the help, or the program names what to use in its place."""
+        """Every old option of every verb is in the help or accepted, or the message names its replacement."""
         for name in sorted(os.listdir(self.path("help"))):
             verb = name.removesuffix(".txt")
             if verb == "pags":
@@ -134,7 +135,8 @@ class Compat(unittest.TestCase):
                     self.assertIn(GONE_OPTIONS.get((verb, option), ""), said)
 
     def test_fields(self):
-        """Every field of the training is in the list; or its default is accepted, and another value is refused by name."""
+        """Every old field of the training is still listed, or only its default is accepted and any other value is
+        refused by name."""
         fields = self.read("fields.txt")
         now = set(re.findall(r"^  (\w+) ", run("train", "--fields").stdout, re.M))
         for name in sorted(set(re.findall(r"^  (\w+) +\S", fields, re.M)) - now):
@@ -147,7 +149,7 @@ class Compat(unittest.TestCase):
                 self.assertRegex(refused.stderr, rf"{name}: always|{name} is now")
 
     def test_programs(self):
-        """C programs written against its headers."""
+        """C programs written against the old headers still run."""
         if not PROGRAMS:
             self.skipTest("the C programs are not built")
         programs = {
@@ -163,7 +165,7 @@ class Compat(unittest.TestCase):
                 self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_python(self):
-        """Python scripts written for its module."""
+        """Python scripts written for the old module still run."""
         if not MODULE:
             self.skipTest("the Python module is not built")
         script = self.path("programs", "first.py")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared by the checks in a headless Chromium."""
+"""Functions shared by the checks in a headless Chromium."""
 
 import math
 import os
@@ -13,7 +13,8 @@ import fixtures  # noqa: E402 (the path has to be set first)
 
 
 def begin():
-    """The folder of the command line PAGS FOLDER, and Chromium; exits with 77 where a program is missing."""
+    """Returns the folder of the command line PAGS FOLDER, and the path of Chromium; exits with 77 if a program is
+    missing."""
     fixtures.PAGS = os.path.abspath(sys.argv[1])
     chromium = shutil.which("chromium")
     if not (chromium and shutil.which("node") and os.path.isdir(os.path.join(HERE, "node_modules", "puppeteer-core"))):
@@ -23,7 +24,7 @@ def begin():
 
 
 def camera_from_world(view):
-    """The rotation, three rows, and the translation of a camera of scene.json."""
+    """Returns the rotation (three rows) and the translation of a camera of scene.json."""
     q = view["camera_from_world_quaternion_wxyz"]
     size = math.sqrt(sum(v * v for v in q))
     w, x, y, z = (v / size for v in q)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prints what OpenUSD reads from a stage, as JSON: the errors found by usdchecker's validators, and the prims' contents, at a time code if one is
-named: check_usd.py STAGE [TIME]"""
+"""check_usd.py STAGE [TIME]: reads a stage by OpenUSD and prints as JSON the errors of usdchecker's validators and
+the prims' contents, at the time code TIME if given."""
 
 import json
 import sys
@@ -23,7 +23,8 @@ out = {
 
 
 def height_over(mesh, when):
-    """How high above its own origin a mesh is at most on the vertical line through the origin, in the world; None if the line misses it."""
+    """Returns the largest height of the mesh above its origin on the vertical line through the origin, in world
+    coordinates; None if the line misses the mesh."""
     to_world = UsdGeom.Xformable(mesh.GetPrim()).ComputeLocalToWorldTransform(when)
     points = [to_world.Transform(p) for p in mesh.GetPointsAttr().Get()]
     corners, origin, best = mesh.GetFaceVertexIndicesAttr().Get(), to_world.ExtractTranslation(), None

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""report.py PAGS FOLDER: the pages of pags report, of one scene and of two, in a headless Chromium without network and scripts, from their files: on
-a desktop, in the dark, on a phone, on paper. The scene is that of view.py in FOLDER. Exits with 1 where something is wrong, with 77 where a program is
-missing."""
+"""report.py PAGS FOLDER: opens the pages of pags report, of one scene and of two, in a headless Chromium without
+network and scripts: on a desktop, in dark mode, on a phone and in print. Uses the scene that view.py made in FOLDER.
+Exits with 1 on errors, with 77 if a program is missing."""
 
 import json
 import os
@@ -17,11 +17,11 @@ from browser import begin
 from view import trained
 
 TEXT = 4.5  # least contrast of text (WCAG 2.1, level AA)
-CURVE = 3.0  # and of what is no text
+CURVE = 3.0  # least contrast of curves and other graphics
 
 
 def other(folder):
-    """A worse scene of the same street."""
+    """Trains a worse scene of the same street."""
     out = os.path.join(folder, "other")
     if not os.path.exists(os.path.join(out, "report.json")):
         done = fixtures.run(
@@ -42,7 +42,7 @@ def other(folder):
 
 
 def look(page, out):
-    """The output of report.mjs for a page, or its exit code where that isn't 0."""
+    """Runs report.mjs for a page; returns its output, or exits if it fails."""
     shutil.rmtree(out, ignore_errors=True)
     os.makedirs(out)
     done = subprocess.run(

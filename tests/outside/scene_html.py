@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""scene_html.py PAGS FOLDER [SCENE]: pags export SCENE scene.html, opened from the disk in a headless Chromium without a network.
+"""scene_html.py PAGS FOLDER [SCENE]: opens the page of pags export SCENE scene.html from disk in a headless Chromium
+without network.
 
-Five recorded cameras at three times are compared with pags render, the whole picture and the box round a moving car. The page is then used as a
-person would: scrubbed, played, turned, picked, objects hidden and isolated, on a desktop and on a phone. Without SCENE a small one of the
-synthetic street is trained in FOLDER. Writes FOLDER/scene_html.json. Exits with 1 where something is wrong, with 77 where a program is missing."""
+Compares pictures of five recorded cameras at three times with pags render: the whole picture, and the box around a
+moving car. Then it uses the page as a person would on a desktop and on a phone: scrub, play, turn, pick, hide and
+isolate objects. Without SCENE it trains a small scene of the synthetic street in FOLDER. Writes
+FOLDER/scene_html.json. Exits with 1 on errors, with 77 if a program is missing."""
 
 import json
 import math
@@ -21,14 +23,14 @@ from test_scene_html import HOSTILE, rich_scene
 from view import psnr, rgb, trained
 
 VIEWS, TIMES = 5, 3
-# dB to pags render. Losses: colours, scales and opacities of 256 values each, a palette of harmonics, halfs in the buffer. 35 is what is
-# aimed at; 30 is where a difference begins to be seen.
+# PSNR against pags render in dB. Losses come from colours, scales and opacities of 256 values each, a palette of
+# harmonics, and half floats. 35 dB is the aim; below 30 dB differences become visible.
 SAME, AIM = 30, 35
-SLOW = 15  # seconds to the first picture at most, on processors that other work shares and that draw in place of a graphics card
+SLOW = 15  # largest time to the first picture in seconds, on a busy machine that draws without a graphics card
 
 
 def pose_of(view):
-    """The 12 numbers of world_from_camera of a camera of scene.json."""
+    """Returns the 12 numbers of world_from_camera of a camera of scene.json."""
     rows, t = camera_from_world(view)
     eye = [-sum(rows[i][k] * t[i] for i in range(3)) for k in range(3)]
     return [v for k in range(3) for v in (rows[0][k], rows[1][k], rows[2][k], eye[k])]
@@ -43,7 +45,8 @@ def look_of(view, time):
 
 
 def box_of(view, item, time):
-    """The pixels [x0, x1) x [y0, y1) round an object at its label nearest to a time; None where it isn't well in the picture."""
+    """Returns the pixels [x0, x1) x [y0, y1) around an object at its label nearest to a time; None if the picture
+    doesn't show the whole object, or too small."""
     knot = min(item["knots"], key=lambda k: abs(k["time"] - time))
     pose, camera, corners = knot["world_from_object"], pose_of(view), []
     if abs(knot["time"] - time) > 0.2:
@@ -67,7 +70,8 @@ def cut(picture, width, box):
 
 
 def choose(scene):
-    """Looks of five cameras at three times, those first that see a moving car, and for each the boxes of the cars in it."""
+    """Chooses five cameras, first the one that sees most moving cars, at three times each. Returns the views, and
+    for each the boxes of the cars in it."""
     cameras, begin, end = scene["cameras"], *scene.get("time", [0, 0])
     cars = [o for o in scene.get("objects", []) if o["model"] and o["category"] == "vehicle"]
     times = [begin + (end - begin) * share for share in (0.2, 0.5, 0.8)] if end > begin else [begin]
@@ -82,8 +86,9 @@ def choose(scene):
 
 
 def hostile_page(folder):
-    """The page of a small scene of all that a scene may have, harmonics of degree 3 and antialiasing too, whose objects have names that a careless
-    page would run; with looks at it and pags' pictures of them in FOLDER/hostile."""
+    """Exports a small scene with every feature of scenes, harmonics of degree 3 and antialiasing included; its
+    objects have names that a careless page would run as code. Returns the page and views of it, and renders pictures
+    of these views into FOLDER/hostile."""
     scene, page = os.path.join(folder, "<i>hostile"), os.path.join(folder, "hostile.html")
     description = rich_scene(scene, antialiased=True)[0]
     frames = description["cameras"][::7]

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files written by pags export are read by third-party programs: gltf-validator, @gltf-transform/core, splat-transform, Babylon.js, usdchecker.
+"""Third-party programs read files written by pags export: gltf-validator, @gltf-transform/core, splat-transform,
+Babylon.js, usdchecker.
 
-Exits with 77, saying what is missing, where none of them is installed (make setup)."""
+If none of them is installed (make setup), prints what is missing and exits with 77."""
 
 import json
 import math
@@ -24,7 +25,7 @@ CHROMIUM = shutil.which("chromium")
 MODULES = os.path.join(HERE, "node_modules")
 USD = os.path.join(HERE, ".venv", "bin", "python")
 SPLAT_TRANSFORM = os.path.join(MODULES, "@playcanvas", "splat-transform", "bin", "cli.mjs")
-# gltf-validator 2.0.0-dev.3.10 doesn't know KHR_gaussian_splatting's names.
+# gltf-validator 2.0.0-dev.3.10 doesn't know the names of KHR_gaussian_splatting
 SPLAT_CODES = {"MESH_PRIMITIVE_INVALID_ATTRIBUTE"}
 
 QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # options of the background mesh
@@ -43,7 +44,7 @@ def check(*paths):
 
 
 def read_splats(path):
-    """The columns of a PLY of floats, by name."""
+    """Returns the columns of a PLY of floats, by name."""
     data = fixtures.read(path)
     head, body = data.split(b"end_header\n", 1)
     lines = head.decode().splitlines()
@@ -109,10 +110,11 @@ class SplatTransform(Case):
         self.assertEqual(done.returncode, 0, done.stderr + done.stdout)
 
     def compare(self, a, b, position):
-        """Compares the rows of two files with the same Gaussians in any order; b is rotated by half a turn about x from a.
+        """Compares two files with the same Gaussians in any order. The axes of b are those of a turned by half a
+        turn about x.
 
-        SPZ's axes are OpenGL's (y up), a PLY's are y down, and Niantic's library and ours turn between them. splat-transform 3.7 copies the
-        numbers: what has been SPZ for one of us and PLY for the other is upside down."""
+        SPZ has OpenGL's axes (y up), PLY has y down; Niantic's library and pags turn the axes when converting.
+        splat-transform 3.7 copies the numbers, so a conversion by it and one by pags give an upside-down scene."""
         names_a, rows_a = read_splats(a)
         names_b, rows_b = read_splats(b)
         turned = [names_b.index("y"), names_b.index("z")]
@@ -157,8 +159,10 @@ class SplatTransform(Case):
         scene = scenes.make_scene(self.path("scene"))
         for name in ("ours.ply", "ours.spz"):
             self.succeeds("export", scene, self.path(name), "--time", "0.3")
-        self.convert(self.path("ours.ply"), self.path("ply.spz"))  # splat-transform reads our PLY, we read its SPZ
-        self.convert(self.path("ours.spz"), self.path("spz.ply"))  # splat-transform reads our SPZ
+        self.convert(
+            self.path("ours.ply"), self.path("ply.spz")
+        )  # splat-transform reads the PLY of pags, and pags reads its SPZ
+        self.convert(self.path("ours.spz"), self.path("spz.ply"))  # splat-transform reads the SPZ of pags
         self.succeeds("export", self.path("ply.spz"), self.path("back.ply"))
         self.compare(self.path("ours.ply"), self.path("back.ply"), 0.6 / 4096)
         self.compare(self.path("ours.ply"), self.path("spz.ply"), 0.6 / 4096)
@@ -167,7 +171,7 @@ class SplatTransform(Case):
 @unittest.skipUnless(has_babylon, "needs node, Babylon.js and Debian's chromium: make setup")
 class Babylon(Case):
     def draw(self, file, x, yaw, picture):
-        """Draws the file as seen by scenes.camera at x, in the file's axes (y up)."""
+        """Draws the file as seen by the camera of scenes.camera(x), in the file's axes (y up)."""
         c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(0.15), math.sin(0.15)
         turned = lambda v: [v[0], v[2], -v[1]]
         camera = {"width": 160, "height": 120, "fx": 90, "fy": 90, "cx": 80, "cy": 60, "background": [0.5, 0.6, 0.8]}
@@ -193,14 +197,14 @@ class Babylon(Case):
         return 10 * math.log10(255**2 * len(rows_a) / max(1, sum((p - q) ** 2 for p, q in zip(rows_a, rows_b))))
 
     def colours(self, path):
-        """Red, green and blue of all pixels; alpha, which Chromium's pictures may have, is dropped."""
+        """Returns red, green and blue of all pixels, without the alpha that Chromium's pictures may have."""
         _, _, channels, bits, data = fixtures.read_png(path)
         self.assertEqual(bits, 8)
         return [v for i, v in enumerate(data) if i % channels < 3]
 
     def test_it_draws_what_we_draw(self):
-        """The other renderer stores colours in 8 bits and cuts Gaussians off at another radius: 36 dB were measured. A mirrored axis would
-        give 12 dB."""
+        """The other renderer stores colours in 8 bits and cuts Gaussians off at another radius: 36 dB were measured.
+        A mirrored axis would give 12 dB."""
         scene = scenes.make_scene(self.path("scene"))
         self.succeeds("export", scene, self.path("splats.glb"), "--splats", "--time", "0.3")
         self.succeeds("render", scene, "--split", "test", "--time", "0.3", "--no-exposure", "-o", self.path("ours"))

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exports of pags, read by other tools: Babylon.js in Chromium, Godot 4 and OpenUSD print what they read, which is compared with scene.json.
+"""Exports of pags are read by other tools: Babylon.js in Chromium, Godot 4 and OpenUSD print what they read, which
+is compared with scene.json.
 
-test_tools.py PAGS [SCENE [PICTURES]]: of a small street made here, or of SCENE, then with pictures; Godot is the program that GODOT names. A missing tool isn't
-installed is skipped; exits with 77 where nothing is."""
+test_tools.py PAGS [SCENE [PICTURES]]: uses SCENE and writes pictures, or makes a small street. The variable GODOT
+names Godot's program. Tests of missing tools are skipped; exits with 77 if all are missing."""
 
 import json
 import os
@@ -27,16 +28,16 @@ USD = os.path.join(HERE, ".venv", "bin", "python")
 has_babylon = bool(NODE and CHROMIUM) and all(
     os.path.isdir(os.path.join(MODULES, m)) for m in ("@babylonjs", "puppeteer-core")
 )
-ABOVE = 20.0  # metres over an object from which rays fall
+ABOVE = 20.0  # height in metres above an object from which rays are cast down
 
 
 def turned(v):
-    """Z up to glTF's Y up."""
+    """Turns a vector with z up into glTF's axes with y up."""
     return [v[0], v[2], -v[1]]
 
 
 class Street:
-    """The data of scene.json, read without the program."""
+    """The data of scene.json, read without the program pags."""
 
     def __init__(self, folder):
         with open(os.path.join(folder, "scene.json")) as file:
@@ -47,7 +48,8 @@ class Street:
         self.zero = min([self.facts["time"][0], *(item["knots"][0]["time"] for item in self.objects)])
 
     def place(self, knot):
-        """Where an object is at a label, relative to the origin: the label's pose and what training added to it."""
+        """Returns an object's position at a label, relative to the origin: the label's pose and the correction by
+        training."""
         pose = knot["world_from_object"]
         return [
             sum(pose[4 * row + k] * knot["translation"][k] for k in range(3))
@@ -57,7 +59,7 @@ class Street:
         ]
 
     def mover(self):
-        """The vehicle that goes farthest, and its label at which it has gone farthest."""
+        """Returns the vehicle that moves farthest, and the label at its farthest position."""
 
         def way(item, knot):
             return sum((a - b) ** 2 for a, b in zip(self.place(item["knots"][0]), self.place(knot)))
@@ -82,7 +84,8 @@ class Tool(Case):
         self.seconds = self.knot["time"] - self.street.zero
 
     def job(self, **more):
-        """The rays: from above the car as it is at self.seconds, from above where it was first, and from above the recording car's first place."""
+        """Returns the job for a tool: rays cast down onto the car at self.seconds, onto the car's first position,
+        and onto the recording car's first position."""
         here, there = self.street.place(self.knot), self.street.place(self.car["knots"][0])
         down = lambda at, up: {"from": turned([at[0], at[1], at[2] + up]), "along": [0, -1, 0]}
         behind = [here[0] - 9, here[1] - 6, here[2] + 4]
@@ -95,7 +98,8 @@ class Tool(Case):
         }
 
     def check_nodes(self, nodes):
-        """Every object, its class, id and what else its extras say; nothing else is an object."""
+        """Checks that the nodes are exactly the scene's objects, with class, id and other properties in their
+        extras."""
         told = {
             n["name"]: n["extras"]
             for n in nodes
@@ -115,8 +119,8 @@ class Tool(Case):
             self.assertAlmostEqual(got, want, 3)
 
     def check_hits(self, hits, ending):
-        """The ray falls onto the car's roof, in the upper half of its labelled box or at most a tenth above it; where the car was first, it doesn't hit
-        it any more."""
+        """The ray hits the car's roof, in the upper half of its labelled box or up to a tenth above it. At the car's
+        first position no ray hits the car any more."""
         self.assertRegex(hits["car"]["name"], self.car["name"] + ending)
         half = 0.5 * self.car["size"][2]
         self.assertGreater(hits["car"]["distance"], ABOVE - 1.2 * half)
@@ -160,7 +164,7 @@ class Babylon(Tool):
 @unittest.skipUnless(GODOT, "needs Godot 4: GODOT=PROGRAM, which scripts/setup_godot.sh makes")
 class Godot(Tool):
     def run_godot(self, *arguments, window=False):
-        """In a window only where a picture is wanted, under Xvfb, drawn by the processor."""
+        """Runs Godot; opens a window under Xvfb, drawn by the processor, only if pictures are requested."""
         how = (
             ["xvfb-run", "-a", GODOT, "--rendering-driver", "opengl3", "--audio-driver", "Dummy"]
             if window
@@ -245,7 +249,7 @@ class Usd(Tool):
         )
 
     def test_archive(self):
-        """A .usdz holds the same stage, stored, its data at a multiple of 64 bytes."""
+        """A .usdz file holds the same stage without compression, and its data begin at a multiple of 64 bytes."""
         self.export("street.usda", "--no-background")
         self.export("street.usdz", "--no-background")
         self.assertEqual(self.read("street.usdz", self.seconds), self.read("street.usda", self.seconds))
@@ -271,7 +275,7 @@ class Usd(Tool):
 
     @unittest.skipIf(SCENE, "of the small street")
     def test_objects_come_and_go(self):
-        """The car comes at 0.5 s: before, it is neither seen nor solid."""
+        """A car whose track begins at 0.5 s is neither visible nor solid before."""
         with open(self.path("scene", "scene.json")) as file:
             facts = json.load(file)
         item = next(o for o in facts["objects"] if o["id"] == self.car["id"])

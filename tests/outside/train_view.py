@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""train_view.py PAGS FOLDER: the page of pags train --view in a headless Chromium: curves that go on, pictures of a scene that learns, the worst
-view next to its photograph, a checkpoint, a stop and the farewell. Exits with 1 where something is wrong, with 77 where a program is missing."""
+"""train_view.py PAGS FOLDER: opens the page of pags train --view in a headless Chromium. Checks growing curves,
+pictures of the training scene, the worst view next to its photograph, a checkpoint, stopping, and the page's last
+message. Exits with 1 on errors, with 77 if a program is missing."""
 
 import json
 import os
@@ -74,7 +75,7 @@ def main():
         "nothing from elsewhere": not seen["foreign"],
         "a still picture learns": seen["changed"],
         "five curves": len(seen["curves"]) == 5 and min(seen["curves"]) > 50,
-        # A curve that is full drops every other point, so that on a fast machine it may have fewer later.
+        # A full curve drops every other point, so that on a fast machine it may have fewer points later.
         "that go on": all(a != b for a, b in zip(seen["curves"], seen["grown"])),
         "figures": "held-out PSNR" in seen["facts"] and "left" in seen["head"],
         "it moves while it trains": seen["moving"] > 5,

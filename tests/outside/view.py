@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""view.py PAGS FOLDER [SCENE]: the page of pags view in a headless Chromium: first picture, orbit, scrub, play, pick, measure, compare, hide,
-isolate, a recorded path that pags render draws to the same pictures, and a phone. Without SCENE, which must know its photographs, a small one of
-the synthetic street is trained in FOLDER. Exits with 1 where something is wrong, with 77 where a program is missing."""
+"""view.py PAGS FOLDER [SCENE]: opens the page of pags view in a headless Chromium. Checks the first picture, orbit,
+scrub, play, pick, measure, compare, hide, isolate, a recorded path that pags render draws to the same pictures, and
+a phone. SCENE must have access to its photographs; without SCENE a small scene of the synthetic street is trained in
+FOLDER. Exits with 1 on errors, with 77 if a program is missing."""
 
 import json
 import math
@@ -17,10 +18,11 @@ import fixtures
 from browser import begin
 from view_client import Server
 
-# dB between a saved picture, which came as a JPEG file of quality 92 without subsampled chroma, and pags render's: such files are 36 to 45 dB
-# from what they were made of. The camera's pose goes through a quaternion, which is exact to 1e-15.
+# PSNR in dB between a picture saved from the page and one of pags render. The page's pictures are JPEG files of quality
+# 92 with full colour resolution, which differ by 36 to 45 dB from their source. The camera's pose goes through a
+# quaternion, which is exact to 1e-15.
 SAME = 35
-SLOW = 3.0  # seconds to the first picture at most; a machine that other work shares may take that long. 1 s is the aim
+SLOW = 3.0  # largest time to the first picture in seconds, on a busy machine; the aim is 1 s
 
 
 def trained(folder):

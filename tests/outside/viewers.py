@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""viewers.py PAGS FOLDER [SCENE]: a scene trained with a least alpha, exported to SPZ, SOG and KHR GLB and drawn by Babylon.js and Spark.
+"""viewers.py PAGS FOLDER [SCENE]: exports a scene that was trained with a least alpha to SPZ, SOG and KHR GLB, and
+draws the files by Babylon.js and Spark.
 
-Held-out views of three time steps are compared with pags' own picture of the same file, and with the photographs beside pags' own picture of
-the scene. Without SCENE a small one of the synthetic street is trained in FOLDER. Other programs cut alpha at 1/255, don't have the sky and
-have objects at one time: everything is drawn without the sky on black, each time step from a file of its own, and photographs are compared
-where nothing shines through. Writes FOLDER/viewers.json. Exits with 1 where a bound is broken, with 77 where a program is missing."""
+Held-out views of two time steps are compared with pictures by pags of the same file. They are also compared with the
+photographs, next to pictures by pags of the scene. Other programs cut alpha at 1/255 and show neither skies nor
+motion. So each time step has its own file, everything is drawn on black without the sky, and photographs are
+compared only where the scene is opaque. Without SCENE a small scene of the synthetic street is trained in FOLDER.
+Writes FOLDER/viewers.json. Exits with 1 if a limit is exceeded, with 77 if a program is missing."""
 
 import json
 import math
@@ -22,11 +24,11 @@ from browser import camera_from_world
 FORMATS = ("spz", "sog", "glb")
 DRAWN = [("babylon", form) for form in FORMATS] + [("spark", "spz"), ("spark", "sog")]  # Spark doesn't read glTF
 BUFFERS = ("bytes", "floats")
-TIMES = 2  # time steps
-MOST = 6  # views of each
-NEAREST = 35  # dB to pags' picture of the same file, at least
-LOST = 0.2  # dB against the photographs below pags' picture of the scene, at most
-# A file's axes from the scene's: SPZ's are turned about x, glTF's have y up.
+TIMES = 2  # number of time steps
+MOST = 6  # largest number of views of each time step
+NEAREST = 35  # least PSNR in dB against the picture by pags of the same file
+LOST = 0.2  # largest loss of PSNR in dB against the photographs, compared with the picture by pags of the scene
+# Converts the scene's axes to a file's: SPZ is turned by half a turn about x, glTF has y up.
 AXES = {"sog": lambda v: v, "spz": lambda v: [v[0], -v[1], -v[2]], "glb": lambda v: [v[0], v[2], -v[1]]}
 
 
@@ -43,7 +45,7 @@ def write(path, value):
 
 
 def trained(folder):
-    """A small scene of the street, trained by default, with a least alpha."""
+    """Trains a small scene of the street with the default configuration, which has a least alpha."""
     data, scene = os.path.join(folder, "street"), os.path.join(folder, "scene")
     if not os.path.exists(os.path.join(scene, "report.json")):
         pags(
@@ -66,7 +68,7 @@ def trained(folder):
 
 
 def without_sky(scene, folder):
-    """The scene's files with a scene.json that has no sky."""
+    """Links the scene's files into a folder with a scene.json that has no sky."""
     shutil.rmtree(folder, ignore_errors=True)
     os.makedirs(folder)
     description = json.loads(fixtures.read(os.path.join(scene, "scene.json")))
@@ -79,7 +81,7 @@ def without_sky(scene, folder):
 
 
 def seen(view, turned, origin, near, pictures):
-    """A view as viewers.mjs takes it, in a file's axes."""
+    """Returns a view in the form of viewers.mjs, in a file's axes."""
     rows, t = camera_from_world(view)
     eye = [-sum(rows[i][k] * t[i] for i in range(3)) - origin[k] for k in range(3)]
     right, down, forward = (turned(row) for row in rows)
@@ -88,7 +90,7 @@ def seen(view, turned, origin, near, pictures):
 
 
 def colours(path):
-    """Red, green and blue of all pixels, 0 to 255, of a PNG with or without alpha."""
+    """Returns red, green and blue of all pixels of a PNG, 0 to 255, without alpha."""
     _, _, channels, bits, data = fixtures.read_png(path)
     assert bits == 8, path
     if channels == 1:
@@ -196,7 +198,7 @@ def compare(folder, viewer, form, buffer, group, index, name):
 
 
 def report(results):
-    """Prints dB of each view; returns 1 where the nearest viewer of a format breaks a bound in a view."""
+    """Prints PSNR of each view in dB; returns 1 if for some format even the most similar viewer exceeds a limit."""
     broken = 0
     print(
         "viewer  format buffer view         to ours   against the photograph: theirs, ours of the file, ours of the scene"

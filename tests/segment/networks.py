@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small ONNX networks with the inputs and outputs of real ones, whose results follow from plain arithmetic instead of learning.
+"""Writes small ONNX networks with the inputs and outputs of real ones. They compute their results by plain
+arithmetic instead of trained weights.
 
-Semantic networks label a pixel with the class of the nearest colour. Segment Anything: a point's mask is everything of its colour.
-"""
+Semantic networks give each pixel the class of the nearest colour. The network of Segment Anything returns for a
+point the mask of all pixels of its colour."""
 
 import numpy as np
 from onnx_writer import Graph
 
 IMAGENET = (np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225]))
-PLAIN = (np.zeros(3), np.full(3, 1 / 255))  # mean and deviation for networks whose inputs are samples from 0 to 255
+PLAIN = (
+    np.zeros(3),
+    np.full(3, 1 / 255),
+)  # mean and standard deviation for networks whose inputs are samples from 0 to 255
 HALF = (np.full(3, 0.5), np.full(3, 0.5))
 # Train ids and their colours: road, sky, person, car.
 COLOURS = {0: (120, 120, 120), 10: (60, 160, 250), 11: (250, 40, 40), 13: (30, 200, 40)}
@@ -28,8 +32,8 @@ def semantic(
     shrink=2,
     bgr=False,
 ):
-    """Writes a semantic network. size: of the input, None for any. last: channels come last. classes: the rank (3 or 4) of an output of
-    class numbers, which replaces the scores."""
+    """Writes a semantic network. size: size of the input, None for any. last: channels come last. classes: the rank
+    (3 or 4) of an output of class numbers that replaces the scores."""
     colours = COLOURS if colours is None else colours
     mean, std = normal
     weights, bias = np.zeros((count, 3, 1, 1)), np.full(count, -1e6)
@@ -84,7 +88,8 @@ def encoder(path, kind="segment-anything", size=128, prepares=False, channels=3)
 
 
 def same_colour(g, features, x, y, small):
-    """Logits [n][1][small][small], positive where the colour is that of the point; the points' x and y [n][1][1][1] are in feature squares."""
+    """Returns logits [n][1][small][small] that are positive where features have the point's colour. The points' x
+    and y [n][1][1][1] are in feature squares."""
     across = g.constant((np.arange(small) + 0.5).reshape(1, 1, 1, small))
     down = g.constant((np.arange(small) + 0.5).reshape(1, 1, small, 1))
     dx, dy = g.op("Sub", across, x), g.op("Sub", down, y)
@@ -98,8 +103,8 @@ def same_colour(g, features, x, y, small):
 
 
 def decoder(path, kind="segment-anything", size=128, free=False, single=False, low=True):
-    """Writes a mask decoder with four masks for each point: one that must not be used, a good one, one of low predicted IoU, an unstable
-    one."""
+    """Writes a mask decoder with four masks for each point: one that must not be used, a good one, one of low
+    predicted IoU, and an unstable one."""
     g = Graph()
     small, many = size // 4, "points" if free or kind != "segment-anything" else 1
     names = {

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""tools/segment: its modules, and runs of the whole tool on a tiny driving set whose output pags reads back.
+"""Tests of tools/segment: its modules, and runs of the whole tool on a tiny driving set whose output pags reads.
 
-test_segment.py PAGS. Runs with tools/segment/.venv where there is one; without onnxruntime it says so and exits with 77.
-"""
+test_segment.py PAGS. Uses tools/segment/.venv if it exists; without onnxruntime it prints a message and exits with
+77."""
 
 import errno
 import io
@@ -50,7 +50,7 @@ def picture(width, height, parts):
     return table[labels], labels
 
 
-# The borders avoid the points of a grid of 8 x 8.
+# The rectangles' borders lie between the points of a grid of 8 x 8.
 STREET = ((10, 0, 0, 96, 24), (13, 9, 39, 33, 57), (11, 60, 30, 72, 57))
 
 
@@ -258,7 +258,7 @@ class Masks(Scratch):
         return (found & truth).sum() / (found | truth).sum()
 
     def check(self, sam, **how):
-        """Asserts that everything in the street is found once, and nothing else."""
+        """Asserts that every object of the street is found once, and nothing else."""
         photo, truth = picture(96, 64, STREET)
         steps = []
         masks = automatic.automatic_masks(sam, photo, automatic.Settings(points=8, **how), lambda *a: steps.append(a))
@@ -266,7 +266,7 @@ class Masks(Scratch):
         self.assertEqual(len(masks), 4)
         for index in (0, 10, 11, 13):
             best = max(self.overlap(mask, truth == index) for mask in masks)
-            self.assertGreater(best, 0.7, index)  # a pixel of the logits covers three of the picture
+            self.assertGreater(best, 0.7, index)  # a logit covers three pixels of the picture
         self.assertTrue(all(abs(mask.predicted_iou - 0.95) < 1e-6 for mask in masks))
 
     def test_every_known_export(self):
@@ -328,7 +328,7 @@ class Masks(Scratch):
 
 
 class Runs(Scratch):
-    """Runs of the program on a driving set of two cameras."""
+    """Runs the program on a driving set of two cameras."""
 
     FRAMES = 3
 
@@ -456,13 +456,13 @@ class Runs(Scratch):
         self.assertIn("33 of 33 images are already done", self.run_tool())
 
     def test_what_is_no_regular_file_is_never_replaced(self):
-        """Masks are written through links and into FIFOs and devices, which aren't replaced by files."""
+        """Masks are written through links and into FIFOs and devices; none of these is replaced by a file."""
         masks, kind = os.path.join(self.data, "semantic"), lambda path: stat.S_IFMT(os.lstat(path).st_mode)
         write = lambda path, data=b"new": layout.write_whole(path, lambda file: file.write(data))
         self.run_tool()
         link, away = os.path.join(masks, "000_0.png"), self.path("away.png")
         os.remove(link)
-        os.symlink(away, link)  # a dangling link: the photograph counts as not done
+        os.symlink(away, link)  # a dangling link: the photograph still has to be processed
         self.run_tool()
         self.assertEqual((kind(link), kind(away)), (stat.S_IFLNK, stat.S_IFREG))
         self.assertTrue((self.mask("semantic", "000_0") == self.truth).all())
