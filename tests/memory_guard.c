@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The wrappers around malloc and its relatives that tests are linked with; see memory_guard.h. */
+/* Wrappers around malloc and related functions, with which tests are linked; see memory_guard.h. */
 #include "memory_guard.h"
 
 #ifndef _WIN32
@@ -51,7 +51,7 @@ size_t memory_guard_peak(void) {
   return (size_t)peak;
 }
 
-/* Writes its message without stdio, which may itself be the caller of malloc. */
+/* Writes its message without stdio, which may itself call malloc. */
 static void stop(size_t size) {
   static const char head[] = "memory_guard: more memory is asked for than the input justifies: ";
   char digits[24];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Picture files through the libraries that decode them. Their default handlers of errors end the program. */
+/* Makes picture files by the libraries that decode them. Their default error handlers end the program. */
 #include "picture_files.h"
 
 #include <stdio.h>
@@ -12,7 +12,7 @@
 
 enum { MOST = 8 }; /* channels */
 
-/* A sample of 16 bits: slopes with some noise, so that compressors have both. */
+/* A sample of 16 bits: slopes with some noise, to test both kinds of compression. */
 static unsigned sample_at(int x, int y, int c) {
   const unsigned noise = (unsigned)x * 2654435761u ^ (unsigned)(y + 7 * c) * 2246822519u;
   return ((unsigned)(x * 1500 + y * 900 + c * 9000) + (noise >> 13 & 1023)) & 65535;
@@ -242,7 +242,7 @@ static int64_t append_exr(exr_const_context_t context, void *user, const void *b
   return (int64_t)size;
 }
 
-/* Half-precision numbers take all their bits' values one after another, infinities and NaNs among them. */
+/* Half-precision samples take all bit patterns one after another, including infinities and NaN. */
 static void fill_exr(int x, int y, int c, int type, void *to) {
   const unsigned sample = sample_at(x, y, c);
   const uint16_t half = (uint16_t)(sample % 3 ? (unsigned)(x + 64 * y + 8192 * c) * 7 : sample >> 2);
@@ -290,7 +290,7 @@ static int make_exr(int kind, int width, int height, file_bytes *out, char name[
     return 0;
   const exr_kind *const k = &exr_kinds[kind % EXR_KINDS];
   const int packing = kind / EXR_KINDS, left = kind % 3 - 1, top = 4 - kind % 7;
-  /* The display window: the data window, a larger one, a smaller one, one that is only in part the same. */
+  /* Display windows: equal to the data window, larger, smaller, and partly overlapping. */
   static const int shifts[4][4] = {{0, 0, 0, 0}, {-2, -1, 3, 1}, {1, 1, -1, -1}, {-3, 1, -1, 2}};
   const int *const shift = shifts[width > 2 && height > 2 ? kind % 4 : kind % 2];
   exr_context_t context;

@@ -8,9 +8,8 @@
 
 typedef enum picture_format { PICTURE_PNG, PICTURE_JPEG, PICTURE_EXR } picture_format;
 
-/* Makes the file of kind `kind` (0, 1, ...) with this number of pixels, and a name that tells its contents, ".png",
- * ".jpg" or
- * ".exr" at its end. Returns 0, and makes none, if there are no more kinds. Stops the program on errors. */
+/* Makes the file of kind `kind` (0, 1, ...) with the given size, and a name that describes its contents and ends in
+ * ".png", ".jpg" or ".exr". Returns 0 without a file if there are no more kinds. Stops the program on errors. */
 int picture_file(picture_format format, int kind, int width, int height, file_bytes *out, char name[96]);
 
 #endif

@@ -381,8 +381,8 @@ static pags_result write_sweep(const raw_kitti *s, int64_t frame, const char *fo
   return result;
 }
 
-/* Writes pictures and sweeps; the formats turn the number of a frame into the path of a picture (with a camera
- * before) and of a sweep. */
+/* Writes pictures and sweeps. The formats turn a frame's number into the path of a sweep, and a camera and a frame
+ * into that of a picture. */
 static pags_result write_frames(const raw_kitti *s, const char *folder, bool raw) {
   char name[128];
   for (int64_t frame = 0; frame < pags_dataset_sweep_count(s->dataset); frame++) {

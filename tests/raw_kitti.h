@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes KITTI's own files from a driving set, for the importer to read back: the directory tree of the tracking
- * benchmark, and that of a raw recording.
+/* Writes KITTI's files from a driving set, for the importer to read: the directory tree of the tracking benchmark,
+ * and that of a raw recording.
  *
- * The set's world axes become east, north, up. Its ego frame becomes the Velodyne's frame; the inertial unit is
- * placed behind it as in KITTI's car. KITTI's two cameras have the same orientation: image_02 is one camera of the
- * set, image_03 is `baseline` to its right and has another camera's pictures. */
+ * The set's world axes become east, north, up. Its ego frame becomes the Velodyne's frame; the inertial unit is placed
+ * behind it as in KITTI's car. KITTI's two cameras have the same orientation: image_02 is one camera of the set,
+ * image_03 is `baseline` to its right and has another camera's pictures. */
 #ifndef PAGS_TESTS_RAW_KITTI_H
 #define PAGS_TESTS_RAW_KITTI_H
 

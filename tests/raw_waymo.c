@@ -413,7 +413,7 @@ static Pags__Waymo__Label *label_of(source *s, const double ego[12], const char 
   return l;
 }
 
-/* Reads `count` numbers of element `index` of an array of arrays, however deep they are nested. */
+/* Reads `count` numbers of element `index` of an array of arrays, nested to any depth. */
 static void numbers_of(const pags_json_value *v, int *at, int count, double *out) {
   for (; v && *at < count; v = v->next)
     if (v->type == PAGS_JSON_NUMBER)
@@ -528,8 +528,8 @@ static Pags__Waymo__Frame *frame_of(source *s, int64_t t) {
   c->laser_calibrations = raw_waymo_alloc(s->w, 1, sizeof *c->laser_calibrations);
   f->images = raw_waymo_alloc(s->w, MOST_CAMERAS, sizeof *f->images);
   f->lasers = raw_waymo_alloc(s->w, 1, sizeof *f->lasers);
-  /* The cameras are written in reverse order, so that a reader that takes them by index instead of by name gets the
-   * wrong one. */
+  /* Cameras are written in reverse order, so that a reader that takes them by index instead of by name gets the
+   * wrong camera. */
   for (int i = s->camera_count - 1; i >= 0; i--) {
     add_camera(s, f, s->cameras[i]);
     f->images[f->n_images++] = image_of(s, t, s->cameras[i], ego);

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes Waymo segments for tests: TFRecord files of frames, with a CRC and a serialiser of their own that share no
- * code with the reader. */
+/* Writes Waymo segments for tests: TFRecord files of frames. Their CRC and serialiser share no code with the reader. */
 #ifndef PAGS_TESTS_RAW_WAYMO_H
 #define PAGS_TESTS_RAW_WAYMO_H
 

@@ -9,7 +9,7 @@
 
 #include "port/port.h"
 
-/* Writes the path of `name` to `path` and returns 1 if that file or folder is there; else prints which is missing and
+/* Writes the path of `name` to `path` and returns 1 if that file or folder exists. Otherwise prints its name and
  * returns 0, and the test calls skip(). */
 static inline int pags_shared_data(const char *name, char *path, size_t size) {
   const char *folder = getenv("PAGS_SHARED_DATA");

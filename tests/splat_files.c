@@ -120,7 +120,7 @@ static void put_number(file_bytes *out, const char *format, int is_double, float
   uint8_t bytes[8];
   int size = is_double ? 8 : 4;
   memcpy(bytes, is_double ? (const void *)&wide : (const void *)&value, (size_t)size);
-  /* The machine that runs this is little-endian itself. */
+  /* The test runs only on little-endian machines. */
   for (int i = 0; i < size; i++)
     bytes_u8(out, bytes[format[7] == 'b' ? size - 1 - i : i]);
 }

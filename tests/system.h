@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What tests ask of the operating system, over port/port.h: a folder for their files and names of special places. */
+/* Functions of the operating system for tests, in addition to port/port.h: a folder for their files and names of
+ * special places. */
 #ifndef PAGS_TESTS_SYSTEM_H
 #define PAGS_TESTS_SYSTEM_H
 
@@ -13,7 +14,7 @@
 
 #ifdef _WIN32
 #define SYSTEM_NULL_DEVICE "NUL"
-#define SYSTEM_NO_PLACE "NUL/no/such/place" /* no folder can be made there, whoever tries */
+#define SYSTEM_NO_PLACE "NUL/no/such/place" /* nobody can make a folder there */
 #else
 #define SYSTEM_NULL_DEVICE "/dev/null"
 #define SYSTEM_NO_PLACE "/proc/no/such/place"
@@ -28,13 +29,13 @@ static inline const char *system_temporary(void) {
   return folder ? folder : "/tmp";
 }
 
-/* Temporary files of this process lie in memory where there is a file system for that, unless TMPDIR names a folder. */
+/* Puts this process's temporary files into a file system in memory if there is one, unless TMPDIR names a folder. */
 static inline void system_prefer_memory(void) {
   if (!getenv("TMPDIR") && pags_port_may_write("/dev/shm"))
     pags_port_set_environment("TMPDIR", "/dev/shm");
 }
 
-/* Creates a folder that wasn't there before, writes its path, separated by '/', and returns whether that worked. */
+/* Creates a new folder and writes its path, separated by '/'; returns whether that worked. */
 static inline bool system_make_scratch(char *path, size_t size) {
   for (int i = 0; i < 1000; i++) {
     const uint64_t random = ((uint64_t)pags_port_clock_ns() + (uint64_t)i) * UINT64_C(0x9E3779B97F4A7C15);

@@ -95,7 +95,7 @@ static void put16(file_bytes *out, unsigned value) {
   bytes_u8(out, value >> 8 & 255);
 }
 
-/* What a local header and an entry of the directory share. */
+/* Writes the fields that a local header and an entry of the directory have in common. */
 static void put_member(file_bytes *out, const file_bytes *packed, const file_bytes *plain, size_t name, int deflate) {
   put16(out, 20);
   put16(out, 0);

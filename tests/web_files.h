@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* SOG and glTF files, made without the library's readers and writers but for libwebp's wrapper. Functions abort if
- * memory runs out. */
+/* Makes SOG and glTF files without the library's readers and writers, except the wrapper of libwebp. Functions abort
+ * if memory runs out. */
 #ifndef PAGS_TESTS_WEB_FILES_H
 #define PAGS_TESTS_WEB_FILES_H
 
 #include "splat_files.h"
 
-/* A picture of `width` x `height` pixels whose channels are value(i, channel), losslessly. */
+/* A lossless picture of `width` x `height` pixels whose channels are value(i, channel). */
 file_bytes make_webp(int width, int height, uint8_t (*value)(int i, int channel));
 
-/* A SOG of 5 Gaussians in pictures of 4 x 4 pixels: files[0] is meta.json, the others are in the order of sog_names. Of
- * version 1 or 2, of SH degree 0 or 1; its pixels are those of sog_pixel. */
+/* A SOG of 5 Gaussians in pictures of 4 x 4 pixels, of version 1 or 2 and SH degree 0 or 1; sog_pixel gives its
+ * pixels. files[0] is meta.json, the others are in the order of sog_names. */
 enum { SOG_FILES = 8, SOG_COUNT = 5 };
 extern const char *const sog_names[SOG_FILES];
 void make_sog(int version, int sh_degree, file_bytes files[SOG_FILES]);

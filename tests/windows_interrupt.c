@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* windows_interrupt WHEN PROGRAM [ARGUMENT...]: starts the program, presses Ctrl-C in its console and returns its exit
- * code; 125: it had ended before, 126: it couldn't be started or has no console. WHEN is a number of seconds, or the
- * path of a file: once that is there. */
+/* windows_interrupt WHEN PROGRAM [ARGUMENT...]: starts the program, presses Ctrl-C in its console and returns its
+ * exit code. 125: the program ended before; 126: it couldn't be started or has no console. WHEN is a number of seconds,
+ * or the path of a file for which to wait. */
 #define WIN32_LEAN_AND_MEAN
 #include <windows.h>
 
@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <wchar.h>
 
-/* The rest of the command line after two words; words in quotes may have blanks. */
+/* Returns the rest of the command line after two words; words in quotes may contain blanks. */
 static wchar_t *skip_two_words(wchar_t *at) {
   for (int word = 0; word < 2; word++) {
     int quoted = 0;
@@ -22,7 +22,7 @@ static wchar_t *skip_two_words(wchar_t *at) {
   return at;
 }
 
-/* Waits for the time to press; false if the program ends before. */
+/* Waits for the time to press Ctrl-C; returns false if the program ends before. */
 static bool wait_for(const char *when, HANDLE program) {
   char *end;
   const double seconds = strtod(when, &end);
@@ -43,14 +43,14 @@ int main(int argc, char **argv) {
     return 2;
   }
   if (!GetConsoleCP())
-    AllocConsole(); /* the event goes to programs of the same console */
+    AllocConsole(); /* Ctrl-C goes to all programs of the same console */
   if (!CreateProcessW(NULL, skip_two_words(GetCommandLineW()), NULL, NULL, TRUE, 0, NULL, NULL, &startup, &process)) {
     fprintf(stderr, "%s: can't start %s (error %lu)\n", argv[0], argv[2], GetLastError());
     return 126;
   }
   if (!wait_for(argv[1], process.hProcess))
     return 125;
-  SetConsoleCtrlHandler(NULL, TRUE); /* all programs of the console get it, this one, too */
+  SetConsoleCtrlHandler(NULL, TRUE); /* all programs of the console get Ctrl-C, including this one */
   if (!GenerateConsoleCtrlEvent(CTRL_C_EVENT, 0)) {
     fprintf(stderr, "%s: can't send Ctrl-C (error %lu)\n", argv[0], GetLastError());
     TerminateProcess(process.hProcess, 126);

@@ -297,7 +297,7 @@ static void put_number(dice *d, input *in) {
   const size_t width = (size_t)1 << draw(d, 4);
   if (in->size >= width)
     memcpy(in->bytes + draw(d, in->size - width + 1), &number,
-           width); /* on little-endian machines, the only ones that run this */
+           width); /* the test runs only on little-endian machines */
 }
 
 static void remove_range(dice *d, input *in) {
@@ -367,7 +367,7 @@ static void edit_number(dice *d, input *in) {
     splice(in, at, end - at, number, strlen(number));
 }
 
-/* Replaces the end by that of another seed. */
+/* Replaces the end of an input by the end of another seed. */
 static void cross(dice *d, input *in) {
   const int other = (int)draw(d, (size_t)seed_count);
   const size_t from = draw(d, seeds[other].size), at = draw(d, in->size);

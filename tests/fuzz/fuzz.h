@@ -19,13 +19,14 @@
 typedef struct fuzz_target {
   const char *name;
   void (*seeds)(void); /* passes its valid files to fuzz_seed */
-  /* Returns 1 if the input was accepted, 0 if refused; `data` has no byte beyond `size`. */
+  /* Returns 1 if the input was accepted, 0 if refused. `data` has no bytes beyond `size`. */
   int (*run)(const uint8_t *data, size_t size);
-  /* Corrects checksums in place after a mutation, so that mutations get past them; returns the size, at most
-   * `capacity`. NULL: the format has none. Sometimes it isn't called, so that wrong checksums are tried as well. */
+  /* Corrects checksums in place after a mutation, so that mutations aren't refused because of them; returns the
+   * size, at most `capacity`. NULL: the format has no checksums. It is left out for some inputs, to try wrong checksums
+   * as well. */
   size_t (*mend)(uint8_t *data, size_t size, size_t capacity);
   const char *const *words; /* keywords of the format, NULL last; NULL: none */
-  /* Bytes that the reader may have allocated at once: memory + times * size. 0: 1 MiB, 64 */
+  /* Limit of one allocation by the reader in bytes: memory + times * size. Defaults for 0: 1 MiB and 64. */
   size_t memory, times;
   /* 1: nested parts begin with their lengths, so that seven of eight mutations of the smoke run keep the size. */
   int nested;
@@ -58,11 +59,11 @@ void fuzz_parts_free(int count, fuzz_part *parts);
 const char *fuzz_file(const char *name, const void *bytes, size_t size);
 const char *fuzz_folder(void);
 
-/* A refusal must have a message: stops the program unless there is one that begins with `name` or contains it. */
+/* Checks a refusal: stops the program unless its message begins with `name` or contains it. */
 void fuzz_refused(pags_result result, const char *name);
 
-/* What a target of Gaussians returns: checks the guarantees that a reader gives for what it accepted, and destroys it,
- * or those of a refusal. */
+/* Handles the result of a target that reads Gaussians: checks the reader's guarantees for an accepted file, or the
+ * message of a refusal, and destroys the Gaussians. */
 int fuzz_gaussians(pags_result result, pags_gaussians *g, const char *name);
 
 __attribute__((noreturn)) void fuzz_stop(const char *file, int line, const char *what);

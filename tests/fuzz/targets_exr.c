@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fuzz targets of what an EXR file says of its picture, and of the colour spaces of pictures. The first writes a file
- * of the windows and channels that its input names, with samples that are known, so that every pixel can be checked. */
+/* Fuzz targets of the windows and channels of EXR files and of pictures' colour spaces. The first target writes a
+ * file with the windows and channels that its input describes and with known samples, so that every pixel can be
+ * checked. */
 #include "fuzz/fuzz.h"
 
 #include <math.h>
@@ -14,11 +15,11 @@
 
 /* ---- Windows ---- */
 
-/* A file as its input describes it. */
+/* A file, as the input describes it. */
 typedef struct window_file {
   pags_window_box data, shown;
   int channels; /* 1: Y, 3: RGB, 4: RGBA */
-  bool parts;   /* depth comes in a part of its own before the colours */
+  bool parts;   /* the depth is in a separate part before the colours */
   bool layer;   /* the colours belong to one of two layers */
 } window_file;
 
@@ -53,7 +54,7 @@ static void put_window(file_bytes *out, const char *name, const pags_window_box 
   bytes_u32(out, (uint32_t)(box->bottom - 1));
 }
 
-/* The header of a part whose channels are named so, in alphabetical order. */
+/* Writes the header of a part with channels of these names, in alphabetical order. */
 static void put_header(file_bytes *out, const window_file *file, const char *part, const char *const *names,
                        int count) {
   size_t size = 1;
@@ -98,7 +99,7 @@ static float sample_at(int64_t x, int64_t y, int c) {
   return (float)(mixed >> 8) * 0x1p-20f - 3;
 }
 
-/* The channels in a part, and which of the picture's each is; -1: none. */
+/* The channels in a part, and the picture's channel that each holds; -1: none. */
 typedef struct channel_set {
   const char *names[8];
   int of[8];
@@ -233,7 +234,7 @@ static int run_layers(const uint8_t *data, size_t size) {
     const bool number = *at == '#';
     if (*at == '|') {
       part = at + 1;
-      part_index += part_index < 0 && count > 0 ? 2 : 1; /* what came before is a part, too */
+      part_index += part_index < 0 && count > 0 ? 2 : 1; /* the channels before are a part as well */
       index = 0;
     } else if (at[number]) {
       channels[count++] = (pags_layer_channel){at + number, part, part_index > 0 ? part_index : 0, index++, number};

@@ -84,7 +84,7 @@ static pags_result read_times(const char *path) {
   double *seconds;
   PAGS_TRY(pags_kitti_times_read(path, &count, &seconds));
   for (int64_t i = 0; i < count; i++)
-    FUZZ_CHECK(!isinf(seconds[i])); /* a time that was lost is NaN */
+    FUZZ_CHECK(!isinf(seconds[i])); /* a missing time is NaN */
   free(seconds);
   return PAGS_OK;
 }

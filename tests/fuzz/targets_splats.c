@@ -84,8 +84,8 @@ static int run_spz(const uint8_t *data, size_t size) {
   return fuzz_gaussians(pags_splat_run(pags_spz_decode, "a.spz", data, size, &g, &facts), &g, "a.spz");
 }
 
-/* Appends the records of a coordinate system and of a scene behind the attributes, where versions 2 and 3 have them;
- * version 4 has one of its own. */
+/* Appends the records of a coordinate system and of a scene after the attributes, where versions 2 and 3 have them;
+ * version 4 has a separate record. */
 static void add_records(spz_parts *parts) {
   static const uint32_t words[12] = {0xADBE0003, 4, 6, 0x50470001, 28, 1, 0, 0x411E8480, 0, 0, 0, 0};
   parts->flags = 2;
@@ -161,7 +161,7 @@ static void seed_packed(void) {
     pags_packed head = {.background = {0.5f, 0, 1}};
     sample_gaussians(&g, degree ? 70 : 3, degree, 2);
     FUZZ_CHECK(pags_gaussians_add_s_sem(&g) == PAGS_OK);
-    pags_plane(&g, PAGS_MEAN)[1] = 1e9f; /* one that is stored whole */
+    pags_plane(&g, PAGS_MEAN)[1] = 1e9f; /* a Gaussian that is stored whole */
     const char *const path = fuzz_file("seed.pagsz", "", 0);
     fuzz_seed_saved(pags_packed_export(path, &g, &head), path);
     pags_gaussians_destroy(&g);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fuzz targets of what comes from pages of pags view: their messages, and the headers by which they are let in. */
+/* Fuzz targets of the input that pages of pags view send: messages, and the headers by which a page is admitted. */
 #include "fuzz/fuzz.h"
 
 #include <math.h>
@@ -50,8 +50,8 @@ static const fuzz_target request = {
 
 /* ---- Headers ---- */
 
-/* The input is a Host, an Origin, a token and a Cookie. It is accepted if the token or the cookie is, which must be the
- * gate's own to the byte. */
+/* The input is a Host, an Origin, a token and a Cookie. It is accepted if the token or the cookie equals the gate's
+ * token in every byte. */
 static int run_gate(const uint8_t *data, size_t size) {
   enum { PARTS = 4 };
   static const unsigned char bytes[PAGS_ACCESS_TOKEN_BYTES] = {1, 35, 69, 103, 137, 171, 205, 239};

@@ -19,7 +19,7 @@ static int run_sog(const uint8_t *data, size_t size) {
   for (int k = 1; k < SOG_FILES; k++)
     fuzz_file(sog_names[k], parts[k].bytes, parts[k].size);
   const char *const path = fuzz_file("meta.json", parts[0].bytes ? parts[0].bytes : (const uint8_t *)"", parts[0].size);
-  /* A refusal names meta.json or, where a picture is no picture at all, that file. */
+  /* A refusal names meta.json, or the file of a damaged picture. */
   const int accepted = fuzz_gaussians(pags_splat_load(path, &g, NULL, NULL), &g, fuzz_folder());
   fuzz_parts_free(SOG_FILES, parts);
   return accepted;
@@ -126,7 +126,7 @@ static const char *const gltf_words[] = {"\"translation\": [",
                                          "\"byteStride\": 0",
                                          "null",
                                          NULL};
-/* A node takes few bytes of the file and can place the same Gaussians again. */
+/* A node takes few bytes of the file and can show the same Gaussians again. */
 static const fuzz_target gltf = {
     .name = "gltf", .seeds = seed_gltf, .run = run_gltf, .words = gltf_words, .memory = 16u << 20, .times = 4096};
 

@@ -86,13 +86,13 @@ static void check_single_splat(const double mean[3], double sigma, double opacit
   reference_part_destroy(&part);
 }
 
-/* Case 20 of docs/lab/numerics.md: an error of half a pixel, of an axis or of a factor of two shows here. */
+/* Case 20 of docs/lab/numerics.md: this test finds errors of half a pixel, of an axis or of a factor of two. */
 static void test_single_splat(void **state) {
   (void)state;
   check_single_splat((const double[3]){0, 0, 2}, 0.125, 0.8);
   check_single_splat((const double[3]){0.25, -0.125, 1.5}, 0.0625, 0.95);
   check_single_splat((const double[3]){-0.5, 0.375, 2}, 0.25, 0.3);
-  check_single_splat((const double[3]){0.0078125, 0.01, 1}, 1e-5, 0.6); /* size given by the low-pass filter */
+  check_single_splat((const double[3]){0.0078125, 0.01, 1}, 1e-5, 0.6); /* the low-pass filter sets the size */
   check_single_splat((const double[3]){0, 0, 4}, 0.5, 0.999);           /* alpha is capped */
 }
 
@@ -231,8 +231,8 @@ static void test_parts_far_from_zero(void **state) {
   reference_part_destroy(&parts[1]);
 }
 
-/* Scaled, stretched and mirrored poses, which bend covariances and the directions of colours, cut into clusters whose
- * bounds have to follow. */
+/* Scaled, stretched and mirrored poses change covariances and the directions of colours. The clusters' bounds must
+ * follow. */
 static void test_affine_poses(void **state) {
   (void)state;
   static const double stretches[3][3] = {{0.4, 0.4, 0.4}, {2, 0.7, 1.3}, {-1.5, 1.5, 1.5}};
@@ -247,7 +247,7 @@ static void test_affine_poses(void **state) {
     reference_random_pose(&random, 5, parts[p].world_from_model);
     for (int64_t i = 0; i < parts[p].count; i++)
       reference_random_gaussian(&random, &recipe, &camera, &options, &parts[p], i);
-    /* Stretched along the camera's axes, so that most of what was in view stays in view. */
+    /* Stretches along the camera's axes, so that most visible Gaussians stay visible. */
     const double *const s = stretches[p], stretch[12] = {s[0], 0, 0, 0, 0, s[1], 0, 0, 0, 0, s[2], 0};
     double local[12], back[12], *const m = parts[p].world_from_model;
     memcpy(local, camera.world_from_camera, sizeof local);
@@ -263,8 +263,8 @@ static void test_affine_poses(void **state) {
   for (int p = 0; p < 3; p++)
     reference_part_destroy(&parts[p]);
 
-  /* A Gaussian outside of the picture that reaches into it only by its pose: its cluster's sigma has to grow with it.
-   */
+  /* A Gaussian outside of the picture reaches into it because its pose enlarges it: the cluster's sigma must grow as
+   * well. */
   reference_part beside = single_splat((const double[3]){0.2, 0, 0.25}, 0.1, 0.9, (const double[3]){0.9, 0.4, 0.1});
   for (int k = 0; k < 3; k++)
     beside.world_from_model[5 * k] = 8;

@@ -162,7 +162,8 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
   for (int p = 0; p < part_count; p++) {
     parts[p] = reference_part_create(c->count / part_count, p == 2 ? 1 : 3);
     parts[p].first_id = p * (c->count / part_count);
-    parts[p].alpha_min = p == 1 && !options->antialiased ? (double)(4.0f / 255.0f) : 0; /* a part of another cut */
+    parts[p].alpha_min =
+        p == 1 && !options->antialiased ? (double)(4.0f / 255.0f) : 0; /* a part with another alpha cut */
     reference_random_pose(random, 4, parts[p].world_from_model);
     for (int64_t i = 0; i < parts[p].count; i++)
       reference_random_gaussian(random, &c->recipe, camera, options, &parts[p], i);
@@ -179,8 +180,8 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
   return reference_render(parts, part_count, camera, options);
 }
 
-/* Blocks of the sky that aren't marked as written have no gradient; a camera doesn't see all blocks, except of the
- * smallest maps of one or two blocks. */
+/* Blocks of the sky that aren't marked as written have no gradient. A camera doesn't see all blocks, except in maps
+ * of one or two blocks. */
 static void check_blocks(const frame_result *drawn) {
   int64_t marked = 0, blocks = (drawn->sky_floats / 3 + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK;
   for (int64_t k = 0; k < drawn->sky_floats; k++)
@@ -363,7 +364,8 @@ static void test_street(void **state) {
   run_case(&c, NULL);
   c.street = 400; /* texels much smaller than pixels */
   run_case(&c, NULL);
-  /* The smallest maps: all corners of a cell are one texel; then the smallest real cell. */
+  /* The smallest maps: first one with a single texel in all corners of a cell, then the smallest map with real
+   * cells. */
   for (c.street = 1, c.scenes = 5; c.street <= 2; c.street++)
     run_case(&c, NULL);
 }

@@ -51,7 +51,7 @@ static void destroy(pose_scene *s) {
   free(s->weights);
 }
 
-/* pose * exp(increment): rotation by Rodrigues' formula, not small. */
+/* Computes pose * exp(increment) by Rodrigues' formula, also for large rotations. */
 static void moved(const double pose[12], const double increment[6], double out[12]) {
   const double *w = increment, angle = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
   const double s = angle > 0 ? sin(angle) / angle : 1, c = angle > 0 ? (1 - cos(angle)) / (angle * angle) : 0.5;
@@ -153,8 +153,8 @@ static void check(uint64_t seed, int sh_degree) {
   destroy(&s);
 }
 
-/* The loss's change by a motion of the camera that is the inverse of exp(increment), about the origin that Gaussians
- * are relative to: that of the opposite motion of everything that it sees. Without a sky, which doesn't move. */
+/* Returns the loss's change by a motion of the camera, the inverse of exp(increment), about the origin to which
+ * Gaussians are relative. Everything that the camera sees moves the opposite way. Without a sky, which doesn't move. */
 static double camera_difference(pose_scene *s, int axis) {
   const double step = 1e-7;
   const pags_camera base = s->camera;
@@ -221,7 +221,7 @@ static void test_every_degree(void **state) {
   }
 }
 
-/* With separate constant terms in place of the Gaussians' own. */
+/* The parts have separate constant terms in place of the Gaussians'. */
 static void test_other_dc(void **state) {
   (void)state;
   other_dc = 1;

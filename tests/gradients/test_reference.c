@@ -289,7 +289,7 @@ static void check_texels(test_scene *scene) {
   int64_t seen = 0;
   for (int64_t k = 0; k < floats; k++) {
     const float texel = scene->sky.texels[k];
-    scene->sky.texels[k] = texel + 1.0f; /* float, which rounds */
+    scene->sky.texels[k] = texel + 1.0f; /* float rounds the sum */
     const double step = (double)scene->sky.texels[k] - (double)texel;
     reference_picture moved = scene_render(scene);
     assert_true(fabs(loss_difference(scene, &moved, &base) / step - gradient[k]) < 1e-10);
@@ -353,7 +353,7 @@ static void test_needles(void **state) {
     for (int plane = 0; plane < 11; plane++)
       part->planes[plane * n + i] = values[plane];
   }
-  /* Along a needle the quadratic form loses most digits to cancellation: the rounding requires a longer step. */
+  /* Along a needle the quadratic form loses most digits to cancellation, so rounding requires a longer step. */
   scene.step = 1e-3;
   reference_picture picture = scene_render(&scene);
   for (int64_t k = 0; k < n; k++) {

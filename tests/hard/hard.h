@@ -78,8 +78,8 @@ typedef struct hard_data_options {
 } hard_data_options;
 #define HARD_DATA_DEFAULT ((hard_data_options){.level = -1})
 
-/* Whether HARD_SHORT is set, as in the runs repeated for each instruction set: a case that takes long then prints
- * that it is left out, and returns. */
+/* Returns whether HARD_SHORT is set, as in the runs repeated for each instruction set: then a case that takes long
+ * prints that it is left out, and returns. */
 int hard_leaves_out(void);
 
 /* Set-up and tear-down of a group of tests that use data sets: makes and removes a scratch folder. */
@@ -101,7 +101,7 @@ pags_train_config hard_config(int64_t steps);
  * config->color.sh_degree). */
 pags_result hard_try(const pags_dataset *dataset, const char *name, const pags_train_config *config,
                      const pags_gaussians *start, int threads, pags_train_options options, pags_train_result *result);
-/* The same with two threads; asserts that it succeeds and that the scene is finite. */
+/* Like hard_try with two threads; asserts that training succeeds and that the scene is finite. */
 pags_train_result hard_train(const pags_dataset *dataset, const char *name, const pags_train_config *config,
                              const pags_gaussians *start);
 /* Asserts that every number of the scene in hard_path(name) is finite; returns its number of Gaussians. */

@@ -92,8 +92,8 @@ static void a_bad_row_stays_and_others_move(void **state) {
       }
 }
 
-/* A row that isn't finite adds nothing to the gradient of its object's pose, so that the sum over the other rows
- * stays finite. */
+/* A row that isn't finite adds nothing to the gradient of its object's pose; the sum over the other rows stays
+ * finite. */
 static void a_bad_row_moves_no_pose(void **state) {
   (void)state;
   pags_gaussians g;
@@ -240,8 +240,8 @@ static void too_much_fails(void **state) {
   assert_true(result.resumed && result.finished && result.bad_rows > 51);
 }
 
-/* Colours of 1e20 and 2e38 are finite, but the loss multiplies four of them, and the gradient of whatever covers them
- * grows as much. They are shaded as 1e6: every gradient stays finite and no row is left out. */
+/* Colours of 1e20 and 2e38 are finite, but the loss multiplies four of them, and the gradients of Gaussians in front
+ * grow as much. Such colours are shaded as 1e6, so that every gradient stays finite and no row is left out. */
 static void a_blinding_row(void **state) {
   (void)state;
   const pags_train_config config = hard_config(HARD_STEPS);

@@ -9,7 +9,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-enum { NO_LIMIT = 77 }; /* of the child: a limit was set and more was given */
+enum { NO_LIMIT = 77 }; /* exit code of the child: it got more memory than its limit */
 
 /* Rows that each cover all of 1024 tiles, more than 2^31 pairs in total, whose lists would take 32 GiB. Runs in
  * a child process limited to 1 GiB. */

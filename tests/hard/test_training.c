@@ -193,7 +193,7 @@ static void resets(void **state) {
   for (int k = 0; k < 2; k++) {
     char name[32], what[48];
     pags_train_config config = hard_config(HARD_STEPS);
-    config.density.reset_every = 3000; /* in a schedule of 30 000 steps: every 24 steps here */
+    config.density.reset_every = 3000; /* for a schedule of 30 000 steps: every 24 steps here */
     config.density.reset_opacity = levels[k];
     snprintf(name, sizeof name, "reset%d", k);
     snprintf(what, sizeof what, "opacities reset to %g", levels[k]);
@@ -206,7 +206,7 @@ static void resets(void **state) {
     assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
     assert_non_null(strstr(pags_error_message(), k ? "init_opacity" : "reset_opacity"));
   }
-  static const double cuts[] = {0.002, 0.1}; /* below 1/255; as much as the first Gaussians' opacity */
+  static const double cuts[] = {0.002, 0.1}; /* a cut below 1/255, and one equal to the first Gaussians' opacity */
   for (int k = 0; k < 2; k++) {
     pags_train_config config = hard_config(HARD_STEPS);
     config.picture.alpha_min = cuts[k];
@@ -215,7 +215,7 @@ static void resets(void **state) {
   }
 }
 
-/* Photographs of one level, all black and all white, of 16 bits. */
+/* Photographs of 16 bits that are all black or all white. */
 static void flat_photographs(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -243,7 +243,7 @@ static void one_view(void **state) {
 
 typedef struct absurd {
   const char *name;
-  double rate; /* of all parameters */
+  double rate; /* learning rate of all parameters */
   double beta2, epsilon;
   pags_strategy strategy;
   int densify;
@@ -303,7 +303,7 @@ static void rates_out_of_range(void **state) {
   assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
 }
 
-/* #26: values that aren't valid colours become valid ones where pictures are converted to integers. */
+/* #26: invalid colour values become valid when pictures are converted to integers. */
 static void pictures_of_no_colours(void **state) {
   (void)state;
   static const float values[6] = {NAN, INFINITY, -INFINITY, -1.0f, 2.0f, 1e30f};

@@ -174,7 +174,7 @@ static double seconds(void) {
   return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-/* Measures batches of at least 2 ms; the fastest of 20 counts, as other work on the machine only ever adds time. */
+/* Measures batches of at least 2 ms. The fastest of 20 counts, since other work on the machine only adds time. */
 bool check_timed(check_timer *t, const char *what, double items, const char *unit) {
   if (!state.bench || !state.at_end)
     return false;

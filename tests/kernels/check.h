@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The test driver of the kernel tests, after dav1d's checkasm: a main that runs each case on each kernel table that
- * this machine can run (whatever PAGS_CPU says), reproducible random numbers, buffers that catch stray reads and
- * writes, float comparison and a benchmark of the very calls that were tested.
+/* The test driver of the kernel tests, after dav1d's checkasm: its main runs each case on each kernel table that
+ * this machine can run (whatever PAGS_CPU is). It offers reproducible random numbers, buffers that catch stray reads
+ * and writes, float comparison, and a benchmark of the tested calls.
  *
  *   test_x [NAME...] [--cpu NAME] [--seed N] [--bench]     NAME: part of a case's name */
 #ifndef PAGS_TESTS_CHECK_H

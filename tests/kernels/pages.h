@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pages of memory that can be shut, and what a touch of a shut page prints. */
+/* Pages of memory that can be made inaccessible, and the message of an access to such a page. */
 #ifndef PAGS_TESTS_KERNELS_PAGES_H
 #define PAGS_TESTS_KERNELS_PAGES_H
 

@@ -28,7 +28,7 @@ typedef enum row_kind { ROWS_ORDINARY, ROWS_NEEDLES, ROWS_AWKWARD } row_kind;
 pags_projection view_random(int sh_degree, bool antialiased);
 /* A view in which z is camera z and x, y are the model's: for rows at exact depths. */
 pags_projection view_straight(int sh_degree);
-/* How the view may move under a rolling shutter: up to a metre and a tenth of a radian in a read-out. */
+/* Returns a random motion of the view during a rolling shutter's read-out: up to 1 m and 0.1 radians. */
 pags_scan scan_random(const pags_projection *view);
 
 /* Ordinary rows lie in and around the picture with ratios of axes up to 1:20. One in three of the awkward rows is

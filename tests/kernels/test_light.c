@@ -10,8 +10,8 @@ enum { PIECES = PAGS_LIGHT_BENDS, WIDEST = 960 };
 
 typedef struct row_case {
   pags_light_row row;
-  double keyframes[4];  /* of the vignette: the factor at q = k/3 */
-  double rises[PIECES]; /* of the curve's pieces */
+  double keyframes[4];  /* the vignette's factors at q = k/3 */
+  double rises[PIECES]; /* the rises of the curve's pieces */
   float *by_shown[3];
   int padded; /* pixels up to the end of the last SIMD lane */
 } row_case;
@@ -55,7 +55,7 @@ static row_case make_case(int width) {
   return c;
 }
 
-/* The curve at u; *piece: which one, -1 outside of 0..1; *share: how far along it. */
+/* The curve at u. *piece: index of its piece, -1 outside of 0..1; *share: position within the piece. */
 static double curve(const row_case *c, double u, int *piece, double *share) {
   double f = 0.0;
   *piece = -1;

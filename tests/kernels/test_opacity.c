@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { CHOSEN = 5, UNKNOWN = 64 }; /* masks of two labels and of one */
+enum { CHOSEN = 5, UNKNOWN = 64 }; /* label masks, one with two labels and one with a single label */
 
 typedef struct row_case {
   pags_opacity_row row;

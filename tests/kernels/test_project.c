@@ -156,7 +156,7 @@ static void test_factor(const pags_kernels *k) {
   CHECK(taken > 100 && kept > 200);
 }
 
-/* With its tiles found on the way, a splat and its box have the bits that tile_boxes gives them afterwards. */
+/* A splat and its box have the same bits if projection finds the tiles as if tile_boxes finds them afterwards. */
 static void test_tiles(const pags_kernels *k) {
   int large = 0, few = 0;
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
@@ -214,7 +214,7 @@ static void test_edges(const pags_kernels *k) {
   }
 }
 
-/* Planes in camera space take away what is behind one of them, and nothing else changes. */
+/* Clipping planes in camera space remove the rows behind one of them and change nothing else. */
 static void test_clips(const pags_kernels *k) {
   int tally[3] = {0, 0, 0}, clipped = 0;
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
@@ -239,8 +239,8 @@ static void test_clips(const pags_kernels *k) {
   CHECK(clipped > 100 && tally[1] > 50);
 }
 
-/* With a rolling shutter: the scalar kernel's bits on every machine, rows that aren't usable aren't drawn. Their values
- * are compared with the oracle's in tests/unit/frame/test_shutter.c. */
+/* With a rolling shutter every machine gives the scalar kernel's bits, and unusable rows aren't drawn.
+ * tests/unit/frame/test_shutter.c compares the values with the oracle's. */
 static void test_rolling(const pags_kernels *k) {
   int drawn = 0, moved = 0, held = 0;
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)

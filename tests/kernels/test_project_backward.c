@@ -19,7 +19,7 @@ typedef struct frame {
   bool *poisoned; /* whether a slot of this row holds a NaN or infinity that must matter */
 } frame;
 
-static const pags_scan *scan; /* that of the frames which are made; NULL: they have a global shutter */
+static const pags_scan *scan; /* motion under a rolling shutter of the frames that are made; NULL: global shutter */
 
 static frame make_frame(const pags_kernels *k, int count, row_kind kind, int degree, bool antialiased, bool poison) {
   frame f = {.view = view_random(degree, antialiased)};
@@ -246,8 +246,8 @@ static void test_poison(const pags_kernels *k) {
   check_kind(k, ROWS_ORDINARY, true);
 }
 
-/* With a rolling shutter: the scalar kernel's bits on every machine. The values are compared with differences of the
- * oracle in tests/unit/frame/test_shutter.c. */
+/* With a rolling shutter every machine gives the scalar kernel's bits. tests/unit/frame/test_shutter.c compares the
+ * values with differences of the oracle. */
 static void test_rolling(const pags_kernels *k) {
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
     for (int kind = ROWS_ORDINARY; kind <= ROWS_AWKWARD; kind++) {

@@ -212,7 +212,7 @@ static picture blend_plainly(const scene *s, bool fused) {
 
 /* Returns how many pixels are opaque since no more than s->eps would come through. */
 static int check_plainly(const pags_kernels *k, const scene *s, int degree) {
-  /* A stop at eps = 1/255 in one of the two only is worth no more than 1/255. */
+  /* If only one of the two computations stops at eps = 1/255, the difference is at most 1/255. */
   const double close = degree >= 5 ? 4e-6 : 1.5e-4, flips = 0.004, size = 0.012;
   const picture got = blend(k, s, degree, true, true), want = blend_plainly(s, splat_fused(k));
   crop_all(s, &got);
@@ -385,7 +385,7 @@ static void test_variants(const pags_kernels *k) {
   }
 }
 
-/* Inserted splats that reach no pixel, which move the others to other places and chunks of the list, don't change the
+/* Inserted splats that reach no pixel move the others to other places and chunks of the list, and don't change the
  * picture. */
 static void test_strangers(const pags_kernels *k) {
   for (int round = 0; round < 12; round++) {

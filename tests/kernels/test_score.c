@@ -9,7 +9,7 @@
 
 typedef enum choice { SEEN, OVERLAP, LOSS, CHOICES } choice;
 
-/* A tile whose colour gradients are normally distributed; a pixel counts 1 or 1/4, and is critical by 1 or 0. */
+/* A tile whose colour gradients are normally distributed; a pixel's weight is 1 or 1/4, and its criticality 1 or 0. */
 static tile make_tile(int64_t count, const splat_mix *mix, bool border) {
   tile t = tile_make(count, mix, border);
   for (int i = 0; i < TILE_PLANE; i++)

@@ -46,7 +46,7 @@ static void test_other_dc(const pags_kernels *k) {
     }
 }
 
-/* Only the colour of a splat may change, and nothing of a splat that isn't drawn. */
+/* Only the colour of a splat may change; a splat that isn't drawn may not change at all. */
 static void check_untouched(const pags_splat *s, bool drawn) {
   pags_splat want;
   memset(&want, 0xA5, sizeof want);
@@ -94,7 +94,7 @@ static void check_kind(const pags_kernels *k, row_kind kind) {
           if (plain.drawn && position < 1e15) /* beyond 1e15 the squared distance overflows */
             check_colour(got + i, row, &plain, r.planes, i), checked++;
         }
-        if (drawn) /* whatever the coefficients are, the colours are finite and in range */
+        if (drawn) /* colours are finite and in range for any coefficients */
           CHECK(got[i].r >= 0.0f && got[i].r <= PAGS_COLOUR_MAX && got[i].g >= 0.0f && got[i].g <= PAGS_COLOUR_MAX &&
                 got[i].b >= 0.0f && got[i].b <= PAGS_COLOUR_MAX);
       }

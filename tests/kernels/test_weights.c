@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The kernel of the splats' weights: each ISA against a direct loop in double, and a list walked in runs against one
- * that is walked at once. */
+/* The kernel of the splats' weights: each ISA compared with a direct loop in double, and a list read in runs
+ * compared with a list read at once. */
 #include "check.h"
 #include "tile.h"
 
@@ -14,7 +14,7 @@ typedef struct weights {
   uint16_t *blended;
 } weights;
 
-/* Walks the tile's list in runs of at most `run` entries. */
+/* Reads the tile's list in runs of at most `run` entries. */
 static weights walk(const pags_kernels *k, const tile *t, int64_t run, int degree) {
   const weights w = {CHECK_NEW(float, t->count *PIXELS), CHECK_NEW(float, PIXELS), CHECK_NEW(uint16_t, t->count)};
   for (int64_t i = 0; i < t->count; i += run) {
@@ -36,7 +36,7 @@ static weights walk(const pags_kernels *k, const tile *t, int64_t run, int degre
   return w;
 }
 
-/* Where pixel p of the kernel's order lies in the planes of the tile. */
+/* Returns the position in the tile's planes of pixel p in the kernel's order. */
 static int place_of(int p) {
   return (4 * (p >> 6) + (p >> 2 & 3)) * TILE_STRIDE + 4 * (p >> 4 & 3) + (p & 3);
 }
@@ -75,7 +75,7 @@ static void test_plainly(const pags_kernels *k) {
       expect(&t, px, py, splat_fused(k), want);
       for (int64_t e = 0; e < t.count; e++)
         have[e] = got.blended[e] >> (p / 16) & 1 ? got.weights[e * PIXELS + p] : 0.0f;
-      /* A threshold that rounding decides otherwise may switch a term on or off. */
+      /* Where rounding decides a threshold differently, a term may appear or disappear. */
       CHECK_NEAR("weights", have, want, t.count, .relative = 5e-5, .absolute = 1e-6, .flips = 0.05, .flip_size = 0.02);
       CHECK_NEAR("transmittance", &(float){fabsf(got.transmittance[p])}, t.plane[3] + place_of(p), 1, .absolute = 0);
     }

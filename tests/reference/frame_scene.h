@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Runs the engine's frame on the oracle's data: the same Gaussians as float parts; pictures and gradients are
+/* Runs the engine's frame on the oracle's data, with the same Gaussians in float. Pictures and gradients are
  * returned without padding. An error of the engine fails the running cmocka test. */
 #ifndef PAGS_TESTS_FRAME_SCENE_H
 #define PAGS_TESTS_FRAME_SCENE_H
@@ -15,10 +15,10 @@ typedef struct frame_scene {
   pags_clusters clusters[FRAME_SCENE_PARTS];
   int32_t *id[FRAME_SCENE_PARTS];     /* NULL: ids are first_id + row */
   int64_t *source[FRAME_SCENE_PARTS]; /* row of the reference part that each row came from */
-  /* Constant SH terms, where the reference part has its own: NaN until the cluster is touched, then `dc_values`. */
+  /* Constant SH terms, if the reference part has separate ones: NaN until the cluster is touched, then `dc_values`. */
   float *dc[FRAME_SCENE_PARTS];
   float *dc_values[FRAME_SCENE_PARTS];
-  float *factor[FRAME_SCENE_PARTS]; /* opacity factors, where the reference part has them */
+  float *factor[FRAME_SCENE_PARTS]; /* opacity factors, if the reference part has them */
   float sky_cut;                    /* sky_cut of the backward pass */
 } frame_scene;
 

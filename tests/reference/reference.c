@@ -64,7 +64,7 @@ reference_view reference_view_of(const reference_part *part, const pags_camera *
     offset[k] = m[4 * k + 3] - (c[4 * k + 3] - options->origin[k]);
   for (int row = 0; row < 3; row++) {
     view.translation[row] = view.position[row] = 0;
-    /* A row of the inverse of the pose: the cross product of two of its columns by the determinant. */
+    /* A row of the pose's inverse: the cross product of two columns divided by the determinant. */
     double inverse[3], determinant = 0;
     for (int k = 0; k < 3; k++) {
       const int a = (k + 1) % 3, b = (k + 2) % 3, next = (row + 1) % 3, last = (row + 2) % 3;
@@ -450,8 +450,8 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   hash_in(&picture->decisions, (uint64_t)pixel << 32 ^ (uint64_t)gaussian << 1 ^ (raw > picture->limits.alpha_cap));
 }
 
-/* Blends a Gaussian into the pixels of its ellipse's box; outside of it alpha is below its least. One more pixel on
- * each side is visited, as it may lie close to the threshold. */
+/* Blends a Gaussian into the pixels of its ellipse's box; outside of the box alpha is below the least alpha. One
+ * more pixel on each side is visited, as it may lie close to the threshold. */
 static void blend_box(reference_picture *picture, int64_t *capacity, pixel_state *states, int64_t gaussian) {
   const reference_splat *splat = &picture->splats[gaussian];
   double reach = fmax(0, 2 * log(splat->opacity / splat->least));
@@ -466,7 +466,7 @@ static void blend_box(reference_picture *picture, int64_t *capacity, pixel_state
       int32_t pixel = (int32_t)(y * picture->width + x);
       if (!states[pixel].stopped)
         blend(picture, capacity, &states[pixel], pixel, gaussian, 0);
-      /* On the other side of the seam once more. */
+      /* The Gaussian is also drawn on the other side of the seam. */
       if (picture->turn > 0 && !states[pixel].stopped)
         blend(picture, capacity, &states[pixel], pixel, gaussian,
               splat->mean2d[0] > picture->middle ? -picture->turn : picture->turn);

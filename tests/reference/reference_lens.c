@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The oracle's lenses: the formulas of pags/lens.h by angles, derivatives by differences, directions by Newton's method
- * in the plane in which angles from the axis are distances. */
+/* The oracle's lenses: the formulas of pags/lens.h by angles, and derivatives by differences. Directions are found
+ * by Newton's method in a plane whose distances are the angles from the axis. */
 #include "reference/reference.h"
 
 #include <math.h>
@@ -142,8 +142,8 @@ static int find_ray(const pags_camera *c, double x, double y, double v[3]) {
   return sqrt(w[0] * w[0] + w[1] * w[1]) <= widest;
 }
 
-/* The directions of the pixels' centres of the last camera are remembered, since each render of a test asks for them.
- * Not for several threads. */
+/* The directions of the last camera's pixel centres are stored, since each render of a test needs them. Only for one
+ * thread. */
 int reference_lens_ray(const pags_camera *c, double x, double y, double v[3]) {
   static pags_camera last;
   static double *rays; /* three each, and whether it is seen */

@@ -94,7 +94,7 @@ static double ray_distance(const ray_splat *r, const double ray[3]) {
 typedef struct ray_picture {
   double *rgb, *transmittance;
   uint8_t *stopped;
-  double *rays; /* of each pixel; 0, 0, 0: nothing is seen there */
+  double *rays; /* directions of each pixel; 0, 0, 0: the pixel sees nothing */
 } ray_picture;
 
 static void blend_ray(const reference_picture *from, const reference_splat *splat, double distance, int64_t pixel,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The oracle's rolling shutter: poses at a time by Rodrigues' formula, the time of the line on which a mean is seen by
- * bisection, its velocity from the derivatives of the poses. */
+/* The oracle's rolling shutter: poses at a time by Rodrigues' formula, the read-out time of the line that shows a
+ * mean by bisection, and the mean's velocity from the derivatives of the poses. */
 #include "reference/reference.h"
 
 #include <math.h>
@@ -94,7 +94,8 @@ static passing pass(const reference_part *part, int64_t i, const pags_camera *ca
 
 reference_line reference_find_line(const reference_part *part, int64_t i, const pags_camera *camera,
                                    const pags_frame_options *options) {
-  const double most = fabs(camera->shutter.across + camera->shutter.down); /* half a read-out beyond either edge */
+  const double most =
+      fabs(camera->shutter.across + camera->shutter.down); /* half a read-out beyond either edge of the picture */
   const double s[2] = {camera->shutter.across / camera->width, camera->shutter.down / camera->height};
   double lo = -most, hi = most;
   if (pass(part, i, camera, options, hi).read >= hi)

@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* check_scaling: holds the predictions of pags-bench scaling against the clock, where truth can be had: frames of a
- * random scene on two threads, and the same slowed on purpose, by a block of known length that is made serial and by
- * one that is made four times as long. The slow blocks are added to the record of one thread by arithmetic; they are
- * not recorded. Needs a quiet machine with two cores or more, hence no part of make check (make check-scaling). Fails
- * where the measured median lies more than 5 % outside of the predicted range, and where the range is so wide, on a
- * machine that isn't quiet, that it says nothing. */
+/* check_scaling: compares the predictions of pags-bench scaling with measured times. It draws frames of a random
+ * scene on two threads, as they are and slowed on purpose: by a serial block of known length, and by a block that is
+ * made four times as long. The slow blocks are added to the record of one thread by arithmetic. Needs a quiet machine
+ * with at least two cores, so it isn't part of make check (make check-scaling). Fails if the measured median lies more
+ * than 5 % outside of the predicted range, or if the range is too wide to be useful because the machine is busy. */
 #include <math.h>
 #include <pags/clusters.h>
 #include <pags/frame.h>
@@ -15,7 +14,7 @@
 #include "port/port.h"
 
 enum { GAUSSIANS = 30000, WIDTH = 960, HEIGHT = 540, ROUNDS = 41, BLOCKS = 8 };
-static const int64_t block_ns = 8000000; /* long compared with a frame, so that one more or less is visible */
+static const int64_t block_ns = 8000000; /* long compared with a frame, so that one block more or less is visible */
 
 typedef enum way { PLAIN, SERIAL_BLOCK, LONG_BLOCK, WAYS } way;
 static const char *const way_names[WAYS] = {"frames", "a block made serial", "a block four times as long"};
@@ -91,7 +90,7 @@ static void run(const check *c, pags_tasks *tasks, pags_frame *frame, bool with_
     pags_parallel_for(tasks, c->way == SERIAL_BLOCK ? BLOCKS - 1 : BLOCKS, 1, slow_block, (void *)c);
 }
 
-/* Adds to a record of a frame what `run` does after it. */
+/* Adds the time of the blocks that `run` draws after a frame to the frame's record. */
 static void slow_down(const check *c, pags_record *r, pags_event events[], int64_t *ns) {
   const int blocks = c->way == SERIAL_BLOCK ? BLOCKS - 1 : BLOCKS;
   memcpy(events, r->events, (size_t)r->count * sizeof *events);
@@ -142,8 +141,8 @@ static double median(double *values) {
   return values[ROUNDS / 2];
 }
 
-/* Returns whether the way's measured time lies in the predicted range, 5 % wider. Records, then measures, by turns, so
- * that what else the machine does falls on both. */
+/* Returns whether the measured time lies in the predicted range widened by 5 %. Records and measures in turn, so
+ * that other work on the machine affects both. */
 static bool holds(check *c, pags_tasks *const tasks[2], pags_frame *const frames[2], const pags_pool_costs *costs) {
   double least[ROUNDS], most[ROUNDS], measured[ROUNDS];
   for (int i = 0; i < ROUNDS; i++) {

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Early-Z: the mode LOSSLESS gives the bits of OFF, and BOUNDED keeps its error bound. This holds on random and
- * adversarial scenes for any division into depth slabs, number of threads and cluster size. PAGS_EARLY_Z_SCENES=N runs
- * N random scenes in place of 200. */
+ * adversarial scenes for any division into depth slabs, number of threads and cluster size.
+ *
+ * PAGS_EARLY_Z_SCENES=N runs N random scenes in place of 200. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
