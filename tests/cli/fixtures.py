@@ -155,7 +155,7 @@ def ring_pose(angle, radius=3.0, height=0.8):
     return [[right[i], up[i], back[i], eye[i]] for i in range(3)] + [[0, 0, 0, 1]]
 
 
-# Each sphere has a centre, a radius and a colour.
+# Each entry is the centre, radius and colour of a sphere.
 SPHERES = [
     ((0.0, 0.0, 0.0), 0.5, (220, 60, 40)),
     ((0.6, 0.3, 0.2), 0.3, (40, 180, 60)),

@@ -66,7 +66,7 @@ def camera(frame, x, yaw):
     c, s = math.cos(yaw), math.sin(yaw)
     cp, sp = math.cos(0.15), math.sin(0.15)
     right, down, forward = [s, -c, 0], [-sp * c, -sp * s, -cp], [cp * c, cp * s, -sp]
-    r = [right, down, forward]  # the rows of the rotation from world to camera
+    r = [right, down, forward]  # the rotation matrix from world to camera, row by row
     eye = [x + ORIGIN[0], ORIGIN[1], 1.6 + ORIGIN[2]]
     t = [-sum(row[k] * eye[k] for k in range(3)) for row in r]
     return {

@@ -101,7 +101,7 @@ class Ablation(DataCase):
             self.assertEqual(self.said.count("the plot needs matplotlib"), 1, self.said)
             self.assertFalse(os.path.exists(self.path("t.svg")))
 
-        # Only missing runs are trained: rows may be added, and LPIPS may be requested later.
+        # Only missing runs are trained. So rows can be added later, and LPIPS can be requested later.
         before = self.written()
         again = self.ablate("sh=0,plain*2,sh=1")
         self.assertEqual(again[0], rows[2])
@@ -155,7 +155,7 @@ class Ablation(DataCase):
         self.assertEqual(equal["moments"][:3], own["moments"][:3])
         self.assertNotEqual(equal["moments"][3], own["moments"][3])
         self.assertIn("## At equal count", read(self.path("t.md")).decode())
-        # A run that had this bound from the start gives the same bits.
+        # A training with this limit on Gaussians from the start gives the same bits.
         out = self.path("alone")
         bounded = [
             "--preset",
@@ -203,7 +203,7 @@ class Ablation(DataCase):
         self.assertGreater(state["seconds"], 0)
         code, _ = self.stopped(signal.SIGKILL, 200)
         self.assertEqual(code, -signal.SIGKILL)
-        time.sleep(0.5)  # the orphaned training ends meanwhile
+        time.sleep(0.5)  # the training ends meanwhile, as its script was killed
         result = self.finish()
         ply = ("t.runs", "sh-degree-1_seed-0", "scene", "background.ply")
         disturbed = read(self.path(*ply))

@@ -30,7 +30,8 @@ class Bench(Case):
             self.assertEqual([m["mode"] for m in size["modes"]], ["off", "exp3", "sh0", "lossless", "bounded=0.02"])
             self.assertEqual((off["psnr"], off["max_error"], off["differing"]), (None, 0, 0))
             self.assertEqual(off["speed_up"], 1)
-            self.assertEqual(flat["differing"], 0)  # the splats are of degree 0, so sh0 changes nothing
+            # The splats have colours of degree 0 only, so the mode sh0 changes nothing.
+            self.assertEqual(flat["differing"], 0)
             self.assertTrue(0 < fast["max_error"] < 0.01 and fast["psnr"] > 50)
             self.assertEqual((lossless["differing"], lossless["max_alpha_error"]), (0, 0))
             self.assertTrue(bounded["max_error"] <= 0.021)
@@ -74,7 +75,7 @@ class Bench(Case):
         kinds = [("shared", "off"), ("shared", "lossless"), ("packed", "off"), ("packed", "lossless")]
         self.assertEqual([(r["form"], r["mode"]) for r in rows], 2 * kinds)
         for row in rows:
-            # The scene has 120 rows. Copies of whole clusters of 64 rows enlarge it.
+            # The scene has 120 rows. pags-bench enlarges it by copies of whole clusters of 64 rows.
             self.assertTrue(abs(row["gaussians"] - row["millions"] * 1e6) <= 64, row)
             self.assertTrue(0 < row["loaded"] <= row["in_view"] <= row["gaussians"])
             if row["mode"] == "lossless":
@@ -116,7 +117,7 @@ class Bench(Case):
         self.assertTrue(0 < rows["affine image, slopes clamped"]["max"] < 5)
         self.assertTrue(rows["gradient by means"]["max"] < 0.01)
         self.assertTrue(rows["Adam, paid when seen"]["max"] < 1e-3 and rows["Adam in float"]["max"] < 1e-2)
-        self.assertNotIn("colour of degree 0", rows)  # the splats are of degree 0, so this row is missing
+        self.assertNotIn("colour of degree 0", rows)  # the splats have colours of degree 0 only, so this row is missing
         table = [line.split(" | ") for line in read(self.path("e.md")).decode().splitlines() if line.startswith("| ")]
         self.assertEqual([cells[0][2:] for cells in table[1:]], list(rows))
         script = os.path.join(os.path.dirname(__file__), "../../scripts/error_page.py")
@@ -129,7 +130,7 @@ class Bench(Case):
 
     def test_error_of_alpha_cap_and_slope_clamp(self):
         rows = self.errors([splat(0, 0, 0, (0.9, 0.9, 0.9), sigma=0.4, opacity=12.0)])
-        self.assertTrue(2 < rows["alpha capped at 0.99"]["max"] < 3)  # 1 % of 0.9 * 255 is about 2.3
+        self.assertTrue(2 < rows["alpha capped at 0.99"]["max"] < 3)  # the cap removes 1 % of 0.9 * 255, about 2.3
         # The affine projection is nearly exact in the picture's centre, with and without the clamp of the Jacobian's
         # slopes. A giant Gaussian next to the picture needs the clamp.
         self.assertTrue(rows["affine image, slopes clamped"]["max"] < 5)
@@ -161,7 +162,7 @@ class Bench(Case):
         ours = [int.from_bytes(data[i : i + 2], "big") / 65535 for i in range(0, len(data), 2)]
         theirs = [
             v for y in reversed(range(height)) for v in found[0][3 * width * y : 3 * width * (y + 1)]
-        ]  # a PFM file begins with the lowest row
+        ]  # a PFM file begins with the bottom row
         self.assertTrue(max(ours) > 0.5)
         self.assertTrue(max(abs(a - min(b, 1)) for a, b in zip(ours, theirs)) < 1e-4)
         more = [b - a for a, b in zip(*found)]

@@ -67,7 +67,7 @@ RANGES = [
     ((0, 5), (0, 3)),
     ((2, 9), (4, 7)),
     ((6, 11), (8, 11)),
-]  # trained time steps, own time steps; the rig is at x = 10 m times the time step
+]  # first and last trained time step, first and last own time step; the rig is at x = 10 m * time step
 
 
 def make_blocks(folder):
@@ -112,7 +112,8 @@ def make_block(folder, b):
         ),
     )
     origin = [0.0, 0.0, 0.0] if b < 2 else [100.0, 0.0, 0.0]
-    # Every block has rows at all places. A row's red value tells its block, its green value tells its number.
+    # Every block has rows at all places. The red value of a row is its block's number, the green value is the row's
+    # number.
     places = [0, 30, 34, 36, 60, 74, 76, 110, 500]
     rows = [splat(x - origin[0], 0, 0, (0.1 * (b + 1), 0.05 * i, 0)) for i, x in enumerate(places)]
     ids = [-1] * len(rows)
@@ -214,7 +215,7 @@ class Merge(Case):
         self.assertEqual(facts["gaussians"], 12)
         self.assertEqual(facts["ghosts"], 9 * 3 + 4 - 11)
 
-        # The moving car occurs once, with the model and the track of block 1, which comes nearer to it.
+        # The moving car occurs once, with the model and the track of block 1, whose rig comes nearer to the car.
         self.assertEqual([m["file"] for m in scene["models"]], ["background.ply", "objects/car.ply"])
         (car,) = ply_rows(os.path.join(out, "objects", "car.ply"))
         self.assertAlmostEqual(car["f_dc_0"] * 0.28209479177387814 + 0.5, 0.2, 5)
@@ -346,7 +347,7 @@ class Street(Case):
             "3000",
             "--no-shifts",
         )
-        # Photographs get darker along the drive, as automatic exposure of a camera makes them.
+        # Photographs get darker along the drive, as with a camera's automatic exposure.
         for frame in range(24):
             darken(os.path.join(cls.street, "images", f"{frame:03d}_0.png"), 1 - 0.01 * frame)
         cls.small = ["-n", "60", "--max-gaussians", "4000", "--set", "lidar_points=2000"]
@@ -429,9 +430,10 @@ class Street(Case):
                 self.assertAlmostEqual(mean[c], sum(whole[v["name"]]["gain"][c] for v in views) / len(views), 9)
             self.assertTrue(
                 any(abs(v["gain"][0] - whole[v["name"]]["gain"][0]) > 1e-4 for v in views)
-            )  # training a block changes its exposures
+            )  # training a block changes the exposures of its photographs
             means.append(mean[0])
-        self.assertGreater(means[0] - means[2], 0.02)  # the exposures get darker, as the photographs do
+        # The exposures decrease along the drive, as the photographs get darker.
+        self.assertGreater(means[0] - means[2], 0.02)
 
     def test_the_merged_scene(self):
         facts = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)
@@ -467,7 +469,7 @@ class Street(Case):
         for name in ["scene.json", "background.ply", "sky.npy"]:
             self.assertEqual(read(self.path("s1", name)), read(self.path("s3", name)), name)
         self.assertNotEqual(read(self.path("s1", "background.ply")), read(self.block(1, "scene", "background.ply")))
-        # The sky stays that of the whole drive.
+        # A block keeps the sky of the whole drive.
         self.assertEqual(read(self.path("s1", "sky.npy")), read(self.block(1, "scene", "sky.npy")))
 
     def test_options_that_only_split_takes(self):

@@ -57,7 +57,7 @@ class Cameras(Case):
         for sensor in range(3):
             vignette = next(view["vignette"] for view in views if view["sensor"] == sensor)
             corner = (1 + vignette[3]) / (1 + vignette[0])
-            self.assertTrue(0.5 < corner < 0.85, vignette)  # 0.4 of the light is about 0.66 of the display value
+            self.assertTrue(0.5 < corner < 0.85, vignette)  # 0.4 of the light is about 0.66 of the pixel's value
 
         # Without its corrections, the scene draws its photographs worse, and its cameras differ from the data set's.
         for view in views:
@@ -93,7 +93,7 @@ class Cameras(Case):
 
     def test_capture(self):
         """A capture with wrong poses is trained with corrections; one with exact poses is trained as recorded. eval
-        reports how much the poses cost. No light is fitted."""
+        reports the PSNR that wrong poses cost. No light is fitted."""
         size, gains = ["--random-points", 2000, "--max-gaussians", 4000, "--iterations", 900], {}
         for name, angle in (("exact", 0), ("off", 0.03)):
             data, scene = fixtures.make_dataset(self.path(name), views=48), self.path(name + "-scene")
@@ -101,7 +101,7 @@ class Cameras(Case):
             for i, frame in enumerate(root["frames"]):
                 turned = [list(row) for row in frame["transform_matrix"]]
                 c, s = math.cos(angle), (-1) ** (i // 2) * math.sin(angle)
-                for row in turned[:3]:  # turns about the camera's vertical axis
+                for row in turned[:3]:  # turns the camera about its vertical axis
                     row[0], row[2] = c * row[0] - s * row[2], s * row[0] + c * row[2]
                 frame["transform_matrix"] = turned
             with open(os.path.join(data, "transforms.json"), "w") as file:
@@ -114,7 +114,7 @@ class Cameras(Case):
             self.assertEqual(corrected, [angle > 0] * len(corrected))
             self.succeeds("eval", scene, "--fit-poses", "--json", self.path("eval.json"))
             gains[name] = {split: load(self.path("eval.json"))[split] for split in ("train", "test")}
-        # 33.1 dB are usual; recorded poses give 28.9 dB, exact poses 38.6 dB.
+        # Corrected poses usually give 33.1 dB, recorded poses 28.9 dB, and exact poses 38.6 dB.
         self.assertGreater(gains["off"]["train"]["psnr"], 31)
         held_out = gains["off"]["test"]  # the poses of held-out photographs aren't corrected
         self.assertGreater(held_out["psnr_right_fitted"], held_out["psnr_right"] + 1)

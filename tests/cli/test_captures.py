@@ -126,7 +126,7 @@ class Colmap(Case):
         self.warning(facts, "there is no folder images", "/Images")
 
     def test_two_pictures_with_one_stem(self):
-        """A name that matches two pictures is refused."""
+        """A name that matches two pictures is refused, since either picture may be meant."""
         names = self.pictures()
         self.write("images/0.jpg", GREY)
         self.model("sparse/0", ["0.tif"] + names[1:])
@@ -145,7 +145,8 @@ class Colmap(Case):
         self.warning(self.info()[0], "1 of its 2 names are of no picture")
 
     def test_images_without_their_empty_lines(self):
-        """No name of an image makes the next image look like observations. Comments may stand between images."""
+        """images.txt may lack its empty lines of observations. The line after an image then is the next image, whatever
+        words its name has. Comments may stand between images."""
         for pattern in ("{}.png", "a ({}).png", "a b {}.png", "{} 1 2", "a b c d e {}.png"):
             for end in ("\n", "\r\n"):
                 names = [pattern.format(i) for i in range(6)]
@@ -164,7 +165,7 @@ class Colmap(Case):
                 )
                 shutil.rmtree(self.path("images"))
 
-    def test_unused_cameras_and_unknown_ones(self):
+    def test_unused_and_unknown_cameras(self):
         names = self.pictures()
         self.model("sparse/0", names)
         self.write("sparse/0/cameras.txt", CAMERA + "7 OPENCV 16 12 -1.#IND 1 1 1 0 0 0 0\n8 SOMETHING 3 4\n")
@@ -174,7 +175,7 @@ class Colmap(Case):
         self.write("sparse/0/cameras.txt", "1 PINHOLE 16 12 0.02 0.02 8 6\n")
         self.fails(["info", self.folder], "an angle of view of 180 degrees", "millimetres")
 
-    def test_folds(self):
+    def test_distortion_that_folds(self):
         """A distortion that can't be undone in the corners causes a warning. One that can't be undone in much of the
         picture is refused."""
         self.model("sparse/0", self.pictures())

@@ -56,8 +56,8 @@ def sky_npy(rgb):
 
 def make_drive(folder, more=()):
     """Writes a drive. A red car drives from left to right within 2 s, a green car is parked, and a white wall is far
-    ahead and above. The recording car drives 2 m ahead. No path may follow its side camera (sensor 1). `more` holds
-    further rows of the background."""
+    ahead and above. The recording car drives forward by 2 m. No path may follow its side camera (sensor 1). `more`
+    holds further rows of the background."""
     solid = {"sigma": 0.1, "opacity": 12.0}
     rows = [splat(10, 0, 3, (1, 1, 1), **solid), splat(10, 1.5, 0, (0, 1, 0), **solid), *more]
     write(os.path.join(folder, "background.ply"), with_object_id(rows, [-1, 0] + [-1] * len(more)))
@@ -160,7 +160,7 @@ class Drive(Case):
         self.fails(["render", self.scene, "-o", self.path("x"), "--without", "class:cyclist"], "class:cyclist")
 
     def test_option_move(self):
-        # The car faces right, so it moves ahead to the right. Its id has a '='.
+        # The parked car faces right, so a move ahead is a move to the right. The id of the red car has a '='.
         self.assertEqual(self.columns("--time", 1, "--move", "c=2=1,0,0,0"), (60, 35))
         self.assertEqual(self.columns("--time", 1, "--move", "p,1", "0,1,0,0"), (50, 25))
         self.assertEqual(self.columns("--time", 1, "--move", "p,1=0,0,0,180", "--without", "c=2"), (None, 45))
@@ -175,11 +175,12 @@ class Drive(Case):
     def test_path_of_the_recording_car(self):
         out = self.render("--path", "ego")
         self.assertEqual(files_below(out), ["00000.png", "00001.png", "00002.png"])
-        # The car drives from (10, 4) to (10, -4), the camera drives 2 m ahead.
+        # The red car drives from (10, 4) to (10, -4) while the camera drives forward by 2 m.
         self.assertEqual([column(os.path.join(out, f"{i:05d}.png"), 0) for i in (0, 1)], [10, 50])
         out = self.render("--path", "ego", "--fps", 2)
         self.assertEqual(len(files_below(out)), 5)
-        middle = column(os.path.join(out, "00001.png"), 0)  # at 100.5 s the camera is 0.5 m ahead: 50.5 - 100 * 2 / 9.5
+        # At 100.5 s the camera has moved by 0.5 m: column 50.5 - 100 * 2 / 9.5.
+        middle = column(os.path.join(out, "00001.png"), 0)
         self.assertEqual(middle, int(50.5 - 200 / 9.5))
         self.assertEqual(len(files_below(self.render("--path", "ego", "-n", 7))), 7)
         out = self.render("--path", "ego", "-n", 2, "--shift", 1, "--time", 1)
@@ -224,9 +225,9 @@ class Drive(Case):
         )
         width, _, _, _, rows = read_png(os.path.join(out, "00000_heat.png"))
         at = (50 * width + 50) * 3
-        self.assertGreater(rows[at], 240)  # critical objects are bright
+        self.assertGreater(rows[at], 240)  # critical objects are bright in the heat picture
         at = (20 * width + 50) * 3
-        self.assertLess(rows[at], 30)  # the wall is dark
+        self.assertLess(rows[at], 30)  # the wall is dark in the heat picture
         self.assertGreater(rows[at + 2], 30)
 
     def test_info(self):
@@ -248,7 +249,7 @@ class Drive(Case):
         self.assertRegex(text, r"(?m)^    c=2 +modelled yes, why moves$")
         self.assertRegex(text, r"(?m)^  car +Car, 1 Gaussians of SH degree 0, ")
 
-    def test_names_as_options_take_them(self):
+    def test_names_that_options_accept(self):
         text = read(os.path.join(self.scene, "scene.json")).decode()
         write(os.path.join(self.scene, "scene.json"), text.replace('"c=2"', '"a_car_2"'))
         text = self.succeeds("info", self.scene, "--objects").stdout

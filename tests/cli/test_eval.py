@@ -186,7 +186,7 @@ class Eval(fixtures.Case):
         self.assertEqual(width, 1600)
         self.assertEqual(
             [row[36:164] for row in sheet[20:72]], photograph[20:]
-        )  # the rows below its number; it is too small to be shrunk
+        )  # compares the rows below the cell's number; the photograph isn't shrunk
         drawn = [pixel for row in sheet[76:] for pixel in row]
         counts = {
             name: drawn.count(colour)
@@ -200,7 +200,7 @@ class Eval(fixtures.Case):
         self.assertGreater(counts["LiDAR"], 300)
         self.assertGreater(counts["vehicles"], 200)
         self.assertLess(counts["held out"], counts["path"])
-        self.assertGreaterEqual(counts["held out"], 18)  # 2 of 9 cameras are held out, with 3 x 3 pixels each
+        self.assertGreaterEqual(counts["held out"], 18)  # 2 of 9 cameras are held out; each is drawn with 3 x 3 pixels
 
     def test_sheet_refuses_wrong_arguments(self):
         self.fails(["info", self.street, "--sheet", self.path("sheet.txt")], "sheet.txt")

@@ -12,7 +12,7 @@ import fixtures
 import scenes
 from fixtures import Case, main
 
-QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # options for a coarse background mesh
+QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # options that make the background mesh coarse
 
 
 class Glb:
@@ -213,7 +213,7 @@ class Proxies(Case):
         width, height, channels, _, pixels = fixtures.read_png(
             self.write("texture.png", glb.bytes[begin : begin + view["byteLength"]])
         )
-        self.assertEqual((width, height, channels), (120, 120, 3))  # 10 cells a side, 12 pixels each
+        self.assertEqual((width, height, channels), (120, 120, 3))  # 10 x 10 cells of 12 x 12 pixels
         places = glb.accessor(primitive["attributes"]["TEXCOORD_0"])
         self.assertEqual(len(set(zip(places[::2], places[1::2]))), len(places) // 2)
         # A cell of 12 x 12 pixels holds two triangles with legs of 9 pixels, measured between centres of texels. Two
@@ -234,7 +234,7 @@ class Proxies(Case):
             (red, 0.1),
             (green, 0.2),
             (blue, 0.8),
-        ):  # the colour of scenes.py, mixed with some colour from behind it
+        ):  # the colour that scenes.py gives the car, mixed with some colour from behind
             self.assertAlmostEqual(got / 255, wanted, delta=0.08)
         own = glb.accessor(primitive["indices"])
         self.assertEqual(sorted(own), list(range(len(own))))
@@ -297,7 +297,7 @@ class Odd(Case):
 
 class Usdz(Case):
     def test_pipe_is_refused(self):
-        """The archive's head is written last, and a pipe can't be rewound."""
+        """The head of a USDZ archive is written last, and a pipe can't be rewound."""
         path = self.write("three.ply", fixtures.ply_bytes(fixtures.some_splats()[:3]))
         os.symlink("/dev/stdout", self.path("x.usdz"))
         self.fails(["export", path, self.path("x.usdz")], "x.usdz", "expected a regular file")

@@ -117,7 +117,7 @@ class Import(Case):
             [result[key] for key in ("steps", "cameras", "photographs", "sweeps", "boxes", "objects")],
             [5, 2, 10, 3, 5, 1],
         )
-        # The data set is complete, so nothing is written.
+        # The second import finds a complete data set and writes nothing.
         again = json.loads(self.succeeds(*words, "--json", "-").stdout)
         self.assertEqual({key: again[key] for key in result}, result)
 
@@ -146,8 +146,8 @@ class Import(Case):
         self.assertIn("no sweeps: velodyne is missing or empty\nno boxes: label_02 is missing\n", said)
 
     def test_other_forms(self):
-        """The summary tells missing sweeps and labels from those that are packed, have another extension or are all
-        unusable."""
+        """Sweeps and labels may be packed, have another extension or be all unusable. The summary doesn't call them
+        missing."""
         raw, out = make_tree(self.path("raw"), 3), self.path("out")
         sweep, labels = os.path.join(raw, "velodyne/0000"), os.path.join(raw, "label_02/0000.txt")
         lines = read(labels).decode()
@@ -188,7 +188,7 @@ class Import(Case):
         self.assertIn("the same command resumes", error)
         self.assertFalse(os.path.exists(os.path.join(out, "dataset.json")))
         self.succeeds("import", "kitti", raw, "-o", out)
-        # An import killed at its begin leaves such a file.
+        # An import killed at its begin leaves this incomplete file.
         fixtures.write(os.path.join(whole, "import.json.part"), b"{")
         self.succeeds("import", "kitti", raw, "-o", whole)
         self.same(out, whole)

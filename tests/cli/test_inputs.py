@@ -24,14 +24,14 @@ class Warnings(Case):
         self.good = self.write("good.ply", ply_bytes(some_splats()))
         self.line = f"{self.odd}: 2 all-zero quaternions taken as no rotation"
 
-    def test_are_said_and_written(self):
+    def test_warnings_are_printed_and_written(self):
         for verb in [["info", self.odd], ["export", self.odd, self.path("out.spz")]]:
             done = self.succeeds(*verb, "--json", self.path("out.json"))
             self.assertEqual(done.stderr.count(f"warning: {self.line}\n"), 1, done.stderr)
             self.assertEqual(json.loads(read(self.path("out.json")))["warnings"], [self.line])
         self.assertEqual(self.succeeds("info", self.odd, "--quiet").stdout, "")
 
-    def test_are_errors_with_strict(self):
+    def test_warnings_are_errors_with_strict(self):
         for verb in [
             ["info", self.odd],
             ["export", self.odd, self.path("out.spz")],

@@ -75,7 +75,8 @@ class Jobs(DataCase):
         self.assertEqual(
             self.measured(), ["1x2_round-1.json", "1x2_round-2.json", "2x1_round-1.json", "2x1_round-2.json"]
         )
-        self.assertEqual(len(files_below(self.path("t.runs"))), 5)  # no scene is left, only measurements and settings
+        # The scenes are deleted; only measurements and settings are left.
+        self.assertEqual(len(files_below(self.path("t.runs"))), 5)
         rows = self.rows(page)
         self.assertEqual(list(rows), ["2 x 1", "1 x 2"])
         for name, jobs in [("2 x 1", 2), ("1 x 2", 1)]:

@@ -41,7 +41,7 @@ class Lenses(Case):
         return json.loads(read(facts))["test"]["psnr"]
 
     def changed(self, name, change):
-        """Returns a copy of the street. `change` has edited the lenses of its dataset.json."""
+        """Returns a copy of the street after change(lenses) has edited the lenses in its dataset.json."""
         out = os.path.join(self.folder, name)
         shutil.copytree(self.fish, out)
         facts = json.loads(read(os.path.join(out, "dataset.json")))
@@ -64,7 +64,7 @@ class Lenses(Case):
         self.assertIn(KEPT, done.stdout)
         look = json.loads(read(os.path.join(self.folder, "info.json")))["overlay"]
         self.assertEqual(look["warnings"], [])
-        self.assertGreater(look["lidar_points"], 20000)  # includes points behind the cameras' planes
+        self.assertGreater(look["lidar_points"], 20000)  # counts points behind the cameras' planes, too
         self.assertGreater(look["lidar_in_boxes"], 0.97)
         self.assertLess(look["lidar_under_sky"], 0.01)
 
@@ -79,8 +79,8 @@ class Lenses(Case):
             self.assertEqual(read(os.path.join(self.trained, name)), read(os.path.join(other, name)), name)
 
     def test_pixels_outside_the_image_circle(self):
-        """White pixels replace the black ones there. Training gives the same bytes, since it doesn't use these
-        pixels."""
+        """Pixels outside a fisheye's image circle become white instead of black. Training doesn't use them, so the
+        scene keeps its bytes."""
         other = self.changed("white", lambda lenses: None)
         for name in os.listdir(os.path.join(other, "images")):
             path = os.path.join(other, "images", name)

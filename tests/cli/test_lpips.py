@@ -22,15 +22,17 @@ except ImportError:
     os.execv(other, [other, "-B", *sys.argv])
 from test_passes import read_exr
 
-# The sizes have every remainder modulo 4 and 2, the steps of the first convolutions. Even and odd sizes reach each
-# pooling.
+# Widths and heights have all remainders of division by 4 and by 2, the steps of the first convolutions. Each pooling
+# gets even and odd sizes.
 SIZES = [(32, 32), (33, 38), (34, 45), (35, 51), (64, 36), (71, 33)]
 SQUEEZES, EXPANDS = [16, 16, 32, 32, 48, 48, 64, 64], [64, 64, 128, 128, 192, 192, 256, 256]
-ALEX = [(64, 3, 11), (192, 64, 5), (384, 192, 3), (256, 384, 3), (256, 256, 3)]  # outputs, inputs, window size
+# Outputs, inputs and window size of each layer.
+ALEX = [(64, 3, 11), (192, 64, 5), (384, 192, 3), (256, 384, 3), (256, 256, 3)]
 
 
 def random_weights(name):
-    """Returns random arrays under the names that docs/eval.md lists. Their range keeps the size of the activations."""
+    """Returns random arrays under the names that docs/eval.md lists. Their range keeps the activations at about one
+    size in all layers."""
     dice, out = np.random.default_rng(len(name)), {}
 
     def conv(layer, outputs, inputs, size):
@@ -64,7 +66,7 @@ def conv(x, w, layer, step=1, padding=0):
 
 
 def pool(x, partial):
-    if partial:  # as PyTorch's ceil_mode does
+    if partial:  # pads as PyTorch's ceil_mode does
         x = np.pad(x, ((0, 0), (0, (x.shape[1] - 3) % 2), (0, (x.shape[2] - 3) % 2)), constant_values=-np.inf)
     return np.lib.stride_tricks.sliding_window_view(x, (3, 3), axis=(1, 2))[:, ::2, ::2].max(axis=(3, 4))
 

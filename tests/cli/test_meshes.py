@@ -17,7 +17,7 @@ SIZE = [1.0, 0.5, 0.4]
 
 
 def body(size=SIZE, count=600):
-    """Returns a body filled with shells of Gaussians, as trained objects are."""
+    """Returns a box filled with shells of Gaussians, like a trained object."""
     rows = []
     for shell in range(5):
         side = [s * (5 - shell) / 5 for s in size]
@@ -73,7 +73,7 @@ class Bare(Case):
         facts, _ = self.export(rows, "mesh.glb", "--voxel", 0.0002, "--chunk-triangles", 4000)
         self.assertAlmostEqual(facts["proxies"][0]["volume"] * 1e6, 0.2, delta=0.05)
 
-    def test_nothing_to_mesh_is_said(self):
+    def test_nothing_to_mesh_is_reported(self):
         faint = [scenes.gaussian(0.1 * i, 0, 0, (0.5, 0.5, 0.5), opacity=-4) for i in range(50)]
         cases = [
             (faint, [], "opaque enough"),
@@ -122,7 +122,7 @@ class Bare(Case):
 
 
 class Files(Case):
-    """Exports the street of scenes.py with odd classes."""
+    """Tests exports of the street of scenes.py with changed classes of objects."""
 
     def setUp(self):
         super().setUp()
@@ -133,7 +133,7 @@ class Files(Case):
     def save(self):
         self.write("scene/scene.json", json.dumps(self.facts))
 
-    def test_names_are_unique_and_there(self):
+    def test_names_are_unique_and_not_empty(self):
         classes = ["", "轿车", "critical", "Ca/r", "Ca r"]
         for item, name in zip(self.facts["objects"], classes):
             item["class"] = name
@@ -168,7 +168,7 @@ class Files(Case):
         done = self.succeeds("export", self.scene, self.path("x.glb"), "--proxy", "box", "--no-background", "--strict")
         self.assertIn("3 of 5 objects come late or leave, the first is car_1", done.stdout)
 
-    def test_no_triangle_without_area_or_twice(self):
+    def test_no_empty_or_repeated_triangles(self):
         self.succeeds("export", self.scene, self.path("x.glb"), "--range", 15, "--chunk", 40, "--voxel", 0.4)
         glb = Glb(self.path("x.glb"))
         for name, node in glb.nodes().items():

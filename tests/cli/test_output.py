@@ -10,7 +10,7 @@ import unittest
 import fixtures
 from fixtures import SMALL, DataCase, program, read, run
 
-LATIN = os.fsdecode(b"stra\xdfe")  # Latin-1, as on old disks; not UTF-8
+LATIN = os.fsdecode(b"stra\xdfe")  # a folder's name in Latin-1, as on old disks; it isn't UTF-8
 
 
 class OutputCase(DataCase):
@@ -58,8 +58,8 @@ class Unwritable(OutputCase):
         return subprocess.run(["sh", "-c", 'exec "$@" >&-', "sh", *program(words)], stderr=subprocess.PIPE, text=True)
 
     def test_closed(self):
-        """The closed stream is used for the answer or for messages only. No file gets the stream's descriptor, so no
-        file receives the text."""
+        """Standard output is closed. A command whose answer goes there fails, any other succeeds. No file gets the
+        descriptor of standard output and thus its text."""
         for words in [
             ["--version"],
             ["render", "-h"],
@@ -92,7 +92,7 @@ class Unwritable(OutputCase):
 
 
 class OtherBytes(OutputCase):
-    """File names that aren't UTF-8 are escaped in texts that must be UTF-8. The program finds the files again."""
+    """File names that aren't UTF-8 are escaped where a text must be UTF-8. The program still finds the files."""
 
     def json_of(self, *names):
         with open(self.path(*names), encoding="utf-8") as file:
@@ -120,8 +120,8 @@ class OtherBytes(OutputCase):
         self.json_of("r.json")
 
     def test_photographs(self):
-        """The data set's JSON holds a name with the escape that Python writes. The scene holds the name, too, and glTF
-        holds it in readable form."""
+        """A photograph's name isn't UTF-8. The data set's JSON and the scene hold it with the escape that Python
+        writes. glTF holds a readable form."""
         data = self.path("D")
         fixtures.make_dataset(data, views=9)
         with open(os.path.join(data, "transforms.json"), encoding="utf-8") as file:

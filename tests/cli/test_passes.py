@@ -71,7 +71,7 @@ def murmur(text):
 
 
 def value(text):
-    """Returns the float of a name. No name here has a float exponent of 0 or 255."""
+    """Returns the float that has the bits of a name's hash. No name here has a float exponent of 0 or 255."""
     return struct.unpack("<f", struct.pack("<I", murmur(text)))[0]
 
 
@@ -90,7 +90,7 @@ class Passes(Case):
         return self.write("path.json", json.dumps({"fps": 1, "frames": frames}))
 
     def ranks(self, planes, layer, x, y):
-        """Returns the names in a pixel (as floats) with their weights."""
+        """Returns the names in a pixel (as floats of their hashes) with their weights."""
         flat = [planes[f"{layer}{k:02d}.{c}"][y][x] for k in range(3) for c in "RGBA"]
         return [pair for pair in zip(flat[::2], flat[1::2]) if pair[1] > 0]
 
@@ -162,7 +162,8 @@ class Passes(Case):
         for channel, wanted in (("X", -40 * 0.99), ("Y", 0), ("Z", -40 * 0.99), ("W", 0)):
             self.assertAlmostEqual(planes[channel][50][50], wanted, delta=0.05)
             self.assertEqual(planes[channel][50][35], 0)
-        first = read_exr(os.path.join(out, "00000_motion.exr"))[2]  # no frame precedes the first one
+        # The first frame has no frame before it, so nothing moves.
+        first = read_exr(os.path.join(out, "00000_motion.exr"))[2]
         self.assertEqual(max(max(map(abs, row)) for c in "XY" for row in first[c]), 0)
 
     def test_same_bytes(self):

@@ -212,8 +212,8 @@ class Photographs(fixtures.Case):
         self.assertIn("outside.png", os.listdir(self.path("again", "drawn")))
 
     def test_names_that_differ_in_extension_or_case(self):
-        """The output pictures of two views never have one name, even if letter case is ignored. A name doesn't depend
-        on the chosen views."""
+        """Two views never write pictures of the same name, even if letter case is ignored. A picture's name doesn't
+        depend on the chosen views."""
         names = ["a.png", "a.jpg", "A.png", "a.jpeg", "cam/a.png", "cam/a.JPG", "a.png-1.png", "b.c.png", "b.c"]
         content = self.change()
         for frame, name in zip(content["frames"], names, strict=True):
@@ -345,7 +345,7 @@ class Photographs(fixtures.Case):
             self.said,
         )
         self.eval()
-        self.photo_near(7)  # 8 bits of linear light are coarse in the dark
+        self.photo_near(7)  # linear light in 8 bits is coarse in dark colours
         self.store_png(linear, gamma(1), (b"sRGB", b"\0"))  # sRGB takes precedence over gAMA
         self.train()
         self.assertNotIn("not sRGB", self.said)
@@ -425,7 +425,7 @@ class Photographs(fixtures.Case):
         def make(i, rows):
             rows = [
                 [c[:1] * 3 + c + c[-1:] for c in row] for row in rows
-            ]  # adds three columns at the left, one at the right
+            ]  # adds three columns on the left and one on the right
             return exr(
                 WIDTH + 4,
                 HEIGHT + 5,
@@ -510,9 +510,9 @@ class Photographs(fixtures.Case):
         for i in range(VIEWS):
             p = [self.pixels[i][3 * at : 3 * at + 3] for at in range(WIDTH * HEIGHT)]
             at = lambda x, y: p[y * WIDTH + x]
-            if orientation == 6:  # the first row is the picture's right side, from top to bottom
+            if orientation == 6:  # the first stored row is the picture's right side, from top to bottom
                 rows = [[at(WIDTH - 1 - v, u) for u in range(HEIGHT)] for v in range(WIDTH)]
-            elif orientation == 8:  # the first row is the picture's left side, from bottom to top
+            elif orientation == 8:  # the first stored row is the picture's left side, from bottom to top
                 rows = [[at(v, HEIGHT - 1 - u) for u in range(HEIGHT)] for v in range(WIDTH)]
             else:
                 rows = [[at(WIDTH - 1 - u, HEIGHT - 1 - v) for u in range(WIDTH)] for v in range(HEIGHT)]
@@ -529,7 +529,7 @@ class Photographs(fixtures.Case):
     def test_orientation_not_shown_by_the_size(self):
         self.store(3)
         self.one_warning(self.train(), "9 of 9 photographs have an EXIF orientation", "000.png (orientation 3)")
-        # One picture whose size shows that orientations count decides for all pictures.
+        # If the size of one picture shows that EXIF orientations are valid, they apply to all pictures.
         self.store(6)
         upside_down = self.path("upside")
         shutil.copytree(self.set, upside_down)
@@ -551,8 +551,8 @@ class Photographs(fixtures.Case):
         return self.eval()["train"]["psnr"]
 
     def test_masks_mean_the_same_in_every_file(self):
-        """The same masks are stored under both kinds of names. They have soft edges, values of 0 and 1, 16 bits, alpha,
-        or half the size."""
+        """A mask's name ends in .png or .png.png. The same mask is stored with soft edges, values of 0 and 1, 16 bits,
+        alpha, or half the size."""
         whole = self.masked_psnr()
         grey = self.left_half()
         self.masks(lambda i: png(WIDTH, HEIGHT, grey, 1))
@@ -657,7 +657,7 @@ class Photographs(fixtures.Case):
         self.change(frames=frames, ply_file_path="points.ply", fl_x=26, fl_y=26)
 
     def test_tripod(self):
-        """The visible scene decides the extent, not the jitter of the tripod."""
+        """The extent of a scene comes from its visible points, not from the jitter of the tripod."""
         scores = []
         for jitter in (0, 1e-3):
             self.point_set(jitter)
@@ -666,7 +666,7 @@ class Photographs(fixtures.Case):
         self.assertGreater(scores[0], 15)
         self.assertGreater(scores[1], scores[0] - 1)
 
-    def test_a_camera_far_off(self):
+    def test_camera_far_off(self):
         """A picture whose registration failed is named. The scene keeps its size and its centre."""
         scores = []
         for away in (0, 500, 1e7):
@@ -693,12 +693,12 @@ class Photographs(fixtures.Case):
         for frame in frames[:2]:
             frame["transform_matrix"][0][3] += 500
         self.change(frames=frames)
-        self.assertEqual(self.info()["warnings"], [])  # the capture has two parts
+        self.assertEqual(self.info()["warnings"], [])  # two far cameras belong to a second part of the capture
 
     def test_nothing_in_view(self):
         self.point_set(0, move=-1e6)
         content = self.change()
-        self.change(frames=[content["frames"][4]])  # this camera looks the other way
+        self.change(frames=[content["frames"][4]])  # the only camera looks the other way
         beside, unseen = self.info()["warnings"]
         self.assertIn("8 of 9 pictures in the folders of the ones used are not in it", beside)
         self.assertIn("none of the 600 points looked at is in view of any camera", unseen)
@@ -739,8 +739,8 @@ class Photographs(fixtures.Case):
         self.assertLess(abs(fitted - without), 1)
 
     def test_held_out_exposures(self):
-        """A held-out photograph gets the mean exposure of its neighbours. If it has only one neighbour, it gets that
-        exposure."""
+        """A held-out photograph gets the mean exposure of its neighbours. If it has only one neighbour, it gets the
+        neighbour's exposure."""
         for i in range(VIEWS):
             write(
                 f"{self.set}/images/{i:03d}.png",

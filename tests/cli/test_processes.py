@@ -78,8 +78,8 @@ class Locks(Processes):
         self.fails([*arguments, "-q"], "another process is writing", f"process {holder.pid} on ", ", since 2")
 
     def test_two_at_one_folder(self):
-        """A command that writes to the folder of a running training is refused and changes nothing. A command that
-        reads works. The lock of a killed training has no effect."""
+        """Commands that write to the folder of a running training are refused and change nothing. Commands that only
+        read succeed. The lock of a killed training has no effect."""
         out, splats = self.path("scene"), self.write("a.ply", ply_bytes(some_splats()))
         raw = make_tree(self.path("raw"), 3)
         running = self.start_training(out)
@@ -273,7 +273,7 @@ class Signals(Processes):
         self.assertIn(b"the state is saved", said + self.read_terminal(terminal))
 
     def test_the_terminal_is_closed(self):
-        """SIGHUP arrives, and nothing can be printed any more. The state is saved."""
+        """The terminal is closed. The training gets SIGHUP and can't print any more, but saves its state."""
         out = self.path("scene")
         pid, terminal = self.in_a_terminal(out)
         os.dup2(os.open(os.devnull, os.O_RDWR), terminal)  # closes the terminal
@@ -281,8 +281,8 @@ class Signals(Processes):
         self.assertLessEqual({"checkpoint.pags", "scene.json"}, set(os.listdir(out)))
 
     def test_limit_on_files(self):
-        """A limit on file sizes (ulimit -f) makes the write fail with the file's name. The program sees only the
-        limit."""
+        """A limit on file sizes (ulimit -f) makes the write fail with the file's name. Nothing else is prepared for the
+        program."""
 
         def limit():
             signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
@@ -315,7 +315,7 @@ class Signals(Processes):
             self.fails(street, self.path("street"), "File too large", preexec_fn=limit)
 
     def test_other_programs_get_their_signals_back(self):
-        """pags import runs Python. Signals that pags ignores aren't ignored in Python."""
+        """pags import becomes a Python process. Signals that pags ignores aren't ignored there."""
         os.makedirs(self.path("bin"))
         write(self.path("bin", "python3"), b"#!/bin/sh\ngrep SigIgn /proc/self/status\n")
         os.chmod(self.path("bin", "python3"), 0o755)

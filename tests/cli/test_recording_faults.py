@@ -15,7 +15,7 @@ from test_recordings import FRAMES, Street
 
 
 class Frames(Street):
-    """The time steps decide which frames are held out. The numbers of the frames don't matter."""
+    """Held-out frames are chosen by the count of time steps, not by the numbers of the frames."""
 
     def number(self, first, step):
         """Gives the frames the numbers first, first + step and so on."""
@@ -80,12 +80,12 @@ class Sweeps(Street):
         )
         clean = self.path("clean")
         shutil.copytree(self.street, clean)
-        for source, scene in ((clean, "a"), (self.set, "b")):  # such rows change nothing in a training
+        for source, scene in ((clean, "a"), (self.set, "b")):  # rows that aren't points change nothing in a training
             self.succeeds("train", source, "-o", self.path(scene), "--iterations", "2")
         self.assertEqual(read(self.path("a/background.ply")), read(self.path("b/background.ply")))
 
     def test_sweeps_without_a_point(self):
-        for frame in (FRAMES // 2, FRAMES // 2 + 1):  # the middle sweep shows the form of all sweeps
+        for frame in (FRAMES // 2, FRAMES // 2 + 1):  # info checks the form of all sweeps in the middle one
             self.sweep(frame, lambda rows: [[0.0] * 4 for _ in rows])
         warnings = self.info()["warnings"]
         self.assertEqual(len(warnings), 2, warnings)
@@ -99,7 +99,7 @@ class Sweeps(Street):
 
 class Boxes(Street):
     def test_files_without_objects(self):
-        """Moving objects are left out of the loss, as in a set without the file."""
+        """The files list no objects. Moving objects are then left out of the loss, as in a set without these files."""
         listing = os.path.join(self.set, "instances/frame_instances.json")
         for instances, listed in (({}, {}), (self.instances, {str(t): [] for t in range(FRAMES)})):
             write(self.file, json.dumps(instances))
@@ -109,7 +109,7 @@ class Boxes(Street):
             self.assertTrue([n for n in said["notes"] if "left out of the loss" in n], said["notes"])
 
     def test_steps_without_a_box(self):
-        """Nothing models moving objects at these time steps, as in a set without boxes."""
+        """Some time steps have no boxes. Nothing models moving objects there, as in a set without boxes."""
         for v in self.instances.values():
             at = v["frame_annotations"]
             for key in list(at):
@@ -153,7 +153,7 @@ class Boxes(Street):
         return {o["id"]: o for o in json.loads(read(self.path("scene/scene.json")))["objects"]}
 
     def test_id_given_to_another_car(self):
-        """Each car becomes a separate object with the right labels."""
+        """A second car gets the id of the first. Each car becomes a separate object with its labels."""
         a, b = self.annotations("moving_car_027"), self.annotations("moving_car_030")
         for key in ("obj_to_world", "box_size", "frame_idx"):
             both = [[v for f, v in zip(at["frame_idx"], at[key]) if (f < 6) == (at is a)] for at in (a, b)]
@@ -190,7 +190,7 @@ class Boxes(Street):
             [draw.gauss(0, 0.1) + (2.6 if i in (0, FRAMES - 2, FRAMES - 1) and k == 0 else 0) for k in range(2)]
             for i in range(FRAMES)
         ]
-        slow = [[0.9 * math.sin(i * 1.1 + k) for k in range(2)] for i in range(FRAMES)]  # the error swings to and fro
+        slow = [[0.9 * math.sin(i * 1.1 + k) for k in range(2)] for i in range(FRAMES)]  # the box swings to and fro
         for what, error in (("white", white), ("ends", ends), ("slow", slow)):
             with self.subTest(what):
                 for m, place, e in zip(at["obj_to_world"], places, error):
@@ -280,7 +280,7 @@ class Drive(Case):
         )
 
     def test_black_photographs(self):
-        # A black picture with noise.
+        # The photographs are black with some noise.
         black = fixtures.png_bytes(160, 90, bytes(3 + i * 7 % 5 for i in range(3 * 160 * 90)))
         for frame in (3, 4, 10):
             write(self.photograph(frame, 0), black)
@@ -307,7 +307,7 @@ class Drive(Case):
         )
 
     def test_mirrored(self):
-        """All data has left-handed axes. Only the photographs show this."""
+        """Poses, boxes and sweeps are mirrored to left-handed axes. Only the photographs show this."""
         flip = lambda m: [[v if (i == 1) == (k == 1) else -v for k, v in enumerate(row)] for i, row in enumerate(m)]
         mount = lambda m: [[-m[0][0], *m[0][1:]], [m[1][0], *[-v for v in m[1][1:]]], [-m[2][0], *m[2][1:]], m[3]]
         self.matrices(flip, "ego_pose")

@@ -47,7 +47,7 @@ class Street(Case):
         return json.loads(self.succeeds("info", self.set, *options, "--json", "-").stdout)
 
     def warned(self, *parts):
-        """Asserts that info gives one warning with all these parts, and that --strict makes it an error."""
+        """Asserts that info gives one warning, which contains all `parts`, and that --strict makes it an error."""
         warnings = self.info()["warnings"]
         self.assertEqual(len(warnings), 1, warnings)
         for part in parts:
@@ -157,7 +157,7 @@ class Labels(Street):
         times = json.loads(read(file))
         times["frames"] = [t if i < 6 else t + 2 for i, t in enumerate(times["frames"])]
         write(file, json.dumps({"frames": times["frames"]}))
-        for v in self.instances.values():  # all objects keep moving during the pause
+        for v in self.instances.values():  # all objects keep moving while the recording is paused
             at = v["frame_annotations"]
             first, last = at["obj_to_world"][0], at["obj_to_world"][-1]
             for frame, m in zip(at["frame_idx"], at["obj_to_world"]):
@@ -240,7 +240,7 @@ class Poses(Street):
         self.pose(5, off)
         self.warned("ego_pose: 2 of 11 steps between poses leap", "from frame 004 to 005, 0.7")
 
-    def test_missing(self):
+    def test_missing_poses(self):
         os.remove(os.path.join(self.set, "ego_pose/005.txt"))
 
         def unknown(rows):
@@ -375,7 +375,7 @@ class Kitti(Case):
         )
         self.assertEqual(self.frames_of(found), {"0": ("Car", [0, 1, 3, 4, 5])})
 
-    def test_degrees(self):
+    def test_angles_in_degrees(self):
         self.rewrite(lambda row: row[:16] + ["-90"])
         self.fails(
             ["import", "kitti", self.raw, "-o", self.path("no")],
@@ -395,7 +395,7 @@ class Kitti(Case):
         self.assertEqual(self.frames_of(found), {"0": ("Car", [0, 1, 2, 3, 4, 5])})
         self.rewrite(
             lambda row: row[:13] + ["300"] + row[14:] if row[2] == "Van" else row
-        )  # the two objects are far from each other
+        )  # the two objects with one track number are far from each other
         self.assertEqual(len(self.imports("track numbers belong to things of several classes")), 2)
 
     def test_leap_of_oxts(self):

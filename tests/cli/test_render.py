@@ -64,8 +64,8 @@ class Render(Case):
             )
 
     def test_shutter_along_a_path(self):
-        # A path without shutters gets the scene's read-out time. The times and places of its frames give the
-        # velocities.
+        # A path whose cameras have no shutters gets the read-out time of the scene. The times and places of its frames
+        # give the velocities.
         folder = scenes.make_scene(self.path("scene"))
         with open(self.path("scene", "scene.json")) as file:
             scene = json.load(file)
@@ -205,7 +205,7 @@ class Info(Case):
         self.assertEqual((facts["bounds_lo"], facts["bounds_hi"]), ([-1, 0, 3], [1, 2, 5]))
         self.assertEqual(facts["memory"]["parameters"], 56)
 
-    def test_others(self):
+    def test_info_of_other_files(self):
         data = make_dataset(self.path("data"), views=9, width=16, height=12)
         facts = self.info(data)
         self.assertEqual((facts["kind"], facts["views_train"], facts["views_test"]), ("data set", 7, 2))
@@ -217,7 +217,7 @@ class Info(Case):
         path = self.write("path.json", json.dumps({"fps": 24, "frames": [FRONT, FRONT]}))
         self.assertEqual((self.info(path)["kind"], self.info(path)["frames"]), ("path", 2))
 
-    def test_text(self):
+    def test_info_as_text(self):
         scene = self.write("a.ply", ply_bytes(some_splats()))
         self.assertRegex(self.succeeds("info", scene).stdout, r"(?m)^gaussians +40$")
         self.assertEqual(self.succeeds("info", scene, "--quiet").stdout, "")

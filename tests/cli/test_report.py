@@ -147,7 +147,7 @@ class Report(DataCase):
         self.assertEqual(page.views(), expected)
         self.assertIn(f"{self.scores['psnr']:.2f} dB", page.text)
         self.assertIn("Means over 3 of 3 held-out views", page.text)
-        self.assertEqual(page.source.count('class="line a"'), 3)  # loss, PSNR, Gaussians
+        self.assertEqual(page.source.count('class="line a"'), 3)  # the curves of loss, PSNR and number of Gaussians
         self.assertEqual(page.source.count('class="dot a"'), 3)
 
     def test_report_changes_no_other_file(self):
@@ -158,8 +158,9 @@ class Report(DataCase):
         self.assertLessEqual(set(changed), {"report.html"})
         self.assertEqual(sorted(before), sorted(after))
 
-    def test_pictures_are_what_they_say(self):
-        """The page's JPEG files become the photographs of a data set, which pags eval writes as PNG files."""
+    def test_pictures_match_their_captions(self):
+        """The test makes the page's JPEG files the photographs of a data set. pags eval writes them as PNG files, which
+        the test can read."""
         page, _, _ = self.report(self.scene)
         shutil.copytree(self.data, self.path("jpeg"))
         with open(self.path("jpeg", "transforms.json")) as file:
@@ -234,7 +235,7 @@ class Report(DataCase):
         self.assertTrue(all(a != b for _, a, b in differing), differing)
         self.assertEqual(
             (page.source.count('class="line a"'), page.source.count('class="line b"')), (4, 5)
-        )  # the key and the outline of B's histogram count, too
+        )  # the lines include the key and the outline of B's histogram
 
     def test_two_scenes_of_one_name(self):
         """Scenes of the same name are distinguished by their paths. The report works if only one of them knows the photographs."""
@@ -386,7 +387,7 @@ class Report(DataCase):
         thing = next(row for row in page.rows if row[0] == evil and len(row) == 8)
         self.assertEqual(thing[1:5], ["\ufffd\u202e</td>" + evil, "0", "yes", "'>" + evil])
         self.assertIn(["caf\u00e9 s", "\u00e9"], page.rows)
-        self.assertIn([evil, evil], page.rows)  # one row in the modelled properties, one in the settings
+        self.assertIn([evil, evil], page.rows)  # one row is in the modelled properties, one in the settings
         self.assertEqual(page.row("trained by version")[1], evil)
         self.assertEqual(page.row("kernels")[1], r"\xFF\xC0\xAF</pre>" + "\ufffd[31m")
         self.assertIn(["", "&lt;"], page.rows)
@@ -536,7 +537,7 @@ class Drive(fixtures.Case):
         self.assertEqual(page.row("lidar points"), ["lidar points", str(facts["modelled"]["lidar_points"])])
         self.assertIn("Priorities, % of the Gaussians", page.text)
 
-        # Reports on the scene's background as a splat file: its Gaussians have numbers of objects that the file doesn't
+        # Reports on a splat file, the scene's background. Its Gaussians have numbers of objects that the file doesn't
         # describe.
         alone = self.path("alone.html")
         self.succeeds("report", os.path.join(scene, "background.ply"), "-o", alone)

@@ -22,7 +22,7 @@ class Scaling(DataCase):
             self.assertTrue(row["ms_least"] >= 0.999 * phase["critical_path_ms"], row)
             self.assertTrue(row["times_as_fast_most"] <= row["workers"] * 1.001, row)
             self.assertEqual(sorted(row["lost_ms"]), sorted(LIMITS))
-            # The losses and the share of the work add up to the time.
+            # A prediction's time is the worker's share of the work plus the losses.
             lost = sum(row["lost_ms"].values())
             self.assertAlmostEqual(
                 lost + phase["ms_alone"] / row["workers"], row["ms_most"], delta=1e-3 + 1e-6 * row["ms_most"]
@@ -32,7 +32,7 @@ class Scaling(DataCase):
         )
 
     def check_heads(self, shown, phases):
-        """Asserts that the head of every table of predictions has the word 'predicted'."""
+        """Asserts that every table of predictions has the word 'predicted' in its head."""
         for phase in phases:
             self.assertIn(f"\n{phase}: predicted from ", shown)
         self.assertEqual(shown.count("predicted workers"), len(phases))

@@ -17,7 +17,7 @@ import fixtures
 import scenes
 from fixtures import Case
 
-CELL = 16  # metres
+CELL = 16  # size of a cell in metres
 HOSTILE = [
     "</script><script>window.injected=1</script>",
     '"><img src=x onerror="window.injected=1">',
@@ -239,7 +239,7 @@ class SceneHtml(Case):
         for model, mean, scale, rotation, opacity, colour, harmonics, fourier in rows:
             object_ = self.page.header["models"][model]["object"]
             if object_ > 1:
-                continue  # the small objects of the street
+                continue  # skips the small objects of the street
             name = "car_1" if object_ == 1 else "background"
             self.assertAlmostEqual(
                 self.page.header["models"][model]["alphaMin"], 0.0157 if name == "background" else 0, delta=1e-6
@@ -249,7 +249,7 @@ class SceneHtml(Case):
             for k in range(3):
                 self.assertAlmostEqual(
                     row[k], mean[k], delta=CELL / 65535 / 2 + 2e-5
-                )  # includes the rounding of a float of 100 m
+                )  # the tolerance includes the rounding of a float of 100 m
             length = math.sqrt(sum(q * q for q in row[6:10]))
             turn = 2 * math.acos(min(1, abs(sum(row[6 + k] * rotation[k] for k in range(4))) / length))
             self.assertLess(math.degrees(turn), 0.25)
@@ -282,8 +282,11 @@ class SceneHtml(Case):
                 self.assertAlmostEqual(poses[i][k], knot["world_from_object"][4 * k + 3] - scenes.ORIGIN[k], delta=1e-4)
             self.assertAlmostEqual(abs(poses[i][3]), 1, delta=1e-6)
         self.assertLess(
-            max(b - a for a, b in zip(times, times[1:])), 0.051
-        )  # at most half the time between two labels, also before the first label and after the last one
+            max(b - a for a, b in zip(times, times[1:])),
+            0.051,
+            # Poses are at most half the time between two labels from each other, also before the first label and after the
+            # last.
+        )
         # This object is parked.
         self.assertNotIn("times", next(model for model in self.page.header["models"] if model["object"] == 0))
 
@@ -291,7 +294,7 @@ class SceneHtml(Case):
         texels = [v for face in self.page.sky() for row in face for texel in row for v in texel]
         self.assertEqual(len(texels), len(self.sky))
         for found, value in zip(texels, self.sky):
-            self.assertAlmostEqual(found, value, delta=0.01)  # 256 values cover a range of 2.55
+            self.assertAlmostEqual(found, value, delta=0.01)  # 256 values cover a range of 2.55, so a step is 0.01
         self.assertEqual(
             [self.page.header[key] for key in ("origin", "antialiased", "lowPass")],
             [scenes.ORIGIN, False, self.page.header["lowPass"]],
@@ -334,7 +337,7 @@ class SceneHtml(Case):
         self.assertEqual(said["gaussians"], self.said["gaussians"] - said["left_out"])
         self.assertLess(
             said["left_out_share"], 0.5 * said["left_out"] / self.said["gaussians"]
-        )  # the faintest Gaussians have much less than their share
+        )  # the faintest Gaussians contribute much less than their number suggests
         self.assertIn(f"the {said['left_out']} faintest Gaussians", out)
 
     def test_target_size_that_is_too_small(self):

@@ -147,7 +147,7 @@ class Facts(Case):
         glb = self.export(self.ply, "a.glb", "--splats")[0]
         self.assertIn("a glTF's axes are known", run("info", glb, "--axes", "rub").stderr)
 
-    def test_archives_are_told_apart(self):
+    def test_archives_are_distinguished(self):
         self.export(self.ply, "a.sog")
         os.rename(self.path("a.sog"), self.path("a.zip"))
         self.assertEqual(self.facts(self.path("a.zip"))["kind"], "SOG v2")

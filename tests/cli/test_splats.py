@@ -185,7 +185,8 @@ class Reading(Splats):
                     self.fails(["info", os.path.dirname(path)], f"holds {name}", *words)
 
     def test_name_of_a_compressed_ply(self):
-        """Other programs expect a compressed form in such a file, which PAGS doesn't write. So the name is refused."""
+        """Other programs expect a compressed form in a file whose name ends in .compressed.ply. PAGS doesn't write this
+        form and refuses the name."""
         plain = self.write("a.ply", ply_bytes(some_splats()))
         for name in ("b.compressed.ply", "B.Compressed.PLY"):
             self.fails(["export", plain, self.path(name)], name, "compressed", ".sog")
@@ -201,7 +202,7 @@ class Reading(Splats):
 
 
 class Axes(Splats):
-    """The axes of an SPZ file come from its record, else they are RUB. An option overrides both."""
+    """The axes of an SPZ file come from its record of axes, or else are RUB. An option overrides both."""
 
     def setUp(self):
         super().setUp()
@@ -252,7 +253,7 @@ class RoundTrips(Splats):
         self.wanted = [facts[key] for key in FACTS]
         self.assertEqual(self.wanted, [True, "+z", [500000.5, 4600000, -100]])
 
-    def test_formats_that_hold_them(self):
+    def test_formats_that_store_the_facts(self):
         for name, options in [
             ("b.ply", ()),
             ("b.pagsz", ()),
@@ -310,7 +311,7 @@ class RoundTrips(Splats):
         head, body = read(self.path(name)).split(b"end_header\n", 1)
         return list(struct.iter_unpack(f"<{head.count(b'property float')}f", body))
 
-    def test_gltf_has_them_as_extras(self):
+    def test_gltf_stores_facts_as_extras(self):
         done = run("export", self.path("a.ply"), self.path("B.GLB"), "--splats", "--strict")
         if "this build writes" in done.stderr:
             self.skipTest("a build without glTF")
@@ -327,7 +328,7 @@ class RoundTrips(Splats):
             self.assertIn(word, warnings[0])
         self.fails(["export", self.path("a.ply"), self.path("b.splat"), "--strict"], "can't hold")
 
-    def test_up_is_an_option(self):
+    def test_option_up(self):
         self.assertEqual(self.info("a.ply", "--up", "y")["up"], "+y")
         self.write("bare.ply", ply_bytes(some_splats()))
         self.assertEqual(self.info("bare.ply")["up"], "-y")

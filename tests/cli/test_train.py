@@ -15,7 +15,7 @@ import zlib
 import fixtures
 from fixtures import SMALL, DataCase, files_below, make_dataset, read
 
-# These files hold times, which differ between otherwise identical runs.
+# These output files hold times, which differ between otherwise identical runs.
 TIMED = {"report.json", "report.html"}
 
 
@@ -78,7 +78,7 @@ class Train(DataCase):
         scores = json.loads(self.succeeds("eval", measured, "--split", "test", "--json", "-").stdout)
         self.assertAlmostEqual(
             held[-1]["held_out_psnr"], scores["test"]["psnr"], delta=0.01
-        )  # the scene was rounded when PLY stored it
+        )  # the numbers of the scene were rounded in its PLY file
         self.train(resumed, *often, "--set", "schedule_iterations=60", iterations=40)
         self.train(resumed, *often, "--resume", iterations=60)
         self.assertEqual(
@@ -166,7 +166,7 @@ class Train(DataCase):
         return running
 
     def left_alone(self, iterations, options):
-        """Returns the files of an uninterrupted run. The run takes place once."""
+        """Returns the files of an uninterrupted run. All tests share one run."""
         if Train.alone is None:
             self.train(self.path("alone"), *options, iterations=iterations)
             Train.alone = self.scene_files(self.path("alone"))
@@ -238,7 +238,7 @@ class Train(DataCase):
         self.interrupted(signal.SIGKILL)
 
     def test_resumed_with_other_kernels(self):
-        """If the bits differ from an undisturbed run, a warning says so, even when the first kernels are used again.
+        """Resuming with other kernels changes bits. Then a warning says so, even when the first kernels are used again.
         Otherwise there is no warning."""
         words, plain = ["train", self.data, "-q", *SMALL, "-n"], {**os.environ, "PAGS_CPU": "scalar"}
         self.succeeds(*words, 30, "-o", self.path("whole"))

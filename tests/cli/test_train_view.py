@@ -14,8 +14,8 @@ from view_client import Page, Run, jpeg_size, main
 # These output files must not depend on viewers.
 PAYLOAD = ["background.ply", "scene.json", "checkpoint.pags"]
 SMALL = ["--random-points", 3000, "--max-gaussians", 5000, "--preset", "plain"]  # a step takes some milliseconds
-CREDIT = 0.1  # seconds that pictures may take at once after a while without pictures
-SEEN = 4  # the least number of pictures in a run of some seconds for a page that requests one after the other
+CREDIT = 0.1  # credit in seconds, which pictures may take at once after a while without pictures
+SEEN = 4  # least number of pictures in a run of some seconds for a page that requests one after the other
 
 
 class Watched(Case):
@@ -210,8 +210,8 @@ class Time(Watched):
             print(
                 f"share {share}: {pictures} pictures took {taken:.3f} of {watched + trained:.1f} s, the longest {longest:.3f} s"
             )
-            # The limit allows for the credit and for the debt of the last picture. Encoding isn't part of drawMs and
-            # may take as long again.
+            # The limit adds the credit after a pause and the debt of the last picture. Encoding isn't part of drawMs
+            # and may take as long again.
             self.assertLess(watched, share * (watched + trained) + CREDIT + 2 * longest + 0.05)
             self.assertGreater(taken, share / 4, "it takes far less than it may, though the page asks all the time")
 

@@ -94,7 +94,7 @@ class Usage(Case):
             names = re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)( \S+)?", shown, re.M)
             self.assertGreater(len(names), 5)
             for name, value in names:
-                if value and not value.startswith(" ["):  # a value in brackets may be left out
+                if value and not value.startswith(" ["):  # options with a value in brackets may lack the value
                     self.fails([verb, "x", name], f"{name}: expected", "got nothing", code=2)
         shown = " ".join(run("train", "--help").stdout.split())
         self.assertIn("[photographs; default 30000]", shown)
@@ -146,7 +146,7 @@ class Usage(Case):
         self.assertEqual(len(fields), len(set(fields)))
         words = re.sub(r"\s+", " ", shown)
         self.assertEqual(len(re.findall(r"\[[^]]+; default [^]]+\]", words)), len(fields))
-        self.assertIn("presets plain and paper 0.2]", words)  # the longest text isn't cut
+        self.assertIn("presets plain and paper 0.2]", words)  # the longest default isn't cut off
         self.assertNotIn("default -1", words)
         for row in [
             "[steps of 30 000; 0 to 1e9; default 500]",
@@ -204,7 +204,7 @@ class Usage(Case):
             self.succeeds("export", splats, self.path("x.glb"), "--splats")
 
     def test_version(self):
-        """The version is that of the header. Parts that the build lacks are listed under 'without', and their verbs are
+        """The version is the one in base.h. Parts that the build lacks are listed under 'without', and their verbs are
         refused."""
         first, *rest = self.succeeds("--version").stdout.splitlines()
         facts = dict(line.split(":", 1) for line in rest)

@@ -128,7 +128,7 @@ class Run(Listener):
 
 
 class Page:
-    """A WebSocket that is opened as the viewer's page opens it."""
+    """A WebSocket, opened as by the viewer's page."""
 
     def __init__(self, server, **changed):
         self.line = server.connect()
@@ -245,7 +245,7 @@ class Page:
                 return facts, jpeg
 
     def answer(self):
-        """Returns the next text as JSON. Acknowledges the pictures before it."""
+        """Returns the next text message as JSON. Acknowledges the pictures before it."""
         while True:
             kind, data = self.receive()
             if kind == 1:

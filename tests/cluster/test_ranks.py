@@ -178,12 +178,12 @@ class Ranks(rank_jobs.Jobs):
         self.assertEqual(done.stderr.count("pags: 'info' runs as one process, but mpirun started 2"), 1, done.stderr)
         self.assertEqual(done.stdout.strip(), "")
 
-    def test_wrong_usage_is_said_once(self):
+    def test_wrong_usage_is_reported_once(self):
         done = mpirun.run(2, [PAGS, "render", self.scene, "--no-such-option"])
         self.assertEqual(done.returncode, 2)
         self.assertEqual(done.stderr.count("unknown option '--no-such-option'"), 1, done.stderr)
 
-    def test_missing_scene_is_said_once(self):
+    def test_missing_scene_is_reported_once(self):
         done = mpirun.run(2, [PAGS, "eval", self.path("nowhere")])
         self.assertEqual(done.returncode, 1)
         self.assertEqual(done.stderr.count("pags: "), 1, done.stderr)

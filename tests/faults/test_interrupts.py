@@ -32,7 +32,8 @@ SAVE = [
     if number
 ]
 STOP = [signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU]
-REAL_TIME = range(signal.SIGRTMIN + 1, signal.SIGRTMAX)  # these aren't tested, only the first and the last are
+# Tests skip all real-time signals except the first and the last.
+REAL_TIME = range(signal.SIGRTMIN + 1, signal.SIGRTMAX)
 CATCHABLE = sorted(signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP} - set(REAL_TIME))
 CHOSEN = CATCHABLE if MOMENTS > 1 else [signal.SIGHUP, signal.SIGQUIT]
 
@@ -208,7 +209,7 @@ class Together(Faults):
             training = self.start(*self.train_command(out, "--resume"), "-n", "1000000")
             deadline = time.monotonic() + 60
             lock = os.path.join(out, ".pags.lock")
-            while not (os.path.exists(lock) and os.path.getsize(lock)):  # the lock's content is written after locking
+            while not (os.path.exists(lock) and os.path.getsize(lock)):  # the lock file is written after locking
                 self.assertLess(time.monotonic(), deadline)
                 time.sleep(0.002)
             dice.shuffle(others)
