@@ -281,13 +281,10 @@ class SceneHtml(Case):
             for k in range(3):
                 self.assertAlmostEqual(poses[i][k], knot["world_from_object"][4 * k + 3] - scenes.ORIGIN[k], delta=1e-4)
             self.assertAlmostEqual(abs(poses[i][3]), 1, delta=1e-6)
-        self.assertLess(
-            max(b - a for a, b in zip(times, times[1:])),
-            0.051,
-            # Poses are at most half the time between two labels from each other, also before the first label and after the
-            # last.
-        )
-        # This object is parked.
+        # Poses are stored at intervals of at most half the time between two labels, also before the first label and after
+        # the last one.
+        self.assertLess(max(b - a for a, b in zip(times, times[1:])), 0.051)
+        # The object 0 is parked, so it has no times.
         self.assertNotIn("times", next(model for model in self.page.header["models"] if model["object"] == 0))
 
     def test_sky_and_options(self):
