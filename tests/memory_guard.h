@@ -17,7 +17,7 @@ void memory_guard_begin(size_t limit, int64_t fail_at);
 /* Stops counting. */
 void memory_guard_end(void);
 
-/* For the wrappers of other allocators: counts a request and returns whether it may proceed. */
+/* Wrappers of other allocators call this: it counts a request and returns whether it may proceed. */
 int memory_guard_allows(size_t size);
 
 /* Figures of the last watch. */

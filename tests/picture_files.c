@@ -10,7 +10,7 @@
 #include <openexr.h>
 #include <png.h>
 
-enum { MOST = 8 }; /* channels */
+enum { MOST = 8 }; /* largest number of channels */
 
 /* A sample of 16 bits: slopes with some noise, to test both kinds of compression. */
 static unsigned sample_at(int x, int y, int c) {

@@ -170,15 +170,15 @@ static void fill_velocity(const raw_kitti *s, const rig *r, int64_t frame, doubl
   row[VL] = -sin(row[YAW]) * v[0] + cos(row[YAW]) * v[1];
   pags_rigid_inverse(a, inverse);
   pags_rigid_multiply(inverse, b, turn);
-  const double axis[3] = {turn[9] - turn[6], turn[2] - turn[8], turn[4] - turn[1]}; /* 2 sin(angle) n */
+  const double axis[3] = {turn[9] - turn[6], turn[2] - turn[8], turn[4] - turn[1]}; /* 2 sin(angle) times the axis */
   const double sine = 0.5 * sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
   const double factor = sine > 1e-12 ? asin(sine) / sine : 1;
   for (int i = 0; i < 3; i++)
     row[WX + i] = 0.5 * axis[i] * factor / seconds;
 }
 
-/* Writes latitude, longitude and angles: the inverse of the development kit's Mercator projection about 49 degrees
- * north, where frame 0 is. */
+/* Writes latitude, longitude and angles by the inverse of the development kit's Mercator projection. Frame 0 is at
+ * about 49 degrees north. */
 static void fill_oxts(const raw_kitti *s, const rig *r, int64_t frame, double row[OXTS]) {
   const double lat = 49.0150, lon = 8.4343, radius = 6378137, scale = cos(lat * pi / 180);
   double first[12], pose[12];

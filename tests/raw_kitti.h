@@ -13,8 +13,8 @@
 typedef struct raw_kitti {
   const pags_dataset *dataset; /* its pictures must be PNG, and every frame must have a sweep */
   int sensor;                  /* the camera that becomes image_02 */
-  int right;                   /* the camera whose pictures become image_03's */
-  double baseline;             /* metres */
+  int right;                   /* the camera whose pictures become those of image_03 */
+  double baseline;             /* distance of the two cameras in metres */
   int kitti_digits;            /* 1: numbers have as many digits as in KITTI's files; 0: all digits of a double */
 } raw_kitti;
 

@@ -34,7 +34,7 @@ ProtobufCBinaryData raw_matrix(raw_waymo *w, const float *values, int rows, int 
 typedef struct raw_lidar {
   int name, rows, columns;
   const double *inclinations; /* `rows` inclinations, ascending; NULL: spaced evenly between low and high */
-  double low, high;           /* radians */
+  double low, high;           /* radians, used without `inclinations` */
   double vehicle_from_laser[12];
   /* Returns the vehicle's pose (roll, pitch, yaw, x, y, z) at the time of a column. NULL: the frame's pose for all
    * columns, and no per-pixel poses are written. */

@@ -18,7 +18,7 @@
 
 typedef struct fuzz_target {
   const char *name;
-  void (*seeds)(void); /* passes its valid files to fuzz_seed */
+  void (*seeds)(void); /* passes the target's valid files to fuzz_seed */
   /* Returns 1 if the input was accepted, 0 if refused. `data` has no bytes beyond `size`. */
   int (*run)(const uint8_t *data, size_t size);
   /* Corrects checksums in place after a mutation, so that mutations aren't refused because of them; returns the

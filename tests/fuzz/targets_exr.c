@@ -318,7 +318,7 @@ static int run_colours(const uint8_t *data, size_t size) {
   return found || known;
 }
 
-/* A profile of a matrix and one curve for all channels. */
+/* Makes an ICC profile with a matrix and one curve for all channels. */
 static file_bytes make_profile(bool formula) {
   static const char *const tags[] = {"rXYZ", "gXYZ", "bXYZ", "rTRC", "gTRC", "bTRC"};
   static const int32_t columns[9] = {33759, 15807, -69, 19135, 45368, 2745, 10296, 4363, 51385};

@@ -416,7 +416,7 @@ static void seed_message(raw_waymo *memory, const Pags__Waymo__Frame *f) {
   fuzz_seed(bytes, size);
 }
 
-/* The frame of the shared test data without its pictures, which are nearly all of its bytes. */
+/* Adds the frame of the shared test data without its pictures, which take most of its bytes. */
 static void seed_real_frame(raw_waymo *memory) {
   char path[512];
   pags_tfrecord *reader;

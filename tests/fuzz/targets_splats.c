@@ -15,7 +15,7 @@
 #include "base/file.h"
 #include "scene/splat_formats.h"
 
-/* A copy with a zero byte after its end, as pags_file_read returns it. */
+/* Returns a copy with a zero byte after its end, as pags_file_read does. */
 static uint8_t *terminated(const uint8_t *data, size_t size) {
   uint8_t *const copy = malloc(size + 1);
   if (!copy)
@@ -147,7 +147,7 @@ static int run_packed(const uint8_t *data, size_t size) {
   }
   FUZZ_CHECK(pags_packed_unpack(&packed, &g) == PAGS_OK);
   FUZZ_CHECK(pags_gaussians_find_bad(&g, NULL) == 0);
-  /* Bounds of clusters must contain the visible extent of their rows. */
+  /* A cluster's bounds must contain the visible extent of its rows. */
   for (int64_t c = 0; c < packed.clusters.count; c++)
     FUZZ_CHECK(isfinite(packed.clusters.lo[0][c]) && isfinite(packed.clusters.sigma[c]));
   pags_gaussians_destroy(&g);

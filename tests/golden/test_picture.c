@@ -71,7 +71,7 @@ static void check_single_splat(const double mean[3], double sigma, double opacit
     blended += alpha > 0;
     for (int channel = 0; channel < 3; channel++) {
       double value = alpha * colour[channel] + (1 - alpha) * (double)options.background[channel];
-      assert_true(fabs(exact.rgb[channel * pixels + k] - value) < 1e-6); /* values were rounded to float */
+      assert_true(fabs(exact.rgb[channel * pixels + k] - value) < 1e-6); /* values are rounded to float */
       assert_true(fabs((double)drawn.rgb[channel * pixels + k] - value) < 3e-6);
     }
     assert_true(fabs(exact.transmittance[k] - (1 - alpha)) < 1e-6);

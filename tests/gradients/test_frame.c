@@ -62,7 +62,7 @@ typedef struct gradient_case {
   int stretched; /* 1: the poses of parts shrink, stretch and mirror */
 } gradient_case;
 
-/* Norm of the oracle's gradient of row i in a group. */
+/* Returns the norm of the oracle's gradient of row i in a group. */
 static double exact_norm(const reference_part_gradient *gradient, const parameter_group *group, int64_t i) {
   double sum = 0;
   for (int k = 0; k < group->planes; k++) {
@@ -333,7 +333,7 @@ static void test_random_gaussians(void **state) {
   assert_true(good);
 }
 
-/* The code path of the rasteriser's backward pass without depth. */
+/* Tests the code path of the rasteriser's backward pass without depth. */
 static void test_plain(void **state) {
   (void)state;
   gradient_case c = {"no depth", 700, 1000, 1, reference_recipe_default(), reference_options(), 5e-3, .plain = 1};

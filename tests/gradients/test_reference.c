@@ -164,7 +164,7 @@ static void test_anisotropic_off_axis(void **state) {
     reference_recipe recipe = reference_recipe_default();
     recipe.anisotropy = 30;
     scene_fill(&scene, &recipe);
-    scene.camera.cx += 9; /* principal point far from the picture's centre */
+    scene.camera.cx += 9; /* the principal point is far from the picture's centre */
     scene.camera.cy -= 7;
     check_gradient(&scene, 0.05);
     scene_destroy(&scene);
@@ -200,14 +200,14 @@ static void test_culled_in_front(void **state) {
   reference_recipe recipe = reference_recipe_default();
   scene_fill(&scene, &recipe);
   reference_part *part = &scene.parts[0];
-  for (int64_t i = 0; i < part->count; i += 3) { /* mirrored behind the camera */
+  for (int64_t i = 0; i < part->count; i += 3) { /* rows mirrored behind the camera */
     for (int k = 0; k < 3; k++) {
       double *mean = &part->planes[(PAGS_MEAN + k) * part->count + i];
       *mean = 2 * scene.camera.world_from_camera[4 * k + 3] - *mean;
     }
   }
-  part->planes[PAGS_OPACITY * part->count + 1] = -6; /* opacity below 1/255 */
-  for (int k = 0; k < 3; k++)                        /* at the camera centre */
+  part->planes[PAGS_OPACITY * part->count + 1] = -6; /* a row of opacity below 1/255 */
+  for (int k = 0; k < 3; k++)                        /* a row at the camera centre */
     part->planes[(PAGS_MEAN + k) * part->count + 4] = scene.camera.world_from_camera[4 * k + 3];
   part->planes[PAGS_SCALE * part->count + 7] = INFINITY;
   assert_int_equal(count_drawn(&scene), 18 - 6 - 3);
@@ -315,7 +315,7 @@ static void test_sky_and_other_dc(void **state) {
     scene.parts[1].first_id = 6;
     for (int p = 0; p < 2; p++)
       reference_random_pose(&scene.random, 5, scene.parts[p].world_from_model);
-    scene.camera.fx *= 0.4, scene.camera.fy *= 0.4; /* sees several faces at once */
+    scene.camera.fx *= 0.4, scene.camera.fy *= 0.4; /* the camera sees several faces at once */
     scene.sky = reference_random_sky(&scene.random, sizes[k]);
     reference_recipe recipe = reference_recipe_default();
     scene_fill(&scene, &recipe);
@@ -358,7 +358,7 @@ static void test_needles(void **state) {
   reference_picture picture = scene_render(&scene);
   for (int64_t k = 0; k < n; k++) {
     const double *cov = picture.splats[k].cov;
-    assert_true(fabs(fabs(cov[1]) / cov[0] - 1) < 0.1); /* 45 degrees */
+    assert_true(fabs(fabs(cov[1]) / cov[0] - 1) < 0.1); /* the needle lies at 45 degrees */
   }
   reference_picture_destroy(&picture);
   check_gradient(&scene, 0.15);

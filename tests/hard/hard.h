@@ -78,8 +78,8 @@ typedef struct hard_data_options {
 } hard_data_options;
 #define HARD_DATA_DEFAULT ((hard_data_options){.level = -1})
 
-/* Returns whether HARD_SHORT is set, as in the runs repeated for each instruction set: then a case that takes long
- * prints that it is left out, and returns. */
+/* Returns whether HARD_SHORT is set, as in the runs repeated for each instruction set. Then prints that the test is
+ * left out, as it takes long. */
 int hard_leaves_out(void);
 
 /* Set-up and tear-down of a group of tests that use data sets: makes and removes a scratch folder. */

@@ -14,14 +14,14 @@ enum { FILLING = 0xA5, SHOWN_FAILURES = 5, MAX_BUFFERS = 256 };
 
 typedef struct buffer {
   unsigned char *pages; /* the first accessible page */
-  size_t length;        /* of the accessible pages, bytes */
+  size_t length;        /* length of the accessible pages in bytes */
   unsigned char *data;
   size_t size;
 } buffer;
 
 static struct {
   const char *case_name, *table;
-  char where[128]; /* formatted in advance, as the signal handler must not format */
+  char where[128]; /* message formatted in advance, as the signal handler must not format */
   uint64_t seed, rng;
   int case_failures;
   bool at_end, bench;

@@ -65,7 +65,7 @@ void check_release(void);
 typedef struct check_tolerance {
   int ulp;
   double relative, absolute; /* passes within `ulp`, or within relative * |want| + absolute */
-  /* Share of values that may be off by up to flip_size, because rounding decided a threshold otherwise. */
+  /* Share of values that may be off by up to flip_size because rounding changed a decision. */
   double flips;
   double flip_size;
 } check_tolerance;

@@ -8,12 +8,12 @@
 
 typedef enum pages_access { PAGES_SHUT, PAGES_READ, PAGES_WRITE } pages_access;
 
-size_t pages_size(void); /* of one page, bytes */
-/* `size`, a multiple of a page, bytes that may be read and written; NULL on failure. */
+size_t pages_size(void); /* size of a page in bytes */
+/* Allocates `size` bytes, a multiple of a page, that may be read and written; NULL on failure. */
 unsigned char *pages_make(size_t size);
 bool pages_allow(unsigned char *pages, size_t size, pages_access access);
 void pages_free(unsigned char *pages, size_t size);
-/* A crash prints `where`, a text that may change until then, before it ends the program. */
+/* On a crash, prints `where`, a text that may change until then, and ends the program. */
 void pages_on_crash(const char *where);
 
 #endif

@@ -112,7 +112,7 @@ static void make_awkward(const pags_projection *v, float row[ROW_FLOATS]) {
     case 5: row[ROW_LOGIT] = -logf(254.0f) * (1.0f + 1e-7f * (float)(check_below(5) - 2)); break;
     case 6: memset(row + ROW_QUATERNION, 0, 4 * sizeof *row); break;
     case 7: place(v, row, check_uniform(-5e4f, 5e4f), check_uniform(-5e4f, 5e4f), check_uniform(0.26f, 3.0f)); break;
-    case 8: /* negative colours */
+    case 8: /* rows of negative colours */
       for (int k = 0; k < 3; k++)
         row[ROW_SH + k] -= 4.0f;
       break;

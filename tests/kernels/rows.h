@@ -15,8 +15,7 @@ static inline int64_t round_up_16(int64_t n) {
   return (n + 15) / 16 * 16;
 }
 
-/* Parameter planes of `count` rows in the kernels' layout; the buffer ends with the last row that a kernel may read.
- * */
+/* Parameter planes of `count` rows in the kernels' layout. The buffer ends with the last row that a kernel may read. */
 typedef struct rows {
   float *data;
   int64_t stride;
@@ -26,7 +25,7 @@ typedef struct rows {
 typedef enum row_kind { ROWS_ORDINARY, ROWS_NEEDLES, ROWS_AWKWARD } row_kind;
 
 pags_projection view_random(int sh_degree, bool antialiased);
-/* A view in which z is camera z and x, y are the model's: for rows at exact depths. */
+/* Makes a view whose z is camera z and whose x and y are the model's, for rows at exact depths. */
 pags_projection view_straight(int sh_degree);
 /* Returns a random motion of the view during a rolling shutter's read-out: up to 1 m and 0.1 radians. */
 pags_scan scan_random(const pags_projection *view);
@@ -37,12 +36,12 @@ pags_scan scan_random(const pags_projection *view);
 rows rows_random(const pags_projection *view, int count, row_kind kind);
 
 typedef struct plain_row {
-  double x, y, z;        /* px, px, m */
+  double x, y, z;        /* position: x and y in px, z in m */
   double a, b, c, d0, d; /* covariance; its determinants without and with the low-pass filter */
   double opacity, raw_opacity;
   double least, cut, floor; /* pags_alpha_cut of the row */
   double extent_x, extent_y;
-  double rgb[3];       /* before the clamp at 0 */
+  double rgb[3];       /* colour before the clamp at 0 */
   bool drawn, certain; /* certain: no threshold is so near that rounding decides it */
 } plain_row;
 

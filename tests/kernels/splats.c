@@ -41,15 +41,15 @@ pags_splat splat_awkward(const splat_mix *mix) {
   const double x = (double)check_uniform(mix->x0, mix->x1), y = (double)check_uniform(mix->y0, mix->y1);
   const double at = (double)check_uniform(0.05f, 0.95f), cut = 1.0 / 255.0;
   switch (check_below(9)) {
-    case 0: return from_axes(x, y, 0.02, 200.0, 0.3, at); /* needle */
-    case 1: return from_axes(x, y, 0.3, 3000.0, 0.0, at); /* needle without the low-pass filter */
+    case 0: return from_axes(x, y, 0.02, 200.0, 0.3, at); /* a needle */
+    case 1: return from_axes(x, y, 0.3, 3000.0, 0.0, at); /* a needle without the low-pass filter */
     case 2: return from_axes(floor(x) + 0.5, floor(y) + 0.5, 2.0, 5.0, 0.3, cut * (1.0 + 3e-7 * (check_below(5) - 2)));
     case 3: return from_axes(x, y, 3.0, 9.0, 0.3, 1.0);       /* alpha is capped around its mean */
     case 4: return from_axes(x, y, 3.0, 3.0, 0.3, 0.9900001); /* alpha is capped at the mean only */
     case 5: return from_axes(x + 1000.0, y - 1500.0, 400.0, 900.0, 0.3, at);
-    case 6: return from_axes(x, y, 1e8, 1e8, 0.3, at); /* constant over the whole picture */
+    case 6: return from_axes(x, y, 1e8, 1e8, 0.3, at); /* a splat that is constant over the whole picture */
     case 7:
-      return from_axes(x, y, 0.0, 0.0, 0.3, at); /* only the low-pass filter's size */
+      return from_axes(x, y, 0.0, 0.0, 0.3, at); /* a splat as small as the low-pass filter allows */
     /* The exponent's powers of two exceed the range of float. */
     default: return from_axes(x + 1e9, y, 1.0, 1.0, 0.3, at);
   }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The Adam kernels over parameter planes: each ISA against the scalar kernel, and against Adam's published recurrence
- * in double. Scalar and fused builds differ by rounding only, as no threshold affects the results here. */
+/* Tests the Adam kernels over parameter planes. Compares each ISA with the scalar kernel, and with Adam's published
+ * recurrence in double. Scalar and fused builds differ only by rounding, as no threshold affects the results here. */
 #include "check.h"
 
 #include <math.h>
@@ -26,7 +26,7 @@ static plane make_plane(int rows) {
   a.gradient = CHECK_NEW(float, a.padded);
   for (int i = 0; i < a.padded; i++) {
     const float size = ldexpf(1.0f, -check_below(24));
-    const bool fresh = check_below(5) == 0; /* a row that has had no step yet */
+    const bool fresh = check_below(5) == 0; /* a row without a step so far */
     a.p[i] = i < rows ? check_normal() : 0.0f;
     a.m[i] = i < rows && !fresh ? 0.3f * size * check_normal() : 0.0f;
     a.v[i] = i < rows && !fresh ? size * size * check_uniform(0.1f, 2.0f) : 0.0f;
@@ -91,7 +91,7 @@ static void test_update(const pags_kernels *k) {
   }
 }
 
-/* Tiny moments become zero, not denormal; a NaN gradient, which the caller has to prevent, stays within its row. */
+/* Tiny moments become zero, not denormal. A NaN gradient, which the caller has to prevent, affects only its row. */
 static void test_small(const pags_kernels *k) {
   plane a = make_plane(16);
   float *const gradient = CHECK_NEW(float, 16);
@@ -134,8 +134,8 @@ static void test_replay(const pags_kernels *k) {
   }
 }
 
-/* Every kind of non-finite or too large number in every place of parameters and gradients, alone and together, sets
- * its row's bit; bits that were set before stay. */
+/* Every kind of non-finite or too large number at every place of parameters and gradients sets its row's bit. Bits
+ * that were set before stay. */
 static void test_check(const pags_kernels *k) {
   static const float odd[] = {NAN, INFINITY, -INFINITY, 1e18f, 9.99e17f, 3.1e38f, 0.0f, -1e-40f};
   enum { PLANES = 7 };

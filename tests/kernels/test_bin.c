@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Binning, splats' tile boxes and tiles' splat lists: the lists are well formed, the same on every ISA, hold every
- * tile and 4x4 block with a pixel that the splat reaches, and few others. Which pixels a splat reaches is computed
- * one by one with the rasteriser's own float operations, fused and not. */
+/* Tests binning, which computes splats' tile boxes and tiles' splat lists. The lists are well formed and the same on
+ * every ISA. They hold every tile and 4x4 block with a pixel that the splat reaches, and few others. The test computes
+ * the reached pixels one by one with the rasteriser's float operations, fused and not. */
 #include "check.h"
 #include "splats.h"
 
@@ -114,7 +114,7 @@ static void check_lists(const bins *b, const bins *before) {
 
 static void compare(const bins *got, const bins *want) {
   const int64_t tiles = (int64_t)got->tiles_x * got->tiles_y;
-  /* Each table is compared with the pixels; two tables may decide differently at a splat's rim. */
+  /* Each table is compared with the pixels, as two tables may decide differently at a splat's rim. */
   if (!CHECK_EXACT) {
     const int64_t apart = got->total < want->total ? want->total - got->total : got->total - want->total;
     CHECK(apart <= 2 + want->total / 500);
@@ -135,8 +135,8 @@ static bool reaches(const pags_splat *s, float px, float py) {
   return exponent >= s->cut || (exponent >= s->cut - 1.0f && splat_exponent(s, px, py, true) >= s->cut);
 }
 
-/* Mask of the 4x4 blocks of the tile at (x0, y0) px with a pixel that the splat reaches; 0 for tiles well beyond the
- * splat's box. */
+/* Returns the mask of the 4x4 blocks with a pixel that the splat reaches, in the tile at (x0, y0) px; 0 for tiles
+ * far from the splat's box. */
 static unsigned blocks_reached(const pags_splat *s, int x0, int y0) {
   unsigned blocks = 0;
   const float half = 0.5f * PAGS_TILE, margin = half + 16.0f;
@@ -150,7 +150,7 @@ static unsigned blocks_reached(const pags_splat *s, int x0, int y0) {
   return blocks;
 }
 
-/* Mask of the 4x4 blocks that the rasteriser evaluates for this splat in this tile. */
+/* Returns the mask of the 4x4 blocks that the rasteriser evaluates for this splat in this tile. */
 static unsigned blocks_listed(const pags_kernels *k, const pags_splat *s, int x0, int y0) {
   float planes[4][PAGS_TILE_PIXELS];
   uint16_t mask;

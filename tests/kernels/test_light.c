@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A camera's vignette and response curve over a row of pixels: each ISA against the scalar kernel, and against the
- * pieces of both in double. */
+/* Tests a camera's vignette and response curve over a row of pixels. Compares each ISA with the scalar kernel, and
+ * with a piecewise evaluation in double. */
 #include "check.h"
 
 #include <math.h>
@@ -16,7 +16,7 @@ typedef struct row_case {
   int padded; /* pixels up to the end of the last SIMD lane */
 } row_case;
 
-/* Values from -0.1 to 1.3, NaN beyond the row's end. */
+/* Makes values from -0.1 to 1.3, and NaN beyond the row's end. */
 static row_case make_case(int width) {
   row_case c = {.padded = (width + 15) / 16 * 16};
   double sum = 0.0, before = 0.0;

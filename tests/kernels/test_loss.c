@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The kernels of the training loss: each ISA against the scalar kernel, and against SSIM computed pixel by pixel in
- * double. */
+/* Tests the kernels of the training loss. Compares each ISA with the scalar kernel, and with SSIM computed pixel by
+ * pixel in double. */
 #include "check.h"
 
 #include <math.h>
@@ -77,7 +77,7 @@ static void run(const pags_kernels *k, const picture *p, int begin, int end, res
                        .ssim_scale = -0.1f,
                        .scratch = check_buffer(bytes),
                        .sums = sums};
-  memset(io.scratch, 0xFF, bytes); /* NaN, as if left over from another picture */
+  memset(io.scratch, 0xFF, bytes); /* NaN, as if another picture had left it */
   k->loss_rows(&io);
   for (int row = 0; row < end - begin; row++) {
     r->l1 += sums[row][PAGS_LOSS_L1];
@@ -152,8 +152,8 @@ static void fill(const picture *p, double *const planes[5]) {
     }
 }
 
-/* Derivative of the weighted sum of SSIM by the prediction of one pixel: central differences over the windows that
- * contain it. */
+/* Returns the derivative of the weighted sum of SSIM by the prediction of one pixel: central differences over the
+ * windows that contain the pixel. */
 static double ssim_gradient(const picture *p, double *const planes[5], int x, int y) {
   const int at = y * p->width + x;
   const double a = planes[0][at], b = planes[1][at], step = 1e-4;
@@ -222,7 +222,7 @@ static void check_all(const pags_kernels *k, content what, bool masked) {
   for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
     const picture p = make_picture(sizes[n][0], sizes[n][1], masked, what);
     const result got = in_bands(k, &p, p.height), want = in_bands(&pags_kernels_scalar, &p, p.height);
-    /* The L1 gradient's sign flips where a difference rounds to 0 or not. */
+    /* The L1 gradient's sign changes if a difference rounds to 0 or not. */
     CHECK_FLOATS("gradient", got.gradient, want.gradient, p.stride * p.height, .absolute = 2e-5, .relative = 2e-5,
                  .flips = 1e-3, .flip_size = 1.7);
     check_sums(&got, &want, &p, CHECK_EXACT ? 0.0 : 1e-6);
@@ -251,7 +251,7 @@ static void test_masked(const pags_kernels *k) {
   check_all(k, NEAR, true);
 }
 
-/* A prediction equal to the target: difference 0, SSIM 1. */
+/* A prediction equal to the target has the difference 0 and the SSIM 1. */
 static void test_equal(const pags_kernels *k) {
   const picture p = make_picture(37, 29, false, EQUAL);
   const result r = in_bands(k, &p, p.height);
@@ -260,7 +260,7 @@ static void test_equal(const pags_kernels *k) {
     CHECK(fabsf(r.gradient[i]) <= 0.8f + 1e-3f);
 }
 
-/* Predictions as of diverging training must still give finite results. */
+/* Huge predictions, as of diverging training, still give finite results. */
 static void check_huge(const pags_kernels *k, content what) {
   const picture p = make_picture(37, 29, false, what);
   const result got = in_bands(k, &p, p.height), want = in_bands(&pags_kernels_scalar, &p, p.height);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The loss terms on a row's opacities: each ISA against the scalar kernel, and against the formulas in double. */
+/* Tests the loss terms on a row's opacities. Compares each ISA with the scalar kernel, and with the formulas in
+ * double. */
 #include "check.h"
 
 #include <math.h>
@@ -13,7 +14,7 @@ typedef struct row_case {
   int padded;          /* pixels up to the end of the last SIMD lane */
 } row_case;
 
-/* Transmittances from 1e-7 to 1, NaN beyond the row's end; the gradient already holds values. */
+/* Makes transmittances from 1e-7 to 1, and NaN beyond the row's end; the gradient already holds values. */
 static row_case make_case(int width, bool masked, bool unsure) {
   row_case c = {.padded = (width + 15) / 16 * 16};
   float *const t = CHECK_NEW(float, c.padded), *const before = CHECK_NEW(float, c.padded);
@@ -47,7 +48,7 @@ static double run(const pags_kernels *k, const row_case *c, float *gradient) {
   return k->opacity_row(&row);
 }
 
-/* Value and derivative of a pixel by the formula, except that 1 - T is rounded to float. */
+/* Returns value and derivative of a pixel by the formula, except that 1 - T is rounded to float. */
 static double value_of(const pags_opacity_row *row, int i, double *slope) {
   const float t = row->transmittance[i], argument = row->unsure || row->labels[i] & CHOSEN ? t : 1.0f - t;
   const float clamped = fminf(fmaxf(argument, 1e-6f), 1.0f - 1e-6f);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The projection kernel: each ISA against the scalar kernel (to the bit where builds allow that), and all against
- * double. */
+/* Tests the projection kernel. Compares each ISA with the scalar kernel (to the bit if the build allows that), and
+ * all with double. */
 #include "rows.h"
 
 #include <math.h>
@@ -303,8 +303,8 @@ static void check_reach_axis(int row, double mean, double extent, double size, i
   CHECK(extent < 1.0 || ((first + 1) * 4 >= mean - wide - 4.0 && (end - 1) * 4 <= mean + wide + 4.0) || first == 0);
 }
 
-/* The blocks that a splat may reach, as computed by projection, must contain all pixels where the rasteriser's form
- * of the Gaussian is above the cut-off. */
+/* The blocks that projection says a splat may reach contain all pixels where the rasteriser's form of the Gaussian
+ * is above the cut-off. */
 static void check_reaches(const pags_kernels *k, row_kind kind) {
   int64_t drawn = 0;
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {

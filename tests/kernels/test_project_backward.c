@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The backward kernel from the splats' gradient slots to Gaussian parameters: each ISA against the scalar kernel (to
- * the bit where builds allow that), and all against central differences of projection and colour in double. */
+/* Tests the backward kernel, which turns gradient slots of splats into gradients of Gaussian parameters. Compares
+ * each ISA with the scalar kernel (to the bit if the build allows that), and all with central differences of projection
+ * and colour in double. */
 #include "rows.h"
 
 #include <math.h>
@@ -16,7 +17,7 @@ typedef struct frame {
   pags_tile_box *boxes;
   int64_t *slot_start, slot_count;
   float *slots;
-  bool *poisoned; /* whether a slot of this row holds a NaN or infinity that must matter */
+  bool *poisoned; /* 1: a slot of this row holds a NaN or infinity that counts */
 } frame;
 
 static const pags_scan *scan; /* motion under a rolling shutter of the frames that are made; NULL: global shutter */
@@ -120,7 +121,7 @@ static void terms_of(const pags_projection *view, const double row[ROW_FLOATS], 
   memcpy(terms, values, sizeof values);
 }
 
-/* Derivatives of the loss by each term, from the sums over the row's slots. */
+/* Returns derivatives of the loss by each term, from the sums over the row's slots. */
 static void weights_of(const frame *f, int i, const plain_row *p, double weights[TERMS],
                        double sums[PAGS_SLOT_FLOATS]) {
   const double ln2 = log(2.0), k = 0.5 / ln2, root_d = sqrt(p->d);
@@ -182,8 +183,8 @@ static void check_row(const frame *f, const gradient *g, int i, const double row
       CHECK_FAIL("row %d, statistic %d: %.9g, should be %.9g", i, j, (double)got[j], others[j]);
 }
 
-/* Whether central differences are valid for a row: not next to the clamp of the Jacobian or the floor of the
- * compensation, nor with extreme parameters. */
+/* Returns whether central differences are valid for a row: not near the clamp of the Jacobian or the floor of the
+ * compensation, and without extreme parameters. */
 static bool differentiable(const pags_projection *v, const double row[ROW_FLOATS], int planes) {
   if (!row_usable(row, planes))
     return false;

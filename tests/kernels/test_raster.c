@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The blending kernel for a tile: each ISA against the scalar kernel and all of them against a direct loop over
- * pixels and splats; and that a pixel depends only on the splats that reach it. */
+/* Tests the blending kernel for a tile. Compares each ISA with the scalar kernel and all with a direct loop over
+ * pixels and splats. A pixel depends only on the splats that reach it. */
 #include "check.h"
 #include "splats.h"
 
@@ -17,7 +17,7 @@ typedef struct scene {
   int64_t count;
   int x0, y0, width, height;
   const float *hard; /* a plane of depth limits by pixel, or NULL */
-  float eps;         /* pixels stop at this transmittance and are opaque then; 0: they don't */
+  float eps;         /* transmittance at which pixels stop and become opaque; 0: they don't stop */
 } scene;
 
 /* Output of one call, in buffers that end exactly where the kernel may write. */
@@ -84,7 +84,7 @@ static bool inside(const scene *s, int i) {
   return i % STRIDE < 16 && s->x0 + i % STRIDE < s->width && s->y0 + i / STRIDE < s->height;
 }
 
-/* Sets pixels outside of the picture, which no one reads, to zero; checks that gaps between rows weren't written. */
+/* Sets unused pixels outside of the picture to zero; checks that gaps between rows weren't written. */
 static void crop(const scene *s, float *plane) {
   static const unsigned char untouched[4] = {0xA5, 0xA5, 0xA5, 0xA5};
   for (int i = 0; plane && i < PLANE; i++) {
@@ -210,7 +210,7 @@ static picture blend_plainly(const scene *s, bool fused) {
   return p;
 }
 
-/* Returns how many pixels are opaque since no more than s->eps would come through. */
+/* Compares with the direct loop; returns the number of pixels that stop because at most s->eps would come through. */
 static int check_plainly(const pags_kernels *k, const scene *s, int degree) {
   /* If only one of the two computations stops at eps = 1/255, the difference is at most 1/255. */
   const double close = degree >= 5 ? 4e-6 : 1.5e-4, flips = 0.004, size = 0.012;
@@ -343,7 +343,7 @@ static void test_samples(const pags_kernels *k) {
         marks[i] = (uint8_t)check_below(2);
       scene s = make_scene(counts[n], mixes[choice / 2], false);
       pags_splat *const splats = CHECK_NEW(pags_splat, s.count);
-      for (int64_t i = 0; i < s.count; i++) { /* ids inside and outside of the table of marks */
+      for (int64_t i = 0; i < s.count; i++) { /* ids within and beyond the table of marks */
         splats[i] = s.splats[i];
         splats[i].id = check_below(MARKS + 20) - 5;
       }
@@ -478,7 +478,7 @@ static void test_own_list(const pags_kernels *k) {
   }
 }
 
-/* A list blended in pieces, each resuming where the previous one ended, gives the bits of the whole list; entries
+/* A list blended in pieces, each resuming where the previous one ended, gives the bits of the whole list. Entries
  * after the tile is saturated change nothing. Returns whether the tile was saturated before the end. */
 static bool blend_in_pieces(const pags_kernels *k, const scene *s, int degree, const picture *whole) {
   picture p = {0};
@@ -534,7 +534,7 @@ static void test_resume(const pags_kernels *k) {
   CHECK(full > 3);
 }
 
-/* The block masks contain every block that a splat changed, and are zero behind the entry where all blocks had
+/* The block masks contain every block that a splat changed, and are zero after the entry where all blocks had
  * stopped. */
 static void test_masks(const pags_kernels *k) {
   static const splat_mix wall = {39, 55, 41, 57, 40, 60, 1, 0.6f, 0.9f, false};

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The kernel of the splats' scores: each ISA against a direct loop in double that goes back to front. With each sum
- * it keeps the sum of the terms' magnitudes, as the rounding error is relative to those. */
+/* Tests the kernel of the splats' scores. Compares each ISA with a direct loop in double that runs back to front.
+ * The loop also adds up the terms' magnitudes, as the rounding error is relative to these. */
 #include "check.h"
 #include "tile.h"
 
@@ -138,7 +138,7 @@ static void test_scalar(const pags_kernels *k) {
     tile_draw(k, &t);
     const float *const got = score(k, &t, c), *const want = score(&pags_kernels_scalar, &t, c);
     tile_check_others(&t, got, PAGS_SCORE_SUMS);
-    if (CHECK_EXACT) /* in fused builds only the direct loop knows how large rounding errors may be */
+    if (CHECK_EXACT) /* in fused builds only the direct loop has the size of rounding errors */
       CHECK_SAME("slots", got, want, t.slot_count * PAGS_SCORE_SUMS);
     check_release();
   }

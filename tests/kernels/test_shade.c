@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The colour kernel: each ISA against the scalar kernel (to the bit where builds allow that), and all against double.
- * */
+/* Tests the colour kernel. Compares each ISA with the scalar kernel (to the bit if the build allows that), and all
+ * with double. */
 #include "rows.h"
 
 #include <math.h>
@@ -8,7 +8,7 @@
 
 static const int counts[] = {0, 1, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256};
 
-/* Depth keys of which one in three, and one whole SIMD vector, are of rows that aren't drawn. */
+/* Makes depth keys: one in three rows, and one whole SIMD vector, aren't drawn. */
 static uint32_t *make_keys(int count) {
   uint32_t *const keys = CHECK_NEW(uint32_t, count);
   for (int i = 0; i < count; i++)
@@ -23,7 +23,7 @@ static pags_splat *shade(const pags_kernels *k, const pags_projection *view, con
   return splats;
 }
 
-/* Constant terms given in separate planes give the same bits as in the rows. */
+/* Constant terms in separate planes give the same bits as constant terms in the rows. */
 static void test_other_dc(const pags_kernels *k) {
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
     for (int degree = 0; degree <= 3; degree++) {

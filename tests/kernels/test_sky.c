@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The sky kernels, which find each pixel's texel cell and blend its colour: each ISA against the scalar kernel (to
- * the bit where builds allow that), and all against double. */
+/* Tests the sky kernels, which find each pixel's texel cell and blend its colour. Compares each ISA with the scalar
+ * kernel (to the bit if the build allows that), and all with double. */
 #include "check.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@ typedef struct sky_case {
   float *texels;
 } sky_case;
 
-/* A camera of about 60 degrees, or, if `wide`, one that sees four cube faces at once. */
+/* Makes a camera with a field of view of about 60 degrees, or, if `wide`, one that sees four cube faces at once. */
 static sky_case make_case(int size, bool wide) {
   sky_case s = {.rays = {.size = size}};
   double q[4], norm = 0.0;
@@ -82,7 +82,7 @@ static tile make_tile(void) {
     for (int i = 0; i < PLANE; i++)
       t.plane[c][i] = check_uniform(c == 3 ? 1e-4f : 0.0f, 1.0f);
   }
-  /* Some rows show nothing of the sky, or at their last pixel only. */
+  /* Some rows show no sky, or only at their last pixel. */
   for (int y = check_below(8); y < 16; y += 1 + check_below(8)) {
     const int zeros = 15 + check_below(2);
     for (int x = 0; x < zeros; x++)
@@ -245,8 +245,8 @@ static colours make_colours(void) {
   return c;
 }
 
-/* Against the recurrence in double and, to the bit, the scalar kernel. A colour that wasn't seen stays as it is, even
- * where its gradient is NaN. */
+/* Compares with the recurrence in double and, to the bit, with the scalar kernel. A colour that wasn't seen stays,
+ * even if its gradient is NaN. */
 static void test_adam(const pags_kernels *k) {
   for (int round = 0; round < 100; round++) {
     const colours got = make_colours(), want = make_colours();

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Every operation of vec.h on every ISA against plain C, to the bit (any two NaNs are equal), and the error bounds
- * that vec.h states for exp2, exp and log2. */
+/* Compares every operation of vec.h on every ISA with plain C, to the bit (any two NaNs are equal), and checks the
+ * error bounds that vec.h states for exp2, exp and log2. */
 #include "check.h"
 #include "vec_ops.h"
 

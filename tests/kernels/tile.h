@@ -14,7 +14,7 @@ typedef struct tile {
   pags_entry *entries;
   int64_t count, *slot_start, slot_count;
   int x0, y0, width, height;
-  float *gradient[5]; /* normally distributed; NaN outside of the picture, where they must not be used */
+  float *gradient[5]; /* normally distributed; NaN outside of the picture, where kernels must not use them */
   float *plane[5];    /* planes that the forward kernel wrote: rgb, transmittance, depth sum */
   uint16_t *masks;
 } tile;

@@ -181,7 +181,7 @@ static void create_result(frame_result *result, const frame_scene *scene, const 
   }
 }
 
-static void copy_plane(const pags_picture *picture, const void *from, void *to) { /* of 4-byte values */
+static void copy_plane(const pags_picture *picture, const void *from, void *to) { /* copies a plane of 4-byte values */
   for (int y = 0; from && y < picture->height; y++) {
     memcpy((char *)to + (size_t)4 * (size_t)y * (size_t)picture->width,
            (const char *)from + (size_t)4 * (size_t)y * (size_t)picture->stride, (size_t)4 * (size_t)picture->width);

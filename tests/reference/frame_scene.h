@@ -57,7 +57,7 @@ frame_result frame_run(pags_frame *frame, const frame_scene *scene, const pags_c
                        const pags_frame_options *options, const reference_picture_gradient *gradient);
 void frame_result_destroy(frame_result *result);
 
-/* Whether every float of the result is finite. */
+/* Returns whether every float of the result is finite. */
 int frame_result_finite(const frame_result *result);
 /* 64-bit hash of all bits that a caller can see, gradients included. */
 uint64_t frame_result_hash(const frame_result *result);

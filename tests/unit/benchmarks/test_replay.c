@@ -113,7 +113,7 @@ static void costs_are_added(void **state) {
   const pags_replay_costs costs = {.fork = 100, .join = 10, .spin = 5000, .slow = 1};
   begin(&m);
   add_loop(&m, "raster", (const int64_t[]){1000, 1000}, 2);
-  assert_ns(predict(&m, 2, &costs, 0).total, 1110); /* the other worker begins 100 later */
+  assert_ns(predict(&m, 2, &costs, 0).total, 1110); /* the other worker begins 100 ns later */
   assert_ns(predict(&m, 1, &costs, 0).total, 2000); /* one worker alone doesn't start late */
 
   /* A worker sleeps after 6000 ns without work, and the caller has to wake it. */

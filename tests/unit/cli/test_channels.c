@@ -33,7 +33,7 @@ static fixture *make(void) {
   return f;
 }
 
-/* Depth of the plane n . p = d (camera axes) in columns [first, last). */
+/* Sets the depth of the plane n . p = d (camera axes) in columns [first, last). */
 static void put_plane(fixture *f, const double n[3], double d, int first, int last) {
   for (int y = 0; y < HEIGHT; y++)
     for (int x = first; x < last; x++) {
@@ -57,7 +57,7 @@ static void compute(fixture *f) {
 static void planes_keep_their_normals_up_to_the_edge(void **state) {
   (void)state;
   fixture *f = make();
-  const double near[3] = {0.48, -0.6, -0.64}, far[3] = {-0.6, 0, -0.8}; /* unit, towards the camera */
+  const double near[3] = {0.48, -0.6, -0.64}, far[3] = {-0.6, 0, -0.8}; /* unit normals that point towards the camera */
   put_plane(f, near, -3, 0, 9);
   put_plane(f, far, -30, 9, WIDTH);
   compute(f);

@@ -251,7 +251,7 @@ static void sky_is_guessed_from_the_lidar(void **state) {
   scratch_ok(pags_remove_tree(scratch_path(&s, "instances")));
   for (int i = 0; i < COUNT; i++) {
     double azimuth = (i % 60 - 30) * 0.03, elevation = i / 60 * 0.006 - 0.14, range = 30;
-    bool wall = azimuth > 0; /* y is left */
+    bool wall = azimuth > 0; /* the vehicle's y axis points left */
     float *row = rows + 5 * i;
     row[0] = (float)(range * cos(azimuth) + 1.5), row[1] = (float)(range * sin(azimuth) + 0.3);
     row[2] = (float)(1.6 + range * tan(wall ? elevation : -0.1));
@@ -300,7 +300,7 @@ enum { WIDE = 320, HIGH = 200, DRIVE = 24 };
 
 static int drive_frame;
 
-/* Paints noise that changes with each frame and below it a patterned bonnet that stays. */
+/* Paints noise that changes with each frame, and below it a patterned bonnet that stays. */
 static uint8_t paint_drive(int x, int y, int c) {
   bool bonnet = y > 150 + (x - 160) * (x - 160) / 400;
   unsigned seed =

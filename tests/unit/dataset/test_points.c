@@ -133,7 +133,7 @@ static void test_masked_pixels_give_none(void **state) {
   uint8_t *rgb;
   match(dataset, 2, 0, &xyz, &rgb);
   for (int i = 0; i < COUNT; i++)
-    assert_true(xyz[3 * i + 1] < 1e-4f); /* y is down */
+    assert_true(xyz[3 * i + 1] < 1e-4f); /* the y axis points down */
   free(xyz);
   free(rgb);
   pags_dataset_close(dataset);

@@ -263,8 +263,8 @@ static void test_half_turns(void **state) {
     assert_near(rest[k], about_x[k] * (k + 1), 1e-9);
 }
 
-/* SH of degree 1 rotate like a vector, whose components (-x, -y, z) are the terms 3, 1, 2. Two rotations one after
- * the other give the rotation by their product. */
+/* SH of degree 1 rotate like a vector, whose components (-x, -y, z) are the terms 3, 1, 2. Two rotations in turn
+ * equal the rotation by their product. */
 static void test_turns_compose(void **state) {
   (void)state;
   double a[9], b[9], ab[9] = {0}, one[15], two[15];

@@ -14,7 +14,7 @@
 
 enum { WIDE = 64, STEPS = 6, MOST = 100000 };
 
-static const double eye = 1.6; /* metres above the road */
+static const double eye = 1.6; /* height above the road in metres */
 
 /* The depth picture of a camera `eye` metres above the origin that looks straight down at the road z = 0: x right, y
  * up in the picture. */

@@ -218,8 +218,8 @@ static void test_vehicles_have_no_pits(void **state) {
   assert_true(between_sides(0, 0.1f) > 0); /* other objects than vehicles aren't filled */
 }
 
-/* Surfaces beyond both sides of the vehicle, in the margin that its box has for the mirrors, must not make the space
- * between them a body. */
+/* Surfaces on both sides of the vehicle, in the box's margin for mirrors, don't turn the space between them into a
+ * body. */
 static void test_sides_are_within_the_mirrors(void **state) {
   (void)state;
   static const double left_lo[3] = {-1, 0.9, -0.3}, left_hi[3] = {1, 1.1, 0.5}, right_lo[3] = {-1, -1.1, -0.3},

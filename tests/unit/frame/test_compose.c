@@ -140,7 +140,7 @@ static void objects_are_where_their_tracks_are(void **state) {
   assert_column(c, 103, 0, -1); /* after the end of the car's track */
   assert_column(c, 99, 0, -1);  /* before the begin of the car's track */
   assert_column(c, 103, 1, 35);
-  assert_column(c, (double)NAN, 0, 10); /* NaN: the begin of the scene */
+  assert_column(c, (double)NAN, 0, 10); /* NaN: the beginning of the scene */
   pags_composition_destroy(c);
 }
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rendering frames within a time budget: the controller against a simulated clock, and what each quality reduction
- * changes and what it leaves alone. */
+/* Rendering frames within a time budget: tests the controller with a simulated clock, and the effects of each
+ * quality reduction. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -154,7 +154,7 @@ static void test_a_scene_that_gets_slower(void **state) {
     steady(&c, steep, full, 1, 0, &one);
     kept += one;
   }
-  assert_true(kept >= 157); /* of 162 */
+  assert_true(kept >= 157); /* of 162 frames */
   steady(&c, steep, 40, 60, 0, &met);
   assert_int_equal(c.step, 0);
   steady(&c, steep, 160, 6, 0, &met); /* suddenly four times as slow */

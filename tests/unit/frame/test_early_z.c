@@ -324,8 +324,8 @@ static void test_every_recipe(void **unused) {
   print_totals("recipes", RECIPES, &sum);
 }
 
-/* The bound holds for the final picture: after photometric calibration and exposure, and before a background or sky
- * that is negative somewhere. Colours, of degree 0, are at most 0.79. */
+/* The bound holds for the final picture: after photometric calibration and exposure, also with a partly negative
+ * background or sky. Colours, of degree 0, are at most 0.79. */
 static void test_bound_is_of_the_picture(void **unused) {
   (void)unused;
   const float eps = 1.0f / 255.0f;

@@ -352,7 +352,7 @@ static void pairs_are_the_oracle_s(void **unused) {
   for (int64_t k = 0; k < picture.contribution_count; k++)
     blended[picture.contributions[k].pixel]++;
 
-  /* Blended pairs: those up to the last Gaussian, where float rounding can't decide otherwise. */
+  /* Blended pairs are compared up to the last Gaussian at which float rounding can't change a decision. */
   int compared = 0, most = 0;
   double totals[2] = {0, 0};
   for (int pixel = 0; pixel < PIXELS; pixel++) {

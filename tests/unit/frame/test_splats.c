@@ -343,7 +343,8 @@ static void darken(scene_of_two *s, float *factors[2]) {
   }
 }
 
-/* Draws a scene by one frame and by owners, and counts the channels of drawn Gaussians without a gradient. */
+/* Draws a scene by one frame and by owners, and compares them. Counts the colour channels of drawn Gaussians without
+ * a gradient. */
 static void check_kind(const view_kind *kind, uint64_t seed) {
   scene_of_two s;
   float *factors[2];

@@ -55,7 +55,7 @@ static void test_png_round_trip(void **state) {
     assert_int_equal(pags_image_load(path, PAGS_U16, 0, &back), PAGS_OK);
     for (size_t i = 0; i < samples_of(&image); i++)
       assert_int_equal(((uint16_t *)back.data)[i], 257 * ((uint8_t *)image.data)[i]);
-    assert_int_equal(pags_image_save(path, &back), PAGS_OK); /* now of 16 bits */
+    assert_int_equal(pags_image_save(path, &back), PAGS_OK); /* the file has 16 bits now */
     pags_image_destroy(&back);
     assert_int_equal(pags_image_load(path, PAGS_U8, 0, &back), PAGS_OK);
     assert_memory_equal(back.data, image.data, samples_of(&image));

@@ -266,7 +266,7 @@ static void jobs_run_on_any_number_of_threads(void **state) {
         pags_job_submit(tasks, &works[i].job);
       }
       for (int i = 0; i < 50; i++) {
-        /* The jobs are waited for out of order, so that some are taken from the middle of the queue. */
+        /* Waits for the jobs out of order, so that some are taken from the middle of the queue. */
         int k = (i * 7 + round) % 50;
         pags_job_wait(tasks, &works[k].job);
         assert_int_equal(works[k].value, round);

@@ -83,7 +83,7 @@ static void comes_back_whole(void **unused) {
   pags_state_destroy(&b);
 }
 
-/* A saved file depends on the state alone: it holds no time and no uninitialised padding. */
+/* A saved file depends only on the state: it holds no time and no uninitialised padding. */
 static void same_state_same_bytes(void **unused) {
   (void)unused;
   pags_train_state a, b;
@@ -171,8 +171,7 @@ static void impossible_runs_are_refused(void **unused) {
   pags_state_destroy(&a);
 }
 
-/* Impossible counts under a valid CRC: inspecting the file, which adds counts up without loading the rows, must
- * refuse them. */
+/* Impossible counts with a valid CRC are refused when the file is inspected, which adds counts without loading rows. */
 static void impossible_counts_are_refused(void **unused) {
   (void)unused;
   pags_train_state a;

@@ -327,7 +327,7 @@ static void a_camera_is_exposed_as_its_photographs(void **unused) {
   pags_dataset_close(pair);
 }
 
-/* Sets up a run before its last step, when photographs are used at full size. */
+/* Sets up a run just before its last step, which uses photographs at full size. */
 static void begin_run(pags_train_options *options, pags_trainer *t) {
   *options = pags_train_options_default();
   options->dataset = dataset;

@@ -165,8 +165,8 @@ static void the_mean_of_many_draws_is_the_full_picture(void **unused) {
   destroy_world(&w, &full, m);
 }
 
-/* Prints the mean and the root mean square over pixels and channels of (mean of draws - full picture), in 1/255, less
- * the share that the draws' own variance contributes. */
+/* Prints mean and root mean square of (mean of draws - full picture) over pixels and channels, in 1/255, without the
+ * share of the draws' variance. */
 static void print_bias(const char *what, const double logit[2], reference_limits limits, double most) {
   enum { FEW = 512 };
   world w = make_world(logit);

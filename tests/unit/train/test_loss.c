@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The photometric training loss and its gradient, compared with a direct evaluation in double, which is compared
- * with finite differences. Both for every SIMD kernel table that the machine runs and for any number of threads. */
+/* The photometric training loss and its gradient are compared with a direct evaluation in double, and this with
+ * finite differences, for every SIMD kernel table that the machine runs and for any number of threads. */
 #include <pags/frame.h>
 
 #include <math.h>
@@ -28,8 +28,8 @@ typedef struct pair {
   pags_photo photo;
 } pair;
 
-/* Fills the prediction with colours some of which leave [0, 1], a flat part and a part that equals the target; the
- * padding holds `garbage`, which must not influence any result. */
+/* Fills the prediction with colours, some outside of [0, 1], a flat part and a part that equals the target. The
+ * padding holds `garbage`, which must not influence results. */
 static void fill(pair *p, uint64_t seed, float garbage) {
   for (int c = 0; c < 3; c++)
     for (int y = 0; y < p->height; y++)
