@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-static void a_file_comes_back(void **state) {
+static void a_file_round_trips(void **state) {
   (void)state;
   uint8_t *bytes;
   size_t size;
@@ -113,7 +113,7 @@ static void assert_folder(const char *path, const char *expected) {
   free(folder);
 }
 
-static void paths_come_apart_and_together(void **state) {
+static void paths_are_split_and_joined(void **state) {
   (void)state;
   assert_joined("a", "b", "a/b");
   assert_joined("a/", "b", "a/b");
@@ -142,13 +142,13 @@ static void paths_come_apart_and_together(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(a_file_comes_back),
+      cmocka_unit_test(a_file_round_trips),
       cmocka_unit_test(unreadable_things_are_named),
       cmocka_unit_test(a_failed_write_leaves_nothing),
       cmocka_unit_test(an_aborted_write_keeps_the_old_file),
       cmocka_unit_test(folders_are_made_listed_and_removed),
       cmocka_unit_test(a_file_in_the_way_is_named),
-      cmocka_unit_test(paths_come_apart_and_together),
+      cmocka_unit_test(paths_are_split_and_joined),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -273,7 +273,7 @@ static void make_device(char out[SCRATCH_PATH + 128]) {
   out[0] = 0;
 }
 
-static void what_is_no_ordinary_file_is_never_replaced(void **state) {
+static void special_files_are_never_replaced(void **state) {
   (void)state;
   char device[SCRATCH_PATH + 128], root[SCRATCH_PATH];
   make_device(device);
@@ -295,7 +295,7 @@ static void check_as_nobody(void **state) {
   check_all(device_of_child);
 }
 
-static void nor_by_a_user(void **state) {
+static void a_user_replaces_no_special_file(void **state) {
   (void)state;
   char device[SCRATCH_PATH + 128], root[SCRATCH_PATH];
   if (geteuid() != 0) {
@@ -339,8 +339,8 @@ static void nor_by_a_user(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_removed_link_keeps_its_target),
-      cmocka_unit_test(what_is_no_ordinary_file_is_never_replaced),
-      cmocka_unit_test(nor_by_a_user),
+      cmocka_unit_test(special_files_are_never_replaced),
+      cmocka_unit_test(a_user_replaces_no_special_file),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -205,7 +205,7 @@ static void write_sample(pags_json_writer *w, int indent) {
   assert_int_equal(pags_json_writer_finish(w), PAGS_OK);
 }
 
-static void the_writer_writes_this(void **state) {
+static void the_writer_gives_known_text(void **state) {
   (void)state;
   pags_json_writer w;
   write_sample(&w, 0);
@@ -273,7 +273,7 @@ int main(void) {
       cmocka_unit_test(syntax_errors_name_the_line),    cmocka_unit_test(nesting_has_a_limit),
       cmocka_unit_test(every_truncation_fails_cleanly), cmocka_unit_test(strings_are_decoded),
       cmocka_unit_test(getters_name_key_and_line),      cmocka_unit_test(unsigned_integers_are_exact),
-      cmocka_unit_test(the_writer_writes_this),         cmocka_unit_test(doubles_survive),
+      cmocka_unit_test(the_writer_gives_known_text),    cmocka_unit_test(doubles_survive),
       cmocka_unit_test(the_locale_changes_nothing),     cmocka_unit_test(files_are_named),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);

@@ -91,7 +91,7 @@ static void a_second_lock_is_refused_and_names_the_first(void **state) {
 }
 
 /* A process that has the lock may be suspended before it writes its name; the refused process waits for the name. */
-static void a_name_that_comes_late_is_waited_for(void **state) {
+static void a_late_name_is_waited_for(void **state) {
   (void)state;
   assert_int_equal(mkdir(scratch("late"), 0777), 0);
   const int file = open(scratch("late/.pags.lock"), O_RDWR | O_CREAT, 0666);
@@ -109,7 +109,7 @@ static void a_name_that_comes_late_is_waited_for(void **state) {
   close(file);
 }
 
-static void only_empty_folders_of_its_own_are_removed(void **state) {
+static void a_lock_removes_only_empty_folders_it_made(void **state) {
   (void)state;
   assert_int_equal(pags_make_dirs(scratch("there")), PAGS_OK);
   pags_lock_release(locked(scratch("there/")));
@@ -139,7 +139,7 @@ static void a_lock_ends_with_its_process(void **state) {
 }
 
 /* A lock file that a killed process on another host left is ignored. */
-static void a_text_alone_locks_nothing(void **state) {
+static void a_file_of_a_dead_process_locks_nothing(void **state) {
   (void)state;
   assert_int_equal(pags_make_dirs(scratch("folder")), PAGS_OK);
   scratch_file("folder/.pags.lock", "pags train, process 1 on elsewhere\n", 35);
@@ -152,7 +152,7 @@ static void warn(void *user, pags_log_level level, const char *line) {
     snprintf(user, 400, "%s", line);
 }
 
-static void without_locks_it_goes_on_with_a_warning(void **state) {
+static void missing_locks_cause_a_warning(void **state) {
   (void)state;
   static const int answers[] = {ENOLCK, ENOSYS, EOPNOTSUPP, EINVAL, EBADF};
   for (size_t i = 0; i < sizeof answers / sizeof *answers; i++) {
@@ -219,11 +219,11 @@ static void names_of_locks(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(a_second_lock_is_refused_and_names_the_first),
-                                     cmocka_unit_test(only_empty_folders_of_its_own_are_removed),
+                                     cmocka_unit_test(a_lock_removes_only_empty_folders_it_made),
                                      cmocka_unit_test(a_lock_ends_with_its_process),
-                                     cmocka_unit_test(a_text_alone_locks_nothing),
-                                     cmocka_unit_test(a_name_that_comes_late_is_waited_for),
-                                     cmocka_unit_test(without_locks_it_goes_on_with_a_warning),
+                                     cmocka_unit_test(a_file_of_a_dead_process_locks_nothing),
+                                     cmocka_unit_test(a_late_name_is_waited_for),
+                                     cmocka_unit_test(missing_locks_cause_a_warning),
                                      cmocka_unit_test(files_of_one_folder_are_locked_separately),
                                      cmocka_unit_test(a_file_has_one_writer_at_a_time),
                                      cmocka_unit_test(names_of_locks)};

@@ -9,14 +9,14 @@
 
 #include <cmocka.h>
 
-static void a_failure_leaves_its_line(void **state) {
+static void a_failure_sets_the_message(void **state) {
   (void)state;
   assert_non_null(pags_error_message());
   assert_int_equal(pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a number", "a.json", 7), PAGS_ERROR_FORMAT);
   assert_string_equal(pags_error_message(), "a.json:7: expected a number");
 }
 
-static void a_message_may_quote_the_one_before(void **state) {
+static void a_message_may_quote_the_previous_one(void **state) {
   (void)state;
   pags_fail(PAGS_ERROR_IO, "no such file");
   pags_fail(PAGS_ERROR_IO, "scene: %s", pags_error_message());
@@ -56,7 +56,7 @@ static pags_result try_twice(pags_result first, int *reached) {
   return PAGS_OK;
 }
 
-static void try_returns_what_failed(void **state) {
+static void try_returns_the_failure(void **state) {
   (void)state;
   int reached = 0;
   assert_int_equal(try_twice(PAGS_ERROR_MEMORY, &reached), PAGS_ERROR_MEMORY);
@@ -65,7 +65,7 @@ static void try_returns_what_failed(void **state) {
   assert_int_equal(reached, 1);
 }
 
-static void every_code_has_a_name_of_its_own(void **state) {
+static void every_code_has_a_distinct_name(void **state) {
   (void)state;
   for (int a = PAGS_OK; a <= PAGS_CANCELLED; a++) {
     assert_string_not_equal(pags_result_name((pags_result)a), "unknown result");
@@ -76,9 +76,9 @@ static void every_code_has_a_name_of_its_own(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(a_failure_leaves_its_line), cmocka_unit_test(a_message_may_quote_the_one_before),
-      cmocka_unit_test(long_messages_are_cut),     cmocka_unit_test(threads_do_not_see_each_others_messages),
-      cmocka_unit_test(try_returns_what_failed),   cmocka_unit_test(every_code_has_a_name_of_its_own),
+      cmocka_unit_test(a_failure_sets_the_message), cmocka_unit_test(a_message_may_quote_the_previous_one),
+      cmocka_unit_test(long_messages_are_cut),      cmocka_unit_test(threads_do_not_see_each_others_messages),
+      cmocka_unit_test(try_returns_the_failure),    cmocka_unit_test(every_code_has_a_distinct_name),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -70,7 +70,7 @@ static void below_stays_below_and_reaches_all(void **state) {
   }
 }
 
-static void a_permutation_has_each_once(void **state) {
+static void a_permutation_has_each_index_once(void **state) {
   (void)state;
   enum { N = 1000 };
   int64_t index[N], fixed = 0;
@@ -91,7 +91,7 @@ int main(void) {
       cmocka_unit_test(known_answers),
       cmocka_unit_test(moments_are_right),
       cmocka_unit_test(below_stays_below_and_reaches_all),
-      cmocka_unit_test(a_permutation_has_each_once),
+      cmocka_unit_test(a_permutation_has_each_index_once),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -66,7 +66,7 @@ static void planes_keep_their_normals_up_to_the_edge(void **state) {
   free(f);
 }
 
-static void where_nothing_is_there_is_no_normal(void **state) {
+static void empty_pixels_have_no_normal(void **state) {
   (void)state;
   fixture *f = make();
   const double front[3] = {0, 0, -1};
@@ -78,7 +78,7 @@ static void where_nothing_is_there_is_no_normal(void **state) {
   free(f);
 }
 
-static void heat_grows_lighter(void **state) {
+static void the_colour_map_grows_lighter(void **state) {
   (void)state;
   float before = -1, rgb[3];
   for (int i = 0; i <= 100; i++) {
@@ -98,8 +98,8 @@ static void heat_grows_lighter(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(planes_keep_their_normals_up_to_the_edge),
-      cmocka_unit_test(where_nothing_is_there_is_no_normal),
-      cmocka_unit_test(heat_grows_lighter),
+      cmocka_unit_test(empty_pixels_have_no_normal),
+      cmocka_unit_test(the_colour_map_grows_lighter),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -153,7 +153,7 @@ static void sources_come_in_order(void **state) {
 }
 
 /* The key labels of dataset.json names the table by which label images are read. */
-static void other_sets_are_read(void **state) {
+static void other_label_sets_are_read(void **state) {
   (void)state;
   pags_dataset_options options = pags_dataset_options_default();
   pags_dataset *dataset;
@@ -196,7 +196,7 @@ static void other_sets_are_read(void **state) {
 }
 
 /* A class that no label image has is taken from boxes only, even if label images and dynamic masks exist. */
-static void boxes_know_more_words(void **state) {
+static void boxes_give_classes_without_labels(void **state) {
   (void)state;
   pags_dataset_options options = pags_dataset_options_default();
   pags_dataset *dataset;
@@ -290,9 +290,12 @@ static void pandaset_is_the_union(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(label_sets_are_sound),  cmocka_unit_test(label_images_and_boxes_agree),
-      cmocka_unit_test(sources_come_in_order), cmocka_unit_test(other_sets_are_read),
-      cmocka_unit_test(boxes_know_more_words), cmocka_unit_test(unknown_words_are_refused),
+      cmocka_unit_test(label_sets_are_sound),
+      cmocka_unit_test(label_images_and_boxes_agree),
+      cmocka_unit_test(sources_come_in_order),
+      cmocka_unit_test(other_label_sets_are_read),
+      cmocka_unit_test(boxes_give_classes_without_labels),
+      cmocka_unit_test(unknown_words_are_refused),
       cmocka_unit_test(pandaset_is_the_union),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -115,7 +115,7 @@ static void check_labels(scratch *s, const char *files, int shrink) {
   pags_dataset_close(dataset);
 }
 
-static void labels_come_from_what_there_is(void **state) {
+static void labels_come_from_available_sources(void **state) {
   (void)state;
   static const char *const sets[] = {"s", "c", "d", "b", "sc", "cb", "db", "sdb", "scdb", "ce", "de"};
   for (size_t i = 0; i < sizeof sets / sizeof *sets; i++)
@@ -141,7 +141,7 @@ static void labels_come_from_what_there_is(void **state) {
 }
 
 /* Label planes count in the cache's size limit; photographs and labels are the same with a small and a large limit. */
-static void budgets_count_labels(void **state) {
+static void size_limits_include_labels(void **state) {
   (void)state;
   pags_dataset *dataset;
   scratch s;
@@ -331,7 +331,7 @@ static void write_drive(scratch *s, uint8_t (*paint)(int x, int y, int c), bool 
   tree_text(s, "intrinsics/0.txt", "200 200 160 100 0 0 0 0 0");
 }
 
-static void the_own_car_is_found(void **state) {
+static void the_ego_vehicle_is_found(void **state) {
   (void)state;
   pags_dataset *dataset;
   pags_photo photo;
@@ -497,10 +497,10 @@ static void pandaset_lidar_hits_masks(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(labels_come_from_what_there_is),    cmocka_unit_test(budgets_count_labels),
-      cmocka_unit_test(a_mask_of_another_size_is_refused), cmocka_unit_test(labels_are_undistorted),
-      cmocka_unit_test(sky_is_guessed_from_the_lidar),     cmocka_unit_test(the_own_car_is_found),
-      cmocka_unit_test(given_ego_masks_are_used),          cmocka_unit_test(pandaset_boxes_match_masks),
+      cmocka_unit_test(labels_come_from_available_sources), cmocka_unit_test(size_limits_include_labels),
+      cmocka_unit_test(a_mask_of_another_size_is_refused),  cmocka_unit_test(labels_are_undistorted),
+      cmocka_unit_test(sky_is_guessed_from_the_lidar),      cmocka_unit_test(the_ego_vehicle_is_found),
+      cmocka_unit_test(given_ego_masks_are_used),           cmocka_unit_test(pandaset_boxes_match_masks),
       cmocka_unit_test(pandaset_lidar_hits_masks),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -73,7 +73,7 @@ static void good_mesh_stays(void **state) {
   pags_proxy_mesh_destroy(&m);
 }
 
-static void caps_and_needles_go(void **state) {
+static void caps_and_needles_are_removed(void **state) {
   (void)state;
   static const float places[][2] = {{0.5f, 0}, {0.3f, 1e-11f}, {1e-9f, 0}, {1, 0}, {0.999999f, 1e-12f}};
   for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
@@ -89,7 +89,7 @@ static void caps_and_needles_go(void **state) {
 }
 
 /* Two boxes share an edge of four faces, which the cleaning separates. */
-static void boxes_that_share_an_edge_part(void **state) {
+static void boxes_that_share_an_edge_are_separated(void **state) {
   (void)state;
   pags_proxy_mesh m = box(), other = box();
   uint32_t at[8];
@@ -130,8 +130,8 @@ static void open_sheets_are_cleaned(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(good_mesh_stays),
-      cmocka_unit_test(caps_and_needles_go),
-      cmocka_unit_test(boxes_that_share_an_edge_part),
+      cmocka_unit_test(caps_and_needles_are_removed),
+      cmocka_unit_test(boxes_that_share_an_edge_are_separated),
       cmocka_unit_test(open_sheets_are_cleaned),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -84,7 +84,7 @@ static double height(const pags_ground *ground, double x, double y) {
 
 /* LiDAR rings leave gaps of a metre: a surface beyond the gap is ground if it continues at about the same height; a
  * table isn't. */
-static void rings_are_leapt_over(void **state) {
+static void gaps_between_rings_are_bridged(void **state) {
   (void)state;
   pags_lidar lidar = no_points();
   pags_ground ground;
@@ -134,7 +134,7 @@ static void lidar_outweighs_pixels(void **state) {
 
 /* With a limit of nearly as many triangles as the lattice has, nearly all are used, and each runs counter-clockwise
  * seen from above. */
-static void the_budget_is_used(void **state) {
+static void the_limit_of_triangles_is_used(void **state) {
   (void)state;
   enum { SIDE = 150, FULL = 2 * (SIDE - 1) * (SIDE - 1), BUDGET = FULL * 9 / 10 };
   pags_ground ground = {
@@ -161,7 +161,7 @@ static void the_budget_is_used(void **state) {
 }
 
 /* Without LiDAR the camera's depths alone give the ground; around them it continues at their height. */
-static void pixels_are_enough(void **state) {
+static void camera_depths_give_the_ground_without_lidar(void **state) {
   (void)state;
   const pags_lidar none = {0};
   pags_ground ground;
@@ -172,7 +172,7 @@ static void pixels_are_enough(void **state) {
 }
 
 /* Without a level surface below the cameras no ground is found, and that is no error. */
-static void no_ground_is_none(void **state) {
+static void missing_ground_is_no_error(void **state) {
   (void)state;
   const pags_lidar none = {0};
   const pags_depth_views nothing = {0};
@@ -188,9 +188,12 @@ static void no_ground_is_none(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(rings_are_leapt_over),   cmocka_unit_test(walls_are_not_climbed),
-      cmocka_unit_test(lidar_outweighs_pixels), cmocka_unit_test(the_budget_is_used),
-      cmocka_unit_test(pixels_are_enough),      cmocka_unit_test(no_ground_is_none),
+      cmocka_unit_test(gaps_between_rings_are_bridged),
+      cmocka_unit_test(walls_are_not_climbed),
+      cmocka_unit_test(lidar_outweighs_pixels),
+      cmocka_unit_test(the_limit_of_triangles_is_used),
+      cmocka_unit_test(camera_depths_give_the_ground_without_lidar),
+      cmocka_unit_test(missing_ground_is_no_error),
   };
   return cmocka_run_group_tests_name("ground", tests, NULL, NULL);
 }

@@ -44,7 +44,7 @@ static pags_lidar_fit patch_at(double z) {
   return cloud;
 }
 
-static void a_surface_comes_to_its_points(void **state) {
+static void a_surface_is_pulled_to_its_points(void **state) {
   (void)state;
   pags_tsdf grid = level_grid();
   pags_lidar_fit cloud = patch_at(0.06);
@@ -58,7 +58,7 @@ static void a_surface_comes_to_its_points(void **state) {
   pags_tsdf_destroy(&grid);
 }
 
-static void one_point_is_doubted(void **state) {
+static void a_single_point_counts_less(void **state) {
   (void)state;
   static const double p[3] = {0, 0, 0.06}, outside[3] = {5, 0, 0};
   pags_tsdf grid = level_grid();
@@ -75,7 +75,7 @@ static void one_point_is_doubted(void **state) {
   pags_tsdf_destroy(&grid);
 }
 
-static void what_is_far_off_is_passed_over(void **state) {
+static void distant_points_are_ignored(void **state) {
   (void)state;
   pags_tsdf grid = level_grid();
   pags_lidar_fit cloud = patch_at(0.15);
@@ -147,9 +147,9 @@ static void points_are_sorted_by_boxes(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(a_surface_comes_to_its_points),
-      cmocka_unit_test(one_point_is_doubted),
-      cmocka_unit_test(what_is_far_off_is_passed_over),
+      cmocka_unit_test(a_surface_is_pulled_to_its_points),
+      cmocka_unit_test(a_single_point_counts_less),
+      cmocka_unit_test(distant_points_are_ignored),
       cmocka_unit_test(points_are_sorted_by_boxes),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

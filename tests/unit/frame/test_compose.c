@@ -169,7 +169,7 @@ static void hidden_objects_are_left_out(void **state) {
   pags_composition_destroy(c);
 }
 
-static void moved_objects_move_in_their_own_frame(void **state) {
+static void objects_move_in_their_frame(void **state) {
   (void)state;
   pags_composition *c = compose_scene(make_scene());
   edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = CAR, .translation = {1, 0, 0}}, 1);
@@ -189,7 +189,7 @@ static void moved_objects_move_in_their_own_frame(void **state) {
   pags_composition_destroy(c);
 }
 
-static void added_objects_leave_the_first_ones(void **state) {
+static void adding_objects_keeps_the_original(void **state) {
   (void)state;
   pags_composition *c = compose_scene(make_scene());
   const pags_edit edits[] = {{.kind = PAGS_EDIT_ADD, .object = PARKED, .translation = {0, -3, 0}},
@@ -272,7 +272,7 @@ static void absurd_numbers_stay_finite(void **state) {
   }
 }
 
-static void ids_and_objects_are_those_of_the_files(void **state) {
+static void ids_and_objects_match_the_files(void **state) {
   (void)state;
   pags_composition *c = compose_scene(make_scene());
   int32_t object_of[3];
@@ -298,7 +298,7 @@ static void ids_and_objects_are_those_of_the_files(void **state) {
 
 /* 600 Gaussians, divided by object id into two objects and the background, give the same picture bits as in one
  * part. */
-static void cutting_changes_no_bit(void **state) {
+static void dividing_into_parts_changes_no_bit(void **state) {
   (void)state;
   pags_composition *c[2];
   float *kept = malloc(3 * SIZE * SIZE * sizeof *kept);
@@ -352,7 +352,7 @@ static pags_scene make_many(bool back) {
   return scene;
 }
 
-static void gaussians_come_back_in_the_order_of_ids(void **state) {
+static void gaussians_are_returned_in_order_of_ids(void **state) {
   (void)state;
   pags_scene kept = make_many(false);
   pags_composition *c = compose_scene(make_many(false));
@@ -409,7 +409,7 @@ static void gradients_of(pags_composition *c, int threads, pags_gaussians *out) 
 
 /* Numbering the Gaussians in reverse order reverses the gradients and changes no bit of them; nor does the number of
  * threads. */
-static void gradients_come_in_the_order_of_ids(void **state) {
+static void gradients_are_in_order_of_ids(void **state) {
   (void)state;
   pags_gaussians forth, back, threaded;
   pags_composition *c = compose_scene(make_many(false)), *reversed = compose_scene(make_many(true));
@@ -468,7 +468,7 @@ static void steady_composition_keeps_its_memory(void **state) {
 
 /* Placements that repeat the tracks' poses give the same parts as the tracks; other placements move, leave out or
  * repeat objects. */
-static void placements_are_drawn_where_they_say(void **state) {
+static void placements_are_drawn_at_their_poses(void **state) {
   (void)state;
   pags_composition *c = compose_scene(make_scene());
   pags_placement placements[4] = {{-1, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}}, {PARKED, {0}}, {CAR, {0}}, {CAR, {0}}};
@@ -549,17 +549,17 @@ int main(void) {
       cmocka_unit_test(objects_are_where_their_tracks_are),
       cmocka_unit_test(corrections_move_the_track),
       cmocka_unit_test(hidden_objects_are_left_out),
-      cmocka_unit_test(moved_objects_move_in_their_own_frame),
-      cmocka_unit_test(added_objects_leave_the_first_ones),
+      cmocka_unit_test(objects_move_in_their_frame),
+      cmocka_unit_test(adding_objects_keeps_the_original),
       cmocka_unit_test(bad_edits_change_nothing),
       cmocka_unit_test(colour_follows_the_track),
       cmocka_unit_test(absurd_numbers_stay_finite),
-      cmocka_unit_test(ids_and_objects_are_those_of_the_files),
-      cmocka_unit_test(cutting_changes_no_bit),
-      cmocka_unit_test(gaussians_come_back_in_the_order_of_ids),
-      cmocka_unit_test(gradients_come_in_the_order_of_ids),
+      cmocka_unit_test(ids_and_objects_match_the_files),
+      cmocka_unit_test(dividing_into_parts_changes_no_bit),
+      cmocka_unit_test(gaussians_are_returned_in_order_of_ids),
+      cmocka_unit_test(gradients_are_in_order_of_ids),
       cmocka_unit_test(steady_composition_keeps_its_memory),
-      cmocka_unit_test(placements_are_drawn_where_they_say),
+      cmocka_unit_test(placements_are_drawn_at_their_poses),
       cmocka_unit_test(placements_scale),
       cmocka_unit_test(nearly_rigid_poses),
   };

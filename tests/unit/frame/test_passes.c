@@ -278,7 +278,7 @@ static int compare_matte(const fixture *f, const result *got, const sums *want, 
   return ranks;
 }
 
-static void passes_are_the_oracle_s(void **unused) {
+static void passes_match_the_oracle(void **unused) {
   (void)unused;
   fixture f;
   result *const got = reference_alloc(1, sizeof *got);
@@ -341,7 +341,7 @@ static int reaching(const reference_picture *picture, int x, int y, double slack
   return count;
 }
 
-static void pairs_are_the_oracle_s(void **unused) {
+static void pairs_match_the_oracle(void **unused) {
   (void)unused;
   fixture f;
   result *const got = reference_alloc(1, sizeof *got);
@@ -408,7 +408,7 @@ static void threads_and_clusters_change_no_bit(void **unused) {
   end(&f);
 }
 
-static void the_picture_is_that_of_a_frame_without_passes(void **unused) {
+static void passes_do_not_change_the_picture(void **unused) {
   (void)unused;
   fixture f;
   result *const with = reference_alloc(1, sizeof *with), *const without = reference_alloc(1, sizeof *without);
@@ -436,7 +436,7 @@ static void the_picture_is_that_of_a_frame_without_passes(void **unused) {
   end(&f);
 }
 
-static void what_rests_has_no_motion(void **unused) {
+static void resting_objects_have_no_motion(void **unused) {
   (void)unused;
   fixture f;
   result *const still = reference_alloc(1, sizeof *still), *const half = reference_alloc(1, sizeof *half),
@@ -506,7 +506,7 @@ static void motion_has_blender_s_signs(void **unused) {
 }
 
 /* The hashes of "bunny" and "default" are those of the Cryptomatte specification's example. */
-static void names_are_hashed_as_the_specification_does(void **unused) {
+static void names_are_hashed_as_specified(void **unused) {
   (void)unused;
   assert_int_equal(pags_cryptomatte_hash("", 0), 0);
   assert_int_equal(pags_cryptomatte_hash("bunny", 5), 0x13851a76);
@@ -525,13 +525,13 @@ static void names_are_hashed_as_the_specification_does(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(passes_are_the_oracle_s),
-      cmocka_unit_test(pairs_are_the_oracle_s),
+      cmocka_unit_test(passes_match_the_oracle),
+      cmocka_unit_test(pairs_match_the_oracle),
       cmocka_unit_test(threads_and_clusters_change_no_bit),
-      cmocka_unit_test(the_picture_is_that_of_a_frame_without_passes),
-      cmocka_unit_test(what_rests_has_no_motion),
+      cmocka_unit_test(passes_do_not_change_the_picture),
+      cmocka_unit_test(resting_objects_have_no_motion),
       cmocka_unit_test(motion_has_blender_s_signs),
-      cmocka_unit_test(names_are_hashed_as_the_specification_does),
+      cmocka_unit_test(names_are_hashed_as_specified),
   };
   return cmocka_run_group_tests_name("passes", tests, NULL, NULL);
 }

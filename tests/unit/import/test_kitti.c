@@ -84,12 +84,12 @@ static void check_all_digits(const char *from, const char *to) {
   assert_true(e.view_turn < 1e-9 && e.sweep_turn < 1e-9 && e.box_turn < 1e-9);
 }
 
-static void tracking_comes_back(void **state) {
+static void a_tracking_sequence_round_trips(void **state) {
   (void)state;
   check_all_digits("all", "tracking");
 }
 
-static void a_drive_comes_back(void **state) {
+static void a_raw_drive_round_trips(void **state) {
   (void)state;
   check_all_digits("all/2011_09_26", "drive");
 }
@@ -117,7 +117,7 @@ static void read_numbers(const pags_json *json, const char *key, const char *cam
   scratch_ok(pags_json_numbers(json, value, camera ? camera : key, count, out));
 }
 
-static void times_and_velocities_come_with_a_drive(void **state) {
+static void a_drive_has_times_and_velocities(void **state) {
   pags_json *json;
   double frames[TREE_FRAMES], left[TREE_FRAMES], right[TREE_FRAMES], lidar[2 * TREE_FRAMES], velocity[6 * TREE_FRAMES];
   char *path = path_of("drive/timestamps.json");
@@ -248,7 +248,7 @@ static int stop(void *user, double fraction, const char *what) {
   return --*(int *)user > 0;
 }
 
-static void what_was_stopped_goes_on(void **state) {
+static void a_stopped_import_resumes(void **state) {
   char *from = path_of("all"), *folder = path_of("stopped"), *path;
   int calls = 1;
   (void)state;
@@ -299,7 +299,7 @@ static void any_number_of_threads_gives_the_same_bytes(void **state) {
   free(folder);
 }
 
-static void folders_of_others_are_refused(void **state) {
+static void foreign_folders_are_refused(void **state) {
   pags_import_options options = pags_import_options_default();
   (void)state;
   scratch_text(&s, "taken/notes.txt", "mine");
@@ -325,7 +325,7 @@ static void folders_of_others_are_refused(void **state) {
 
 /* ---- Missing and damaged files ---- */
 
-static void samples_name_what_they_lack(void **state) {
+static void missing_parts_of_samples_are_named(void **state) {
   static const struct {
     const char *name;
     pags_result code;
@@ -396,7 +396,7 @@ static void take_warning(void *user, pags_log_level level, const char *line) {
   snprintf(last_warning, sizeof last_warning, "%s", line);
 }
 
-static void faults_of_raw_drives_are_told(void **state) {
+static void faults_of_raw_drives_cause_warnings(void **state) {
 #define AT(s) "2011-09-26 13:02:" s "\n"
 #define TRACKLET(height, first)                                                            \
   "<item><objectType>Car</objectType><h>" height "</h><w>2</w><l>4</l><first_frame>" first \
@@ -478,19 +478,19 @@ static void sweeps_and_labels_are_optional(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(tracking_comes_back),
-      cmocka_unit_test(a_drive_comes_back),
+      cmocka_unit_test(a_tracking_sequence_round_trips),
+      cmocka_unit_test(a_raw_drive_round_trips),
       cmocka_unit_test(kittis_digits_bound_the_error),
-      cmocka_unit_test(times_and_velocities_come_with_a_drive),
+      cmocka_unit_test(a_drive_has_times_and_velocities),
       cmocka_unit_test(a_tracking_set_has_no_exposure_times),
       cmocka_unit_test(frames_and_cameras_are_chosen),
       cmocka_unit_test(options_out_of_range_are_refused),
-      cmocka_unit_test(what_was_stopped_goes_on),
+      cmocka_unit_test(a_stopped_import_resumes),
       cmocka_unit_test(any_number_of_threads_gives_the_same_bytes),
-      cmocka_unit_test(folders_of_others_are_refused),
-      cmocka_unit_test(samples_name_what_they_lack),
+      cmocka_unit_test(foreign_folders_are_refused),
+      cmocka_unit_test(missing_parts_of_samples_are_named),
       cmocka_unit_test(missing_files_are_named),
-      cmocka_unit_test(faults_of_raw_drives_are_told),
+      cmocka_unit_test(faults_of_raw_drives_cause_warnings),
       cmocka_unit_test(damaged_files_are_named),
       cmocka_unit_test(sweeps_and_labels_are_optional),
   };

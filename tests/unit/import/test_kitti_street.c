@@ -59,7 +59,7 @@ static void check_poses(const import_error *e) {
   assert_true(e->view_turn < 1e-8 && e->sweep_turn < 1e-8);
 }
 
-static void a_drive_of_the_street_comes_back(void **state) {
+static void the_street_as_a_drive_round_trips(void **state) {
   const import_error e = import(*state, "raw/2011_09_26", "drive", 0);
   check_poses(&e);
   assert_true(e.box_turn < 1e-8);
@@ -67,14 +67,14 @@ static void a_drive_of_the_street_comes_back(void **state) {
 
 /* The street's camera looks 0.02 rad down, and its car rolls and pitches by 0.003 rad. KITTI's labels have no tilt,
  * so boxes are read as upright in the camera's axes; this sets the tolerance. */
-static void the_street_as_a_tracking_sequence_comes_back(void **state) {
+static void the_street_as_a_tracking_sequence_round_trips(void **state) {
   const import_error e = import(*state, "raw", "tracking", 0.05);
   check_poses(&e);
   assert_true(e.box_turn < 0.025 && e.box_turn > 0.015);
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(a_drive_of_the_street_comes_back),
-                                     cmocka_unit_test(the_street_as_a_tracking_sequence_comes_back)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(the_street_as_a_drive_round_trips),
+                                     cmocka_unit_test(the_street_as_a_tracking_sequence_round_trips)};
   return cmocka_run_group_tests(tests, begin, end);
 }

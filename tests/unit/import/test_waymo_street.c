@@ -60,14 +60,14 @@ static int end(void **state) {
 
 /* The street's car rolls and pitches by 0.003 rad. Waymo's labels are upright in the car's frame, so that boxes lose
  * this tilt. */
-static void poses_and_boxes_come_back(void **state) {
+static void poses_and_boxes_round_trip(void **state) {
   const street *st = *state;
   check_same_views(st->made, st->imported, 1e-9, 1e-12);
   check_same_objects(st->made, st->imported, 1e-9, 0.005);
   assert_true(pags_dataset_object_count(st->imported) > 4);
 }
 
-static void points_come_back(void **state) {
+static void points_round_trip(void **state) {
   const street *st = *state;
   assert_int_equal(pags_dataset_sweep_count(st->imported), FRAMES);
   for (int64_t t = 0; t < FRAMES; t++)
@@ -75,7 +75,7 @@ static void points_come_back(void **state) {
 }
 
 /* Label ids for which Waymo has no class (wall, fence, terrain, train) come back as the nearest class. */
-static void labels_come_back(void **state) {
+static void labels_round_trip(void **state) {
   const street *st = *state;
   int64_t compared = 0;
   for (int t = 0; t < FRAMES; t++)
@@ -101,7 +101,7 @@ static void labels_come_back(void **state) {
 }
 
 /* The street's pictures are PNG, Waymo's are JPEG, which sets the tolerance. */
-static void pictures_come_back(void **state) {
+static void pictures_round_trip(void **state) {
   const street *st = *state;
   for (int t = 0; t < FRAMES; t++)
     for (int c = 0; c < CAMERAS; c++) {
@@ -119,7 +119,7 @@ static void pictures_come_back(void **state) {
 
 /* The street's dynamic masks are the exact outlines of visible parts. The imported masks are outlines of whole boxes
  * and must contain the exact ones. */
-static void dynamic_masks_come_back(void **state) {
+static void dynamic_masks_round_trip(void **state) {
   const street *st = *state;
   int64_t exact = 0, boxes = 0, both = 0;
   for (int t = 0; t < FRAMES; t++)
@@ -142,9 +142,9 @@ static void dynamic_masks_come_back(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(poses_and_boxes_come_back), cmocka_unit_test(points_come_back),
-      cmocka_unit_test(labels_come_back),          cmocka_unit_test(pictures_come_back),
-      cmocka_unit_test(dynamic_masks_come_back),
+      cmocka_unit_test(poses_and_boxes_round_trip), cmocka_unit_test(points_round_trip),
+      cmocka_unit_test(labels_round_trip),          cmocka_unit_test(pictures_round_trip),
+      cmocka_unit_test(dynamic_masks_round_trip),
   };
   return cmocka_run_group_tests(tests, begin, end);
 }

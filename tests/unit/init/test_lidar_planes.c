@@ -67,7 +67,7 @@ static double above(const pags_gaussians *g, int64_t i) {
 
 /* With a strength of 0.5, Gaussians above and below the road move half of the way towards it. Those more than 30 cm
  * away, in the bush and beyond the road's edge don't move. */
-static void they_come_halfway(void **unused) {
+static void gaussians_move_halfway_to_the_road(void **unused) {
   (void)unused;
   /* 10 cm above the plane of the road, within reach of the outermost fitted plane. */
   static const float bush[3] = {6.05f, 1.0f, 3.4f};
@@ -119,7 +119,7 @@ static pags_gaussians make_shapes(int count, const float (*means)[3]) {
 /* With a strength of 1 nearly all Gaussians near the road lie in it and become flat; their other two sigmas stay.
  * Those in the bush, beyond the road's edge, 12 cm above it, of a parked object, and with a zero quaternion keep every
  * bit. Half the strength changes half as much. */
-static void they_lie_in_the_road(void **unused) {
+static void gaussians_become_flat_in_the_road(void **unused) {
   (void)unused;
   enum { LAID = 200, OTHERS = 5, ALL = LAID + OTHERS };
   const double steady = cos(0.3 * 3.14159 / 180.0);
@@ -173,7 +173,7 @@ static void they_lie_in_the_road(void **unused) {
 }
 
 /* If the same surface is a wall, Gaussians are pulled to it, but don't become flat. */
-static void walls_are_not_laid(void **unused) {
+static void gaussians_on_walls_do_not_become_flat(void **unused) {
   (void)unused;
   float means[1][3] = {{(float)(height(3.0, 3.0) + 0.08), 3.0f, 3.0f}};
   pags_lidar_points points = make_points();
@@ -199,7 +199,7 @@ static void walls_are_not_laid(void **unused) {
 }
 
 /* Points on moving and on parked objects aren't used for the planes of the background. */
-static void objects_have_no_facets(void **unused) {
+static void objects_do_not_shape_background_planes(void **unused) {
   (void)unused;
   pags_lidar_points points = make_points();
   pags_lidar_planes planes;
@@ -246,8 +246,10 @@ static void threads_change_no_bit(void **unused) {
 
 int main(void) {
   static const struct CMUnitTest tests[] = {
-      cmocka_unit_test(they_come_halfway),     cmocka_unit_test(they_lie_in_the_road),
-      cmocka_unit_test(walls_are_not_laid),    cmocka_unit_test(objects_have_no_facets),
+      cmocka_unit_test(gaussians_move_halfway_to_the_road),
+      cmocka_unit_test(gaussians_become_flat_in_the_road),
+      cmocka_unit_test(gaussians_on_walls_do_not_become_flat),
+      cmocka_unit_test(objects_do_not_shape_background_planes),
       cmocka_unit_test(threads_change_no_bit),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -84,7 +84,7 @@ static void fewer_lidar_points_are_means_of_larger_voxels(void **state) {
   pags_driving_points_destroy(&few);
 }
 
-static void moving_things_have_their_own_points(void **state) {
+static void moving_objects_have_separate_points(void **state) {
   (void)state;
   pags_driving_points start = make(1, 1);
   const pags_point_set *car = &start.objects[STUB_CAR];
@@ -106,7 +106,7 @@ static void moving_things_have_their_own_points(void **state) {
   pags_driving_points_destroy(&start);
 }
 
-static void unmeasured_things_are_filled_if_seen(void **state) {
+static void objects_without_lidar_are_filled_if_visible(void **state) {
   (void)state;
   pags_driving_points start = make(1, 1);
   const pags_point_set *walker = &start.objects[STUB_WALKER];
@@ -186,8 +186,8 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(background_lies_on_its_surfaces),
       cmocka_unit_test(fewer_lidar_points_are_means_of_larger_voxels),
-      cmocka_unit_test(moving_things_have_their_own_points),
-      cmocka_unit_test(unmeasured_things_are_filled_if_seen),
+      cmocka_unit_test(moving_objects_have_separate_points),
+      cmocka_unit_test(objects_without_lidar_are_filled_if_visible),
       cmocka_unit_test(far_points_continue_the_wall),
       cmocka_unit_test(held_out_data_is_not_used),
       cmocka_unit_test(without_lidar_points_are_matched),

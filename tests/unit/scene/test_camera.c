@@ -45,7 +45,7 @@ static void a_quarter_turn_about_z(void **state) {
   assert_true(difference(r, identity, 9) == 0);
 }
 
-static void quaternions_come_back(void **state) {
+static void quaternions_round_trip(void **state) {
   (void)state;
   for (uint64_t i = 0; i < 1000; i++) {
     double q[4], r[9], back[4], again[9];
@@ -189,7 +189,7 @@ static void the_fox_camera_reads(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(a_quarter_turn_about_z), cmocka_unit_test(quaternions_come_back),
+      cmocka_unit_test(a_quarter_turn_about_z), cmocka_unit_test(quaternions_round_trip),
       cmocka_unit_test(the_inverse_undoes),     cmocka_unit_test(the_check_makes_rotations_exact_once),
       cmocka_unit_test(the_check_refuses),      cmocka_unit_test(downscaling_divides),
       cmocka_unit_test(paths_survive_files),    cmocka_unit_test(bad_files_are_explained),

@@ -47,7 +47,7 @@ static int left(const pags_filter *filter, const pags_scene_view *views, int64_t
   return result == PAGS_OK ? bits : -1;
 }
 
-static void limits_leave_out(void **state) {
+static void gaussians_beyond_limits_are_left_out(void **state) {
   (void)state;
   const pags_filter none = {0}, box = {.has_box = true, .lo = {0.5, -1, -1}, .hi = {2.5, 1, 1}},
                     ball = {.has_ball = true, .middle = {3, 0, 0}, .radius = 1.5}, opaque = {.least_opacity = 0.5},
@@ -67,7 +67,7 @@ static void limits_leave_out(void **state) {
 }
 
 /* Two cameras 2 m away look along y: one sees x = 0 and 1, the other x = 1, 2 and 3. A held-out camera sees all. */
-static void views_support(void **state) {
+static void gaussians_need_enough_views(void **state) {
   (void)state;
   pags_scene_view views[2] = {{.name = NULL}};
   for (int i = 0; i < 2; i++) {
@@ -116,8 +116,8 @@ static void objects_are_judged_whole(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(limits_leave_out),
-      cmocka_unit_test(views_support),
+      cmocka_unit_test(gaussians_beyond_limits_are_left_out),
+      cmocka_unit_test(gaussians_need_enough_views),
       cmocka_unit_test(objects_are_judged_whole),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

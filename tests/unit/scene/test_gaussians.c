@@ -35,7 +35,7 @@ static void planes_are_zero_and_aligned(void **state) {
   }
 }
 
-static void none_and_too_many(void **state) {
+static void empty_and_too_large_arrays(void **state) {
   (void)state;
   pags_gaussians g;
   assert_int_equal(pags_gaussians_create(&g, 0, 3), PAGS_OK);
@@ -112,7 +112,7 @@ static uint64_t plain_code(const pags_gaussians *g, int64_t i, const double lo[3
   return code;
 }
 
-static void morton_order_is_that_of_the_codes(void **state) {
+static void morton_order_follows_the_codes(void **state) {
   (void)state;
   enum { N = 40000 }; /* several blocks */
   pags_gaussians g;
@@ -145,7 +145,7 @@ static void morton_order_is_that_of_the_codes(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-static void one_place_keeps_the_order(void **state) {
+static void equal_places_keep_their_order(void **state) {
   (void)state;
   pags_gaussians g;
   int64_t index[50];
@@ -179,11 +179,11 @@ static void bad_rows_are_found(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(planes_are_zero_and_aligned),
-      cmocka_unit_test(none_and_too_many),
+      cmocka_unit_test(empty_and_too_large_arrays),
       cmocka_unit_test(growing_keeps_everything),
       cmocka_unit_test(gathering_takes_whole_rows),
-      cmocka_unit_test(morton_order_is_that_of_the_codes),
-      cmocka_unit_test(one_place_keeps_the_order),
+      cmocka_unit_test(morton_order_follows_the_codes),
+      cmocka_unit_test(equal_places_keep_their_order),
       cmocka_unit_test(bad_rows_are_found),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

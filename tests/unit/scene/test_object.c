@@ -98,7 +98,7 @@ static int moves(const double (*positions)[3], int count) {
   return moving;
 }
 
-static void motion_is_travel_or_spread(void **state) {
+static void objects_move_by_travel_or_spread(void **state) {
   (void)state;
   /* The spread of two positions is half their distance, so the threshold here is 1 m. */
   assert_false(moves((const double[][3]){{0, 0, 0}}, 1));
@@ -119,7 +119,7 @@ static void motion_is_travel_or_spread(void **state) {
 }
 
 /* Six or more labels around one place belong to a parked object, whatever their distances. */
-static void jitter_is_no_motion(void **state) {
+static void jitter_does_not_count_as_motion(void **state) {
   (void)state;
   double labels[40][3] = {{0}};
   labels[9][0] = 5; /* only the last label is displaced */
@@ -152,7 +152,7 @@ static int walks(pags_category category, double metres, int count, double jitter
   return moving;
 }
 
-static void walkers_of_a_short_clip_move(void **state) {
+static void pedestrians_in_short_clips_move(void **state) {
   (void)state;
   assert_true(walks(PAGS_CATEGORY_PEDESTRIAN, 1.4, 12, 0.05));
   assert_true(walks(PAGS_CATEGORY_CYCLIST, 0.81, 6, 0));
@@ -166,7 +166,7 @@ static void walkers_of_a_short_clip_move(void **state) {
   assert_false(walks(PAGS_CATEGORY_OTHER, 1.5, 12, 0));
 }
 
-static void a_keyframe_is_taken_as_it_stands(void **state) {
+static void keyframes_keep_their_pose(void **state) {
   (void)state;
   pags_object object = sample(5);
   double pose[12];
@@ -193,7 +193,7 @@ static void between_keyframes_labels_are_interpolated(void **state) {
   pags_object_destroy(&object);
 }
 
-static void ends_and_gaps_hold_half_a_spacing(void **state) {
+static void tracks_extend_by_half_a_spacing(void **state) {
   (void)state;
   pags_object object = sample(7);
   const double untouched[12] = {7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7};
@@ -309,7 +309,7 @@ static void a_trained_track_has_no_corners(void **state) {
 
 /* Before the first and after the last trained keyframe, and in gaps of several held-out keyframes, the pose is the
  * label with the increments of the neighbouring trained keyframes. */
-static void elsewhere_labels_are_corrected(void **state) {
+static void labels_are_corrected_by_neighbours(void **state) {
   (void)state;
   const int held_out[] = {0, 3, 4, 7};
   pags_object object = trained_sample(8, held_out, 4);
@@ -389,15 +389,15 @@ static void destroying_zeroes(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(names_become_categories),
-      cmocka_unit_test(motion_is_travel_or_spread),
-      cmocka_unit_test(jitter_is_no_motion),
-      cmocka_unit_test(walkers_of_a_short_clip_move),
-      cmocka_unit_test(a_keyframe_is_taken_as_it_stands),
+      cmocka_unit_test(objects_move_by_travel_or_spread),
+      cmocka_unit_test(jitter_does_not_count_as_motion),
+      cmocka_unit_test(pedestrians_in_short_clips_move),
+      cmocka_unit_test(keyframes_keep_their_pose),
       cmocka_unit_test(between_keyframes_labels_are_interpolated),
-      cmocka_unit_test(ends_and_gaps_hold_half_a_spacing),
+      cmocka_unit_test(tracks_extend_by_half_a_spacing),
       cmocka_unit_test(a_trained_track_follows_its_trained_keyframes),
       cmocka_unit_test(a_trained_track_has_no_corners),
-      cmocka_unit_test(elsewhere_labels_are_corrected),
+      cmocka_unit_test(labels_are_corrected_by_neighbours),
       cmocka_unit_test(the_exponential_is_exact),
       cmocka_unit_test(destroying_zeroes),
   };

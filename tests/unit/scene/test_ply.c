@@ -124,7 +124,7 @@ static void fourier_terms_follow_the_extras(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-static void some_fourier_terms_are_too_few(void **state) {
+static void incomplete_fourier_terms_are_refused(void **state) {
   (void)state;
   pags_gaussians g, back;
   uint8_t *bytes;
@@ -200,7 +200,7 @@ static void bad_headers_are_explained(void **state) {
                     PAGS_ERROR_UNSUPPORTED, "element 'face' has a list property");
 }
 
-static void absurd_counts_are_refused_before_memory_is_asked_for(void **state) {
+static void absurd_counts_are_refused_without_allocating(void **state) {
   (void)state;
   assert_edit_fails("vertex 10", "vertex 11", PAGS_ERROR_FORMAT,
                     "truncated: expected 11 rows of 'vertex' (104 bytes each) from byte");
@@ -208,7 +208,7 @@ static void absurd_counts_are_refused_before_memory_is_asked_for(void **state) {
   assert_edit_fails("vertex 10", "vertex 9223372036854775808", PAGS_ERROR_FORMAT, ":3: expected 'element'");
 }
 
-static void truncated_files_say_where(void **state) {
+static void truncated_files_are_refused_with_the_place(void **state) {
   (void)state;
   pags_gaussians g, back;
   sample_gaussians(&g, 10, 3, 5);
@@ -266,7 +266,7 @@ static void rows_that_are_not_finite_are_left_out(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-static void comments_say_what_a_scene_says(void **state) {
+static void comments_hold_facts_of_the_scene(void **state) {
   (void)state;
   pags_gaussians g;
   pags_splat_facts facts = {.antialiased = 1, .up = PAGS_UP_Z, .origin = {500000.1, -4600000, 1e-3}}, back;
@@ -300,7 +300,7 @@ static file_bytes make_far_ply(int count, const double far[3], const char *comme
 
 /* Large coordinates in double are read relative to an origin, to which an offset in a comment is added. Small
  * coordinates stay. */
-static void doubles_far_away_keep_their_digits(void **state) {
+static void large_coordinates_keep_their_digits(void **state) {
   (void)state;
   const double far[3] = {500000.25, -4600000, 120};
   file_bytes file = make_far_ply(50, far, "comment offset 10 20 30\n", "double");
@@ -356,7 +356,7 @@ static void zero_quaternions_become_the_identity(void **state) {
   pags_gaussians_destroy(&back);
 }
 
-static void writing_where_one_cannot_is_an_error(void **state) {
+static void writing_to_a_bad_path_fails(void **state) {
   (void)state;
   pags_gaussians g;
   sample_gaussians(&g, 4, 0, 8);
@@ -413,16 +413,16 @@ int main(void) {
       cmocka_unit_test(any_order_and_encoding_reads_the_same),
       cmocka_unit_test(extras_follow_the_standard_properties),
       cmocka_unit_test(fourier_terms_follow_the_extras),
-      cmocka_unit_test(some_fourier_terms_are_too_few),
+      cmocka_unit_test(incomplete_fourier_terms_are_refused),
       cmocka_unit_test(an_empty_file_round_trips),
       cmocka_unit_test(bad_headers_are_explained),
-      cmocka_unit_test(absurd_counts_are_refused_before_memory_is_asked_for),
-      cmocka_unit_test(truncated_files_say_where),
+      cmocka_unit_test(absurd_counts_are_refused_without_allocating),
+      cmocka_unit_test(truncated_files_are_refused_with_the_place),
       cmocka_unit_test(rows_that_are_not_finite_are_left_out),
-      cmocka_unit_test(comments_say_what_a_scene_says),
-      cmocka_unit_test(doubles_far_away_keep_their_digits),
+      cmocka_unit_test(comments_hold_facts_of_the_scene),
+      cmocka_unit_test(large_coordinates_keep_their_digits),
       cmocka_unit_test(zero_quaternions_become_the_identity),
-      cmocka_unit_test(writing_where_one_cannot_is_an_error),
+      cmocka_unit_test(writing_to_a_bad_path_fails),
       cmocka_unit_test(inrias_file_round_trips),
       cmocka_unit_test(a_scrambled_file_keeps_its_bits),
   };

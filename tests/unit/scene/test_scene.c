@@ -97,7 +97,7 @@ static void assert_text(const char *a, const char *b) {
   assert_string_equal(a, b);
 }
 
-static void a_scene_comes_back(void **state) {
+static void a_scene_round_trips(void **state) {
   (void)state;
   pags_scene scene = sample(), back;
   assert_int_equal(pags_scene_save(scratch("s"), &scene), PAGS_OK);
@@ -145,7 +145,7 @@ static void saving_is_the_same_to_the_byte(void **state) {
   pags_scene_destroy(&back);
 }
 
-static void a_driving_scene_comes_back(void **state) {
+static void a_driving_scene_round_trips(void **state) {
   (void)state;
   pags_scene scene = driving_sample(), back;
   assert_int_equal(pags_scene_save(scratch("d"), &scene), PAGS_OK);
@@ -278,7 +278,7 @@ static void bad_objects_are_explained(void **state) {
 }
 
 /* Random changes of bytes give an error or a scene, never a crash. */
-static void damaged_scenes_are_survived(void **state) {
+static void damaged_scenes_cause_no_crash(void **state) {
   (void)state;
   static const char *const files[] = {"f/scene.json", "f/sky.npy", "f/objects/car 1.ply"};
   int refused = 0;
@@ -325,7 +325,7 @@ static void files_outside_are_refused(void **state) {
   assert_edit_fails("objects/car 1.ply", "/bjects/car-1.ply", PAGS_ERROR_FORMAT, "inside of the scene's folder");
 }
 
-static void models_must_match_what_is_promised(void **state) {
+static void models_must_match_the_description(void **state) {
   (void)state;
   assert_edit_fails("\"gaussians\": 41", "\"gaussians\": 42", PAGS_ERROR_FORMAT,
                     "scene.json promises 42 Gaussians of SH degree 1, found 41 of degree 1");
@@ -348,12 +348,12 @@ static void other_paths_are_explained(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(a_scene_comes_back),          cmocka_unit_test(saving_is_the_same_to_the_byte),
-      cmocka_unit_test(a_bare_file_is_a_scene),      cmocka_unit_test(bad_scenes_are_explained),
-      cmocka_unit_test(files_outside_are_refused),   cmocka_unit_test(models_must_match_what_is_promised),
-      cmocka_unit_test(other_paths_are_explained),   cmocka_unit_test(a_driving_scene_comes_back),
-      cmocka_unit_test(file_names_are_made_safe),    cmocka_unit_test(bad_objects_are_explained),
-      cmocka_unit_test(damaged_scenes_are_survived),
+      cmocka_unit_test(a_scene_round_trips),           cmocka_unit_test(saving_is_the_same_to_the_byte),
+      cmocka_unit_test(a_bare_file_is_a_scene),        cmocka_unit_test(bad_scenes_are_explained),
+      cmocka_unit_test(files_outside_are_refused),     cmocka_unit_test(models_must_match_the_description),
+      cmocka_unit_test(other_paths_are_explained),     cmocka_unit_test(a_driving_scene_round_trips),
+      cmocka_unit_test(file_names_are_made_safe),      cmocka_unit_test(bad_objects_are_explained),
+      cmocka_unit_test(damaged_scenes_cause_no_crash),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -19,7 +19,7 @@ static double half_value(unsigned half) {
   return sign * (exponent == 0 ? ldexp(mantissa, -24) : ldexp(1024 + mantissa, exponent - 25));
 }
 
-static void every_half_comes_back(void **state) {
+static void every_half_round_trips(void **state) {
   (void)state;
   for (unsigned half = 0; half < 65536; half++) {
     float value = pags_float_from_half((uint16_t)half);
@@ -58,7 +58,7 @@ static void fill(pags_sky *sky, int size) {
 }
 
 /* A loaded sky stores its lowest value below 0, which bounded Early-Z needs. */
-static void a_loaded_sky_knows_its_dip(void **state) {
+static void a_loaded_sky_stores_its_lowest_value(void **state) {
   (void)state;
   const float least[] = {0.0f, -0.5f, -100.0f}, dips[] = {0.0f, 0.25f, 1.0f};
   for (int i = 0; i < 3; i++) {
@@ -74,7 +74,7 @@ static void a_loaded_sky_knows_its_dip(void **state) {
   }
 }
 
-static void a_sky_comes_back(void **state) {
+static void a_sky_round_trips(void **state) {
   (void)state;
   pags_sky sky, back;
   uint8_t *bytes[2];
@@ -165,8 +165,8 @@ static void directions_meet_their_texels(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(every_half_comes_back),   cmocka_unit_test(halves_are_the_nearest_with_ties_to_even),
-      cmocka_unit_test(a_sky_comes_back),        cmocka_unit_test(a_loaded_sky_knows_its_dip),
+      cmocka_unit_test(every_half_round_trips),  cmocka_unit_test(halves_are_the_nearest_with_ties_to_even),
+      cmocka_unit_test(a_sky_round_trips),       cmocka_unit_test(a_loaded_sky_stores_its_lowest_value),
       cmocka_unit_test(bad_files_are_explained), cmocka_unit_test(directions_meet_their_texels),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);

@@ -26,7 +26,7 @@ static void load(const char *name, const file_bytes *file, pags_gaussians *g, co
     fail_msg("%s", pags_error_message());
 }
 
-static void kinds_and_flags_are_told(void **state) {
+static void kinds_and_flags_are_reported(void **state) {
   (void)state;
   static const char *const kinds[] = {"SPZ v2", "SPZ v3", "SPZ v4"};
   for (int version = 2; version <= 4; version++)
@@ -236,7 +236,7 @@ static void extension_records_are_skipped(void **state) {
 
 /* The record of the coordinate system names the file's axes, wherever it stands in the file; an option overrides it.
  * Expected values come from the same bytes read as RUB and turned. */
-static void the_axes_are_those_of_the_record(void **state) {
+static void the_record_sets_the_axes(void **state) {
   (void)state;
   for (int version = 3; version <= 4; version++) {
     spz_parts parts = make_spz_parts(version, 10, 3, 7);
@@ -353,7 +353,7 @@ static double half_angle(const pags_gaussians *a, const pags_gaussians *b, int64
 
 /* Two files of the same model in lossy formats, in the same order: each field differs by at most half of the sum of
  * both quantisation steps. */
-static void both_bikers_agree(void **state) {
+static void two_formats_of_one_model_agree(void **state) {
   (void)state;
   char spz[1024], ply[1024];
   if (!pags_shared_data("splats/biker.spz", spz, sizeof spz) ||
@@ -382,12 +382,18 @@ static void both_bikers_agree(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(kinds_and_flags_are_told),   cmocka_unit_test(known_bytes_decode),
-      cmocka_unit_test(sh_turns_with_the_axes),     cmocka_unit_test(rotations_turn_with_the_axes),
-      cmocka_unit_test(bad_v4_files_are_explained), cmocka_unit_test(bad_gzip_files_are_explained),
-      cmocka_unit_test(bombs_are_refused),          cmocka_unit_test(extension_records_are_skipped),
-      cmocka_unit_test(an_empty_file_reads),        cmocka_unit_test(the_axes_are_those_of_the_record),
-      cmocka_unit_test(axes_with_z_up_are_turned),  cmocka_unit_test(both_bikers_agree),
+      cmocka_unit_test(kinds_and_flags_are_reported),
+      cmocka_unit_test(known_bytes_decode),
+      cmocka_unit_test(sh_turns_with_the_axes),
+      cmocka_unit_test(rotations_turn_with_the_axes),
+      cmocka_unit_test(bad_v4_files_are_explained),
+      cmocka_unit_test(bad_gzip_files_are_explained),
+      cmocka_unit_test(bombs_are_refused),
+      cmocka_unit_test(extension_records_are_skipped),
+      cmocka_unit_test(an_empty_file_reads),
+      cmocka_unit_test(the_record_sets_the_axes),
+      cmocka_unit_test(axes_with_z_up_are_turned),
+      cmocka_unit_test(two_formats_of_one_model_agree),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -161,7 +161,7 @@ static void orbit_follows_the_photographs(void **state) {
   pags_gaussians_destroy(&model.gaussians);
 }
 
-static void nothing_has_no_orbit(void **state) {
+static void an_empty_scene_has_no_orbit(void **state) {
   (void)state;
   pags_scene scene = {0};
   pags_camera_path path;
@@ -177,7 +177,7 @@ int main(void) {
       cmocka_unit_test(room_is_seen_from_within),
       cmocka_unit_test(object_is_seen_whole),
       cmocka_unit_test(orbit_follows_the_photographs),
-      cmocka_unit_test(nothing_has_no_orbit),
+      cmocka_unit_test(an_empty_scene_has_no_orbit),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -136,7 +136,7 @@ static const char *changed(scratch *s, const char *from, const char *to) {
   return scratch_path(s, "sog/meta.json");
 }
 
-static void sog_says_what_it_guesses(void **state) {
+static void sog_reports_guesses(void **state) {
   scratch *s = *state;
   pags_gaussians g;
   load(changed(s, "[-5, -4", "[null, -4"), &g, "SOG v2");
@@ -167,7 +167,7 @@ static void sog_far_away_keeps_its_digits(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-static void sog_refuses_what_cannot_be(void **state) {
+static void sog_refuses_invalid_files(void **state) {
   scratch *s = *state;
   static const struct {
     const char *from, *to, *part;
@@ -330,7 +330,7 @@ static void gltf_nodes_place_gaussians(void **state) {
   pags_scene_destroy(&scene);
 }
 
-static void gltf_says_what_it_guesses(void **state) {
+static void gltf_reports_guesses(void **state) {
   scratch *s = *state;
   static const struct {
     const char *more, *extension, *root;
@@ -355,7 +355,7 @@ static void gltf_says_what_it_guesses(void **state) {
   }
 }
 
-static void gltf_refuses_what_cannot_be(void **state) {
+static void gltf_refuses_invalid_files(void **state) {
   scratch *s = *state;
   static const struct {
     const char *nodes, *more, *extension, *root, *part;
@@ -375,7 +375,7 @@ static void gltf_refuses_what_cannot_be(void **state) {
             i == 1 || i == 2 ? PAGS_ERROR_UNSUPPORTED : PAGS_ERROR_FORMAT, cases[i].part);
 }
 
-static void meshes_are_no_splats(void **state) {
+static void gltf_meshes_are_refused(void **state) {
   scratch *s = *state;
   scratch_text(
       s, "a.gltf",
@@ -388,16 +388,16 @@ int main(void) {
   const struct CMUnitTest tests[] = {
 #ifdef PAGS_WITH_WEBP
       scratch_test(sog_decodes_in_folders_and_archives),
-      scratch_test(sog_says_what_it_guesses),
+      scratch_test(sog_reports_guesses),
       scratch_test(sog_far_away_keeps_its_digits),
-      scratch_test(sog_refuses_what_cannot_be),
+      scratch_test(sog_refuses_invalid_files),
       scratch_test(archives_are_checked),
 #endif
       scratch_test(gltf_attributes_of_all_types_decode),
       scratch_test(gltf_nodes_place_gaussians),
-      scratch_test(gltf_says_what_it_guesses),
-      scratch_test(gltf_refuses_what_cannot_be),
-      scratch_test(meshes_are_no_splats),
+      scratch_test(gltf_reports_guesses),
+      scratch_test(gltf_refuses_invalid_files),
+      scratch_test(gltf_meshes_are_refused),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -26,7 +26,7 @@ static void blocks_are_aligned_and_apart(void **state) {
   pags_arena_destroy(arena);
 }
 
-static void empty_blocks_have_addresses_of_their_own(void **state) {
+static void empty_blocks_have_distinct_addresses(void **state) {
   (void)state;
   pags_arena *arena = pags_arena_create();
   void *a = pags_arena_alloc(arena, 0, 8);
@@ -89,7 +89,7 @@ static void a_reset_folds_the_chunks(void **state) {
   }
 }
 
-static void marks_give_back_what_came_later(void **state) {
+static void marks_release_later_blocks(void **state) {
   (void)state;
   pags_arena *arena = pags_arena_create();
   pags_arena_mark empty = pags_arena_save(arena);
@@ -129,9 +129,9 @@ static void high_water_is_the_most_at_once(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(blocks_are_aligned_and_apart),   cmocka_unit_test(empty_blocks_have_addresses_of_their_own),
+      cmocka_unit_test(blocks_are_aligned_and_apart),   cmocka_unit_test(empty_blocks_have_distinct_addresses),
       cmocka_unit_test(impossible_sizes_are_refused),   cmocka_unit_test(steady_state_calls_no_heap),
-      cmocka_unit_test(a_reset_folds_the_chunks),       cmocka_unit_test(marks_give_back_what_came_later),
+      cmocka_unit_test(a_reset_folds_the_chunks),       cmocka_unit_test(marks_release_later_blocks),
       cmocka_unit_test(high_water_is_the_most_at_once),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -124,7 +124,7 @@ static void nonsense_is_passed_over(void **state) {
   assert_true(pags_cgroup_memory(t->root, 1000) == 1000);
 }
 
-static void this_machine_has_something(void **state) {
+static void this_machine_has_limits(void **state) {
   (void)state;
   assert_true(pags_available_threads() >= 1);
   assert_true(pags_available_memory() > 1 << 20);
@@ -140,7 +140,7 @@ int main(void) {
       WITH_TREE(version_1_finds_the_controller_among_others),
       WITH_TREE(a_container_sees_its_own_group_as_the_root),
       WITH_TREE(nonsense_is_passed_over),
-      cmocka_unit_test(this_machine_has_something),
+      cmocka_unit_test(this_machine_has_limits),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

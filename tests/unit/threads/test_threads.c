@@ -278,7 +278,7 @@ static void jobs_run_on_any_number_of_threads(void **state) {
   }
 }
 
-static void waiting_for_what_was_never_submitted_returns(void **state) {
+static void waiting_for_an_unsubmitted_job_returns(void **state) {
   (void)state;
   pags_tasks *tasks = pags_tasks_create(2);
   work w = {.job = {.run = run_work, .context = &w}};
@@ -432,7 +432,7 @@ static void use_arena(void *context, int64_t begin, int64_t end, int worker) {
   pags_arena_release(arena, mark);
 }
 
-static void workers_have_arenas_of_their_own(void **state) {
+static void each_worker_has_an_arena(void **state) {
   (void)state;
   pags_tasks *tasks = pags_tasks_create(3);
   for (int round = 0; round < 100; round++)
@@ -492,13 +492,13 @@ int main(void) {
       cmocka_unit_test(a_block_can_cancel),
       cmocka_unit_test(another_thread_can_cancel),
       cmocka_unit_test(jobs_run_on_any_number_of_threads),
-      cmocka_unit_test(waiting_for_what_was_never_submitted_returns),
+      cmocka_unit_test(waiting_for_an_unsubmitted_job_returns),
       cmocka_unit_test(a_loop_does_not_wait_for_a_running_job),
       cmocka_unit_test(jobs_and_loops_share_the_workers),
       cmocka_unit_test(a_job_may_run_loops),
       cmocka_unit_test(destroy_finishes_pending_jobs),
       cmocka_unit_test(a_host_can_run_loops),
-      cmocka_unit_test(workers_have_arenas_of_their_own),
+      cmocka_unit_test(each_worker_has_an_arena),
       cmocka_unit_test(as_many_workers_are_awake_as_there_are_processors),
       cmocka_unit_test(destroying_nothing_is_allowed),
   };

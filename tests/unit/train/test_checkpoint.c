@@ -57,7 +57,7 @@ static void make(pags_train_state *state) {
   }
 }
 
-static void comes_back_whole(void **unused) {
+static void a_checkpoint_restores_the_state(void **unused) {
   (void)unused;
   pags_train_state a, b;
   uint64_t fingerprint = 0;
@@ -104,7 +104,7 @@ static void same_state_same_bytes(void **unused) {
   pags_state_destroy(&b);
 }
 
-static void damage_is_found(void **unused) {
+static void damaged_files_are_refused(void **unused) {
   (void)unused;
   pags_train_state a, b;
   uint64_t fingerprint;
@@ -207,12 +207,9 @@ static int remove_path(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(comes_back_whole),
-      cmocka_unit_test(same_state_same_bytes),
-      cmocka_unit_test(damage_is_found),
-      cmocka_unit_test(impossible_steps_are_refused),
-      cmocka_unit_test(impossible_runs_are_refused),
-      cmocka_unit_test(impossible_counts_are_refused),
+      cmocka_unit_test(a_checkpoint_restores_the_state), cmocka_unit_test(same_state_same_bytes),
+      cmocka_unit_test(damaged_files_are_refused),       cmocka_unit_test(impossible_steps_are_refused),
+      cmocka_unit_test(impossible_runs_are_refused),     cmocka_unit_test(impossible_counts_are_refused),
   };
   return cmocka_run_group_tests(tests, make_path, remove_path);
 }

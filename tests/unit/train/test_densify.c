@@ -64,7 +64,7 @@ static void set_sigma(fixture *f, int row, float sigma) {
   pags_plane(&f->state.gaussians, PAGS_SCALE + 1)[row] = logf(sigma);
 }
 
-static void each_rule_decides(void **unused) {
+static void each_densification_rule_applies(void **unused) {
   (void)unused;
   fixture f;
   pags_edits e;
@@ -100,7 +100,7 @@ static void each_rule_decides(void **unused) {
 
 /* The threshold is 2e-4. Row 1 shows nothing critical (S_sem 0), row 2 only critical things (S_sem 1), row 3 a
  * quarter (0.25). */
-static void growth_counts_what_is_critical_by_itself(void **unused) {
+static void critical_growth_has_its_weight(void **unused) {
   (void)unused;
   static const struct {
     double weight, growth;
@@ -134,7 +134,7 @@ static void growth_counts_what_is_critical_by_itself(void **unused) {
     }
 }
 
-static void the_bound_takes_the_strongest(void **unused) {
+static void the_limit_prefers_the_largest_gradients(void **unused) {
   (void)unused;
   fixture f;
   pags_edits e;
@@ -157,7 +157,7 @@ static void the_bound_takes_the_strongest(void **unused) {
   end(&f);
 }
 
-static void a_run_is_never_left_with_nothing(void **unused) {
+static void a_run_keeps_some_gaussians(void **unused) {
   (void)unused;
   fixture f;
   pags_edits e;
@@ -247,7 +247,7 @@ static void apply_moves_rows_moments_and_statistics_together(void **unused) {
   end(&f);
 }
 
-static void reset_lowers_opacity_and_forgets(void **unused) {
+static void reset_lowers_opacity_and_clears_moments(void **unused) {
   (void)unused;
   fixture f;
   begin(&f, plain_config());
@@ -263,13 +263,13 @@ static void reset_lowers_opacity_and_forgets(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(each_rule_decides),
+      cmocka_unit_test(each_densification_rule_applies),
       cmocka_unit_test(a_split_follows_the_longest_axis),
-      cmocka_unit_test(growth_counts_what_is_critical_by_itself),
-      cmocka_unit_test(the_bound_takes_the_strongest),
-      cmocka_unit_test(a_run_is_never_left_with_nothing),
+      cmocka_unit_test(critical_growth_has_its_weight),
+      cmocka_unit_test(the_limit_prefers_the_largest_gradients),
+      cmocka_unit_test(a_run_keeps_some_gaussians),
       cmocka_unit_test(apply_moves_rows_moments_and_statistics_together),
-      cmocka_unit_test(reset_lowers_opacity_and_forgets),
+      cmocka_unit_test(reset_lowers_opacity_and_clears_moments),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -36,7 +36,7 @@ static void samples_have_the_depth_of_their_pixel(void **state) {
   stub_close(d);
 }
 
-static void no_more_than_asked_for_evenly(void **state) {
+static void samples_are_limited_and_evenly_spread(void **state) {
   (void)state;
   pags_dataset *d = stub_open();
   pags_lidar_depth_sample *all, *some;
@@ -62,7 +62,7 @@ static void none_without_a_sweep(void **state) {
   stub_close(d);
 }
 
-static void held_out_views_have_theirs(void **state) {
+static void held_out_views_have_depth_too(void **state) {
   (void)state;
   pags_dataset *d = stub_open();
   pags_lidar_depth_sample *samples;
@@ -76,9 +76,9 @@ static void held_out_views_have_theirs(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(samples_have_the_depth_of_their_pixel),
-      cmocka_unit_test(no_more_than_asked_for_evenly),
+      cmocka_unit_test(samples_are_limited_and_evenly_spread),
       cmocka_unit_test(none_without_a_sweep),
-      cmocka_unit_test(held_out_views_have_theirs),
+      cmocka_unit_test(held_out_views_have_depth_too),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

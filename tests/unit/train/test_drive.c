@@ -70,7 +70,7 @@ static void assert_same_run(const char *a, const char *b) {
   pags_scene_destroy(&scene);
 }
 
-static void scene_has_what_the_street_has(void **unused) {
+static void the_scene_has_all_parts_of_the_street(void **unused) {
   (void)unused;
   pags_train_config config = quick();
   pags_scene scene;
@@ -195,7 +195,7 @@ static void parts_can_be_left_out(void **unused) {
 
 /* The limit of the count holds for objects and background together. The background gets at least a third of a small
  * limit, and objects get some Gaussians. */
-static void a_bound_holds_for_all_models(void **unused) {
+static void the_count_limit_holds_for_all_models(void **unused) {
   (void)unused;
   pags_train_config config = quick();
   pags_scene scene;
@@ -230,7 +230,7 @@ static int64_t within_memory(int sky, uint64_t bytes) {
 }
 
 /* The memory of a sky is counted: with a sky fewer Gaussians fit into the same memory. */
-static void a_bound_of_memory_counts_the_sky(void **unused) {
+static void the_memory_limit_includes_the_sky(void **unused) {
   (void)unused;
   pags_scene scene;
   assert_int_equal(pags_scene_load(scratch("whole"), &scene), PAGS_OK);
@@ -360,7 +360,7 @@ static uint64_t decoded_by(const pags_trainer *t) {
 /* Scores measured at half size: each Gaussian covers a quarter of the pixels, plus 9 % as the low-pass filter is
  * equally wide in pixels. Its critical share agrees with that at full size except at outlines. Neither this pass nor
  * the test for colour over time decodes a photograph twice. */
-static void half_size_scores_alike_from_the_same_photographs(void **unused) {
+static void half_size_gives_the_same_scores(void **unused) {
   (void)unused;
   pags_train_options options;
   pags_trainer t;
@@ -395,7 +395,7 @@ static void half_size_scores_alike_from_the_same_photographs(void **unused) {
 
 /* The test for colour over time works at half size: photographs averaged from full size and photographs decoded at
  * half size give the same gain. */
-static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
+static void colour_over_time_gains_match_at_half_size(void **unused) {
   (void)unused;
   pags_train_options options;
   pags_trainer t;
@@ -412,16 +412,16 @@ static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(scene_has_what_the_street_has),
+      cmocka_unit_test(the_scene_has_all_parts_of_the_street),
       cmocka_unit_test(exposures_keep_their_mean),
       cmocka_unit_test(a_camera_is_exposed_as_its_photographs),
       cmocka_unit_test(threads_and_interruptions_change_no_bit),
       cmocka_unit_test(pruning_changes_no_bit_of_a_resumed_run),
       cmocka_unit_test(parts_can_be_left_out),
-      cmocka_unit_test(a_bound_holds_for_all_models),
-      cmocka_unit_test(a_bound_of_memory_counts_the_sky),
-      cmocka_unit_test(half_size_scores_alike_from_the_same_photographs),
-      cmocka_unit_test(colour_over_time_is_judged_alike_at_any_level),
+      cmocka_unit_test(the_count_limit_holds_for_all_models),
+      cmocka_unit_test(the_memory_limit_includes_the_sky),
+      cmocka_unit_test(half_size_gives_the_same_scores),
+      cmocka_unit_test(colour_over_time_gains_match_at_half_size),
   };
   return cmocka_run_group_tests(tests, make_street, remove_street);
 }

@@ -59,7 +59,7 @@ static void rates_follow_step_and_priority(void **unused) {
   assert_true(fabs(out[1] - 0.15 * ROWS / 2) < 4 * 64.7);
 }
 
-static void a_draw_is_a_function_of_step_model_and_row(void **unused) {
+static void draws_depend_on_step_model_and_row(void **unused) {
   (void)unused;
   enum { ROWS = 512 };
   float whole[ROWS], pieces[ROWS], other[ROWS];
@@ -200,7 +200,7 @@ static void the_limits_bias_is_known(void **unused) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(rates_follow_step_and_priority),
-      cmocka_unit_test(a_draw_is_a_function_of_step_model_and_row),
+      cmocka_unit_test(draws_depend_on_step_model_and_row),
       cmocka_unit_test(the_mean_of_many_draws_is_the_full_picture),
       cmocka_unit_test(the_limits_bias_is_known),
   };

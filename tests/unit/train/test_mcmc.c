@@ -68,7 +68,7 @@ static void relocation_keeps_what_a_ray_sees(void **unused) {
 
 /* A dead Gaussian that is moved onto another takes all of its values, including colour over time, object and
  * priority. */
-static void the_dead_take_everything_of_what_they_move_onto(void **unused) {
+static void relocated_gaussians_copy_all_values(void **unused) {
   (void)unused;
   fixture f;
   begin(&f, ROWS);
@@ -94,7 +94,7 @@ static void the_dead_take_everything_of_what_they_move_onto(void **unused) {
   end(&f);
 }
 
-static void the_dead_move_and_the_count_grows_to_its_bound(void **unused) {
+static void dead_gaussians_move_and_the_count_grows(void **unused) {
   (void)unused;
   fixture f;
   begin(&f, 205);
@@ -164,8 +164,8 @@ static void noise_has_the_covariance_and_stays_in_bounds(void **unused) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(relocation_keeps_what_a_ray_sees),
-      cmocka_unit_test(the_dead_take_everything_of_what_they_move_onto),
-      cmocka_unit_test(the_dead_move_and_the_count_grows_to_its_bound),
+      cmocka_unit_test(relocated_gaussians_copy_all_values),
+      cmocka_unit_test(dead_gaussians_move_and_the_count_grows),
       cmocka_unit_test(regularisers_match_finite_differences),
       cmocka_unit_test(noise_has_the_covariance_and_stays_in_bounds),
   };

@@ -45,7 +45,7 @@ static void gradient_of(const pags_keyframe *k, const double point[3], const dou
 
 /* The labels of two keyframes are off by opposite amounts, so that the errors have zero mean, which the optimisation
  * keeps; a third keyframe is seen in no photograph. */
-static void poses_are_found(void **unused) {
+static void wrong_poses_are_corrected(void **unused) {
   (void)unused;
   static const double points[4][3] = {{2, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-2, 1, 0.5}};
   pags_train_config config = pags_train_config_default();
@@ -86,7 +86,7 @@ static void poses_are_found(void **unused) {
 
 /* A car brakes in a bend and is labelled with noise at each time step: smoothing removes most of the noise. A clean
  * track doesn't change, even one that swerves twice a second, which a fixed amount of smoothing would flatten. */
-static void jitter_goes_and_motion_stays(void **unused) {
+static void smoothing_removes_jitter_and_keeps_motion(void **unused) {
   (void)unused;
   enum { KEYFRAMES = 40 };
   for (int kind = 0; kind < 3; kind++) {
@@ -138,8 +138,8 @@ static void jitter_goes_and_motion_stays(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(poses_are_found),
-      cmocka_unit_test(jitter_goes_and_motion_stays),
+      cmocka_unit_test(wrong_poses_are_corrected),
+      cmocka_unit_test(smoothing_removes_jitter_and_keeps_motion),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

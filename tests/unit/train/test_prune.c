@@ -37,7 +37,7 @@ static pags_schedule four_prunes(int64_t iterations, int64_t views) {
   return pags_schedule_make(&config, 1.0, views);
 }
 
-static void prunes_come_when_the_paper_says(void **unused) {
+static void prune_steps_match_the_paper(void **unused) {
   (void)unused;
   static const int64_t at[] = {10000, 15000, 20000, 25000, 30000, 35000, 40000, 45000};
   pags_schedule s = schedule_of(PAGS_PRESET_PLAIN, 30000, 10);
@@ -55,7 +55,7 @@ static void prunes_come_when_the_paper_says(void **unused) {
   assert_true(s.config.priority.dropout == 1 && s.config.picture.alpha_min == 0 && s.config.density.scale_reset == 1);
 }
 
-static void the_default_begins_earlier_and_asks_less(void **unused) {
+static void default_prunes_begin_earlier_and_remove_less(void **unused) {
   (void)unused;
   pags_schedule s = schedule_of(PAGS_PRESET_DEFAULT, 30000, 10), plain = schedule_of(PAGS_PRESET_PLAIN, 30000, 10);
   assert_true(s.prunes > 0 && s.prune_step[0] < 10000);
@@ -66,7 +66,7 @@ static void the_default_begins_earlier_and_asks_less(void **unused) {
 }
 
 /* A preset's automatic choices follow the data set and other fields; a value that is set stays. */
-static void choices_follow_the_data(void **unused) {
+static void automatic_choices_follow_the_data(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default(), c;
   c = pags_config_resolve(&config, false);
@@ -91,7 +91,7 @@ static void choices_follow_the_data(void **unused) {
 
 /* The weight of critical pixels in the loss follows alpha: at alpha 0 it is 1, so that critical pixels don't
  * influence the training. */
-static void the_loss_follows_alpha(void **unused) {
+static void the_critical_weight_follows_alpha(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
   config.priority.alpha = 0.0;
@@ -106,7 +106,7 @@ static void the_loss_follows_alpha(void **unused) {
 }
 
 /* Values between -1 (the preset's choice) and the range of the parameter are refused. */
-static void what_lies_between_is_refused(void **unused) {
+static void values_below_the_range_are_refused(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
   assert_int_equal(pags_train_config_check(&config), PAGS_OK);
@@ -123,7 +123,7 @@ static void what_lies_between_is_refused(void **unused) {
   assert_non_null(strstr(pags_error_message(), "critical_growth: 0"));
 }
 
-static void they_stretch_and_none_is_the_last_step(void **unused) {
+static void prune_steps_scale_and_avoid_the_last_step(void **unused) {
   (void)unused;
   for (int64_t n = 1; n < 200; n++)
     for (int preset = PAGS_PRESET_DEFAULT; preset <= PAGS_PRESET_PAPER; preset++) {
@@ -144,7 +144,7 @@ static void they_stretch_and_none_is_the_last_step(void **unused) {
 /* Opacity resets before a prune are put off until the prune. In 7000 steps they would come at 720, 1440, 2160, 2880
  * ...: 2160 is 180 steps before a prune, 3600 is one, and 5760 is 73 steps before the last prune, when densification
  * is over. */
-static void resets_wait_for_a_prune_that_is_near(void **unused) {
+static void resets_wait_for_a_near_prune(void **unused) {
   (void)unused;
   pags_schedule s = four_prunes(7000, 180);
   static const int64_t want[] = {720, 1440, 2340, 2880, 3600, 4320, 5040};
@@ -161,7 +161,7 @@ static void resets_wait_for_a_prune_that_is_near(void **unused) {
     assert_int_equal(pags_schedule_is_reset(&s, step), step % 3000 == 0 && step < 25000);
 }
 
-static void scores_come_into_0_to_1(void **unused) {
+static void scores_are_scaled_to_0_to_1(void **unused) {
   (void)unused;
   const double raw[6] = {0, 4, 0, 1e6, 4, 1};
   float out[6];
@@ -183,7 +183,7 @@ static void scores_come_into_0_to_1(void **unused) {
 
 /* With an alpha of 0.4 for the semantic score: in the sum a critical Gaussian keeps 0.4 even with a gradient score of
  * 0; in the product it needs a gradient score as well. */
-static void the_two_scores_come_together(void **unused) {
+static void scores_combine_by_sum_or_product(void **unused) {
   (void)unused;
   pags_train_config c = pags_train_config_default();
   c.priority.hybrid = PAGS_HYBRID_SUM;
@@ -202,7 +202,7 @@ static void the_two_scores_come_together(void **unused) {
 
 enum { ROWS = 1000 };
 
-static void floors_hold_and_the_lowest_go(void **unused) {
+static void lowest_scores_are_pruned_above_the_floors(void **unused) {
   (void)unused;
   static float score[ROWS];
   static int32_t group[ROWS];
@@ -233,7 +233,7 @@ static void floors_hold_and_the_lowest_go(void **unused) {
 }
 
 /* Among rows of equal score the dropped ones are chosen at random by the seed and spread evenly. */
-static void ties_are_drawn(void **unused) {
+static void ties_are_broken_at_random(void **unused) {
   (void)unused;
   static const float score[ROWS];
   static const int32_t group[ROWS];
@@ -278,7 +278,7 @@ static void a_limit_is_kept_full(void **unused) {
 
 /* Rows made by splitting and cloning inherit their parent's priorities and the sums collected since the last prune,
  * and a checkpoint keeps both. */
-static void rows_take_their_scores_along(void **unused) {
+static void rows_keep_their_scores(void **unused) {
   (void)unused;
   pags_gaussians g;
   pags_train_state s, back;
@@ -332,7 +332,7 @@ static void rows_take_their_scores_along(void **unused) {
   pags_tasks_destroy(tasks);
 }
 
-static void mcmc_keeps_its_own_count(void **unused) {
+static void mcmc_keeps_its_count(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
   assert_int_equal(pags_train_config_set(&config, "strategy", "mcmc"), PAGS_OK);
@@ -347,7 +347,7 @@ static void mcmc_keeps_its_own_count(void **unused) {
 }
 
 /* The names of removed presets are refused with the options that replace them. */
-static void old_presets_name_their_heirs(void **unused) {
+static void removed_presets_name_replacements(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
   assert_int_equal(pags_train_config_set(&config, "preset", "lean"), PAGS_ERROR_ARGUMENT);
@@ -358,22 +358,22 @@ static void old_presets_name_their_heirs(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(prunes_come_when_the_paper_says),
-      cmocka_unit_test(the_default_begins_earlier_and_asks_less),
-      cmocka_unit_test(choices_follow_the_data),
-      cmocka_unit_test(the_loss_follows_alpha),
-      cmocka_unit_test(what_lies_between_is_refused),
-      cmocka_unit_test(the_two_scores_come_together),
-      cmocka_unit_test(they_stretch_and_none_is_the_last_step),
-      cmocka_unit_test(resets_wait_for_a_prune_that_is_near),
-      cmocka_unit_test(scores_come_into_0_to_1),
-      cmocka_unit_test(floors_hold_and_the_lowest_go),
-      cmocka_unit_test(ties_are_drawn),
+      cmocka_unit_test(prune_steps_match_the_paper),
+      cmocka_unit_test(default_prunes_begin_earlier_and_remove_less),
+      cmocka_unit_test(automatic_choices_follow_the_data),
+      cmocka_unit_test(the_critical_weight_follows_alpha),
+      cmocka_unit_test(values_below_the_range_are_refused),
+      cmocka_unit_test(scores_combine_by_sum_or_product),
+      cmocka_unit_test(prune_steps_scale_and_avoid_the_last_step),
+      cmocka_unit_test(resets_wait_for_a_near_prune),
+      cmocka_unit_test(scores_are_scaled_to_0_to_1),
+      cmocka_unit_test(lowest_scores_are_pruned_above_the_floors),
+      cmocka_unit_test(ties_are_broken_at_random),
       cmocka_unit_test(the_bound_holds_at_the_last_prune),
-      cmocka_unit_test(rows_take_their_scores_along),
+      cmocka_unit_test(rows_keep_their_scores),
       cmocka_unit_test(a_limit_is_kept_full),
-      cmocka_unit_test(mcmc_keeps_its_own_count),
-      cmocka_unit_test(old_presets_name_their_heirs),
+      cmocka_unit_test(mcmc_keeps_its_count),
+      cmocka_unit_test(removed_presets_name_replacements),
   };
   return cmocka_run_group_tests_name("prune", tests, NULL, NULL);
 }

@@ -15,7 +15,7 @@
 #include "train/config.h"
 #include "train/schedule.h"
 
-static void rates_are_those_of_3dgs(void **unused) {
+static void rates_match_3dgs(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
   config.schedule.preset = PAGS_PRESET_PLAIN;
@@ -32,7 +32,7 @@ static void rates_are_those_of_3dgs(void **unused) {
   assert_true(fabs(r[PAGS_RATE_SH_REST] - 1.25e-4) < 1e-12);
 }
 
-static void densify_steps_keep_apart(void **unused) {
+static void densify_steps_are_spaced(void **unused) {
   (void)unused;
   static const struct {
     int64_t iterations, views, every;
@@ -106,7 +106,7 @@ static void short_runs_keep_whole_passes(void **unused) {
   assert_int_equal(pags_schedule_make(&config, 1.0, 43).densify_from, 500);
 }
 
-static void resolution_rises_and_small_photographs_stay(void **unused) {
+static void resolution_rises_except_for_small_photographs(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
   config.schedule.preset = PAGS_PRESET_PLAIN;
@@ -218,7 +218,7 @@ static void every_field_is_described(void **unused) {
 }
 
 /* A configuration from a checkpoint of an older format: the same field names in another order. */
-static void a_configuration_of_old_is_read(void **unused) {
+static void an_old_configuration_is_read(void **unused) {
   (void)unused;
   static const char old[] =
       "iterations=300\nschedule_iterations=0\nseed=7\nposition_rate_begin=0.00016\nposition_rate_end=1.6e-06\n"
@@ -268,12 +268,17 @@ static void a_configuration_of_old_is_read(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(rates_are_those_of_3dgs),          cmocka_unit_test(rates_fall_in_the_last_third),
-      cmocka_unit_test(densify_steps_keep_apart),         cmocka_unit_test(events_of_30000_steps),
-      cmocka_unit_test(short_runs_keep_whole_passes),     cmocka_unit_test(resolution_rises_and_small_photographs_stay),
-      cmocka_unit_test(every_pass_shows_every_view_once), cmocka_unit_test(configuration_survives_text),
-      cmocka_unit_test(configuration_is_checked),         cmocka_unit_test(every_field_is_described),
-      cmocka_unit_test(a_configuration_of_old_is_read),
+      cmocka_unit_test(rates_match_3dgs),
+      cmocka_unit_test(rates_fall_in_the_last_third),
+      cmocka_unit_test(densify_steps_are_spaced),
+      cmocka_unit_test(events_of_30000_steps),
+      cmocka_unit_test(short_runs_keep_whole_passes),
+      cmocka_unit_test(resolution_rises_except_for_small_photographs),
+      cmocka_unit_test(every_pass_shows_every_view_once),
+      cmocka_unit_test(configuration_survives_text),
+      cmocka_unit_test(configuration_is_checked),
+      cmocka_unit_test(every_field_is_described),
+      cmocka_unit_test(an_old_configuration_is_read),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -126,7 +126,7 @@ static void leave_out_doubtful(fixture *f, const reference_picture *picture) {
   assert_true(left_out < PIXELS / 2);
 }
 
-static void sums_are_the_oracle_s(void **unused) {
+static void sums_match_the_oracle(void **unused) {
   (void)unused;
   fixture f;
   static sums got, want;
@@ -175,7 +175,7 @@ static int list_pixel(const reference_picture *picture, int64_t pixel, int64_t *
   return count;
 }
 
-static void the_oracle_s_derivative_is_one(void **unused) {
+static void the_oracle_s_derivative_matches_differences(void **unused) {
   (void)unused;
   fixture f;
   begin(&f, COUNT);
@@ -270,7 +270,7 @@ static void fill_state(pags_train_state *s, pags_s_sem kind) {
   }
 }
 
-static void what_nothing_shows_keeps_its_priority(void **unused) {
+static void unseen_gaussians_keep_their_priority(void **unused) {
   (void)unused;
   double seen[6] = {2, 0, 4, 0, 1, 1}, critical[6] = {1, 0, 0, 0, 1.0000000001, 0.25};
   pags_score_pass scores = {.count = 6, .seen = seen, .critical = critical};
@@ -290,11 +290,11 @@ static void what_nothing_shows_keeps_its_priority(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(sums_are_the_oracle_s),
-      cmocka_unit_test(the_oracle_s_derivative_is_one),
+      cmocka_unit_test(sums_match_the_oracle),
+      cmocka_unit_test(the_oracle_s_derivative_matches_differences),
       cmocka_unit_test(threads_and_clusters_change_nothing),
       cmocka_unit_test(a_wall_behind_a_car_gets_no_credit),
-      cmocka_unit_test(what_nothing_shows_keeps_its_priority),
+      cmocka_unit_test(unseen_gaussians_keep_their_priority),
   };
   return cmocka_run_group_tests_name("scores", tests, NULL, NULL);
 }

@@ -275,7 +275,7 @@ static void check_reproducible(const pags_train_config *config, const char *cons
 
 /* Dropout gives the same bits for any number of threads and through resuming, and other bits than a run without
  * dropout. */
-static void dropout_is_reproducible_too(void **unused) {
+static void dropout_is_reproducible(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   config.priority.dropout = 1;
@@ -286,7 +286,7 @@ static void dropout_is_reproducible_too(void **unused) {
 }
 
 /* Runs with several photographs a step are reproducible; the number of iterations is rounded up to whole steps. */
-static void batches_are_reproducible_too(void **unused) {
+static void batches_are_reproducible(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   config.priority.dropout = 1;
@@ -311,7 +311,7 @@ static void batches_are_reproducible_too(void **unused) {
 }
 
 /* Gradients with the same stamp add up; a new stamp replaces them. */
-static void a_store_adds_up_what_belongs_together(void **unused) {
+static void a_store_adds_gradients_of_one_stamp(void **unused) {
   (void)unused;
   pags_gradient_store store = {0};
   const float a[3] = {1, -2, 0.5f}, b[3] = {0.25f, 4, -0.5f};
@@ -370,7 +370,7 @@ static double difference(const char *a, const char *b) {
 
 /* A step that sees one photograph twice equals a step that sees it once: gradients are averaged, Adam's decays
  * squared and its rates multiplied by root 2. */
-static void a_step_goes_by_the_mean_of_its_photographs(void **unused) {
+static void a_step_averages_its_photographs(void **unused) {
   (void)unused;
   const double root2 = sqrt(2.0);
   pags_dataset *const whole = dataset;
@@ -403,7 +403,7 @@ static void a_step_goes_by_the_mean_of_its_photographs(void **unused) {
 }
 
 /* Runs with a least alpha and scale resets are reproducible; the scene stores the least alpha. */
-static void shorter_lists_are_reproducible_too(void **unused) {
+static void shorter_lists_are_reproducible(void **unused) {
   (void)unused;
   pags_scene scene;
   pags_train_config config = small_config();
@@ -419,7 +419,7 @@ static void shorter_lists_are_reproducible_too(void **unused) {
   assert_false(is_same_file(in_root("short1"), in_root("short4"), "background.ply"));
 }
 
-static void mcmc_is_reproducible_too(void **unused) {
+static void mcmc_is_reproducible(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   config.density.strategy = PAGS_STRATEGY_MCMC;
@@ -486,7 +486,7 @@ static void being_killed_changes_no_bit(void **unused) {
 }
 #endif
 
-static void resuming_may_go_further_but_not_elsewhere(void **unused) {
+static void resuming_may_continue_only_the_same_run(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
@@ -587,7 +587,7 @@ static void a_time_limit_sets_the_steps(void **unused) {
   assert_true(result.finished || result.seconds >= 2.0);
 }
 
-static void memory_becomes_a_bound_on_the_count(void **unused) {
+static void memory_limits_the_count(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
@@ -614,7 +614,7 @@ static uint64_t scene_bytes(const char *folder) {
 
 /* target_size limits the count: growth stops there, a start that is too large is thinned, and an impossible size is
  * refused. */
-static void a_size_becomes_a_bound_on_the_count(void **unused) {
+static void target_size_limits_the_count(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
@@ -672,7 +672,7 @@ static float largest_difference(pags_frame *frames[2], pags_composition *scenes[
 
 /* Training with and without trimming of SH: pictures of training views agree within the stated error, the trimmed
  * scene has fewer bytes, and the checkpoint is the same. */
-static void colour_terms_go_where_they_do_not_show(void **unused) {
+static void invisible_colour_terms_are_removed(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   pags_composition *scenes[2];
@@ -750,7 +750,7 @@ static int look_on(void *user, const pags_train_progress *progress) {
 
 /* The picture seen by a callback after the last step is that of the saved scene. Rows have another order, so
  * Gaussians of equal depth may be blended in reverse: 1/255. */
-static void looking_on_changes_no_bit(void **unused) {
+static void callbacks_change_no_bit(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
@@ -804,26 +804,26 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(learns_the_scene),
       cmocka_unit_test(threads_and_checkpoints_change_no_bit),
-      cmocka_unit_test(dropout_is_reproducible_too),
-      cmocka_unit_test(batches_are_reproducible_too),
-      cmocka_unit_test(a_store_adds_up_what_belongs_together),
-      cmocka_unit_test(a_step_goes_by_the_mean_of_its_photographs),
-      cmocka_unit_test(shorter_lists_are_reproducible_too),
-      cmocka_unit_test(looking_on_changes_no_bit),
+      cmocka_unit_test(dropout_is_reproducible),
+      cmocka_unit_test(batches_are_reproducible),
+      cmocka_unit_test(a_store_adds_gradients_of_one_stamp),
+      cmocka_unit_test(a_step_averages_its_photographs),
+      cmocka_unit_test(shorter_lists_are_reproducible),
+      cmocka_unit_test(callbacks_change_no_bit),
       cmocka_unit_test(exposures_may_follow_names),
-      cmocka_unit_test(mcmc_is_reproducible_too),
+      cmocka_unit_test(mcmc_is_reproducible),
       cmocka_unit_test(stopping_and_resuming_changes_no_bit),
 #ifndef _WIN32
       cmocka_unit_test(being_killed_changes_no_bit),
 #endif
-      cmocka_unit_test(resuming_may_go_further_but_not_elsewhere),
+      cmocka_unit_test(resuming_may_continue_only_the_same_run),
       cmocka_unit_test(a_folder_in_use_is_refused_untouched),
       cmocka_unit_test(overwriting_removes_what_the_scene_names),
       cmocka_unit_test(an_estimate_writes_nothing),
       cmocka_unit_test(a_time_limit_sets_the_steps),
-      cmocka_unit_test(memory_becomes_a_bound_on_the_count),
-      cmocka_unit_test(a_size_becomes_a_bound_on_the_count),
-      cmocka_unit_test(colour_terms_go_where_they_do_not_show),
+      cmocka_unit_test(memory_limits_the_count),
+      cmocka_unit_test(target_size_limits_the_count),
+      cmocka_unit_test(invisible_colour_terms_are_removed),
   };
   return cmocka_run_group_tests(tests, make_data, remove_data);
 }
