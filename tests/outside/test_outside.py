@@ -202,7 +202,7 @@ class Babylon(Case):
         self.assertEqual(bits, 8)
         return [v for i, v in enumerate(data) if i % channels < 3]
 
-    def test_it_draws_what_we_draw(self):
+    def test_pictures_are_equal(self):
         """The other renderer stores colours in 8 bits and cuts Gaussians off at another radius: 36 dB were measured.
         A mirrored axis would give 12 dB."""
         scene = scenes.make_scene(self.path("scene"))

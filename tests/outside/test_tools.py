@@ -201,7 +201,7 @@ class Godot(Tool):
             f"{found['hits']['car']}"
         )
 
-    def test_convex_parts_beside_what_is_seen(self):
+    def test_convex_parts_next_to_surfaces(self):
         found = self.read("--no-background", "--proxy", "convex")
         self.check_nodes(found["nodes"])
         self.check_moved(found["nodes"])

@@ -156,7 +156,7 @@ class Parts(Case):
         )
         self.assertEqual([row["count"] for row in account.rows.values()], [1, 0, 0])
 
-    def test_none_of_what_is_there(self):
+    def test_unreadable_data_are_refused(self):
         account = Account()
         account.leave_out("sweeps", "have no points", ["a", "b"])
         account.contains("sweeps", 2, "lidar")
@@ -173,13 +173,13 @@ class Parts(Case):
 class Damage(Case):
     """Damaged tables: faults that fuzz_tables.py has found, and a small part of its inputs."""
 
-    def test_some_of_each(self):
+    def test_damaged_tables(self):
         for name, count in (("pickle", 700), ("parquet", 300), ("feather", 200)):
             done, read_whole = fuzz_tables.run(name, seed=5, count=count)
             self.assertEqual(done, count)
             self.assertGreater(read_whole, 0, name)  # some changes are harmless
 
-    def test_row_groups_that_claim_more(self):
+    def test_wrong_row_counts(self):
         """A row count in the row groups that differs from the file's is refused; pyarrow would allocate memory by
         it."""
         whole, said = fuzz_tables.parquets("vehicle_pose")[0], []
@@ -200,7 +200,7 @@ class Damage(Case):
         write(path, old_pickle.dumps(thing))
         return pandaset.table(path, ["x"])
 
-    def test_arrays_that_lie(self):
+    def test_impossible_arrays(self):
         """Refuses pickled states that would make numpy's types read or write memory outside of their arrays."""
         kind = lambda code, state=(3, "<", None, None, None, -1, -1, 0): old_pickle.Named(
             ("numpy", "dtype"), (code, False, True), state
@@ -398,7 +398,7 @@ class NuScenes(WithImports):
         self.assertEqual(self.counts()[3], 2)
         self.assertEqual(self.left["boxes", "between two labels that are more than 0.75 s apart"], 11)
 
-    def test_a_thing_that_is_labelled_once(self):
+    def test_an_object_labelled_once(self):
         self.tables["instance"].append({"token": "inst-B", "category_token": "k"})
         self.label(1, 50)
         self.tables["sample_annotation"][-1]["instance_token"] = "inst-B"
@@ -411,7 +411,7 @@ class NuScenes(WithImports):
             [("objects", "labelled once, not at a time step, or with too long gaps: no box")],
         )
 
-    def test_sweeps_and_labels_that_are_not_there(self):
+    def test_missing_sweeps_and_labels(self):
         shutil.rmtree(os.path.join(self.raw, "sweeps", "LIDAR_TOP"))
         os.remove(os.path.join(self.raw, "v1.0-mini", "sample_annotation.json"))
         self.assertEqual(self.counts()[2:], [0, 0])

@@ -188,7 +188,7 @@ class Blind(Case):
         truth = self.tree(blind_tables.waymo2)
         self.compare(truth, self.bring("waymo2", truth), unseen=[4])
 
-    def test_waymo2_rows_of_chance(self):
+    def test_waymo2_shuffled_rows(self):
         """Access to a row of a shuffled table reads only its row group, not the file up to it."""
         order = np.random.default_rng(1).permutation(60)
         os.makedirs(self.path("stats"))

@@ -188,7 +188,7 @@ class Argoverse2(Importer):
             )
         feather("annotations.feather", table)
 
-    def test_it_comes_out_right(self):
+    def test_the_import_matches_the_street(self):
         out = self.path("out")
         self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(os.path.dirname(self.raw), out))
         self.hold_to_street(out)
@@ -238,7 +238,7 @@ class Argoverse2(Importer):
             middle = 0.5 * (made[t - 1, track][1][:3, 3] + made[t + 1, track][1][:3, 3])
             np.testing.assert_allclose(made[t, track][1][:3, 3], middle, atol=1e-6)
 
-    def test_choice_and_going_on(self):
+    def test_choice_and_resuming(self):
         out, again = self.path("out"), self.path("again")
         choice = ["--cameras", "ring_front_left", "--frames", "2-6"]
         self.imports(self.raw, out, *choice)
@@ -311,7 +311,7 @@ class Argoverse2(Importer):
             "can't be read as a picture",
         )
 
-    def test_by_the_program(self):
+    def test_started_by_the_program(self):
         """pags import starts the package in its installation folder, whatever the working directory, and returns its
         exit codes."""
         out = self.path("out")
@@ -490,7 +490,7 @@ class NuScenes(Importer):
         moved = (rows[:, :3] - cls.lidar[:3, 3]) @ cls.lidar[:3, :3]
         return np.column_stack([moved, rows[:, 3], np.zeros(len(rows))]).astype("<f4")
 
-    def test_it_comes_out_right(self):
+    def test_the_import_matches_the_street(self):
         out = self.path("out")
         self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(self.raw, out, "--sequence", "scene-0061"))
         self.hold_to_street(out)
@@ -646,7 +646,7 @@ class PandaSet(Importer):
             for i, name in enumerate(pandaset.BOX)
         } | {"stationary": np.zeros(len(rows), bool)}
 
-    def test_it_comes_out_right(self):
+    def test_the_import_matches_the_street(self):
         out = self.path("out")
         self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(os.path.dirname(self.raw), out))
         self.hold_to_street(out)
@@ -920,7 +920,7 @@ class Waymo2(Importer):
                             p = np.linalg.inv(self.egos[t]) @ [*world, 1]
                         yield [*p[:3], float(image[r, c, 1])]
 
-    def test_it_comes_out_right(self):
+    def test_the_import_matches_the_street(self):
         out = self.path("out")
         self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(self.raw, out))
         self.hold_to_street(
@@ -1127,7 +1127,7 @@ class Kitti360(Importer):
         entry(9001, -1, 15, 78, np.eye(4), [3, 2, 1], cls.FIRST + 2, cls.FIRST + 4)
         return "".join([*out, "</opencv_storage>\n"])
 
-    def test_it_comes_out_right(self):
+    def test_the_import_matches_the_street(self):
         out = self.path("out")
         self.assertIn(f"{FRAMES} time steps, 2 cameras", self.imports(self.raw, out))
         self.hold_to_street(out)

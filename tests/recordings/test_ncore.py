@@ -349,7 +349,7 @@ class Sequences(Case):
                 np.testing.assert_allclose(mine[track][1], pose, atol=1e-6)
                 np.testing.assert_allclose(mine[track][2], size, rtol=1e-6)
 
-    def test_all_of_it(self):
+    def test_the_import_matches_the_street(self):
         tree, out = self.imports(Tree(self.street, self.path("raw")))
         self.check(tree, out)
         told = load(out, "dataset.json")

@@ -152,7 +152,7 @@ class Photos(WithStandIn):
         self.assertNotIn((1, 12), ordered)
         self.assertEqual(len(set(ordered)), len(ordered))
 
-    def test_stops_and_goes_on(self):
+    def test_stopping_and_resuming(self):
         for number in range(4):
             picture(os.path.join(self.raw, f"{number}.png"), seed=number)
         command = [sys.executable, "-B", "-m", "pags_recordings", "photos", self.raw, "-o", self.out]
@@ -541,7 +541,7 @@ class Damage(WithStandIn):
         self.refused("folder.mp4: has no JPEG or PNG files", raw=self.path("folder.mp4"))
 
     @unittest.skipUnless(shutil.which("ffmpeg"), "needs ffmpeg")
-    def test_many_words(self):
+    def test_many_messages(self):
         """A heavily damaged video makes ffmpeg print more than a pipe holds; the import doesn't hang."""
         for number in range(8):
             picture(self.path("frames", f"{number:03d}.png"), (320, 240), seed=number)

@@ -81,7 +81,7 @@ class Poses(unittest.TestCase):
 
 
 class Dgp(Case):
-    def test_it_reads_back_the_same(self):
+    def test_round_trip(self):
         if not os.path.isdir(DGP):
             self.skipTest(f"needs {DGP} (set PAGS_SHARED_DATA to the folder of the test data)")
         out, info, times = self.path("dgp"), load(DGP, "dataset.json"), load(DGP, "timestamps.json")
@@ -231,7 +231,7 @@ class Template(Case):
             index["frames"].append(frame)
         write(os.path.join(cls.raw, "index.json"), json.dumps(index))
 
-    def test_it_comes_out_right(self):
+    def test_the_import_matches_the_street(self):
         cameras = load(self.street, "dataset.json")["cameras"]
         times = np.array(load(self.street, "timestamps.json")["frames"])
         np.testing.assert_allclose(load(self.out, "timestamps.json")["frames"], times - times[0], atol=1e-9)
@@ -442,13 +442,13 @@ class Refused(Case):
         found = np.frombuffer(read(os.path.join(r.folder, "lidar", "000000.bin")), "<f4").reshape(-1, 3)
         np.testing.assert_allclose(found, [[10.5, 0, 0], [0, -20, 1]], atol=1e-5)
 
-    def test_what_fails_leaves_nothing(self):
+    def test_failures_leave_no_files(self):
         with self.assertRaises(RecordingError), Recording(self.path("D")) as r:
             r.add_camera("front", (16, 12), self.K)
             r.add_step(0).photograph("front", np.zeros((12, 16, 3), np.uint8), np.zeros((4, 4)))
         self.assertFalse(os.path.exists(self.path("D")))
 
-    def test_a_folder_with_something_is_left_alone(self):
+    def test_other_folders_are_refused(self):
         self.write("D/notes.txt", "mine")
         self.refused("not empty", Recording, self.path("D"))
         self.assertEqual(os.listdir(self.path("D")), ["notes.txt"])
@@ -508,7 +508,7 @@ def encoded(picture, form):
 
 
 class Package(Case):
-    def test_the_version_is_that_of_pags(self):
+    def test_the_version_matches_pags(self):
         self.assertEqual(self.succeeds("--version").stdout.split()[1], pags_recordings.__version__)
 
     def test_the_template_is_short(self):

@@ -101,7 +101,7 @@ class Parts(unittest.TestCase):
         inside[1:3, 2:6] = True
         self.assertEqual(automatic.bounds(inside), (2, 1, 6, 3))
 
-    def test_boxes_that_a_crop_cuts_off_are_told(self):
+    def test_boxes_cut_by_a_crop_are_marked(self):
         crop, size = (100, 0, 300, 200), (400, 200)
         for box, cut in (
             ((105, 50, 200, 100), True),
@@ -112,7 +112,7 @@ class Parts(unittest.TestCase):
             self.assertEqual(automatic.is_cut_off(box, crop, *size), cut, box)
         self.assertFalse(automatic.is_cut_off((0, 0, 400, 200), (0, 0, 400, 200), *size))
 
-    def test_suppression_keeps_the_best_of_those_alike(self):
+    def test_suppression_keeps_the_best_of_similar_masks(self):
         boxes = [(0, 0, 10, 10), (0, 0, 10, 9), (0, 0, 10, 5), (20, 20, 30, 30), (0, 0, 10, 10)]
         self.assertEqual(automatic.suppress(boxes, [0.9, 0.95, 0.8, 0.5, 0.9], 0.7), [1, 2, 3])
         self.assertEqual(automatic.suppress(boxes, [0.9, 0.9, 0.9, 0.9, 0.9], 0.95), [0, 1, 2, 3])
@@ -126,7 +126,7 @@ class Parts(unittest.TestCase):
         self.assertEqual(fuse.majority(labels, labels != 0, 0.5), 13)
         self.assertIsNone(fuse.majority(np.full((2, 2), 255, np.uint8), np.ones((2, 2), bool), 0.5))
 
-    def test_small_masks_lie_upon_large_ones(self):
+    def test_small_masks_cover_large_ones(self):
         labels = np.zeros((10, 10), np.uint8)
         labels[3:6, 3:6], labels[4, 4] = 13, 11
         ones = lambda x0, y0, x1, y1: automatic.Mask((x0, y0, x1, y1), np.ones((y1 - y0, x1 - x0), bool), 1, 1, 100)
@@ -135,7 +135,7 @@ class Parts(unittest.TestCase):
             self.assertEqual(np.unique(found[3:7, 3:6]).tolist(), [13])
             self.assertEqual(found.sum(), 12 * 13)
 
-    def test_scores_are_interpolated_before_the_best_is_taken(self):
+    def test_scores_are_interpolated_before_the_choice(self):
         scores = np.array([[[0.0, 1.0]], [[0.6, 0.6]]])
         # Enlarged to 8 pixels the scores of class 0 are 0, 0, 0.125, 0.375, 0.625, 0.875, 1, 1.
         self.assertEqual(enlarge_argmax(scores, 1, 8).tolist(), [[1, 1, 1, 1, 0, 0, 0, 0]])
@@ -150,7 +150,7 @@ class Parts(unittest.TestCase):
     def test_durations(self):
         self.assertEqual([duration(s) for s in (0.4, 59, 150, 9000)], ["0 s", "59 s", "3 min", "2 h 30 min"])
 
-    def test_progress_tells_the_cost_after_the_first_image(self):
+    def test_progress_states_the_time_after_the_first_image(self):
         now, stream = [0.0], io.StringIO()
         progress = Progress(240, stream=stream, clock=lambda: now[0])
         now[0] = 12.5
@@ -278,7 +278,7 @@ class Masks(Scratch):
         self.check(self.sam("sam2"))
         self.assertEqual([self.sam(free=f).batch for f in (False, True)], [1, 16])
 
-    def test_masks_of_full_size_are_taken_where_there_are_no_others(self):
+    def test_full_size_masks_are_used_without_others(self):
         networks.encoder(self.path("e.onnx"), size=384)
         networks.decoder(self.path("d.onnx"), size=384, low=False)
         sam = Sam(self.path("e.onnx"), self.path("d.onnx"), 1)  # 96 x 96 logits for a picture of 96 x 96
@@ -295,7 +295,7 @@ class Masks(Scratch):
         self.assertEqual(count(box_nms=1.0), 64)
         self.assertEqual(count(box_nms=1.0, stability=0.0), 128)  # adds the last of the four masks, the unstable one
 
-    def test_crops_find_what_the_whole_is_too_coarse_for(self):
+    def test_crops_find_small_objects(self):
         parts = ((13, 20, 20, 26, 26),)
         photo, truth = picture(240, 160, parts)
         found = []
@@ -375,7 +375,7 @@ class Runs(Scratch):
     def mask(self, folder, stem):
         return np.asarray(Image.open(os.path.join(self.data, folder, stem + ".png")))
 
-    def test_pags_reads_what_is_written(self):
+    def test_pags_reads_the_output(self):
         said = self.run_tool()
         self.assertRegex(said, r"000_0.png: \d+\.\d\d s per image, 6 images, about ")
         for camera in range(2):
@@ -389,7 +389,7 @@ class Runs(Scratch):
         self.assertIn("of 6 views 6 have sky_masks, 6 semantic", notes)
         self.assertIn("pedestrians and cyclists from semantic in 6 of 6 views", notes)
 
-    def test_masks_mend_labels(self):
+    def test_masks_refine_labels(self):
         """Coarse labels of a semantic network are refined by the masks of a finer Segment Anything."""
         networks.semantic(self.network, size=(96, 64), shrink=8)
         networks.encoder(self.path("e.onnx"), size=384)
@@ -422,7 +422,7 @@ class Runs(Scratch):
         self.assertFalse(os.path.exists(self.path("out", "sky_masks")))
         self.assertFalse(os.path.exists(os.path.join(self.data, "semantic")))
 
-    def test_a_run_goes_on_where_it_was_stopped(self):
+    def test_a_stopped_run_resumes(self):
         for frame in range(self.FRAMES, 30):
             self.add_photo(frame, 0)
         folder = os.path.join(self.data, "semantic")
@@ -455,7 +455,7 @@ class Runs(Scratch):
             self.assertEqual(os.stat(os.path.join(folder, name)).st_mtime_ns, when)
         self.assertIn("33 of 33 images are already done", self.run_tool())
 
-    def test_what_is_no_regular_file_is_never_replaced(self):
+    def test_special_files_are_never_replaced(self):
         """Masks are written through links and into FIFOs and devices; none of these is replaced by a file."""
         masks, kind = os.path.join(self.data, "semantic"), lambda path: stat.S_IFMT(os.lstat(path).st_mode)
         write = lambda path, data=b"new": layout.write_whole(path, lambda file: file.write(data))
@@ -497,7 +497,7 @@ class Runs(Scratch):
         write(device)
         self.assertEqual(kind(device), stat.S_IFCHR)
 
-    def test_what_a_kill_left_behind_is_cleared(self):
+    def test_files_of_a_killed_run_are_removed(self):
         self.run_tool()
         part = os.path.join(self.data, "semantic", ".000_0.png" + layout.PART)
         with open(part, "wb") as file:
