@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
 # arm64.sh SOURCE BUILD [CMAKE OPTION...]: cross-compiles the kernels and their tests for 64-bit ARM and runs them under
-# qemu. Exits with 77 (skipped) where the tools for that are missing.
+# qemu. Exits with 77 (skipped) if tools for it are missing.
 set -eu
 source=$1
 build=$2

@@ -1,8 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# links.sh NM ORACLE BENCH PRODUCT...: fails where a product (a program or library that is installed) has a function of the
-# double-precision renderer, the static library ORACLE, or one of the benchmarks. BENCH is the program that does have them, which shows
-# that this test would see them.
+# links.sh NM ORACLE BENCH PRODUCT...: fails if a product (an installed program or library) contains a function of the
+# benchmarks or of the static library ORACLE, the double-precision renderer. The program BENCH contains such functions,
+# which shows that this test finds them.
 set -eu
 nm=$1
 oracle=$2

@@ -1,7 +1,8 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# make_corpus.sh SOURCE OUT.zip: makes the corpus of test_compat.py with the build of a commit, SOURCE/build. The committed corpus is of ec025b61
-# and stays as it is: it holds what users of that commit may have. Without a Blender it has no scene.blend.
+# make_corpus.sh SOURCE OUT.zip: makes the files of test_compat.py by the build of a commit in SOURCE/build. The committed
+# files come from ec025b61 and never change, as users of that commit may have such files. Without Blender, scene.blend is
+# left out.
 set -eu
 [ $# -eq 2 ] || { echo "usage: make_corpus.sh SOURCE OUT.zip" >&2; exit 2; }
 here=$(cd "$(dirname "$0")" && pwd)

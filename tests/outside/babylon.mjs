@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Draws a GLB of splats with Babylon.js in a headless Chromium: node babylon.mjs CHROMIUM FILE.glb CAMERA.json PICTURE.png
 //
-// CAMERA.json: width, height, fx, fy, cx, cy (pixels), eye, forward, up (the file's own axes, y up), background (0..1). Prints Babylon's version
-// and how many splats each of its meshes has. Exits with 77 where no browser can be started.
+// CAMERA.json: width, height, fx, fy, cx, cy (pixels), eye, forward, up (in the file's axes, y up), background (0..1).
+// Prints Babylon's version and the number of splats of each mesh. Exits with 77 if no browser can be started.
 import fs from 'node:fs';
 import {show} from './chromium.mjs';
 
@@ -47,7 +47,7 @@ try {
   scene.activeCamera = seen;
   const splats = scene.meshes.filter(mesh => mesh.getClassName() === 'GaussianSplattingMesh');
   for (let frame = 0, begin = performance.now(); frame < 8 || performance.now() - begin < 3000; frame++) {
-    scene.render(); // they are sorted by a worker, which says nothing when it is done
+    scene.render(); // a worker sorts the splats and sends no message at its end
     await new Promise(done => setTimeout(done, 50));
   }
   window.done = {version: Engine.Version, webgl: engine.webGLVersion, splats: splats.map(mesh => mesh.splatCount)};

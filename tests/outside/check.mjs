@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What gltf-validator and @gltf-transform/core say of files, as JSON: node check.mjs FILE...
+// node check.mjs FILE...: prints the reports of gltf-validator and @gltf-transform/core on files, as JSON.
 import fs from 'node:fs';
 import path from 'node:path';
 import {NodeIO} from '@gltf-transform/core';

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A headless Chromium that draws without a graphics card, and a server of files below this folder, for pages that draw splats.
+// Starts a headless Chromium that draws without a graphics card, and a server of this folder's files, for pages that
+// draw splats.
 import fs from 'node:fs';
 import http from 'node:http';
 import path from 'node:path';
@@ -9,7 +10,7 @@ import puppeteer from 'puppeteer-core';
 const here = path.dirname(fileURLToPath(import.meta.url));
 const types = {'.js': 'text/javascript', '.mjs': 'text/javascript', '.html': 'text/html', '.glb': 'model/gltf-binary', '.wasm': 'application/wasm'};
 
-// Serves `pages` (path to {type, text}) and the files that `fileOf(path)` names, otherwise those of this folder, on a free port of this machine.
+// Serves `pages` (path to {type, text}), files named by `fileOf(path)`, and this folder's files, on a free local port.
 export function serve(pages, fileOf) {
   return http.createServer((request, response) => {
     const url = new URL(request.url, 'http://localhost').pathname;
@@ -22,8 +23,8 @@ export function serve(pages, fileOf) {
   }).listen(0, '127.0.0.1');
 }
 
-// Shows a page that sets window.done, with FILE as /file.glb, and prints that; then, unless it is an error, calls finish(canvas). Exits with 1 after
-// an error.
+// Opens a page with FILE as /file.glb, waits for window.done and prints its value. Then calls finish(canvas), or exits
+// with 1 if the value is an error.
 export async function show(executablePath, text, file, viewport, finish) {
   const browser = await launch(executablePath, {protocolTimeout: 600000});
   const server = serve({'/': {type: 'text/html', text}}, url => (url === '/file.glb' ? path.resolve(file) : undefined));
@@ -44,7 +45,7 @@ export async function show(executablePath, text, file, viewport, finish) {
   }
 }
 
-// Starts the browser, with more options of puppeteer and more flags; exits with 77 where none can be started.
+// Starts the browser with further options of puppeteer and flags; exits with 77 if no browser can be started.
 export async function launch(executablePath, options, flags = []) {
   try {
     return await puppeteer.launch({

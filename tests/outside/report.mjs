@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// report.mjs CHROMIUM PAGE FOLDER: opens a report from its file, without a network and without scripts, as a desktop, a desktop in the dark, a phone
-// and a printer show it; prints what it saw as JSON on the last line. FOLDER gets screenshots.
+// report.mjs CHROMIUM PAGE FOLDER: opens a report from its file without network and scripts, as on a desktop, in dark
+// mode, on a phone and in print. Prints its measurements as JSON on the last line and writes screenshots into FOLDER.
 import path from 'node:path';
 import {pathToFileURL} from 'node:url';
 import {launch} from './chromium.mjs';
@@ -9,8 +9,8 @@ const [chromium, file, folder] = process.argv.slice(2);
 const address = pathToFileURL(path.resolve(file)).href, seen = {errors: [], foreign: [], shows: {}};
 const browser = await launch(chromium, {});
 
-// What a page of this width shows: how far it is too wide, pictures that weren't decoded, the least size of text in charts, and the least
-// contrast (WCAG 2) of text and curves with what is behind them.
+// Measures a page of this width: overflow to the right, pictures that weren't decoded, the least size of text in charts,
+// and the least contrast (WCAG 2) of text and curves with their background.
 function look() {
   const luminance = (rgb) => rgb.map((v) => v / 255).map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)).reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
   const parse = (color) => color.match(/[\d.]+/g).map(Number);
@@ -45,7 +45,7 @@ async function show(name, viewport, features, media) {
   await page.setViewport(viewport);
   page.on('console', (message) => ['error', 'warn'].includes(message.type()) && seen.errors.push(message.text()));
   page.on('request', (request) => !request.url().startsWith('data:') && request.url() !== address && seen.foreign.push(request.url()));
-  const session = await page.createCDPSession(); // puppeteer's functions for the type and for features take each other's back
+  const session = await page.createCDPSession(); // puppeteer's functions for media type and media features undo each other
   await session.send('Emulation.setEmulatedMedia', {media, features});
   await page.goto(address, {waitUntil: 'load'});
   seen.shows[name] = await page.evaluate(look);

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// scene_html.mjs CHROMIUM FILE JOBS.json FOLDER: opens scene.html from the disk, without a network, in a window and as a phone, and uses it as a
-// person would. JOBS.json: {looks, whose pictures go to FOLDER/NNNNN-page.png; object, the number of one that moves, -1: none; spans, whether time
-// does; hostile, a page of a scene whose names mean harm, and hostileLooks at it}. Prints what it saw as JSON on the last line. Exits with 77
-// where no browser can be started.
+// scene_html.mjs CHROMIUM FILE JOBS.json FOLDER: opens scene.html from disk without network, in a window and as on a
+// phone, and uses it as a person would. JOBS.json has looks (views, drawn to FOLDER/NNNNN-page.png), object (number of a
+// moving object, -1: none), spans (whether the scene has a time range), hostile (a page of a scene with malicious names)
+// and hostileLooks (views of that scene). Prints its measurements as JSON on the last line. Exits with 77 if no browser
+// can be started.
 import crypto from 'node:crypto';
 import fs from 'node:fs';
 import path from 'node:path';
@@ -27,7 +28,7 @@ async function open(viewport, shown = file) {
   const begun = performance.now();
   await page.goto(pathToFileURL(shown).href, {waitUntil: 'domcontentloaded'});
   await page.waitForFunction(() => document.getElementById('picture').dataset.serial || !document.getElementById('notice').textContent.startsWith('Loading'), {polling: 'raf'});
-  await page.evaluate(() => { // until it is drawn, not only asked for
+  await page.evaluate(() => { // waits until the picture is drawn, not only requested
     const gl = document.getElementById('picture').getContext('webgl2');
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
   });
@@ -38,7 +39,7 @@ async function open(viewport, shown = file) {
   return {browser, page, first};
 }
 
-// Waits for the sharp picture of what was looked at last; the hash of a screenshot of the stage.
+// Waits for the sharp picture of the last view; returns the hash of a screenshot of the stage.
 async function sharp(page) {
   await pause(150);
   await page.waitForFunction(() => {
@@ -50,7 +51,7 @@ async function sharp(page) {
   return crypto.createHash('sha1').update(shot).digest('hex');
 }
 
-// Bytes: JavaScript's heap, and the proportional set sizes of the browser's processes for pages and for graphics.
+// Returns memory in bytes: JavaScript's heap, and proportional set sizes of the browser's processes for pages and graphics.
 async function memory(browser, page) {
   const session = await browser.target().createCDPSession(), {processInfo} = await session.send('SystemInfo.getProcessInfo');
   const sum = (wanted) => processInfo.filter(({type}) => type === wanted).reduce((all, {id}) => all + pss(id), 0);
@@ -129,14 +130,14 @@ async function desktop() {
   await page.keyboard.press('?');
   seen.help = await page.$eval('#help', (dialog) => dialog.open);
   const errors = seen.errors.length;
-  seen.network = await page.evaluate(async () => { // what the policy forbids
+  seen.network = await page.evaluate(async () => { // requests that the content policy forbids
     const tries = [() => fetch('https://example.org/'), () => fetch('data:text/plain,x'), () => new Promise((done, fail) => { const image = new Image(); image.onload = done; image.onerror = fail; image.src = 'https://example.org/x.png'; }),
       () => { const script = document.createElement('script'); script.textContent = 'window.injected = true'; document.head.append(script); if (!window.injected) throw new Error('refused'); }];
     let passed = 0;
     for (const attempt of tries) await Promise.resolve().then(attempt).then(() => passed++, () => 0);
     return passed;
   });
-  seen.refused = seen.errors.splice(errors).length; // the browser's lines on what the policy refused
+  seen.refused = seen.errors.splice(errors).length; // the browser's messages about forbidden requests
   seen.memory = await memory(browser, page);
   await browser.close();
 }
@@ -163,7 +164,7 @@ async function phone() {
   await browser.close();
 }
 
-// Names that a careless page would run: they are listed as they are. Pictures of all that a scene may have.
+// Names that a careless page would run as code are shown as text. The scene has every feature of scenes.
 async function hostile() {
   const {browser, page} = await open({width: 1280, height: 720}, jobs.hostile);
   seen.listed = await page.$$eval('#objects .label', (labels) => labels.map((label) => label.textContent));

@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Installs programs of others that read what pags export writes, for the tests: node modules and usd-core, below this folder. Never fails:
-# nothing else needs them.
+# Installs third-party programs that read files of pags export, for the tests: node modules and usd-core, below this
+# folder. Never fails, as only these tests need them.
 set -u
 cd "$(dirname "$0")" || exit 1
 

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pages that draw a splat file with Babylon.js, Spark, PlayCanvas or GaussianSplats3D: open(canvas, job, url) of each module gives
-// draw(k, projection), which draws a camera's view and waits for its order; again(), which draws it once more; version; splats; and of the first
-// two drawFloats(), the pixels of a buffer of floats. A camera k is as in viewers.mjs.
+// Pages that draw a splat file by Babylon.js, Spark, PlayCanvas or GaussianSplats3D. The function open(canvas, job, url)
+// of each module returns draw(k, projection), which draws a camera's view and waits until the splats are sorted; again(),
+// which draws it once more; version; and splats. Babylon.js and Spark also have drawFloats(), which returns the pixels of
+// a float buffer. viewers.mjs describes a camera k.
 
-// What the modules import, and OpenGL's projection of a camera.
+// The modules' imports, and OpenGL's projection of a camera.
 export const imports = `<script type="importmap">{"imports":{"@babylonjs/core/":"/node_modules/@babylonjs/core/","@babylonjs/loaders/":"/node_modules/@babylonjs/loaders/",
 "three":"/node_modules/three/build/three.module.js","three/addons/":"/node_modules/three/examples/jsm/","fflate":"/node_modules/fflate/esm/browser.js"}}</script>`;
 
@@ -38,7 +39,7 @@ export const open = async (canvas, job, url) => {
   scene.activeCamera = camera;
   const meshes = scene.meshes.filter(mesh => mesh.getClassName() === 'GaussianSplattingMesh');
   if (!url.endsWith('.glb'))
-    for (const mesh of meshes) mesh.scaling.set(1, 1, 1); // the loader turns y round; here the file's own axes are the world's
+    for (const mesh of meshes) mesh.scaling.set(1, 1, 1); // undoes the loader's flip of y: here the file's axes are the world's
   const {width, height} = canvas;
   const target = new RenderTargetTexture('floats', {width, height}, scene, {type: Engine.TEXTURETYPE_FLOAT});
   const draw = async (k, projection) => {
@@ -49,7 +50,7 @@ export const open = async (canvas, job, url) => {
     camera.freezeProjectionMatrix(Matrix.FromArray(projection));
     camera.outputRenderTarget = null;
     do {
-      scene.render(); // a worker sorts them
+      scene.render(); // a worker sorts the splats
       await new Promise(done => setTimeout(done, 1));
     } while (!meshes.every(mesh => mesh._isDepthSortSettled));
     scene.render();
@@ -68,7 +69,7 @@ import * as THREE from 'three';
 import {SparkRenderer, SplatMesh, SplatFileType} from '/node_modules/@sparkjsdev/spark/dist/spark.module.js';
 
 export const open = async (canvas, job, url) => {
-  THREE.ColorManagement.workingColorSpace = THREE.SRGBColorSpace; // colours are blended as they are, in buffers of floats, too
+  THREE.ColorManagement.workingColorSpace = THREE.SRGBColorSpace; // blends colours without conversion, also in float buffers
   const renderer = new THREE.WebGLRenderer({canvas, antialias: false, alpha: false, preserveDrawingBuffer: true});
   renderer.setPixelRatio(1);
   renderer.setSize(canvas.width, canvas.height, false);
@@ -168,7 +169,7 @@ import * as GS from '/modules/@mkkellogg/gaussian-splats-3d/build/gaussian-splat
 
 export const open = async (canvas, job, url) => {
   const renderer = new THREE.WebGLRenderer({canvas, antialias: false, alpha: false, preserveDrawingBuffer: true});
-  renderer.outputColorSpace = THREE.LinearSRGBColorSpace; // colours go out as they are
+  renderer.outputColorSpace = THREE.LinearSRGBColorSpace; // writes colours without conversion
   renderer.setPixelRatio(1);
   renderer.setSize(canvas.width, canvas.height, false);
   renderer.setClearColor(0x000000, 1);

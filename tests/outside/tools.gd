@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-# What Godot 4 makes of the imported scene.glb beside it: godot --path FOLDER -s tools.gd
+# godot --path FOLDER -s tools.gd: describes Godot 4's import of the scene.glb next to this script.
 #
-# job.json: seconds (of the animation), rays (name to {from, along}, in Godot's Y-up world, metres), and if wanted picture (a file), eye and target.
-# Writes to found.json all nodes with their kinds and extras and where they are at that time, the animations, and what the rays hit first.
+# job.json has seconds (the time in the animation), rays (name to {from, along}, in Godot's world with y up, in metres),
+# and for a picture also picture (a file), eye and target. Writes found.json: all nodes with kinds, extras and positions at
+# that time, the animations, and the first hit of each ray.
 extends SceneTree
 
 func list(node: Node, nodes: Array, parent: String) -> void:

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Babylon.js in a headless Chromium makes of a GLB of proxies: node tools.mjs CHROMIUM FILE.glb JOB.json
+// node tools.mjs CHROMIUM FILE.glb JOB.json: loads a GLB of proxies by Babylon.js in a headless Chromium.
 //
-// JOB.json: seconds (of the file's animation), rays (name to {from, along}, in Babylon's right-handed, Y-up world, metres), and if wanted picture
-// (a file), eye and target. Prints as JSON all nodes with the extras that Babylon keeps of them and where they are at that time, the animations, and
-// what the rays hit first. Exits with 77 where no browser can be started.
+// JOB.json has seconds (the time in the animation), rays (name to {from, along}, in Babylon's right-handed world with y
+// up, in metres), and for a picture also picture (a file), eye and target. Prints as JSON all nodes with the extras that
+// Babylon keeps and their positions at that time, the animations, and the first hit of each ray. Exits with 77 if no
+// browser can be started.
 import fs from 'node:fs';
 import {show} from './chromium.mjs';
 
@@ -25,7 +26,7 @@ import {SceneLoaderFlags} from '@babylonjs/core/Loading/sceneLoaderFlags.js';
 import '@babylonjs/core/Animations/animatable.js';
 import '/node_modules/@babylonjs/loaders/glTF/index.js';
 const job = ${JSON.stringify(job)};
-SceneLoaderFlags.ShowLoadingScreen = false; // it would be on the picture
+SceneLoaderFlags.ShowLoadingScreen = false; // the loading screen would cover the picture
 try {
   const engine = new Engine(document.getElementById('c'), true, {preserveDrawingBuffer: true});
   const scene = new Scene(engine);

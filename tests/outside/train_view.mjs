@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// train_view.mjs CHROMIUM URL FOLDER: watches a run of pags train --view as a person would, until it stops it; prints what it saw as JSON on the
-// last line. FOLDER gets screenshots.
+// train_view.mjs CHROMIUM URL FOLDER: watches a run of pags train --view as a person would, and stops it. Prints its
+// observations as JSON on the last line and writes screenshots into FOLDER.
 import path from 'node:path';
 import {launch} from './chromium.mjs';
 
@@ -19,7 +19,7 @@ try {
   await page.goto(url, {waitUntil: 'domcontentloaded'});
   await page.waitForFunction(() => document.getElementById('picture').dataset.serial, {timeout: 60000});
 
-  // A still look is drawn again as the scene learns; the curves grow.
+  // The page redraws an unchanged view while the scene learns; the curves grow.
   seen.first = await page.$eval('#picture', (canvas) => canvas.toDataURL());
   await page.waitForFunction(() => Number(document.getElementById('curve-psnr').dataset.dots) >= 3, {timeout: 120000});
   seen.later = await page.$eval('#picture', (canvas) => canvas.toDataURL());
@@ -32,7 +32,7 @@ try {
   seen.head = await text(page, '#run-head');
   seen.facts = await text(page, '#run-facts');
 
-  // Moving while it trains.
+  // Moves the view during training.
   const count = () => page.$eval('#picture', (canvas) => Number(canvas.dataset.count));
   const before = await count();
   await page.mouse.move(400, 300);
@@ -45,7 +45,7 @@ try {
   seen.moving = (await count()) - before;
   await page.keyboard.press('KeyR');
 
-  // The worst view, next to its photograph.
+  // Shows the worst view next to its photograph.
   seen.worst = await page.$$eval('#worst button', (all) => all.map((button) => button.textContent));
   await page.$eval('#worst button', (button) => button.click());
   await page.waitForFunction(() => document.getElementById('views').value !== '-1', {timeout: 10000});
@@ -76,7 +76,7 @@ try {
   for (let i = 0; i < 20 && !(await page.$eval('#stop-run', (button) => button.disabled)); i++) await page.click('#stop-run'); // on a slow machine a second click may be late
   await page.waitForFunction(() => /was stopped/.test(document.getElementById('notice').textContent), {timeout: 60000});
   seen.end = await text(page, '#run-head');
-  await pause(3000); // it doesn't ask any more
+  await pause(3000); // the page sends no more requests
   seen.notice = await text(page, '#notice');
   await page.screenshot({path: path.join(folder, 'train-end.jpg'), type: 'jpeg', quality: 70});
 } finally {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// view.mjs CHROMIUM URL FOLDER: uses the page of pags view as a person would, on a desktop and on a phone; prints what it saw as JSON on the
-// last line. FOLDER gets screenshots, saved pictures and a recorded path.
+// view.mjs CHROMIUM URL FOLDER: uses the page of pags view as a person would, on a desktop and on a phone. Prints its
+// observations as JSON on the last line, and writes screenshots, saved pictures and a recorded path into FOLDER.
 import crypto from 'node:crypto';
 import fs from 'node:fs';
 import path from 'node:path';
@@ -25,9 +25,9 @@ async function open(viewport) {
   return [page, performance.now() - begun];
 }
 
-// The sharp picture of what was looked at last, as the hash of its pixels.
+// Waits for the sharp picture of the last view; returns the hash of its pixels.
 async function sharp(page) {
-  await pause(150); // until the page has asked
+  await pause(150); // waits until the page has sent its request
   await page.waitForFunction(() => {
     const {sharp, serial, asked} = document.getElementById('picture').dataset;
     return sharp === 'true' && serial === asked;
@@ -119,14 +119,14 @@ try {
     seen[channel] = await sharp(page);
   }
 
-  // The photograph laid over the left half.
+  // Compares: the photograph covers the left half.
   const halves = () => page.$eval('#picture', (canvas) => [0, 0.6].map((x) => {
     const pixels = canvas.getContext('2d').getImageData(Math.round(x * canvas.width), 0, Math.round(0.4 * canvas.width), canvas.height).data;
     return pixels.reduce((sum, value, i) => (31 * sum + value * (1 + (i % 7))) % 1000000007, 7);
   }));
   const wipe = async (share) => {
     await page.$eval('#wipe', (slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input')); }, share);
-    await pause(500); // the photograph comes first
+    await pause(500); // the photograph arrives first
     await sharp(page);
     return halves();
   };
@@ -134,14 +134,14 @@ try {
   await page.screenshot({path: path.join(folder, 'wipe.jpg'), type: 'jpeg', quality: 70});
   seen.wiped.push(await wipe(0));
 
-  // The same picture without Early-Z.
+  // Draws the same picture without Early-Z.
   await page.click('#early-z');
   seen.without = await sharp(page);
   seen.withoutStats = await text(page, '#stats');
   await page.click('#early-z');
   await sharp(page);
 
-  // The object of most Gaussians: looked at, hidden, isolated.
+  // Looks at the object with the most Gaussians, hides it and isolates it.
   await page.click('#show-boxes');
   await page.evaluate(() => {
     const rows = [...document.getElementById('objects').rows], count = (row) => scene_count(row.cells[2].textContent);
@@ -159,7 +159,7 @@ try {
   seen.shown = await sharp(page);
   await page.click('#show-boxes');
 
-  // A path of two cameras.
+  // Records a path of two cameras.
   await page.keyboard.press('KeyR');
   await sharp(page);
   await page.keyboard.press('Digit2');

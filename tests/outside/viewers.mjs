@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Draws splat files with Babylon.js and Spark in a headless Chromium: node viewers.mjs CHROMIUM JOBS.json
 //
-// JOBS.json is an array of jobs: viewer (babylon or spark), file, pictures. A picture is a camera: width, height, fx, fy, cx, cy (pixels),
-// eye, right, down, forward (axes of the file), near, and the PNGs to write: bytes is what the canvas shows, which is rounded to 8 bits after
-// each Gaussian, floats the same drawn into a buffer of floats, which is rounded once. plain: Spark's own choices in place of those nearest to
-// 3D Gaussian splatting as it is trained. Prints versions and seconds. Exits with 77 where no browser can be started.
+// JOBS.json is an array of jobs: viewer (babylon or spark), file, pictures. A picture is a camera with width, height, fx,
+// fy, cx, cy (pixels), eye, right, down, forward (in the file's axes), near, and the PNGs to write. bytes is the canvas,
+// which is rounded to 8 bits after each Gaussian; floats is the same in a float buffer, which is rounded once. plain uses
+// Spark's defaults in place of options closest to training. Prints versions and seconds. Exits with 77 if no browser can
+// be started.
 import fs from 'node:fs';
 import path from 'node:path';
 import {launch, serve} from './chromium.mjs';
@@ -17,7 +18,7 @@ const page = `<!doctype html><style>body{margin:0}canvas{display:block}</style>
 ${imports}
 <script type="module">
 ${projection}
-const url = pixels => { // of rows of floats from below
+const url = pixels => { // encodes rows of floats that begin at the bottom
   const canvas = document.createElement('canvas'), {width, height} = document.querySelector('canvas');
   canvas.width = width;
   canvas.height = height;

@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Makes tests/recordings/.venv with the sources' own packages, which check_sources.py compares our importers with.
+# Makes tests/recordings/.venv with the data sets' development kits, with which check_sources.py compares our importers.
 set -eu
 cd "$(dirname "$0")/../.."
 sh scripts/venv.sh tests/recordings

@@ -311,7 +311,7 @@ class Argoverse2(Importer):
             "can't be read as a picture",
         )
 
-    def test_started_by_the_program(self):
+    def test_by_the_program(self):
         """pags import starts the package in its installation folder, whatever the working directory, and returns its
         exit codes."""
         out = self.path("out")
