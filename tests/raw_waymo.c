@@ -156,8 +156,7 @@ static double inclination_of(const raw_lidar *l, int row) {
   return l->inclinations ? l->inclinations[beam] : l->low + (l->high - l->low) * (beam + 0.5) / l->rows;
 }
 
-/* Direction of a pixel in the LiDAR's own frame; column 0 looks to the back of the vehicle and slightly to its left.
- * */
+/* Direction of a pixel in the LiDAR's own frame; column 0 looks to the back of the vehicle and slightly to its left. */
 static void pixel_direction(const raw_lidar *l, int row, int column, double out[3]) {
   const double yaw = atan2(l->vehicle_from_laser[4], l->vehicle_from_laser[0]);
   const double azimuth = PI - 2 * PI * (column + 0.5) / l->columns - yaw, up = inclination_of(l, row);

@@ -33,7 +33,7 @@ static inline int scratch_teardown(void **state) {
   return scratch_remove();
 }
 
-/* The path of `name` in the folder; valid until the fourth call from now. */
+/* Returns the path of `name` in the folder; valid until four more calls. */
 static inline const char *scratch(const char *name) {
   static char paths[4][SCRATCH_PATH + 128];
   static int next;

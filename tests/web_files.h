@@ -20,7 +20,7 @@ void free_sog(file_bytes files[SOG_FILES]);
 /* A zip archive of the files whose size isn't 0; `deflate` packs them. `prefix` comes before the names. */
 file_bytes make_zip(const char *const *names, const file_bytes *files, int count, const char *prefix, int deflate);
 
-/* A .glb of the JSON and the binary chunk. */
+/* Makes a .glb file of the JSON and the binary chunk. */
 file_bytes make_glb(const char *json, const file_bytes *chunk);
 
 #endif

@@ -28,7 +28,7 @@ typedef struct fuzz_target {
   const char *const *words; /* keywords of the format, NULL last; NULL: none */
   /* Limit of one allocation by the reader in bytes: memory + times * size. Defaults for 0: 1 MiB and 64. */
   size_t memory, times;
-  /* 1: nested parts begin with their lengths, so that seven of eight mutations of the smoke run keep the size. */
+  /* 1: nested parts begin with their lengths, so seven of eight mutations of the smoke run keep the size. */
   int nested;
   int smoke; /* number of inputs of the smoke run; 0: 10000 */
 } fuzz_target;
@@ -44,8 +44,8 @@ void fuzz_seed_bytes(file_bytes bytes);
 /* Adds the file at `path`, which a writer has just written with the result `saved`. */
 void fuzz_seed_saved(pags_result saved, const char *path);
 
-/* Several files in one input are separated by this line; fuzz_parts copies each to a block of its own with a zero
- * byte after its end, as pags_file_read does. Missing files are NULL. fuzz_parts_free frees them. */
+/* This line separates several files in one input. fuzz_parts copies each into a separate block with a zero byte
+ * after its end, as pags_file_read does. Missing files are NULL. fuzz_parts_free frees them. */
 #define FUZZ_CUT "\n=8<=\n"
 typedef struct fuzz_part {
   uint8_t *bytes;
@@ -54,7 +54,7 @@ typedef struct fuzz_part {
 void fuzz_parts(const uint8_t *data, size_t size, int count, fuzz_part *parts);
 void fuzz_parts_free(int count, fuzz_part *parts);
 
-/* Writes a file of that name in the target's own folder and returns its path, valid until the fourth call from now;
+/* Writes a file of that name in the target's own folder and returns its path, valid until four more calls;
  * NULL bytes: removes the file. Folders in `name` are created. */
 const char *fuzz_file(const char *name, const void *bytes, size_t size);
 const char *fuzz_folder(void);

@@ -100,8 +100,8 @@ static void check_state(const pags_train_state *state) {
   }
 }
 
-/* Whether the run length in the section RUN0 is short. Each step takes 16 bytes in a model's optimiser, memory that
- * isn't in proportion to the file's size. */
+/* Returns whether the run length in the section RUN0 is short. Each step takes 16 bytes in a model's optimiser, memory
+ * that isn't in proportion to the file's size. */
 static int is_short_run(const uint8_t *data, size_t size) {
   const size_t head = 8 + SECTION;
   if (size < head)
@@ -127,8 +127,7 @@ static int run_checkpoint(const uint8_t *data, size_t size) {
     return 0;
   }
   check_state(&state);
-  /* A checkpoint that was read must give the same bytes when written, or a resumed run would not have the same bits.
-   * */
+  /* A checkpoint that was read must give the same bytes when written, or a resumed run would not have the same bits. */
   uint8_t *bytes = NULL;
   size_t again = 0;
   const char *const copy = fuzz_file("b.run", "", 0);
@@ -255,7 +254,7 @@ static void seed_npz(void) {
   seed_of_network("conv2.weight.npy");
 }
 
-/* Corrects the members' CRCs by the central directory, at all places that look like entries. */
+/* Corrects the CRCs of the archive's members by the central directory, wherever bytes look like an entry. */
 static size_t mend_npz(uint8_t *data, size_t size, size_t capacity) {
   (void)capacity;
   for (size_t at = 0; size >= 46 && at <= size - 46; at++) {

@@ -146,7 +146,7 @@ static void check_against_oracle(const char *name, reference_part *parts, int pa
   assert_true(c.colour < allowed.colour);
   assert_true(c.depth < allowed.depth);
   assert_true((double)c.in_band <= allowed.band_share * (double)c.pixels);
-  /* Ids may differ where two weights are equal in float. */
+  /* Ids may differ if two weights are equal in float. */
   assert_true((double)c.wrong_ids <= 1e-3 * (double)c.pixels);
   frame_result_destroy(&drawn);
   frame_scene_destroy(&scene);
@@ -258,7 +258,8 @@ static void test_affine_poses(void **state) {
     pags_rigid_multiply(local, back, local);
     pags_rigid_multiply(local, m, m);
   }
-  const tolerance bent = {4e-5, 1e-4, 0.1}; /* as for parts far from zero: the same rounding of means */
+  const tolerance bent = {4e-5, 1e-4,
+                          0.1}; /* tolerances as for parts far from zero, since means have the same rounding */
   check_against_oracle("affine poses", parts, 3, &camera, &options, bent);
   for (int p = 0; p < 3; p++)
     reference_part_destroy(&parts[p]);

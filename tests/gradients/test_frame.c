@@ -50,12 +50,10 @@ typedef struct gradient_case {
   reference_recipe recipe;
   pags_frame_options options;
   double limit; /* bound on the 99.9th percentile of the error */
-  /* 1: two of three rows, the first ones included, are mirrored behind the camera (case 22 of docs/lab/numerics.md).
-   * */
+  /* 1: two of three rows, the first ones included, are mirrored behind the camera (case 22 of docs/lab/numerics.md). */
   int behind;
   int plain; /* 1: no loss on depth, as in most steps of a training */
-  /* 1: a quarter of the rows are dropped, the opacities of the others are raised by up to a third, for some above 1.
-   * */
+  /* 1: a quarter of the rows are dropped, the opacities of the others are raised by up to a third, for some above 1. */
   int dropped;
   /* Not 0: three parts, one of which has separate constant terms, and a sky of this many texels a side. */
   int street;
@@ -268,7 +266,7 @@ static void errors_destroy(error_list *errors) {
     free(errors[group].values);
 }
 
-/* Prints each group's percentiles; returns 1 if the 99.9th is below the limit in every group. */
+/* Prints each group's percentiles; returns 1 if the 99.9th percentile is below the limit in every group. */
 static int judge(error_list *errors, int group_count, double limit) {
   int good = 1;
   for (int group = 0; group < group_count; group++) {
@@ -303,8 +301,8 @@ static void run_case(const gradient_case *c, error_list *pool) {
 }
 
 /* The engine's stated accuracy: an error below 1e-3 for 99.9 % of more than ten thousand Gaussians of all kinds. Each
- * kind alone has a limit of five times that, since a few thousand Gaussians determine their 99.9th percentile poorly.
- * */
+ * kind alone has a limit of five times that, since a few thousand Gaussians determine their 99.9th percentile
+ * poorly. */
 static void test_random_gaussians(void **state) {
   (void)state;
   enum { KINDS = 5, MOST = 20000 };

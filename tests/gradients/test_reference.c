@@ -75,7 +75,7 @@ static double loss_difference(const test_scene *scene, const reference_picture *
   return sum;
 }
 
-/* Derivative of the loss by *value; *smooth is 0 if a point of the stencil crosses a decision. */
+/* Returns the derivative of the loss by *value; *smooth is 0 if a point of the stencil crosses a decision. */
 static double finite_difference(const test_scene *scene, double *value, double step, uint64_t decisions, int *smooth) {
   double base = *value, difference[2];
   *smooth = 1;
@@ -102,8 +102,7 @@ static void scene_backward(const test_scene *scene, const reference_picture *pic
   reference_backward(scene->parts, scene->part_count, &scene->camera, &options, picture, &gradient, out);
 }
 
-/* Compares every parameter; at most `skip_share` of the parameters of drawn Gaussians may be at a non-smooth point.
- * */
+/* Compares every parameter; at most `skip_share` of the parameters of drawn Gaussians may be at a non-smooth point. */
 static void check_gradient(test_scene *scene, double skip_share) {
   reference_picture picture = scene_render(scene);
   reference_part_gradient gradient[MAX_PARTS];
@@ -249,7 +248,7 @@ static void test_compensation_floor(void **state) {
   scene_destroy(&scene);
 }
 
-/* Two parts of different SH degree, with the scene's origin far away; stretched: not rigid either. */
+/* Two parts of different SH degree, with the scene's origin far away; `stretched`: their poses aren't rigid. */
 static void check_two_parts(bool stretched) {
   test_scene scene = scene_create(41, 7, 3);
   scene.part_count = 2;

@@ -85,7 +85,7 @@ int hard_leaves_out(void);
 /* Set-up and tear-down of a group of tests that use data sets: makes and removes a scratch folder. */
 int hard_begin(void **state);
 int hard_end(void **state);
-/* The path of a file in the scratch folder; valid until the fourth call from now. */
+/* Returns the path of a file in the scratch folder; valid until four more calls. */
 const char *hard_path(const char *name);
 
 /* The Gaussians that the photographs show. */

@@ -120,8 +120,8 @@ static double group_size(const struct group *group, const reference_part_gradien
   return sqrt(square / (double)(rows > 0 ? rows : 1));
 }
 
-/* Largest relative error of a group of parameters. Rotating a ball changes nothing, so that its rotation gradient is
- * only rounding noise, which is compared with the gradient of the scales. */
+/* Returns the largest relative error of a group of parameters. Rotating a ball changes nothing, so that its rotation
+ * gradient is only rounding noise, which is compared with the gradient of the scales. */
 static double group_error(size_t g, const reference_part_gradient *exact, const frame_part_result *drawn,
                           const reference_splat *splats) {
   const struct group *group = &groups[g];

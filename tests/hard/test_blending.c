@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard blending (cases 1, 8, 15, 26, 30 of docs/lab/numerics.md): a million Gaussians in one pixel, opaque
- * stacks, every Gaussian dropped, colours and exposures that aren't finite. */
+/* Hard blending (cases 1, 8, 15, 26, 30 of docs/lab/numerics.md): a million Gaussians in one pixel, opaque stacks,
+ * dropout of every Gaussian, colours and exposures that aren't finite. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -28,8 +28,8 @@ static void receive(void *user, const pags_cluster_gradient *from, int worker) {
     p->by_dc[from->first + i] = (double)from->data[PAGS_SH * from->stride + i];
 }
 
-/* A pile of red Gaussians over the centre pixel of a 16 x 16 picture, from a depth of 1 m on, `spacing` metres apart,
- * on black. */
+/* Makes a pile of red Gaussians on black over the centre pixel of a 16 x 16 picture, `spacing` metres apart and at
+ * least 1 m away. */
 static void pile_up(pile *p, float logit, double spacing) {
   const pags_camera camera = {.width = 16,
                               .height = 16,

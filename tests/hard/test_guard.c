@@ -215,8 +215,8 @@ static void nothing_spreads(void **state) {
   hard_check_scene("with");
 }
 
-/* Above the allowed number the run fails with a message that names the first left-out update; its last checkpoint
- * stays valid, and a higher limit resumes from it. */
+/* Above the allowed number the run fails with a message that names the first left-out update. Its last checkpoint
+ * stays valid, and a run with a higher limit resumes from it. */
 static void too_much_fails(void **state) {
   (void)state;
   pags_train_config config = hard_config(60);

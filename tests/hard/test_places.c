@@ -115,7 +115,7 @@ static void small_scenes(void **state) {
     }
 }
 
-/* #18 and beyond: the same scene 1e7 m away is the same picture within 1e-3, and the same gradients. */
+/* #18 and beyond: 1e7 m away the same scene gives the same picture within 1e-3, and the same gradients. */
 static void far_from_the_origin(void **state) {
   (void)state;
   enum { ROWS = 300 };
@@ -147,8 +147,8 @@ static void far_from_the_origin(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* Camera motions of fractions of a millimetre survive far from the origin: the camera's position is a double until
- * the scene's origin is subtracted. */
+/* Camera motions of fractions of a millimetre are exact far from the origin, as the camera's position is a double
+ * until the scene's origin is subtracted. */
 static void small_steps_far_away(void **state) {
   (void)state;
   hard_scene s = hard_scene_create(16, 100), moved = hard_scene_create(16, 100);
@@ -178,8 +178,8 @@ static void small_steps_far_away(void **state) {
   hard_scene_destroy(&moved);
 }
 
-/* Rows at distances of a kilometre to 1e15 m, with sizes in proportion to the distance, like a sky made of Gaussians.
- * */
+/* Rows at distances of a kilometre to 1e15 m, with sizes in proportion to the distance, like a sky made of
+ * Gaussians. */
 static void far_rows(void **state) {
   (void)state;
   enum { ROWS = 60 };
@@ -243,8 +243,8 @@ static void odd_pictures(void **state) {
   }
 }
 
-/* #13: rows of which none is in view: behind the camera, next to it, below 1/255, and all of these. The picture is the
- * background and the gradients are 0. */
+/* #13: no row is in view, because all are behind the camera, next to it, below 1/255, or a mix of these. The picture
+ * is the background and the gradients are 0. */
 static void nothing_in_view(void **state) {
   (void)state;
   enum { ROWS = 200 };

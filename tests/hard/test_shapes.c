@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard shapes (cases 2, 5-9, 12, 16, 19, 22, 23 of docs/lab/numerics.md): rows of such Gaussians among ordinary ones,
- * compared with the oracle in picture and gradients, and trained for 200 steps in place of ordinary rows. */
+/* Hard shapes (cases 2, 5-9, 12, 16, 19, 22, 23 of docs/lab/numerics.md): rows of hard Gaussians among ordinary
+ * ones. Picture and gradients are compared with the oracle, and a third of a scene is made hard and trained for 200
+ * steps. */
 #include "hard/hard.h"
 
 #include <math.h>

@@ -10,7 +10,7 @@
 
 #include <pags/image.h>
 
-/* Number of steps with the absurd rates: the environment variable HARD_STEPS sets a longer run. */
+/* Returns the number of steps with the absurd rates: the environment variable HARD_STEPS sets a longer run. */
 static int64_t absurd_steps(void) {
   const char *text = getenv("HARD_STEPS");
   return text ? atoll(text) : getenv("HARD_SHORT") ? 40 : 300;
@@ -183,8 +183,7 @@ static void everything_pruned(void **state) {
 }
 
 /* #17: a reset to opacity 0.01 shrinks the reach of a Gaussian to 1.37 sigma, one to 0.004 to 0.2 sigma. A reset or
- * an initial opacity below 1/255, at which nothing would be drawn and no row would ever have a gradient, is refused.
- * */
+ * an initial opacity below 1/255, at which nothing would be drawn and no row would ever have a gradient, is refused. */
 static void resets(void **state) {
   (void)state;
   if (hard_leaves_out())

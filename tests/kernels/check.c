@@ -80,7 +80,7 @@ float check_normal(void) {
 
 void *check_buffer(size_t size) {
   const size_t page = pages_size();
-  /* Always larger than size, so that an empty buffer has an address too. */
+  /* The block is always larger than `size`, so that an empty buffer has an address too. */
   const size_t length = (size / page + 1) * page;
   if (state.buffer_count == MAX_BUFFERS) {
     fprintf(stderr, "more than %d buffers in a case\n", MAX_BUFFERS);

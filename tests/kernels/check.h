@@ -29,7 +29,7 @@ typedef struct check_case {
  * one. Returns main's exit code. */
 int check_main(int argc, char **argv, const check_case *cases, int count);
 
-/* Counts and prints a failure. The first few of a case are shown. */
+/* Counts and prints a failure; only the first failures of a case are printed. */
 #define CHECK_FAIL(...) check_fail(__FILE__, __LINE__, __VA_ARGS__)
 #define CHECK(condition)            \
   do {                              \
@@ -70,7 +70,7 @@ typedef struct check_tolerance {
   double flip_size;
 } check_tolerance;
 
-/* Distance in representable floats; 0 and -0 are equal; INT64_MAX if either is NaN. */
+/* Returns the distance in representable floats; 0 and -0 are equal; INT64_MAX if either is NaN. */
 int64_t check_ulps(float a, float b);
 bool check_close(float got, float want, const check_tolerance *tolerance);
 bool check_same_bits(const float *got, const float *want, int64_t count); /* any two NaNs are equal */

@@ -39,7 +39,7 @@ typedef struct plain_row {
   double x, y, z;        /* position: x and y in px, z in m */
   double a, b, c, d0, d; /* covariance; its determinants without and with the low-pass filter */
   double opacity, raw_opacity;
-  double least, cut, floor; /* pags_alpha_cut of the row */
+  double least, cut, floor; /* the row's pags_alpha_cut */
   double extent_x, extent_y;
   double rgb[3];       /* colour before the clamp at 0 */
   bool drawn, certain; /* certain: no threshold is so near that rounding decides it */
@@ -47,7 +47,7 @@ typedef struct plain_row {
 
 plain_row row_plainly(const pags_projection *view, const double row[ROW_FLOATS]);
 void row_read(const rows *r, int index, double row[ROW_FLOATS]);
-/* Whether the row is finite except where infinity is meaningful: a scale of 0, an opacity of 0 or 1. */
+/* Returns whether the row is finite, except where infinity has a meaning: a scale of 0, an opacity of 0 or 1. */
 bool row_usable(const double row[ROW_FLOATS], int planes);
 
 #endif

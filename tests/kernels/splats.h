@@ -21,7 +21,7 @@ extern const splat_mix splats_translucent, splats_opaque, splats_awkward;
  * id are random. Every third of splat_random has a continuous cut. */
 pags_splat splat_make(double x, double y, double a, double b, double c, double alpha);
 pags_splat splat_random(const splat_mix *mix);
-/* The continuous cut of least alpha `least`, 0..1. */
+/* Returns the continuous cut with the least alpha `least`, 0..1. */
 pags_alpha_cut alpha_cut_continuous(double least);
 /* Half the size of the box in which a splat is blended, px. */
 void splat_extent(const pags_splat *s, float extent[2]);
@@ -29,10 +29,9 @@ void splat_extent(const pags_splat *s, float extent[2]);
  * of a pixel. */
 pags_splat splat_awkward(const splat_mix *mix);
 
-/* The exponent of a splat at a pixel (log2 of its alpha), computed with the kernels' own sequence of float
- * operations. */
+/* Returns the exponent of a splat at a pixel (log2 of its alpha), by the kernels' sequence of float operations. */
 float splat_exponent(const pags_splat *s, float px, float py, bool fused);
-/* Whether this table's v_fma is a fused multiply-add. */
+/* Returns whether this table's v_fma is a fused multiply-add. */
 bool splat_fused(const pags_kernels *k);
 
 #endif

@@ -164,8 +164,8 @@ static void test_check(const pags_kernels *k) {
   }
 }
 
-/* The range by adam_reach contains every row's final parameter, and is attained by some row or by the range's initial
- * value; NaNs are ignored. */
+/* The range by adam_reach contains every row's final parameter, and some row or the range's initial value reaches
+ * its ends. NaNs are ignored. */
 static void test_reach(const pags_kernels *k) {
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
     const plane a = make_plane(counts[n]);

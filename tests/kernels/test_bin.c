@@ -15,7 +15,7 @@ typedef struct bins {
   uint32_t *keys; /* UINT32_MAX: not drawn */
   uint32_t *order, *counts;
   pags_tile_box *boxes;
-  int64_t *start; /* begin of each tile's list, and the end of the last */
+  int64_t *start; /* beginning of each tile's list, and the end of the last */
   pags_entry *entries;
 } bins;
 
@@ -128,8 +128,8 @@ static void compare(const bins *got, const bins *want) {
 
 /* ---- Which pixels a splat reaches ---- */
 
-/* Whether the splat's alpha reaches its cut at the pixel in fused or unfused arithmetic. The two exponents never differ
- * by as much as 1. */
+/* Returns whether the splat's alpha reaches its cut at the pixel in fused or unfused arithmetic. The two exponents
+ * never differ by as much as 1. */
 static bool reaches(const pags_splat *s, float px, float py) {
   const float exponent = splat_exponent(s, px, py, false);
   return exponent >= s->cut || (exponent >= s->cut - 1.0f && splat_exponent(s, px, py, true) >= s->cut);
@@ -216,8 +216,7 @@ static void check_mix(const pags_kernels *k, const splat_mix *mix, int64_t count
   CHECK(empty_tiles <= tile_share && empty_blocks <= block_share);
 }
 
-/* Small splats have the largest share of needless pairs: a rim between two rows of pixel centres counts as touching.
- * */
+/* Small splats have the largest share of needless pairs: a rim between two rows of pixel centres counts as touching. */
 static void test_small(const pags_kernels *k) {
   check_mix(k, &(splat_mix){-10, -10, 154, 122, 0.1f, 3, 4, 0.004f, 1.0f, false}, 400, 0.03, 0.015);
 }

@@ -10,7 +10,7 @@ enum { CHOSEN = 5, UNKNOWN = 64 }; /* label masks, one with two labels and one w
 
 typedef struct row_case {
   pags_opacity_row row;
-  const float *before; /* the gradient before the call, to which the kernel adds */
+  const float *before; /* the gradient before the call; the kernel adds to it */
   int padded;          /* pixels up to the end of the last SIMD lane */
 } row_case;
 

@@ -155,7 +155,7 @@ typedef struct pixel {
   int32_t id;
 } pixel;
 
-enum { MARKS = 200 }; /* number of ids that may be marked */
+enum { MARKS = 200 }; /* number of ids that can be marked */
 
 /* Blends one pixel in double, except for the exponent, which decides the cut-off. `blended` is counted like the
  * kernel's `pairs`. `marks`: a flag for each of MARKS ids, or NULL. */

@@ -224,8 +224,8 @@ static void test_sums(const pags_kernels *k) {
   }
 }
 
-/* Largest relative error (absolute for log2, whose result passes through 0) over a fine grid with random offsets, so
- * that no regular lattice is hit. */
+/* Returns the largest relative error (absolute for log2, whose result passes through 0) over a fine grid with random
+ * offsets, so that no regular lattice is hit. */
 static double worst_error(const vec_ops *ops, vec_math math, double (*exact)(double), double lo, double hi) {
   enum { POINTS = 1 << 17 };
   float in[VEC_LANES], out[VEC_LANES];
@@ -250,7 +250,7 @@ static void test_exp2(const pags_kernels *k) {
   const double rounding = 4 * 0x1p-24; /* rounding of the last few operations */
   CHECK(at3 <= 7.5e-5 + rounding);
   CHECK(at5 <= 7.5e-8 + rounding);
-  for (int x = -125; x <= 125; x++) { /* for whole numbers the polynomial is its constant term */
+  for (int x = -125; x <= 125; x++) { /* the polynomial of a whole number is its constant term */
     float in[VEC_LANES], out[VEC_LANES];
     for (int l = 0; l < VEC_LANES; l++)
       in[l] = (float)x;

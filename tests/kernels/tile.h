@@ -27,7 +27,7 @@ void tile_draw(const pags_kernels *k, tile *t);
 pags_drawn_tile tile_drawn(const tile *t, float *slots);
 /* Returns whether plane element i is a pixel of the picture, and that pixel's centre. */
 bool tile_pixel(const tile *t, int i, float *px, float *py);
-/* Number of SIMD lanes that the backward pass processes. */
+/* Returns the number of SIMD lanes that the backward pass processes. */
 int64_t tile_lanes(const tile *t);
 
 /* The expected values of an entry's slot, and for each the sum of its terms' magnitudes, to which the rounding error

@@ -305,7 +305,7 @@ static void find_colour(const reference_part *part, int64_t i, const reference_v
   }
 }
 
-/* Whether the mean is outside of one of the planes. */
+/* Returns whether the mean is outside of one of the planes. */
 static bool clipped(const reference_splat *splat, const pags_camera *camera, const pags_frame_options *options) {
   const double *const m = camera->world_from_camera, *const s = splat->camera;
   bool out = false;

@@ -130,8 +130,7 @@ static void blend_splat(const reference_picture *from, const reference_splat *sp
     }
 }
 
-/* Returns the part to which the Gaussian belongs, by its index over all parts; `row` receives its row in that part.
- * */
+/* Returns the part to which the Gaussian belongs, by its index over all parts; `row` receives its row in that part. */
 static int part_of(const reference_part *parts, int64_t gaussian, int64_t *row) {
   int p = 0;
   for (*row = gaussian; *row >= parts[p].count; p++)

@@ -23,11 +23,10 @@ typedef struct engine {
   pags_frame *frame;
 } engine;
 
-/* Creates `count` random Gaussians of degree 3 in front of a random camera; the frame options ask for every output.
- * */
+/* Creates `count` random Gaussians of degree 3 in front of a random camera; the frame options ask for every output. */
 fixture fixture_create(uint64_t seed, int64_t count);
 void fixture_destroy(fixture *f);
-/* Address of parameter plane `plane` of Gaussian i. */
+/* Returns the address of parameter plane `plane` of Gaussian i. */
 double *fixture_at(fixture *f, int plane, int64_t i);
 
 engine engine_create(int threads);

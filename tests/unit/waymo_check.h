@@ -57,7 +57,7 @@ static inline double point_distance(const float *p, const float *q) {
   return sqrt(x * x + y * y + z * z);
 }
 
-/* Distance of a point from the position of the roof LiDAR that raw_waymo.c writes. */
+/* Returns the distance of a point from the position of the roof LiDAR that raw_waymo.c writes. */
 static inline double point_range(const float *p) {
   const float roof[3] = {1.43f, 0, 2.18f};
   return point_distance(p, roof);

@@ -60,7 +60,7 @@ static void below_stays_below_and_reaches_all(void **state) {
     assert_in_range(seen[k], 850, 1150);
   for (uint64_t i = 0; i < 1000; i++)
     assert_true(pags_rng_below(3, 1, i, UINT64_C(0xC000000000000001)) < UINT64_C(0xC000000000000001));
-  /* floor(x n / 2^64) against a product of 128 bits. */
+  /* Compares floor(x n / 2^64) with a product of 128 bits. */
   __extension__ typedef unsigned __int128 wide;
   for (uint64_t i = 0; i < 1000; i++) {
     uint32_t words[4];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Driving data sets: the conventions of every kind on a set with known truth, options, errors; scene 002 of PandaSet.
- * */
+/* Driving data sets: the conventions of every kind on a set with known truth, options, errors; scene 002 of
+ * PandaSet. */
 #include <pags/dataset.h>
 
 #include "dataset/internal.h"
@@ -221,8 +221,8 @@ static void without_times_and_boxes(void **state) {
   scratch_end(&s);
 }
 
-/* For each case one file of a sound set is replaced (or removed, if the replacement is NULL), and the message must
- * name the fault. */
+/* In each case one file of a sound set is replaced (removed if the replacement is NULL), and the message must name
+ * the fault. */
 static void bad_files_are_explained(void **state) {
   (void)state;
   static const struct {

@@ -434,7 +434,7 @@ static void pandaset_boxes_match_masks(void **state) {
   pags_dataset_close(dataset);
 }
 
-/* Whether a point of the world lies in the box of a moving vehicle at a frame. */
+/* Returns whether a point of the world lies in the box of a moving vehicle at a frame. */
 static bool in_vehicle(const pags_dataset *dataset, int frame, const double p[3]) {
   for (int64_t k = 0; k < pags_dataset_object_count(dataset); k++) {
     const pags_object *object = pags_dataset_object(dataset, k);

@@ -135,7 +135,7 @@ static void test_budget(void **state) {
         for (int64_t i = 0; i < VIEWS; i++) {
           check_get(cache, order[i], shrink);
           check_budget(cache, budget);
-          if (i == 5) /* a photograph out of order, as for a preview */
+          if (i == 5) /* a photograph out of order, as previews need */
             check_get(cache, 7, 1);
         }
       }

@@ -126,7 +126,7 @@ static void test_models(void **state) {
   assert_true(fabs(v - (150 * y * bent / r + 121)) < 1e-9);
 }
 
-/* The rare models at one point, from their definitions by separate code. */
+/* Compares the rare models at one point with separate code for their definitions. */
 static void test_rare_models(void **state) {
   (void)state;
   const double x = 0.31, y = -0.23, r2 = x * x + y * y, r = sqrt(r2), t = atan(r), pi = acos(-1);
@@ -227,7 +227,7 @@ static void test_limit(void **state) {
   (void)state;
   pags_lens lens = {.width = 100, .height = 100, .fx = 50, .fy = 50, .cx = 50, .cy = 50, .model.k = {-0.3}};
   scratch_ok(pags_lens_prepare(&lens, "lens"));
-  assert_true(fabs(lens.limit - 1 / 0.9) < 1e-6); /* 1 - 0.9 r^2 = 0 */
+  assert_true(fabs(lens.limit - 1 / 0.9) < 1e-6); /* the root of 1 - 0.9 r^2 */
   double u, v;
   assert_true(pags_lens_project(&lens, 1.05, 0, &u, &v));
   assert_false(pags_lens_project(&lens, 1.06, 0, &u, &v));

@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-/* cmocka's own comparison works in float; this one works in double. */
+/* cmocka compares in float; this macro compares in double. */
 #define assert_near(value, expected, tolerance) assert_true(fabs((value) - (expected)) <= (tolerance))
 
 static pags_image make_image(int width, int height) {

@@ -20,7 +20,7 @@
 #include "shared_data.h"
 #include "system.h"
 
-/* cmocka's own comparison works in float; this one works in double. */
+/* cmocka compares in float; this macro compares in double. */
 #define assert_near(value, expected, tolerance) assert_true(fabs((value) - (expected)) <= (tolerance))
 
 /* ------------------------------------------------------------------------------------------------ a writer of .npz */
@@ -429,7 +429,7 @@ static void test_small_pictures_are_refused(void **state) {
   }
 }
 
-/* Asserts that weights are refused with a message that holds both words. */
+/* Asserts that weights are refused with a message that contains both words. */
 static void refuses(buffer file, const char *word, const char *other) {
   pags_lpips *lpips = NULL;
   assert_int_equal(load_bytes(file.bytes, file.size, &lpips), PAGS_ERROR_FORMAT);

@@ -42,7 +42,8 @@ static double make_parts(const pags_proxy_mesh *mesh, int64_t budget, pags_proxy
   return sum;
 }
 
-/* Distance of a point from one part: the largest distance in front of any of its faces, 0 or less inside. */
+/* Returns the distance of a point from one part: the largest distance in front of any of its faces, 0 or less inside.
+ */
 static double outside(const pags_proxy_mesh *mesh, int64_t begin, int64_t end, const float *point) {
   double most = -HUGE_VAL;
   for (int64_t t = begin; t < end; t++) {

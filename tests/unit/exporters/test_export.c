@@ -26,7 +26,7 @@
 #include "scratch_folder.h"
 #include "splat_files.h"
 
-/* cmocka's own comparison works in float; this one works in double. */
+/* cmocka compares in float; this function compares in double. */
 static void assert_near(double a, double b, double tolerance) {
   if (!(fabs(a - b) <= tolerance))
     fail_msg("%.9g and %.9g differ by more than %g", a, b, tolerance);
@@ -187,7 +187,7 @@ static void test_hull(void **state) {
   pags_proxy_mesh_destroy(&mesh);
 }
 
-/* Mean distance of the vertices of one mesh from the surface of another. */
+/* Returns the mean distance of the vertices of one mesh from the surface of another. */
 static double mean_off(const pags_proxy_mesh *from, const pags_proxy_mesh *to) {
   pags_mesh_query *query;
   double sum = 0;
@@ -202,7 +202,7 @@ static double mean_off(const pags_proxy_mesh *from, const pags_proxy_mesh *to) {
 }
 
 static void test_cage(void **state) {
-  /* Bound on the mean distance by level: the higher the level, the fewer quads the cage has. */
+  /* Limit of the mean distance by level: the higher the level, the fewer quads has the cage. */
   static const double sticks_out[3] = {0, 0.0135, 0.043};
   (void)state;
   pags_proxy_mesh mesh = built_mesh(0.1), cage;

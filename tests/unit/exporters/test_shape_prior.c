@@ -215,7 +215,7 @@ static void test_vehicles_have_no_pits(void **state) {
   (void)state;
   assert_true(between_sides(1, 0.1f) < 0);
   assert_true(between_sides(1, 4) > 0);    /* free space that was really observed stays free */
-  assert_true(between_sides(0, 0.1f) > 0); /* other objects than vehicles aren't filled */
+  assert_true(between_sides(0, 0.1f) > 0); /* objects other than vehicles aren't filled */
 }
 
 /* Surfaces on both sides of the vehicle, in the box's margin for mirrors, don't turn the space between them into a

@@ -331,7 +331,8 @@ static double least_quadratic(const reference_splat *s, double x0, double y0) {
   return least;
 }
 
-/* Number of splats that reach into the block whose first pixel is (x, y); slack: tolerance of alpha as a share. */
+/* Returns the number of splats that reach into the block whose first pixel is (x, y); slack: tolerance of alpha as a
+ * share. */
 static int reaching(const reference_picture *picture, int x, int y, double slack) {
   int count = 0;
   for (int64_t i = 0; i < picture->splat_count; i++) {

@@ -22,7 +22,7 @@
 static scratch s;
 static pags_tasks *tasks;
 
-/* A path in the scratch folder; valid until the eighth call from now. */
+/* A path in the scratch folder; valid until eight more calls. */
 static const char *at(const char *format, ...) __attribute__((format(printf, 1, 2)));
 static const char *at(const char *format, ...) {
   static char paths[8][512];

@@ -124,7 +124,7 @@ static void pose_in_the_middle(const world *w, double out[12]) {
   memcpy(out, rows, sizeof rows);
 }
 
-/* Distance of a point, given in the vehicle's frame, from the nearest surface. */
+/* Returns the distance of a point, given in the vehicle's frame, from the nearest surface. */
 static double miss(const world *w, const double m[12], const float *p) {
   double q[3];
   for (int i = 0; i < 3; i++)

@@ -85,7 +85,7 @@ static double argument(int function, int i, double from, double to) {
   return from + (to - from) * pags_rng_uniform(7, (uint64_t)function, (uint64_t)i);
 }
 
-/* Distance in units of the last place of the exact value, as a double or a float. */
+/* Returns the distance in units of the last place of the exact value, as a double or a float. */
 static double ulps_of_double(double ours, long double exact) {
   const int exponent = ilogbl(exact) < DBL_MIN_EXP - 1 ? DBL_MIN_EXP - 1 : ilogbl(exact);
   return (double)fabsl(ldexpl((long double)ours - exact, DBL_MANT_DIG - 1 - exponent));

@@ -56,8 +56,8 @@ static void check_mean(const pags_gaussians *g, const pags_gaussians *back, cons
   }
 }
 
-/* The angle 2 acos |q . p| between the rotations, computed from |q - p|, which is accurate in float for small angles.
- * */
+/* The angle 2 acos |q . p| between the rotations, computed from |q - p|, which is accurate in float for small
+ * angles. */
 static void check_rotation(const pags_gaussians *g, const pags_gaussians *back, int64_t i) {
   double q[4], p[4], norm = 0, dot = 0, apart = 0;
   for (int k = 0; k < 4; k++) {

@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-/* The value of a half-precision number by the definition of the format. */
+/* Returns the value of a half-precision number by the definition of the format. */
 static double half_value(unsigned half) {
   int exponent = (int)(half >> 10 & 31);
   double mantissa = half & 1023, sign = half & 0x8000 ? -1 : 1;

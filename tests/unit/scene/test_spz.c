@@ -79,8 +79,7 @@ static void known_bytes_decode(void **state) {
   free_spz_parts(&parts);
 }
 
-/* The real spherical harmonics of degrees 1 to 3 with INRIA's signs and order (m ascending), without normalisation.
- * */
+/* The real spherical harmonics of degrees 1 to 3 with INRIA's signs and order (m ascending), without normalisation. */
 static void basis(double x, double y, double z, double out[15]) {
   const double values[15] = {-y,
                              z,

@@ -44,7 +44,7 @@ static int make_sets(void **state) {
   return 0;
 }
 
-/* The path of a file of a set; valid until the fourth call from now. */
+/* Returns the path of a file of a set; valid until four more calls. */
 static const char *file_of(const char *set, const char *format, ...) {
   char relative[64], name[96];
   va_list arguments;
@@ -327,7 +327,7 @@ static int read_box(const pags_json *json, int number, int frame, box *out) {
   return 0;
 }
 
-/* Whether the surface point of a pixel, at its true depth z, lies inside a box, with a centimetre of tolerance. */
+/* Returns whether the surface point of a pixel, at its true depth z, lies inside a box, with a tolerance of 1 cm. */
 static int inside(const pags_camera *camera, int x, int y, double z, const box *b) {
   const double q[3] = {(x + 0.5 - camera->cx) / camera->fx * z, (y + 0.5 - camera->cy) / camera->fy * z, z};
   double p[3], from[12];

@@ -69,7 +69,8 @@ static pags_dataset *open_set(const char *set) {
   return dataset;
 }
 
-/* Largest difference of a byte between a line of one picture and a line of another; `column`: compares columns. */
+/* Returns the largest difference of a byte between a line of one picture and a line of another; `column`: compares
+ * columns. */
 static int line_difference(const pags_image *a, const pags_image *b, int i, bool column) {
   int most = 0;
   for (int k = 0; k < SIDE; k++)
@@ -229,7 +230,7 @@ static void test_poses(void **state) {
   assert_true(fabs(degrees[0] - degrees[1]) > 1e-3 && fabs(metres[1] - metres[2]) > 1e-5);
 }
 
-/* Linear light of one byte of a picture. */
+/* Returns the linear light of one byte of a picture. */
 static double light_at(const pags_image *image, int x, int y, double power) {
   const double s = pow(((const uint8_t *)image->data)[3 * (y * SIDE + x) + 1] / 255.0, 1.0 / power);
   return s <= 0.04045 ? s / 12.92 : pow((s + 0.055) / 1.055, 2.4);
@@ -256,7 +257,7 @@ static void test_light(void **state) {
   }
 }
 
-/* Share of equal pixels in a front camera's picture of a data set and in the wanted picture. */
+/* Returns the share of equal pixels in a front camera's picture of a data set and the wanted picture. */
 static double alike(const char *set, int frame, const pags_image *wanted) {
   pags_dataset *dataset = open_set(set);
   pags_tasks *tasks = pags_tasks_create(1);

@@ -68,7 +68,7 @@ static pags_fitted_pose fit(const shot *s, const pags_camera *camera) {
   return out;
 }
 
-/* Angle between the poses, radians. */
+/* Returns the angle between the poses, radians. */
 static double turned(const pags_camera *a, const pags_camera *b) {
   double inverse[12], motion[12], turn[3];
   pags_rigid_inverse(a->world_from_camera, inverse);

@@ -16,7 +16,7 @@
 #include "simd/kernels.h"
 #include "train/photometric_loss.h"
 
-/* cmocka's own comparison works in float; this one works in double. */
+/* cmocka compares in float; this macro compares in double. */
 #define assert_near(value, expected, tolerance) assert_true(fabs((value) - (expected)) <= (tolerance))
 
 typedef struct pair {
@@ -195,8 +195,8 @@ static pags_photometric_loss plain_loss(const pair *p, double weight, double *gr
 
 /* ------------------------------------------------------------------------------------------------ tests */
 
-/* Largest error of the gradient relative to its root mean square (which is taken as at least 1e-3 of a pixel's L1
- * gradient, as it may vanish); also asserts that the gradient is zero in the padding. */
+/* Returns the largest error of the gradient relative to its root mean square (which is taken as at least 1e-3 of a
+ * pixel's L1 gradient, as it may vanish); also asserts that the gradient is zero in the padding. */
 static double gradient_error(const pair *p, const double *expected) {
   double worst = 0.0, power = 0.0;
   const int n = p->width * p->height;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Optimised poses of objects and exposures of views: their gradients, their updates, and which parameters stay fixed.
- * */
+/* Optimised poses of objects and exposures of views: their gradients, their updates, and which parameters stay
+ * fixed. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

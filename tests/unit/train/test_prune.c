@@ -305,7 +305,7 @@ static void rows_keep_their_scores(void **unused) {
   pags_state_settle(&s, tasks);
   for (int i = 0; i < 40; i++) {
     m->density.squared[i] = (float)(100 + i);
-    m->density.gradient[i] = i == 7 || i == 9 ? 1.0f : 0.0f; /* row 7 is split, row 9 is cloned */
+    m->density.gradient[i] = i == 7 || i == 9 ? 1.0f : 0.0f; /* row 7 will be split, row 9 cloned */
     m->density.seen[i] = 1;
   }
   assert_int_equal(pags_densify_decide(m, tasks, &edits), PAGS_OK);

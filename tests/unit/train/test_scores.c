@@ -80,8 +80,8 @@ static void score(const fixture *f, int threads, int cluster_size, int overlap, 
   pags_tasks_destroy(tasks);
 }
 
-/* Derivative of L by the Gaussian's falloff G for one contribution; L is the sum of the pixel's channels, `behind`
- * the colour composited behind it. */
+/* Returns the derivative of L by the Gaussian's falloff G for one contribution; L is the sum of the pixel's channels,
+ * `behind` the colour composited behind it. */
 static double by_value(const reference_contribution *c, const reference_splat *splat, double behind) {
   double alpha = fmin(REFERENCE_ALPHA_CAP, c->alpha_raw), opacity = c->alpha_raw / c->falloff;
   double value = splat->colour[0] + splat->colour[1] + splat->colour[2];
@@ -225,8 +225,8 @@ static void place(fixture *f, int64_t i, double z, double sigma, double logit) {
     f->part.planes[plane * f->part.count + i] = values[plane];
 }
 
-/* A car of 12 layers in front of a wall of the same size on the screen; the critical mask covers the pixels where the
- * car is almost opaque. The wall must get almost no critical weight. */
+/* A car of 12 layers stands in front of a wall that looks equally large. The critical mask covers the pixels where
+ * the car is almost opaque. The wall must get almost no critical weight. */
 static void a_wall_behind_a_car_gets_no_credit(void **unused) {
   (void)unused;
   enum { LAYERS = 12 };

@@ -88,8 +88,8 @@ static double colour_of(const pags_gaussians *g, int64_t i, int channel, const d
   return sum;
 }
 
-/* Half the largest range, over channels, of the colour terms above `degree`, over the directions of the views that
- * must count. */
+/* Returns half the largest range, over channels, of the colour terms above `degree`, over the directions of the
+ * views that must count. */
 static double beyond(const fixture *f, int64_t i, int degree) {
   double worst = 0;
   for (int c = 0; c < 3; c++) {

@@ -63,7 +63,7 @@ static int64_t count_pixels(const fixture *f) {
   return n;
 }
 
-/* The term of one pixel by its definition, as a function of the transmittance t. */
+/* Returns the term of one pixel by its definition, as a function of the transmittance t. */
 static double sky_pixel(uint8_t labels, double t) {
   const double alpha = fmin(fmax(1 - t, 1e-6), 1 - 1e-6), wanted = labels & PAGS_LABEL_SKY ? 0 : 1;
   return -wanted * log(alpha) - (1 - wanted) * log(1 - alpha);
@@ -228,7 +228,7 @@ static void test_depth_by_hand(void **state) {
   const pags_lidar_depth_sample samples[] = {
       /* At half size in pixel (10, 5): rendered 2 m too near. */
       {20.9f, 10.1f, 12.0f}, {22.0f, 10.0f, 9.0f},                         /* pixel (11, 5): rendered 1 m too far */
-      {24.0f, 10.0f, 40.0f},                                               /* the largest error: trimmed */
+      {24.0f, 10.0f, 40.0f},                                               /* the largest error, which is trimmed */
       {14.5f, 6.5f, 11.0f},                                                /* too transparent */
       {16.5f, 8.5f, 11.0f},                                                /* masked */
       {-0.1f, 5.0f, 1.0f},   {202.0f, 5.0f, 1.0f}, {5.0f, 74.0f, 1.0f},    /* outside of the picture */
@@ -248,8 +248,8 @@ static void test_depth_by_hand(void **state) {
   free(f);
 }
 
-/* The depth term in double for one sample a pixel; at pixel `moved`, if not negative, transmittance and depth sum are
- * changed by by_t and by_sum. */
+/* Returns the depth term in double for one sample a pixel; at pixel `moved`, if not negative, transmittance and depth
+ * sum are changed by by_t and by_sum. */
 static double plain_depth(const fixture *f, const pags_lidar_depth_sample *samples, double share, int moved,
                           double by_t, double by_sum) {
   double errors[SAMPLES];

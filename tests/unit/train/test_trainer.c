@@ -352,7 +352,7 @@ static pags_dataset *open_one_view(void) {
   return one;
 }
 
-/* The largest difference between the parameters of two scenes' first models. */
+/* Returns the largest difference between the parameters of two scenes' first models. */
 static double difference(const char *a, const char *b) {
   pags_scene scenes[2];
   double worst = 0;
