@@ -320,7 +320,7 @@ def duration(seconds):
 
 
 class Run:
-    """The training of a row with one seed, at most `bound` Gaussians (equal count), and its evaluation. `of`: the row beside which this one is
+    """The training of a row with one seed, at most `bound` Gaussians (equal count), and its evaluation. `of`: the row with which this one is
     trained, for its time alone."""
 
     def __init__(self, ablation, row, seed, bound=None, of=None):
@@ -593,7 +593,7 @@ class Ablation:
             )
 
     def run_beside(self, row, seed):
-        """The run of --beside that is trained for a row; None without it, and for the row that is the same training."""
+        """The reference run (--beside) trained for a row; None without it, and for the row that is the same training."""
         return (
             Run(self, self.beside, seed, of=row)
             if self.beside and row.train.words() != self.beside.train.words()

@@ -123,7 +123,7 @@ const native_shown *native_shown_of(const native_shown *shown, int count, int32_
 
 #define NATIVE_LARGEST ((double)FLT_MAX) /* of a number that counts as finite */
 
-/* `what` names the value in messages. Numbers must be within [least, most], which implies finite. Of a value that is
+/* `what` names the value in messages. Numbers must be within [least, most], which implies finite. For a value that is
  * NULL, an argument that isn't given, the first five leave `out` as it is. */
 bool native_read_number(PyObject *value, const char *what, double least, double most, double *out);
 bool native_read_finite(PyObject *value, const char *what, double *out);

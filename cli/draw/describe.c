@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Describes a scene as JSON: for pages (start camera, recorded cameras, objects with boxes and tracks), and
- * objects.json beside pictures (docs/render.md). */
+ * the objects.json of pictures (docs/render.md). */
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/picture.h"
 #include "cli/draw/vectors.h"

@@ -111,7 +111,7 @@ typedef enum pags_port_lock_state {
 
 /* Creates the lock file if it is missing, locks it and writes `text` into it. If it is held, waits for a tenth of a
  * second, since a process that was killed may take that long to end, and for up to two seconds until the holder has
- * written its text; then `holder` receives the text in the file, "" if there is none. */
+ * written its text; then `holder` receives the text in the file, "" without one. */
 pags_port_lock_state pags_port_lock(const char *path, const char *text, intptr_t *lock, char *holder, size_t size);
 /* Removes the lock file and unlocks it. */
 void pags_port_unlock(const char *path, intptr_t lock);

@@ -22,7 +22,7 @@ enum { SAFE_NAME = 100 }; /* bytes of an object's id in a file name, with the fi
 
 /* ---- Loading ---- */
 
-/* Loads the PLY of a model and checks its count and SH degree against those that scene.json gives. Of the background,
+/* Loads the PLY of a model and checks its count and SH degree against those that scene.json gives. For the background,
  * the first model, an origin that reading took off large positions is added to the scene's. */
 static pags_result load_model(const char *folder, pags_scene *scene, pags_model *model, int64_t expected) {
   const int expected_degree = model->gaussians.sh_degree;

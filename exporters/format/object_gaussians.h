@@ -41,7 +41,7 @@ typedef struct pags_presence {
   double (*spans)[2]; /* seconds of the scene's clock: when it comes, when it is gone */
 } pags_presence;
 
-/* Finds when object `object` has a pose (pags_object_pose). What is parked in the background is always there. After a
+/* Finds when object `object` has a pose (pags_object_pose). Objects parked in the background are always there. After a
  * failure, too, the caller destroys `out`. PAGS_ERROR_MEMORY. */
 pags_result pags_presence_find(const pags_scene *scene, int64_t object, pags_presence *out);
 void pags_presence_destroy(pags_presence *presence);

@@ -157,8 +157,8 @@ static double project(const splitter *s, int64_t i, const double mean[WIDEST], c
   return sum;
 }
 
-/* Finds the axis of the largest spread by power iteration, from the dimension with the largest. Of large leaves a part
- * of the rows suffices. */
+/* Finds the axis of the largest spread by power iteration, from the dimension with the largest. A part of the rows of
+ * large leaves suffices. */
 static void find_axis(const splitter *s, const leaf *l, const double mean[WIDEST], double axis[WIDEST]) {
   double spread[WIDEST];
   int widest = 0;

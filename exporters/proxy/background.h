@@ -11,7 +11,7 @@ typedef struct pags_chunk {
   const char *class_name; /* static: "ground", "road", "building", ... */
   int number;             /* running number in its class, from 0 */
   pags_proxy_mesh mesh;   /* relative to the scene's origin */
-  pags_proxy_level level; /* of what has no photographs: what stands for it */
+  pags_proxy_level level; /* the level that represents a background without photographs */
   const char *note;       /* static, or NULL */
 } pags_chunk;
 

@@ -24,7 +24,7 @@ void pags_lidar_destroy(pags_lidar *lidar) {
 
 #ifdef PAGS_WITH_DATASET
 
-/* In metres. Points within `box_margin` of a labelled box are not the background's. Of these, points within
+/* In metres. Points within `box_margin` of a labelled box are not the background's. Those within
  * `own_margin` of the box are the object's, if they lie `stand` or more above the box's lower face: a kerb may be
  * below. */
 static const double box_margin = 0.2, own_margin = 0.1, stand = 0.3;

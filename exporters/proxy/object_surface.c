@@ -112,7 +112,7 @@ static void reach_of(const pags_object *record, double reach[3]) {
 }
 
 /* Draws the object's depth views: all training views that have it in the picture, or an even choice of MOST_VIEWS of
- * them. What the rest of the scene hides, and the shadow under a vehicle, is marked as unknown or free. */
+ * them. Pixels hidden by the rest of the scene, and the shadow under a vehicle, are marked as unknown or free. */
 static pags_result look(const pags_proxy_maker *w, int64_t object, const pags_part *part, const double reach[3],
                         pags_object_shape *shape) {
   const pags_object *record = &w->scene->objects[object].record;

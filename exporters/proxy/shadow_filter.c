@@ -18,9 +18,9 @@ static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12
 
 /* Away from the wheels a car's body begins higher than `sill` (metres), so dark pixels below it are shadow, too. The
  * wheels lie between the shares `wheels_from` and `wheels_to` of the length from the middle; boxes longer than
- * `longest_car` are not cars. Within `beside` of the box's sides, a level surface lower than `footway` is a footway:
+ * `longest_car` are not cars. Within `margin` of the box's sides, a level surface lower than `footway` is a footway:
  * a box is as wide as the mirrors, so the kerb that a car is parked at lies in it. */
-static const double sill = 0.25, wheels_from = 0.2, wheels_to = 0.4, longest_car = 6, footway = 0.3, beside = 0.2;
+static const double sill = 0.25, wheels_from = 0.2, wheels_to = 0.4, longest_car = 6, footway = 0.3, margin = 0.2;
 
 /* Whether the surface at a pixel, with the point `p`, is level (its normal within 45 degrees of z), by the points of
  * a neighbour to the side and one above or below. Returns -1 if one of them has no depth. */
@@ -45,7 +45,7 @@ static bool is_shadow(const pags_depth_view *s, int x, int y, const double size[
       return true;
     limit = dark_shadow;
   }
-  if (inwards < beside)
+  if (inwards < margin)
     limit = footway;
   if (height > limit)
     return false;

@@ -24,12 +24,12 @@ PAGS_BEGIN_C
 typedef enum pags_image_alpha {
   PAGS_ALPHA_COMPOSITE, /* the photograph is laid over the background colour */
   PAGS_ALPHA_MASK,      /* alpha is a mask: from 128 of 255 on, the pixel is used */
-  PAGS_ALPHA_IGNORE     /* colours are taken as they stand below alpha */
+  PAGS_ALPHA_IGNORE     /* alpha is ignored; the colours are used unchanged */
 } pags_image_alpha;
 
 typedef struct pags_dataset_options {
-  /* Folder of a COLMAP model, or one above it, to use instead of transforms.json, as it stands or relative to the data
-   * set; NULL: transforms.json if present, else the model in the data set. */
+  /* Folder of a COLMAP model, or one above it, to use instead of transforms.json; a path as given or relative to the
+   * data set; NULL: transforms.json if present, else the model in the data set. */
   const char *colmap;
   double downscale; /* factor by which cameras and photographs are shrunk, >= 1; default 1 (full size) */
   /* Which views are held out. Static sets: every Nth view in file-name order (index % N == 0, missing pictures
@@ -57,7 +57,7 @@ typedef struct pags_dataset_options {
   const char *holdout_camera;      /* number of a camera all of whose views are held out; NULL: none */
   /* Mask of the ego vehicle, whose pixels are left out of the loss: a picture for all cameras, or a folder with
    * C.png per camera number C, white where the ego vehicle is visible. NULL: ego_masks/C.png of the data set; if
-   * there is none, pixels at the lower edge that never change are searched for. */
+   * that is missing, pixels at the lower edge that never change are searched for. */
   const char *ego_mask;
   /* What is critical: kinds (vehicle, ...), classes of the label images by name or number, and classes of boxes,
    * separated by commas (docs/masks.md). NULL: vehicles, pedestrians and cyclists. */
@@ -141,19 +141,19 @@ typedef struct pags_dataset pags_dataset;
 /* Opens a data set. `path` is a folder with transforms.json, a transforms file itself, a driving set (a folder with
  * dataset.json, or with images and ego_pose or extrinsics), a folder with transforms_train.json and, as held-out views,
  * transforms_val.json and transforms_test.json, or a folder with images and a COLMAP model in it, in sparse/N, sparse,
- * colmap/sparse/N or elsewhere at most 4 levels below: of several beside each other the one with most pictures. Or a
+ * colmap/sparse/N or elsewhere at most 4 levels below: of several in one folder the one with the most pictures. Or a
  * block of a driving set (a folder with block.json): the views and sweeps of its time steps, and the objects labelled
  * in them with their whole tracks; options that block.json states may not be given another value.
  * `options` may be NULL (the defaults).
  *
- * What is ignored, guessed or left out is logged as a warning, a line a kind.
+ * Ignored, guessed or excluded data is logged as a warning, one line per kind.
  *
  * No photograph is decoded, but every header is read: each image must exist. If it has another size than its camera
  * states, but the same ratio of sides within a pixel, the intrinsics are scaled to it; where its EXIF orientation
  * explains the size, it is turned. In a static set whose file names no masks, masks/NAME.png and masks/NAME.png.png
- * beside the images are masks. Labels with faults are mended or left out (docs/dataset-layout.md). Whatever is guessed,
- * mended or left out so is a warning in the log. Views of static sets are in the order of their names, those of driving
- * sets are sorted by frame, then by camera.
+ * in the folder of the images are masks. Labels with faults are mended or left out (docs/dataset-layout.md). Whatever
+ * is guessed, mended or left out so is a warning in the log. Views of static sets are in the order of their names,
+ * those of driving sets are sorted by frame, then by camera.
  *
  * PAGS_ERROR_ARGUMENT (an option out of range or that names nothing known), PAGS_ERROR_IO (missing files),
  * PAGS_ERROR_FORMAT (no data set, or one of another program, which is named; damaged files; all views held out),
@@ -183,7 +183,7 @@ PAGS_API pags_up pags_dataset_up(const pags_dataset *dataset);
  * coordinate of a camera exceeds 4096 m, otherwise the mean of the camera centres rounded to whole metres. */
 PAGS_API const double *pags_dataset_origin(const pags_dataset *dataset);
 
-/* Returns the block that the data set is; NULL: it is none. */
+/* Returns the block if the data set is a block of a drive, else NULL. */
 PAGS_API const pags_block *pags_dataset_block(const pags_dataset *dataset);
 
 /* Returns the number of views that were left out because of allow_missing. */

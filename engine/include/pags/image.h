@@ -32,7 +32,7 @@ PAGS_API pags_result pags_image_size(const char *path, int *width, int *height);
 /* Bytes of a name in pags_image_facts, with the 0 at its end; longer names are cut. */
 #define PAGS_IMAGE_NAME 64
 
-/* Whether the samples of an EXR file cover its picture, which is the display window. What lies outside of that isn't
+/* Whether the samples of an EXR file cover its picture, which is the display window. Samples outside of it aren't
  * read; where the data window has no samples, all channels are 0. */
 typedef enum pags_image_window { PAGS_WINDOW_WHOLE, PAGS_WINDOW_LARGER, PAGS_WINDOW_PARTIAL } pags_image_window;
 
@@ -94,7 +94,7 @@ PAGS_API pags_result pags_image_load_top(const char *path, pags_sample sample, i
 
 /* Writes a picture in the format of the extension: .png (8 or 16 bits as the image has; float samples are clamped
  * to 0..1 and rounded to 8 bits), .jpg or .jpeg (8 bits, quality 95, alpha dropped) or .exr (float). The file is
- * written under another name beside the final one and then renamed: it appears complete or not at all.
+ * written under another name in the same folder and then renamed: it appears complete or not at all.
  * PAGS_ERROR_ARGUMENT for another extension, PAGS_ERROR_IO or PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_image_save(const char *path, const pags_image *image);
 

@@ -4,8 +4,8 @@
  *
  * An import that was stopped and is started again with the same source and folder continues: files that are
  * complete are kept. dataset.json is written last, so that an unfinished import is not taken for a data set. The member
- * "result" of import.json counts what was written, and what was left out and why. To read none of the sweeps or boxes
- * that the source has, or to find them in another form than the source's own, is PAGS_ERROR_FORMAT.
+ * "result" of import.json has the numbers of items written and of items left out, with reasons. To read none of the
+ * sweeps or boxes that the source has, or to find them in another form than the source's own, is PAGS_ERROR_FORMAT.
  * Photographs are copied byte by byte, not encoded anew. */
 #ifndef PAGS_IMPORT_H
 #define PAGS_IMPORT_H

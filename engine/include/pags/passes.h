@@ -47,8 +47,8 @@ typedef struct pags_pass_request {
 /* Planes with the stride and padding of the frame's picture, owned by the frame and valid until its next render. NULL
  * if not requested. */
 typedef struct pags_passes {
-  /* Plane 2 k: the value of the name with the k-th largest sum of weights; plane 2 k + 1: that sum, 0..1. Of equal sums
-   * the smaller index of the name comes first. Ranks that no name has are 0. */
+  /* Plane 2 k: the value of the name with the k-th largest sum of weights; plane 2 k + 1: that sum, 0..1. For equal
+   * sums the smaller index of the name comes first. Ranks that no name has are 0. */
   const float *matte[2][PAGS_MATTE_PLANES];
   /* sum(w n) / sum(w) in world axes; 0 where nothing is blended. n is the unit vector along the Gaussian's shortest
    * axis (the first of equal ones), as a normal of what the part's pose stretches, that faces the camera. The mean is

@@ -30,8 +30,8 @@ typedef enum pags_proxy_level {
 /* The level's name: "mesh", "cage", "hull", "box" or "convex", a static string. */
 PAGS_API const char *pags_proxy_level_name(pags_proxy_level level);
 
-/* In glTF. With the names of a program, a hull, a box or convex parts come beside the object's surface, which is what
- * is seen; not with `lod`. */
+/* In glTF. With the names of a program, a hull, a box or convex parts are added to the object's surface, which
+ * is the visible mesh; not with `lod`. */
 typedef enum pags_proxy_naming {
   PAGS_NAMING_PLAIN,  /* proxies are named by class and number: car_0007 */
   PAGS_NAMING_UNREAL, /* hulls are UCX_car_0007_00, boxes UBX_car_0007_00: Unreal's importer makes collision shapes of
@@ -50,7 +50,7 @@ typedef struct pags_proxy_options {
   int64_t ground_triangles; /* limit of triangles of the ground, 2..10^8; default 60,000 */
   int64_t chunk_triangles;  /* limit of triangles of the other background, all chunks together; default 200,000 */
   double voxel; /* step of the background's TSDF, metres, up to 2; default 0: 0.15. An object's step is a 128th of its
-                   length, at least 2 cm. Of a scene without photographs: a 192nd of the longest side of what is
+                   length, at least 2 cm. In a scene without photographs: a 192nd of the longest side of what is
                    there, of a room a 400th */
   double chunk; /* side of the background's chunks, metres; default 0: 20, of a room without photographs a quarter
                    of its longest side */
