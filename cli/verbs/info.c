@@ -275,10 +275,8 @@ static bool is_scene_folder(const char *path) {
   static const char *const captures[] = {"dataset.json", "transforms.json", "transforms_train.json", "sparse"};
   const char *const kind = pags_scene_folder_kind(path);
   bool capture = false;
-  for (size_t i = 0; i < sizeof captures / sizeof *captures; i++) {
-    PAGS_AUTOFREE char *inside = pags_path_join(path, captures[i]);
-    capture = capture || (inside && pags_path_exists(inside));
-  }
+  for (size_t i = 0; i < sizeof captures / sizeof *captures; i++)
+    capture |= pags_folder_has_entry(path, captures[i]);
   if (!kind || strcmp(kind, "training output") != 0 || !capture)
     return kind != NULL;
   pags_log_message(PAGS_LOG_INFO,

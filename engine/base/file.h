@@ -75,12 +75,16 @@ void pags_file_stop_when(const volatile int *asked);
 bool pags_file_exists(const char *path); /* a regular file, or a link to one */
 bool pags_dir_exists(const char *path);
 bool pags_path_exists(const char *path); /* file, folder, link or anything else of that name */
-/* pags_file_exists and pags_dir_exists of FOLDER/NAME; false if out of memory. */
+/* pags_file_exists, pags_dir_exists and pags_path_exists of FOLDER/NAME. Memory is allocated only for paths of more
+ * than 1,000 characters, so that lack of memory isn't taken for a missing file. */
 bool pags_folder_has(const char *folder, const char *name);
 bool pags_folder_has_folder(const char *folder, const char *name);
+bool pags_folder_has_entry(const char *folder, const char *name);
 
 /* Joins "a" and "b" to "a/b"; an absolute `name` is returned as it is. Freed by the caller; NULL if out of memory. */
 char *pags_path_join(const char *folder, const char *name);
+/* The same into `out`, by the rules of snprintf. */
+int pags_path_print(char *out, size_t size, const char *folder, const char *name);
 /* Returns the part after the last slash of `path`: a pointer into `path`. */
 const char *pags_path_name(const char *path);
 /* Returns the part before the last slash; "." without a slash. Freed by the caller; NULL if out of memory. */

@@ -10,14 +10,25 @@
 #include "base/text.h"
 #include "port/port.h"
 
-bool pags_folder_has(const char *folder, const char *name) {
+static bool has(const char *folder, const char *name, bool exists(const char *path)) {
+  char usual[1024];
+  const int length = pags_path_print(usual, sizeof usual, folder, name);
+  if (length >= 0 && (size_t)length < sizeof usual)
+    return exists(usual);
   PAGS_AUTOFREE char *path = pags_path_join(folder, name);
-  return path && pags_file_exists(path);
+  return path && exists(path);
+}
+
+bool pags_folder_has(const char *folder, const char *name) {
+  return has(folder, name, pags_file_exists);
 }
 
 bool pags_folder_has_folder(const char *folder, const char *name) {
-  PAGS_AUTOFREE char *path = pags_path_join(folder, name);
-  return path && pags_dir_exists(path);
+  return has(folder, name, pags_dir_exists);
+}
+
+bool pags_folder_has_entry(const char *folder, const char *name) {
+  return has(folder, name, pags_path_exists);
 }
 
 pags_result pags_make_dirs(const char *path) {

@@ -39,11 +39,19 @@ static const char *last_separator(const char *path) {
   return last;
 }
 
-char *pags_path_join(const char *folder, const char *name) {
+int pags_path_print(char *out, size_t size, const char *folder, const char *name) {
   const size_t length = strlen(folder);
   if (is_absolute(name) || length == 0)
-    return pags_text_copy(name);
-  return pags_text_format("%s%s%s", folder, is_separator(folder[length - 1]) ? "" : "/", name);
+    return snprintf(out, size, "%s", name);
+  return snprintf(out, size, "%s%s%s", folder, is_separator(folder[length - 1]) ? "" : "/", name);
+}
+
+char *pags_path_join(const char *folder, const char *name) {
+  const int length = pags_path_print(NULL, 0, folder, name);
+  char *path = length < 0 ? NULL : malloc((size_t)length + 1);
+  if (path)
+    pags_path_print(path, (size_t)length + 1, folder, name);
+  return path;
 }
 
 const char *pags_path_name(const char *path) {

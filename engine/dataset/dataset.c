@@ -332,7 +332,7 @@ static pags_result check_static(const char *path, const pags_parsed_dataset *par
               {"sfm", options->sfm, "points of a further model (expected --colmap to choose a model)"}};
   for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
     if (rows[i].value)
-      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: --%s '%s' requires a driving set, which has %s; this is %s", path,
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: --%s '%s' was given, but only driving sets have %s; this is %s", path,
                        rows[i].name, rows[i].value, rows[i].has, parsed->kind);
   return PAGS_OK;
 }

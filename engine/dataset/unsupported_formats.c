@@ -157,9 +157,8 @@ static const unsupported_format *const formats_end = formats + sizeof formats / 
 /* Whether a folder has a file or folder of this name; "*.db3": any of this ending, below any folder with another star
  * before it. */
 static bool has(const char *folder, const char *name) {
-  PAGS_AUTOFREE char *path = pags_path_join(folder, name);
   if (*name != '*')
-    return path && pags_path_exists(path);
+    return pags_folder_has_entry(folder, name);
   PAGS_AUTO(pags_dir_list_destroy) pags_dir_list list = {0};
   if (pags_dir_list_read(folder, &list) != PAGS_OK)
     return false;

@@ -117,11 +117,6 @@ static bool want(missing *m, exists_fn *exists, const char *format, ...) {
   return there;
 }
 
-static bool has(const char *folder, const char *name) {
-  PAGS_AUTOFREE char *path = pags_path_join(folder, name);
-  return path && pags_path_exists(path);
-}
-
 /* Fails with a list of the missing files and, if cameras are among them, a remedy. */
 static pags_result report(const pags_kitti_tree *tree, const missing *m, const missing *optional) {
   const char *what = tree->raw ? "KITTI's raw recording" : "KITTI's tracking tree";
@@ -131,7 +126,8 @@ static pags_result report(const pags_kitti_tree *tree, const missing *m, const m
   if (optional->count)
     snprintf(also, sizeof also, "; also missing, but not needed: %.60s", optional->text);
   const char *hint = "";
-  if (strstr(m->text, "image_") && has(tree->root, "image_00") && !has(tree->root, "image_02"))
+  if (strstr(m->text, "image_") && pags_folder_has_entry(tree->root, "image_00") &&
+      !pags_folder_has_entry(tree->root, "image_02"))
     hint = "; image_00 and image_01 are grey and aren't imported";
   else if (strstr(m->text, "image_") && tree->camera_count > 1)
     hint = "; --cameras chooses among 0 (image_02) and 1 (image_03), --frames among the frames";
@@ -146,7 +142,7 @@ static const char *const drive_signs[] = {"image_02/data", "image_03/data",     
 static const char *const tracking_signs[] = {"image_02", "image_03", "velodyne", "oxts", "calib", "label_02", NULL};
 
 static bool has_any(const char *folder, const char *const *names) {
-  while (*names && !has(folder, *names))
+  while (*names && !pags_folder_has_entry(folder, *names))
     names++;
   return *names;
 }
@@ -446,7 +442,7 @@ static void tell_other_cameras(pags_kitti_tree *tree) {
   for (int number = 0; number < 2; number++) {
     char name[16];
     snprintf(name, sizeof name, "image_%02d", number);
-    if (has(tree->root, name))
+    if (pags_folder_has_entry(tree->root, name))
       pags_tally_add(&grey, "%s", name);
     bool chosen = false;
     for (int c = 0; c < tree->camera_count; c++)

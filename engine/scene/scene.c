@@ -55,10 +55,8 @@ static pags_result refuse_folder(const char *folder) {
   PAGS_TRY(pags_unsupported_splats_check_folder(folder));
   static const char *const names[] = {"transforms.json", "transforms_train.json", "dataset.json", "sparse", "images"};
   bool photographs = false;
-  for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
-    PAGS_AUTOFREE char *path = pags_path_join(folder, names[i]);
-    photographs = photographs || (path && pags_path_exists(path));
-  }
+  for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+    photographs |= pags_folder_has_entry(folder, names[i]);
   return pags_fail(PAGS_ERROR_IO,
                    "%s: expected a scene, but the folder has no scene.json, no point_cloud/iteration_N of a training "
                    "and no meta.json of a SOG%s",
