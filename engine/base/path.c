@@ -2,6 +2,8 @@
 /* Functions on paths as text (base/file.h), without access to the file system. '/' separates the parts of a path; on
  * Windows '\\' does, too, and a path may begin with a drive ("C:"). */
 #include <ctype.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/file.h"

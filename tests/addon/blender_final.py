@@ -8,7 +8,8 @@ import sys
 
 import bpy
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 import fixtures  # noqa: E402
 from blender_case import BlenderCase, main, pixel  # noqa: E402
 from fixtures import ply_bytes, splat  # noqa: E402

@@ -9,7 +9,8 @@ from unittest import mock
 import bpy
 from mathutils import Vector
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 import fixtures  # noqa: E402
 from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
 from fixtures import ply_bytes, some_splats, splat  # noqa: E402

@@ -11,7 +11,8 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 from blender_case import BlenderCase, addon, main  # noqa: E402
 from fixtures import read  # noqa: E402
 

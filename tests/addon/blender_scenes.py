@@ -10,7 +10,8 @@ import sys
 import bpy
 from mathutils import Matrix
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 from blender_case import BlenderCase, addon, main, pixel  # noqa: E402
 from fixtures import ply_bytes, some_splats, splat  # noqa: E402
 

@@ -7,7 +7,8 @@ import sys
 
 import bpy
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 from fixtures import write  # noqa: E402
 from gui_browser import double_click, opened, until  # noqa: E402
 from gui_case import FOLDER, in_view, sharp_shot, tell, view3d  # noqa: E402

@@ -14,7 +14,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 import guide_page  # noqa: E402
 from fixtures import read_png  # noqa: E402
 from gui_browser import accept, browsers, double_click, opened, until  # noqa: E402

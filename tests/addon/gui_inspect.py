@@ -12,7 +12,8 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 import fixtures  # noqa: E402
 from drive_set import make_set, make_sweeps  # noqa: E402
 from fixtures import ply_bytes, png_bytes, splat, write  # noqa: E402

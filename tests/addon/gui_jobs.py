@@ -12,7 +12,8 @@ import time
 import bpy
 import numpy as np
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 from fixtures import png_bytes, splat, write  # noqa: E402
 from gui_case import FOLDER, PATIENCE, addon, in_view, look_ahead, shoot, tell, view3d, window  # noqa: E402
 from test_drive import make_drive, with_object_id  # noqa: E402

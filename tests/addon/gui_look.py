@@ -10,7 +10,8 @@ import sys
 import bpy
 import numpy as np
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 import fixtures  # noqa: E402
 from fixtures import read_png, splat  # noqa: E402
 from gui_case import FOLDER, deselect, empty_scene, in_view, look_ahead, region, sharp_shot, tell, view3d, window  # noqa: E402

@@ -8,7 +8,8 @@ import time
 
 import bpy
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 from fixtures import splat, write  # noqa: E402
 from gui_case import (  # noqa: E402
     FOLDER,

@@ -13,7 +13,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 import fixtures  # noqa: E402
 from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
 from drive_set import make_set, make_sweeps  # noqa: E402

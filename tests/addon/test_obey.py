@@ -13,7 +13,8 @@ from unittest import mock
 import bpy
 import numpy as np
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 from blender_case import BlenderCase, addon, main, pixel  # noqa: E402
 from fixtures import ply_bytes, read_png, splat  # noqa: E402
 from test_drive import make_drive  # noqa: E402
