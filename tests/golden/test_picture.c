@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures with a known answer: one Gaussian in closed form, crops, and the engine against the oracle.
+/* Compares pictures with known answers: one Gaussian in closed form, crops, and the oracle's pictures.
  *
  * Where the oracle is within a relative 1e-4 of a different decision (1/255, stop, clamps) or blends neighbours whose
- * depths agree to 1e-6, float may decide otherwise: such pixels form a band that has a loose bound, and their share
- * is bounded. */
+ * depths agree to 1e-6, float may decide otherwise. Such pixels form a band with a larger tolerance, and their share is
+ * limited. */
 #include "frame_fixture.h"
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The gradients of the engine's backward pass (float, SIMD, tiled) against the oracle's over more than ten thousand
- * Gaussians.
+/* Compares the gradients of the engine's backward pass (float, SIMD, tiled) with the oracle's for more than ten
+ * thousand Gaussians.
  *
- * Boundary band: where the oracle is within a relative 1e-4 of a different decision (alpha at 1/255 or at its cap,
- * transmittance at the early stop, a Gaussian's clamps) or blends neighbours whose depths agree to 1e-6, float may
- * decide otherwise and its gradient then differs. The loss gives such pixels no weight.
+ * Boundary band: pixels where the oracle is within a relative 1e-4 of a different decision (alpha at 1/255 or at its
+ * cap, transmittance at the early stop, a Gaussian's clamps) or blends neighbours whose depths agree to 1e-6. There
+ * float may decide otherwise and give another gradient, so the loss gives such pixels no weight.
  *
- * Error of a Gaussian in a group of planes: |engine - oracle| / max(|oracle|, 1e-2 of the group's root mean square in
- * this scene), with vector norms over the group. */
+ * The error of a Gaussian in a group of planes is |engine - oracle| / max(|oracle|, 1e-2 of the group's root mean
+ * square in this scene), with vector norms over the group. */
 #include "base/sort.h"
 #include "frame_fixture.h"
 #include "reference/frame_scene.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The gradient by a part's pose, summed from the engine's row gradients, against finite differences of the oracle's
- * picture. */
+/* Compares the gradient by a part's pose, summed from the engine's row gradients, with finite differences of the
+ * oracle's picture. */
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 
@@ -74,7 +74,7 @@ static reference_picture render(pose_scene *s) {
   return reference_render(s->parts, PARTS, &s->camera, &s->options);
 }
 
-/* Random loss weights on all planes, zero where a pixel is close to a different decision. */
+/* Makes random loss weights on all planes, zero where a pixel is close to a different decision. */
 static void make_weights(pose_scene *s) {
   reference_picture picture = render(s);
   for (int k = 0; k < PIXELS; k++) {
@@ -154,7 +154,8 @@ static void check(uint64_t seed, int sh_degree) {
 }
 
 /* Returns the loss's change by a motion of the camera, the inverse of exp(increment), about the origin to which
- * Gaussians are relative. Everything that the camera sees moves the opposite way. Without a sky, which doesn't move. */
+ * Gaussians are relative. Everything that the camera sees moves the opposite way. The scene has no sky, as skies don't
+ * move. */
 static double camera_difference(pose_scene *s, int axis) {
   const double step = 1e-7;
   const pags_camera base = s->camera;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The oracle's gradient against finite differences of the oracle's picture, parameter by parameter.
+/* Compares the oracle's gradient with finite differences of the oracle's picture, parameter by parameter.
  *
- * Loss: a fixed random weight on every channel of every pixel. Differences are five-point stencils, taken for each
- * pixel before they are summed so that pixels that don't change cost no digits. Where a point of the stencil decides
- * something differently from the base point (contributor, cap, clamp, order) the loss isn't smooth and the parameter
- * is left out; each test bounds the share of these. */
+ * The loss has a fixed random weight on every channel of every pixel. Differences are five-point stencils. They are
+ * taken for each pixel before they are summed, so that unchanged pixels cost no digits. If a point of the stencil
+ * decides differently from the base point (contributor, cap, clamp, order), the loss isn't smooth and the parameter is
+ * left out. Each test limits the share of such parameters. */
 #include "reference/reference.h"
 #include "reference/reference_scene.h"
 
@@ -123,13 +123,13 @@ static void check_gradient(test_scene *scene, double skip_share) {
         double step = scene->step * (plane < PAGS_SCALE ? pixel : 1);
         int smooth;
         double *at = &part->planes[plane * part->count + i];
-        /* The separate constant term that the part draws instead. */
+        /* The separate constant term replaces the row's. */
         if (part->dc && plane >= PAGS_SH && plane < PAGS_SH + 3)
           at = &part->dc[(plane - PAGS_SH) * part->count + i];
         double numeric = finite_difference(scene, at, step, picture.decisions, &smooth);
         compared += smooth;
         skipped += !smooth;
-        /* The floor of the scale is the rounding of the difference, far below any relevant gradient. */
+        /* The floor of `scale` is the rounding of the difference, far below any relevant gradient. */
         double scale = fmax(fabs(analytic), fabs(numeric)) + 1e-3 / (plane < PAGS_SCALE ? pixel : 1);
         double error = smooth ? fabs(analytic - numeric) / scale : 0;
         if (error > 1e-6)
@@ -170,7 +170,7 @@ static void test_anisotropic_off_axis(void **state) {
   }
 }
 
-/* Means outside of the widened picture whose ellipses reach into it. */
+/* Tests means outside of the widened picture whose ellipses reach into it. */
 static void test_clamped_jacobian(void **state) {
   (void)state;
   test_scene scene = scene_create(11, 16, 0);

@@ -62,8 +62,8 @@ static int is_in_band(const reference_picture *picture, int64_t pixel) {
   return picture->margin[pixel] < 1e-4 || picture->depth_margin[pixel] < 1e-6;
 }
 
-/* Random loss weights, those of depth small enough not to dominate the colours, zero in the band where rounding may
- * change a decision. Returns in `left_out` the band's share of pixels. */
+/* Makes random loss weights, small enough for depth not to dominate the colours, and zero where rounding may change
+ * a decision. Returns the share of such pixels in `left_out`. */
 static double *make_weights(hard_scene *scene, const reference_picture *picture, double *left_out) {
   const int64_t pixels = (int64_t)picture->width * picture->height;
   double *weights = reference_alloc(5 * pixels, sizeof(double));

@@ -97,7 +97,7 @@ static void check_pile(const char *what, float logit, double spacing) {
   print_message("  %-40s %lld blended; colour %.1e, T %.1e and gradient %.1e relative\n", what, (long long)n, red, left,
                 worst);
   assert_true(red < 1e-5 && left < 1e-3 && worst < 1e-3);
-  /* One more row or one fewer may be drawn where T reaches 1e-4. */
+  /* Where T reaches 1e-4, one row more or less may be drawn. */
   for (int64_t i = n + 1; i < MILLION; i++)
     assert_true(p.by_dc[i] == 0);
   pile_destroy(&p);
@@ -146,7 +146,7 @@ static void dropped(void **state) {
   for (int64_t k = 0; k < ROWS * PAGS_MAX_PLANES; k++)
     assert_true(none.parts[0].planes[k] == 0);
   frame_result_destroy(&none);
-  /* The largest possible factor: a dropout_gamma of 0.9 gives 1 / (1 - 0.9). */
+  /* The largest possible factor is 1 / (1 - 0.9), for a dropout_gamma of 0.9. */
   for (int i = 0; i < ROWS; i++) {
     s.part.factor[i] = i % 3 == 0 ? 0 : 10;
     *hard_at(&s, PAGS_OPACITY, i) = 2;
@@ -178,7 +178,7 @@ static void bad_colours(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* Exposure gains of 0 and 65535, and such offsets, applied to the finished picture. */
+/* Tests exposure gains of 0 and 65535, and such offsets, on the finished picture. */
 static void exposures(void **state) {
   (void)state;
   hard_scene s = hard_scene_create(42, 60);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Rows that aren't finite are left out, counted and named, and never spread (docs/numerics.md, "finite by
- * construction"): in the optimiser, in runs that start from damaged Gaussians, for any number of threads and after
- * resuming, and in the error message of a run with too many of them. */
+ * construction"). Tested in the optimiser, in runs that start from damaged Gaussians, for any number of threads and
+ * after resuming, and in the error message of a run with too many of them. */
 #include "hard/hard.h"
 
 #include <math.h>

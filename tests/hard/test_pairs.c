@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Case 11 of docs/lab/numerics.md: more pairs of Gaussian and tile than 32 bits count. */
+/* Case 11 of docs/lab/numerics.md: there are more pairs of Gaussian and tile than 32 bits can count. */
 #include "hard/hard.h"
 
 #include <stdio.h>

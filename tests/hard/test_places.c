@@ -24,8 +24,8 @@ static double *random_weights(hard_scene *s) {
   return weights;
 }
 
-/* #3: rows at the camera's centre and in its plane z = 0, which aren't drawn and have no gradient, and rows just
- * beyond a near plane of 1e-6 m, where 1/z is 1e6. The other rows agree with the oracle. */
+/* #3: rows at the camera's centre and in its plane z = 0 aren't drawn and have no gradient. Rows just beyond a near
+ * plane of 1e-6 m, where 1/z is 1e6, agree with the oracle like all others. */
 static void at_the_camera(void **state) {
   (void)state;
   enum { ROWS = 40, AT = 8 };
@@ -64,8 +64,7 @@ static void beside_the_picture(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* An object's Gaussians all around the camera, many wider than their distance: the view of a camera that was driven
- * into a car. */
+/* An object's Gaussians lie all around the camera, many wider than their distance, as if a camera drove into a car. */
 static void inside_of_an_object(void **state) {
   (void)state;
   enum { ROWS = 200 };
@@ -86,8 +85,8 @@ static void inside_of_an_object(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* #10: a scene of millimetres and larger ones with three near planes each: Gaussians beyond the near plane are drawn,
- * the others aren't. */
+/* #10: scenes of millimetres and larger, with three near planes each: only Gaussians beyond the near plane are
+ * drawn. */
 static void small_scenes(void **state) {
   (void)state;
   static const float planes[] = {0.001f, 0.01f, 0.2f};
@@ -195,7 +194,7 @@ static void far_rows(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* Needles thousands of pixels long in a picture of 16384 x 16, near to horizontal. */
+/* Tests needles thousands of pixels long in a picture of 16384 x 16, almost horizontal. */
 static void long_needles(void **state) {
   (void)state;
   enum { ROWS = 200 };

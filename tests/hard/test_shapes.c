@@ -158,8 +158,8 @@ static void antialiased_pictures(void **state) {
   pictures_and_gradients(1);
 }
 
-/* Makes a third of the true Gaussians hard and trains against the true photographs: all results stay finite, and the
- * picture is recovered as far as rows that can be seen allow. */
+/* Makes a third of the true Gaussians hard and trains against the true photographs. All results stay finite, and
+ * training recovers the picture as far as visible rows allow. */
 static void two_hundred_steps(void **state) {
   (void)state;
   pags_dataset *dataset = hard_data("data", &HARD_DATA_DEFAULT);

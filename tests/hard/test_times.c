@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard times (case 24 of docs/lab/numerics.md): time ranges of zero length and of 1e6 s, in tracks, colours over time
- * and exposures, which have closed forms, and in 200 steps of training on a street of one time step and on one that
- * lasts twelve days. */
+/* Hard times (case 24 of docs/lab/numerics.md): time ranges of zero length and of 1e6 s. Tracks, colours over time
+ * and exposures have closed forms. A street of one time step and one that lasts twelve days are trained for 200
+ * steps. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@
 
 static const double long_time = 1e6; /* seconds */
 
-/* A straight drive of a kilometre that turns by 90 degrees about z. */
+/* Makes a straight drive of 1 km that turns by 90 degrees about z. */
 static void drive(pags_keyframe *keyframes, int count, double begin, double end) {
   for (int k = 0; k < count; k++) {
     const double u = count > 1 ? k / (count - 1.0) : 0, angle = 1.5707963267948966 * u;
@@ -145,7 +145,7 @@ static void a_street_of_one_instant(void **state) {
   train("a street of one instant", "instant", &reading, 0);
 }
 
-/* Intervals between frames that no unit of time explains: milli-, micro- and nanoseconds would be recognised. */
+/* Frames have intervals of an unusual unit, which isn't recognised as milli-, micro- or nanoseconds. */
 static void a_street_of_twenty_million_seconds(void **state) {
   (void)state;
   if (hard_leaves_out())

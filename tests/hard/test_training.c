@@ -172,7 +172,8 @@ static void far_from_the_origin(void **state) {
   assert_true(fabs(r.psnr - plain_psnr) < 1);
 }
 
-/* #14: resets to 0.01 and pruning at 0.9 would remove every row: a few rows are kept and the run ends regularly. */
+/* #14: resets to 0.01 and pruning at 0.9 would remove every row: a few rows are kept, and the run ends without an
+ * error. */
 static void everything_pruned(void **state) {
   (void)state;
   pags_train_config config = hard_config(HARD_STEPS);

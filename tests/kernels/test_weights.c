@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The kernel of the splats' weights: each ISA compared with a direct loop in double, and a list read in runs
- * compared with a list read at once. */
+/* Tests the kernel of the splats' weights. Compares each ISA with a direct loop in double, and a list read in runs
+ * with a list read at once. */
 #include "check.h"
 #include "tile.h"
 

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The oracle: the forward and backward of pags/frame.h in plain double-precision C, written to be read.
+/* The oracle: the forward and backward pass of pags/frame.h in simple, readable double-precision C.
  *
- * It has no tiles, no threads, no tolerances and needs nothing of the engine but its public structs, so that a
- * mistake of the engine can't be a mistake of the oracle. Its own gradient is held against finite differences in
- * tests/gradients/test_reference.c. Test code: running out of memory aborts.
+ * It has no tiles, threads or tolerances and uses only the engine's public structs, so that a mistake of the engine
+ * can't be a mistake of the oracle. tests/gradients/test_reference.c compares its gradient with finite differences. It
+ * is test code: running out of memory aborts.
  *
  * Definition (Zwicker et al. 2001; Kerbl et al. 2023; gsplat for the compensation and the off-centre clamp):
  *   Sigma  = R(q) diag(sigma)^2 R(q)',  sigma = exp(raw scale), q normalised, identity when zero
@@ -18,8 +18,8 @@
  *            stops before T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the
  *              background. In a part with alpha_min a, instead of raw: (raw - a') / (1 - a), skipped when raw < a';
  *              a' = a, antialiased: times the compensation, but at least 1/255
- * With a rolling shutter (reference_shutter.c) camera_from_model is that of the time t at which the line is read on
- * which the mean is seen, t clamped to half a read-out beyond the picture; J becomes (I + m' s / (1 - s m')) J with the
+ * With a rolling shutter (reference_shutter.c) camera_from_model is that of the time t at which the mean's line is
+ * read, with t clamped to half a read-out beyond the picture. J becomes (I + m' s / (1 - s m')) J with the
  * velocity m' of the mean on the picture and s = dt/d(pixel), but stays J where t is clamped; where 1 - s m' < 0.1 or
  * |s| (|m'_x| + |m'_y|) > 1, t is 0. There is no backward pass.
  * With a lens (reference_lens.c) the mean is seen where the lens shows it and J is the derivative there; depth and near
@@ -40,37 +40,35 @@ typedef struct reference_part {
   const int32_t *id; /* NULL: first_id + i */
   int32_t first_id;
   double world_from_model[12];
-  double velocity[6]; /* as of pags_part */
-  double *dc; /* used in place of the constant SH term: channel c of Gaussian i at dc[c * count + i]; NULL: the planes'
-                 own */
+  double velocity[6]; /* as in pags_part */
+  double *dc; /* replaces the constant SH terms: channel c of Gaussian i at dc[c * count + i]; NULL: uses the planes' */
   double *factor;   /* factor of the opacity of Gaussian i, 0: not drawn; NULL: all are 1 */
-  double alpha_min; /* as of pags_gaussians; 0: a hard cut at the limits' alpha_min */
+  double alpha_min; /* as in pags_gaussians; 0: a hard cut at the limits' alpha_min */
 } reference_part;
 
 /* Allocates zeroed planes with an identity pose. */
 reference_part reference_part_create(int64_t count, int sh_degree);
-/* The same Gaussians, ids, pose, constant terms and factors as the engine's part at present, converted to double. The
- * part must not be packed. */
+/* Copies the engine's part to double: Gaussians, ids, pose, constant terms and factors. The part must not be packed. */
 reference_part reference_part_from(const pags_part *part);
 void reference_part_destroy(reference_part *part);
 
-/* A Gaussian projected to the picture. Everything but `drawn` is defined only if it is drawn. */
+/* A Gaussian projected to the picture. If it isn't drawn, only `drawn` is defined. */
 typedef struct reference_splat {
   int drawn;
   int32_t id;
-  double camera[3]; /* mean in camera axes, metres */
-  double depth;     /* camera[2], with a lens the distance */
+  double camera[3]; /* mean in camera axes in metres */
+  double depth;     /* camera[2]; with a lens, the distance */
   double mean2d[2]; /* pixels */
-  double cov[3];    /* xx xy yy with the low-pass, px^2 */
+  double cov[3];    /* xx, xy, yy with the low-pass filter in px^2 */
   double conic[3];  /* inverse of cov */
-  double opacity;   /* with the compensation and the part's factor */
+  double opacity;   /* includes the compensation and the part's factor */
   double compensation;
   double least, gain, floor; /* alpha = gain raw - floor where raw >= least */
   double colour[3];
   int clamped_axis[2];   /* Jacobian: -1 or 1 where x/z, y/z was clamped, else 0 */
-  int clamped_colour[3]; /* 1: negative before max(0, .) */
-  int floored;           /* compensation at its floor */
-  int held;              /* with a rolling shutter: keeps up with the read-out and is drawn at mid-exposure */
+  int clamped_colour[3]; /* 1: the colour was negative before max(0, .) */
+  int floored;           /* 1: the compensation is at its floor */
+  int held;              /* rolling shutter: 1 if the mean moves along with the read-out and is drawn at mid-exposure */
   double margin;         /* relative distance to the nearest of the clamps above */
 } reference_splat;
 
@@ -79,8 +77,8 @@ typedef struct reference_contribution {
   int32_t pixel;        /* y * width + x */
   int64_t gaussian;     /* index over all parts, in order */
   double falloff;       /* exp(-d' conic d / 2) */
-  double alpha_raw;     /* after the cut, before the cap */
-  double transmittance; /* before this Gaussian */
+  double alpha_raw;     /* alpha after the cut and before the cap */
+  double transmittance; /* transmittance in front of this Gaussian */
 } reference_contribution;
 
 /* Limits by which blending departs from the plain product of alphas, and the margin beyond the picture within which J
@@ -119,7 +117,7 @@ typedef struct reference_picture {
 reference_picture reference_render(const reference_part *parts, int part_count, const pags_camera *camera,
                                    const pags_frame_options *options);
 
-/* The same with other limits, for pictures whose gradient isn't needed. */
+/* Like reference_render with other limits, for pictures whose gradient isn't needed. */
 reference_picture reference_render_within(reference_limits limits, const reference_part *parts, int part_count,
                                           const pags_camera *camera, const pags_frame_options *options);
 void reference_picture_destroy(reference_picture *picture);
@@ -166,11 +164,10 @@ typedef struct reference_moment {
 
 reference_moment reference_moment_at(const reference_part *part, const pags_camera *camera, double seconds);
 
-/* When the line is read on which a Gaussian's mean is seen. */
+/* The read-out time of the line that shows a Gaussian's mean. */
 typedef struct reference_line {
-  double seconds,
-      seen;        /* time of its pose, and of the camera's place for its colour, from the middle of the exposure */
-  double shear[4]; /* 2x2, I + m' s / (1 - s m') */
+  double seconds, seen; /* time from mid-exposure of the Gaussian's pose, and of the camera's position for its colour */
+  double shear[4];      /* 2x2, I + m' s / (1 - s m') */
   bool held;
   double margin; /* relative distance to a different decision */
 } reference_line;
@@ -186,20 +183,20 @@ reference_line reference_find_line(const reference_part *part, int64_t i, const 
 #define REFERENCE_WIDENED 0.3
 #define REFERENCE_COMPENSATION_FLOOR 2.5e-5 /* floor of the ratio of determinants */
 
-/* What a lens draws: means up to an angle from the axis, and J at x/z and y/z within a range. */
+/* The limits of a lens: the largest angle of means from the axis, and the range of x/z and y/z for J. */
 typedef struct reference_lens {
   int is, clamps;
   double farthest, least[2], most[2];
-  double turn; /* px a turn; 0: the picture doesn't meet itself */
+  double turn; /* width of a full turn in px; 0: the picture has no seam */
 } reference_lens;
 
 reference_lens reference_lens_of(const pags_camera *camera);
 int reference_has_lens(const pags_camera *camera);
 void reference_lens_pixel(const pags_camera *camera, const double point[3], double pixel[2]);
 void reference_lens_jacobian(const pags_camera *camera, const double point[3], double jacobian[6]);
-/* The unit direction that the camera sees at (x, y), px; returns 0 if no direction is seen there. */
+/* Writes the unit direction that the camera sees at (x, y) px; returns 0 if it sees none there. */
 int reference_lens_ray(const pags_camera *camera, double x, double y, double direction[3]);
-/* The mean and the covariance on the picture by sigma points; axes: the columns R S in camera axes. */
+/* Writes mean and covariance on the picture by sigma points; axes: the columns R S in camera axes. */
 void reference_lens_sigma_points(const pags_camera *camera, const double mean[3], const double axes[9], double pixel[2],
                                  double covariance[3]);
 
@@ -220,7 +217,7 @@ reference_view reference_view_of(const reference_part *part, const pags_camera *
 typedef struct reference_projection {
   double sigma[3];
   double unit_quaternion[4];
-  double quaternion_length; /* 0: the identity was taken instead */
+  double quaternion_length; /* 0: the identity replaces it */
   double rotation[9];       /* R(q) */
   double slope[2];          /* x/z, y/z after the clamp */
   double jacobian[6];       /* 2x3 */
@@ -230,9 +227,9 @@ typedef struct reference_projection {
 reference_projection reference_project(const reference_part *part, int64_t i, const reference_view *view,
                                        const pags_camera *camera, reference_splat *splat);
 
-/* Unit direction and distance from the camera to a mean; (0, 0, 1) and 0 where they coincide. */
+/* Writes the unit direction from the camera to a mean and returns the distance; (0, 0, 1) and 0 if they coincide. */
 double reference_direction(const reference_part *part, int64_t i, const reference_view *view, double direction[3]);
-/* The 16 real SH of degree <= 3 in INRIA's order and signs, and their derivatives by x, y, z as free variables. */
+/* Writes the 16 real SH of degree <= 3 in INRIA's order and signs, and their derivatives by x, y and z. */
 void reference_sh(const double direction[3], double basis[16], double derivative[16][3]);
 int reference_sh_degree(const reference_part *part, const pags_frame_options *options);
 
@@ -244,7 +241,7 @@ typedef struct reference_sky_taps {
 } reference_sky_taps;
 
 reference_sky_taps reference_sky_look(const pags_sky *sky, const pags_camera *camera, int x, int y);
-/* The sky or background behind all Gaussians of a pixel; *margin is lowered to that of the choice of face. */
+/* Writes the sky or background behind all Gaussians of a pixel; lowers *margin to that of the choice of face. */
 void reference_behind(const pags_camera *camera, const pags_frame_options *options, int64_t pixel, double rgb[3],
                       double *margin);
 void reference_sky_colour(const pags_sky *sky, const reference_sky_taps *taps, double rgb[3]);

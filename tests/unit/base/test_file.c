@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading and writing files, folders and paths. */
+/* Tests reading and writing of files, folders and paths. */
 #include "base/file.h"
 
 #include <setjmp.h>

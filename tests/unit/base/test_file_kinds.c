@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writing to links, FIFOs, sockets and devices, as the caller and as another user. */
+/* Tests writing to links, FIFOs, sockets and devices, as the caller and as another user. */
 #define _XOPEN_SOURCE 700 /* for mknod */
 #include "base/file.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The JSON reader and writer. */
+/* Tests the JSON reader and writer. */
 #include "base/json.h"
 
 #include <locale.h>

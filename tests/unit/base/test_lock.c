@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Locks of folders and files: which processes are refused, when a lock ends, and which files remain. */
+/* Tests locks of folders and files: which processes are refused, when a lock ends, and which files remain. */
 #define _GNU_SOURCE /* for syscall */
 #include "base/lock.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Result codes and error messages. */
+/* Tests result codes and error messages. */
 #include <pags/base.h>
 
 #include <pthread.h>

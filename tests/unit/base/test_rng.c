@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The random number generator: known-answer vectors, moments, ranges. */
+/* Tests the random number generator: known values, moments and ranges. */
 #include "base/rng.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 
 #include <cmocka.h>
 
-/* The known-answer vectors that Random123 publishes for philox4x32 with 10 rounds. */
+/* Compares with the values that Random123 publishes for philox4x32 with 10 rounds. */
 static void known_answers(void **state) {
   (void)state;
   static const struct {

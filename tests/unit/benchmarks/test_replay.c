@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The record of a thread pool's work and the prediction of its time for other numbers of workers. Handmade records
- * have exactly known times; the record of real loops is checked for its contents. */
+/* Tests the record of a thread pool's work and the prediction of its time for other numbers of workers. Handmade
+ * records have exactly known times; the record of real loops is checked for its contents. */
 #include "benchmarks/threads/replay.h"
 
 #include <math.h>

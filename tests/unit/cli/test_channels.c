@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Normals computed from depth, and the colour map of priorities. */
+/* Tests normals computed from depth, and the colour map of priorities. */
 #include "cli/draw/picture.h"
 
 #include <math.h>

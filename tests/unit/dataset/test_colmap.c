@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* COLMAP models: text and binary files, every camera model, tracks, damaged files, and two pose sets of the real
- * data set fox compared with each other. */
+/* Tests COLMAP models: text and binary files, every camera model, tracks and damaged files. Compares two pose sets
+ * of the real data set fox. */
 #include <pags/dataset.h>
 
 #include "shared_data.h"
@@ -226,7 +226,7 @@ static void test_tracks(void **state) {
   assert_int_equal(points_of(s, "1 1 2 3 1 1 1 0\n2 4 5 6 1 1 1 0\n", &random), 2);
   assert_false(random);
   assert_int_equal(points_of(s, "1 1 2 3 1 1 1 0 77 0 78 0\n2 4 5 6 1 1 1 0\n", &random), 2);
-  /* 30 is held out. */
+  /* View 30 is held out. */
   assert_int_equal(points_of(s, "1 1 2 3 1 1 1 0 10 0\n2 4 5 6 1 1 1 0 20 0\n3 4 5 6 1 1 1 0 30 0\n", &random), 2);
   assert_int_equal(points_of(s, "1 1 2 3 1 1 1 0 10 0 20 0\n2 4 5 6 1 1 1 0 20 0\n3 4 5 6 1 1 1 0\n", &random), 2);
   /* A point without a finite position is left out, with its track. */

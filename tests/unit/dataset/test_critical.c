@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which pixels are critical: label sets, the option --critical, the precedence of the sources, and for PandaSet the
+/* Tests which pixels are critical: label sets, the option --critical, the order of sources, and for PandaSet the
  * union of semantic classes and dynamic masks. */
 #include <pags/dataset.h>
 
@@ -91,7 +91,8 @@ static void draw_box(const pags_dataset *dataset, const pags_view *view, int obj
 }
 
 typedef struct critical_case {
-  /* Files that are written: c semantic classes, d dynamic_masks/all, p dynamic_masks/vehicle and human. */
+  /* Letters of the files that are written: c semantic classes, d dynamic_masks/all, p dynamic_masks/vehicle and
+   * human. */
   const char *list, *files;
   int regions;
   const char *note;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Driving data sets: the conventions of every kind on a set with known truth, options, errors; scene 002 of
- * PandaSet. */
+/* Tests driving data sets: the conventions of every kind on a set with known truth, options and errors. Also reads
+ * scene 002 of PandaSet. */
 #include <pags/dataset.h>
 
 #include "dataset/internal.h"
@@ -108,8 +108,8 @@ static void every_kind_reads_the_same(void **state) {
     }
 }
 
-/* dataset.json may state every convention: once for the kind pags, which has no rules of its own, and once for other
- * kinds whose rules it overrides. */
+/* dataset.json may state every convention. The kind pags has no conventions, so all are stated; other kinds'
+ * conventions are overridden. */
 static void stated_keys_win(void **state) {
   (void)state;
   const tree_kind mixed = {"pags", 1, 1, 1, 1, 7, 2};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pixel labels of driving sets, from label pictures and from boxes; sky guessed from LiDAR; masks of the ego
+/* Tests pixel labels of driving sets, from label pictures and from boxes; sky guessed from LiDAR; masks of the ego
  * vehicle. */
 #include <pags/dataset.h>
 
@@ -61,7 +61,7 @@ static int label_at(const pags_photo *photo, int x, int y) {
   return photo->labels[y * photo->stride + x];
 }
 
-/* The label bits that the boxes give a pixel, drawn here from the boxes' outlines. */
+/* Returns the label bits that the boxes give a pixel, drawn from the boxes' outlines. */
 static int box_bits(const pags_dataset *dataset, const pags_view *view, int x, int y, const int bits[2]) {
   int sum = 0;
   for (int i = 0; i < 2; i++) {

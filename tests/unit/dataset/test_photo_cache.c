@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The cache of photographs: the pictures that it returns, its size limit, errors of background decodes, any number of
+/* Tests the cache of photographs: its pictures, its size limit, errors of background decodes, and any number of
  * threads. */
 #include <pags/dataset.h>
 
@@ -117,7 +117,7 @@ static void test_contents(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-/* Orders as a trainer announces them, with size limits from the smallest to plenty, and with one thread and more. */
+/* Requests photographs in a trainer's orders, with size limits from small to large, and with one thread and several. */
 static void test_budget(void **state) {
   fixture *f = *state;
   for (int threads = 1; threads <= 4; threads++)

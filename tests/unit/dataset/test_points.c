@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points triangulated by matching photographs: a textured plane whose depth is known, masks, and pictures without
- * texture. */
+/* Tests points triangulated by matching photographs: of a textured plane of known depth, with masks, and of pictures
+ * without texture. */
 #include <pags/dataset.h>
 
 #include "dataset/parsed.h"

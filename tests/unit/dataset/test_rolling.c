@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rolling shutters of a driving set's cameras: read-out direction and time, velocities, and camera files. */
+/* Tests rolling shutters of a driving set's cameras: read-out direction and time, velocities, and camera files. */
 #include <pags/object.h>
 
 #include "unit/driving_tree.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading transforms.json, and the checks on opening a data set that apply to every format. */
+/* Tests the reader of transforms.json, and the checks that apply to data sets of every format. */
 #include <pags/dataset.h>
 
 #include "base/log.h"

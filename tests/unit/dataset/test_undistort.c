@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lens models and undistortion, compared with the models' definitions, with analytic pictures, and with COLMAP's
- * picture size; which views keep their lens. */
+/* Tests lens models and undistortion against the models' definitions, analytic pictures, and COLMAP's picture size.
+ * Also tests which views keep their lens. */
 #include <pags/image.h>
 
 #include "dataset/driving/label_plane.h"

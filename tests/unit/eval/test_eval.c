@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* PSNR and SSIM against closed forms and a direct evaluation of their definitions. */
+/* Compares PSNR and SSIM with closed forms and with a direct evaluation of their definitions. */
 #include <pags/eval.h>
 
 #include <math.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LPIPS with both networks, compared with a direct evaluation in double with random weights and with the reference
+/* Compares LPIPS of both networks with a direct evaluation in double with random weights, and with the reference
  * distances of the shared test data. Damaged weights files are refused. */
 #include <pags/eval.h>
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Division into convex parts: an angle becomes two blocks, a ball stays one part, the parts of a ring cover it and
- * leave its hole free. */
+/* Tests the division of meshes into convex parts: an angle becomes two blocks, a ball stays one part, and the parts
+ * of a ring cover it and leave its hole free. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

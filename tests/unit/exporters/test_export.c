@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Exporters: meshes stay closed through every operation, size limits are kept, unusual scenes give boxes, and splat
- * files read back. */
+/* Tests exporters: meshes stay closed through every operation, size limits are kept, unusual scenes give boxes, and
+ * splat files can be read again. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ground's height map from the depths that a camera sees and from LiDAR points. */
+/* Tests the ground's height map, which is made from camera depths and LiDAR points. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LiDAR points on objects: which points belong to an object, and TSDF surfaces that are pulled to them. */
+/* Tests which LiDAR points belong to an object, and how TSDF surfaces are pulled to them. */
 #include <pags/scene.h>
 
 #include "exporters/proxy/lidar.h"

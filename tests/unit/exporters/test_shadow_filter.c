@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The filter that separates a vehicle from the shadow and the road below it: parts of a depth view that it removes,
- * and parts that it keeps. */
+/* Tests the filter that separates a vehicle from the shadow and the road below it: which parts of a depth view it
+ * removes, and which it keeps. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

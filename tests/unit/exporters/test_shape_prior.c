@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Completion of vehicle meshes by shape priors, which are blended from well-observed vehicles of similar size; the
- * completed meshes have no pits. */
+/* Tests the completion of vehicle meshes by shape priors, which are blended from well-observed vehicles of similar
+ * size. The completed meshes have no pits. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

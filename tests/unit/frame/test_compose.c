@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Composing a scene at a time: objects are drawn at the poses of their tracks and can be hidden, moved and added;
- * parked objects; colour that varies over time. */
+/* Tests the composition of a scene at a time: objects are drawn at the poses of their tracks and can be hidden,
+ * moved and added. Also tests parked objects and colour that varies over time. */
 #include <pags/compose.h>
 #include "frame_fixture.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rendering frames within a time budget: tests the controller with a simulated clock, and the effects of each
- * quality reduction. */
+/* Tests rendering within a time budget: the controller with a simulated clock, and the effects of each quality
+ * reduction. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

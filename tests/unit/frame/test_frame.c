@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A frame's forward and backward pass: the same bits for any number of threads, cluster size and order of rows; no
- * heap calls in steady state; the sky behind the Gaussians. */
+/* Tests a frame's forward and backward pass: the same bits for any number of threads, cluster size and order of
+ * rows; no heap calls in steady state; the sky behind the Gaussians. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Hard cases at which other programs fail, applied to a whole frame: for any input the results are finite. The
- * numbers (#2, #13, ...) are those of the cases in docs/lab/numerics.md. */
+/* Tests hard cases at which other programs fail on whole frames: for any input the results are finite. The numbers
+ * (#2, #13, ...) are those of the cases in docs/lab/numerics.md. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lenses: formulas, frames and gradients compared with the oracle, which computes them independently; the affine
- * projection compared with rays through the lens; culling. */
+/* Tests lenses: formulas, frames and gradients are compared with the oracle, which computes them independently, and
+ * the affine projection with rays through the lens. Also tests culling. */
 #include "unit/random_scene.h"
 #include "unit/scratch.h"
 

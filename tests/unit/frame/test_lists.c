@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The tiles' splat lists: the sort by depth key, and the lists of whole frames, read from the frame's internals.
- * Each list is sorted front to back by (bits of z, id). The entries of a splat have its key; for a backward pass they
- * are numbered 0, 1, 2, ... by rank without gaps. This holds for any depths, ids and number of threads. */
+/* Tests the tiles' splat lists: the sort by depth key, and the lists of whole frames, read from the frame's
+ * internals. Each list is sorted front to back by (bits of z, id). The entries of a splat have its key; for a backward
+ * pass they are numbered 0, 1, 2, ... by rank without gaps. This holds for any depths, ids and number of threads. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>

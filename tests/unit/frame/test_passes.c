@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cryptomattes, expected normals, motion vectors and counts of pairs, compared with sums over the contributions of
+/* Compares Cryptomattes, expected normals, motion vectors and counts of pairs with sums over the contributions of
  * the double-precision oracle. */
 #include <pags/passes.h>
 

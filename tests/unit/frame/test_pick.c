@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Picking: the nearest hit compared with a test of every Gaussian and with Embree, over rotated and packed parts;
- * the object that a hit reports. */
+/* Tests picking: the nearest hit is compared with a test of every Gaussian and with Embree, over rotated and packed
+ * parts. Also tests the object that a hit reports. */
 #include <pags/pick.h>
 
 #include <math.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rolling shutter: the engine's frame and gradients compared with the oracle; both compared with the definition, in
- * which each line is drawn as a separate picture at its read-out time. */
+/* Tests rolling shutters: the engine's frame and gradients are compared with the oracle. Both are compared with the
+ * definition, by which each line is drawn as a separate picture at its read-out time. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A frame drawn from the splats of several owners (engine/frame/splats.c): picture, gradients, scores and the sky's
- * gradient have the bits of one frame that draws all Gaussians. */
+/* Tests frames drawn from the splats of several owners (engine/frame/splats.c): picture, gradients, scores and the
+ * sky's gradient have the bits of one frame that draws all Gaussians. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Colour spaces of pictures: ICC profiles, code points and primaries, converted to sRGB. The expected colours are
- * published values of sRGB's primaries in other spaces. */
+/* Tests colour spaces of pictures: ICC profiles, code points and primaries, converted to sRGB. The expected colours
+ * are published values of sRGB's primaries in other spaces. */
 #include "image/colour.h"
 
 #include "base/file.h"

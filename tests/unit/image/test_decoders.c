@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The decoders of PNG, JPEG and EXR compared with OpenImageIO's. Both give the same size, samples and refusals for
+/* Compares the decoders of PNG, JPEG and EXR with OpenImageIO's. Both give the same size, samples and refusals for
  * generated files of every kind, whole, truncated and damaged, and for the test data's pictures. Skipped without
  * OpenImageIO. */
 #include <pags/image.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures: conversion, reading and writing files, refused files, shrinking, and decoding by several threads at
- * once. */
+/* Tests pictures: conversion, reading and writing files, refused files, shrinking, and decoding by several threads
+ * at once. */
 #include <pags/image.h>
 #include <pags/tasks.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Selection of the channels of an EXR file that are its picture, and the position of its windows. */
+/* Tests which channels of an EXR file are taken as its picture, and the position of its windows. */
 #include "image/layers.h"
 
 #include "unit/scratch.h"

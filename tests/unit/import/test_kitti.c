@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The KITTI importer: raw recordings written from a driving set give the same set; an import can be stopped and
- * resumed; bad input is refused. */
+/* Tests the KITTI importer: raw recordings written from a driving set give the same set; an import can be stopped
+ * and resumed; bad input is refused. */
 #include "unit/import_check.h"
 
 #include "base/json.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The readers of KITTI's files: the real samples of the shared test data, and damaged files. */
+/* Tests the readers of KITTI's files with the real samples of the shared test data and with damaged files. */
 #include "unit/scratch.h"
 
 #include <math.h>

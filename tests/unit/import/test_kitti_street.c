@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The synthetic street written as a raw recording of KITTI and imported: poses, boxes, points and pictures are the
+/* Writes the synthetic street as a raw recording of KITTI and imports it: poses, boxes, points and pictures are the
  * same. */
 #include <pags/synth.h>
 

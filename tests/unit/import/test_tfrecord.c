@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* TFRecord files: framing, both CRCs, damage in every part, and lengths that exceed the file. */
+/* Tests the reader of TFRecord files: framing, both CRCs, damage in every part, and lengths that exceed the file. */
 #include "unit/scratch.h"
 
 #include "base/bytes.h"

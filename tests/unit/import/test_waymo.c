@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Import of Waymo segments: the real frame of the shared test data, and a synthetic segment that gives the same data
- * set again. */
+/* Tests the import of Waymo segments: the real frame of the shared test data, and a synthetic segment that gives the
+ * same data set again. */
 #include "unit/scratch.h"
 
 #include <math.h>

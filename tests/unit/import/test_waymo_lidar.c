@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Conversion of Waymo's range images to points: directions computed by hand, and a synthetic world of a floor and a
- * round wall scanned from a moving car. */
+/* Tests the conversion of Waymo's range images to points, with directions computed by hand, and with a synthetic
+ * world of a floor and a round wall scanned from a moving car. */
 #include "unit/scratch.h"
 
 #include <math.h>

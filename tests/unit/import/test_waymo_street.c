@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The synthetic street written as a Waymo segment and imported: poses, boxes, points, masks and pictures are the
+/* Writes the synthetic street as a Waymo segment and imports it: poses, boxes, points, masks and pictures are the
  * same. */
 #include <pags/import.h>
 #include <pags/synth.h>
@@ -74,7 +74,7 @@ static void points_round_trip(void **state) {
     check_same_points(st->made, st->imported, t, 0.9, 1e-4);
 }
 
-/* Label ids for which Waymo has no class (wall, fence, terrain, train) come back as the nearest class. */
+/* Label ids for which Waymo has no class (wall, fence, terrain, train) become the nearest class. */
 static void labels_round_trip(void **state) {
   const street *st = *state;
   int64_t compared = 0;

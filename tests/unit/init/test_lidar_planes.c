@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Planes fitted to LiDAR points, and Gaussians that are pulled onto the planes. */
+/* Tests planes fitted to LiDAR points, and Gaussians that are pulled onto the planes. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The points that initialise a training of a driving scene: their positions, their colours, and which object they
- * belong to. */
+/* Tests the initial points of a driving scene's training: their positions, their colours, and the object to which
+ * they belong. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

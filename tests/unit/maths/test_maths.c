@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The compiled-in transcendental functions: errors compared with the system's long double functions, special values,
- * and a hash of many results, which is the same on every system. */
+/* Tests the compiled-in transcendental functions: errors compared with the system's long double functions, special
+ * values, and a hash of many results, which is the same on every system. */
 #include <float.h>
 #include <math.h>
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rigid motions, the check of cameras, camera and path files. */
+/* Tests rigid motions, the check of cameras, and camera and path files. */
 #include <pags/camera.h>
 
 #include <math.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which Gaussians pags_scene_filter leaves out by each of its limits. */
+/* Tests which Gaussians pags_scene_filter leaves out by each of its limits. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

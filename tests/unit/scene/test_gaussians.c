@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Arrays of Gaussians: memory, gathering, Morton order, rows that can't be drawn. */
+/* Tests arrays of Gaussians: memory, gathering, Morton order, and rows that can't be drawn. */
 #include <pags/gaussians.h>
 
 #include <math.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects: categories, classification of motion, poses between labelled keyframes, optimised pose increments. */
+/* Tests objects: categories, classification of motion, poses between labelled keyframes, and optimised pose
+ * increments. */
 #include <pags/object.h>
 
 #include <pags/camera.h>

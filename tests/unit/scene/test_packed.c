@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Packed Gaussians: the stated error of each attribute, the same picture from packed and from unpacked rows, files
+/* Tests packed Gaussians: the stated error of each attribute, equal pictures from packed and unpacked rows, files
  * and damaged files. */
 #include <math.h>
 #include <pags/compose.h>

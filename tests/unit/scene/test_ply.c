@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading and writing PLY files in the layout of the INRIA implementation of 3DGS. */
+/* Tests reading and writing of PLY files in the layout of INRIA's implementation of 3DGS. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scene folders, and splat files opened as scenes. */
+/* Tests scene folders, and splat files opened as scenes. */
 #include <pags/scene.h>
 
 #include <math.h>

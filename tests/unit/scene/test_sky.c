@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The sky's cube map: half precision, the file sky.npy, faces and directions. */
+/* Tests the sky's cube map: half precision, the file sky.npy, faces and directions. */
 #include <pags/sky.h>
 
 #include <math.h>

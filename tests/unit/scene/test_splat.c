@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading .splat files and PlayCanvas' compressed PLY. */
+/* Tests the readers of .splat files and of PlayCanvas' compressed PLY. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

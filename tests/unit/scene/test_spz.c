@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading the SPZ format, versions 2 to 4. */
+/* Tests the reader of SPZ files, versions 2 to 4. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Places for cameras in scenes without photographs, and the orbits made of them: objects are seen whole from
- * outside, rooms from within; no camera is in a wall. */
+/* Tests the places for cameras in scenes without photographs, and the orbits made of them: objects are seen whole
+ * from outside, rooms from within; no camera is in a wall. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* SOG, and glTF with KHR_gaussian_splatting: known bytes give known values, ignored and guessed parts are reported,
- * and invalid files are refused. */
+/* Tests SOG, and glTF with KHR_gaussian_splatting: known bytes give known values, ignored and guessed parts are
+ * reported, and invalid files are refused. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Faults of the synthetic street's cameras: each has the requested size in the pictures or in the data set's
+/* Tests faults of the synthetic street's cameras: each has the requested size in the pictures or in the data set's
  * statements and changes nothing else. The true values are in truth/. */
 #include <pags/camera.h>
 #include <pags/dataset.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pags_synth_town: number, position and size of Gaussians, and the same bytes for any number of threads. */
+/* Tests pags_synth_town: number, position and size of Gaussians, and the same bytes for any number of threads. */
 #include <math.h>
 #include <pags/scene.h>
 #include <pags/synth.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The arena allocator: alignment, marks, overflow, folding of its chunks into one, and no heap call in steady state. */
+/* Tests the arena allocator: alignment, marks, overflow, folding of its chunks into one, and no heap call in steady
+ * state. */
 #include <pags/tasks.h>
 
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Detection of processor and memory limits, from file trees laid out like Linux's /proc and /sys. */
+/* Tests the detection of processor and memory limits, from file trees laid out like Linux's /proc and /sys. */
 #include <pags/tasks.h>
 #include "threads/limits.h"
 
@@ -91,7 +91,7 @@ static void part_of_a_processor_counts_as_one(void **state) {
 static void version_1_finds_the_controller_among_others(void **state) {
   tree *t = *state;
   put(t, "proc/self/cgroup", "12:cpuset:/box\n5:cpu,cpuacct:/box/in\n4:memory:/box\n1:name=systemd:/box\n0::/box\n");
-  /* In another controller's folder, not the CPU controller's. */
+  /* This limit is in another controller's folder, so it doesn't count. */
   put(t, "sys/fs/cgroup/cpuset/cpu.cfs_quota_us", "100000\n");
   put(t, "sys/fs/cgroup/cpuset/cpu.cfs_period_us", "100000\n");
   put(t, "sys/fs/cgroup/cpu,cpuacct/box/cpu.cfs_quota_us", "400000\n");

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Parallel loops and background jobs: each index runs once, nested loops, cancellation, jobs during loops, and threads
- * of a host application. */
+/* Tests parallel loops and background jobs: each index runs once; nested loops, cancellation, jobs during loops, and
+ * threads of a host application. */
 #include <pags/tasks.h>
 
 #include <pthread.h>
@@ -295,7 +295,7 @@ static void a_loop_does_not_wait_for_a_running_job(void **state) {
   pags_job_submit(tasks, &w.job);
   while (!atomic_load(&begun))
     nanosleep(&(struct timespec){.tv_nsec = 10000}, NULL);
-  /* Would never return if a loop waited for the blocked job, whose gate opens only below. */
+  /* This call would never return if a loop waited for the blocked job, whose gate opens only below. */
   for (int i = 0; i < 100; i++)
     visit_all(tasks, 1000, 3);
   atomic_store(&gate, 1);

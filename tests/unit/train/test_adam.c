@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Deferred Adam against dense Adam in double precision, and the two properties that deferral relies on: the step at
+/* Compares deferred Adam with dense Adam in double precision. Deferral relies on two tested properties: the step at
  * which a cluster's outstanding updates are applied changes no bit, and the clusters' bounds hold until the next
  * update. */
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Corrections of camera poses (train/camera_poses.h): gradients compared with finite differences, fixed poses, poses
- * between two corrections, and recovery of wrong poses. */
+/* Tests corrections of camera poses (train/camera_poses.h): gradients compared with finite differences, fixed poses,
+ * poses between two corrections, and recovery of wrong poses. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checkpoints: the complete state of a run is restored, and damaged files are refused. */
+/* Tests checkpoints: the complete state of a run is restored, and damaged files are refused. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

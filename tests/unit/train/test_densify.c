@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Adaptive density control on hand-made rows: each rule of 3DGS, the bound on the count, and which optimiser moments
- * rows keep. */
+/* Tests adaptive density control on hand-made rows: each rule of 3DGS, the limit of the count, and which rows keep
+ * optimiser moments. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

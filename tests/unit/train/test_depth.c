@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sparse depth from LiDAR for the depth loss: samples lie at the right pixels, and points that the camera doesn't see
- * are left out. */
+/* Tests sparse depth from LiDAR for the depth loss: samples lie at the right pixels, and points that the camera
+ * doesn't see are left out. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Training of a driving scene, a small street with moving cars: the parts of the result, its bits, which follow only
- * from data, configuration and seed, and training without each part. */
+/* Tests training of a driving scene, a small street with moving cars: the parts of the result, and training without
+ * each part. Its bits follow only from data, configuration and seed. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

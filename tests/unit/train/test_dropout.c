@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Adaptive stochastic dropout: the distribution of its draws, and the mean picture over draws, which is the full
- * picture if blending has no limits (alpha cap and threshold, early stop). The bias caused by the limits is printed;
- * docs/lab/dropout.md quotes it. */
+/* Tests adaptive stochastic dropout: the distribution of its draws, and the mean picture over draws. The mean is the
+ * full picture if blending has no limits (alpha cap and threshold, early stop). The bias caused by the limits is
+ * printed; docs/lab/dropout.md quotes it. */
 #include "reference/reference_scene.h"
 
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fits of a camera's pose to the left half of a photograph (train/fit_pose.c): a wrong pose is found, a right one
- * stays, and the right half isn't used. */
+/* Tests fits of a camera's pose to the left half of a photograph (train/fit_pose.c): a wrong pose is found, a right
+ * one stays, and the right half isn't used. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>

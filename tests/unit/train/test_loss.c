@@ -310,7 +310,7 @@ static void test_exposure(void **state) {
   assert_int_equal(evaluate(&p, tasks, 0.2, &written), PAGS_OK);
   assert_near(exposed.loss, written.loss, 1e-6); /* in flat parts the variance is rounding noise only */
   for (int64_t i = 0; i < count; i++) {
-    /* The L1 gradient of a pixel is 8e-5. */
+    /* The L1 gradient of a pixel is 8e-5, which sets the tolerance. */
     assert_near(gradient[i], value[i / plane] * (double)p.gradient[i], 1e-7);
     if (p.gradient[i] != 0.0f)
       by[i / plane] += (double)p.gradient[i] * (double)picture[i];
@@ -369,7 +369,7 @@ static void test_threads(void **state) {
   free_pair(&p);
 }
 
-/* Values of the prediction under the mask or in the padding change nothing. */
+/* Values of the prediction below the mask or in the padding have no influence. */
 static void test_unseen_pixels(void **state) {
   (void)state;
   pair p = make_pair(90, 60, 4, 1);

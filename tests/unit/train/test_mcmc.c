@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The MCMC densification policy: relocation preserves the opacity along a ray, the regularisers' gradients match
- * finite differences, and the noise has the Gaussian's covariance. */
+/* Tests the MCMC densification policy: relocation preserves the opacity along a ray, the regularisers' gradients
+ * match finite differences, and the noise has the Gaussian's covariance. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

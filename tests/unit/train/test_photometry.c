@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Vignettes and response curves (train/photometry.h): gradients compared with finite differences, fixed values, and
- * recovery of the curves of three cameras. */
+/* Tests vignettes and response curves (train/photometry.h): gradients compared with finite differences, fixed
+ * values, and recovery of the curves of three cameras. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Optimised poses of objects and exposures of views: their gradients, their updates, and which parameters stay
+/* Tests optimised poses of objects and exposures of views: their gradients, their updates, and which parameters stay
  * fixed. */
 #include <setjmp.h>
 #include <stdarg.h>

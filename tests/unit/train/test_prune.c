@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pruning by score: steps, number and choice of rows, and the moments and priorities of the remaining rows. */
+/* Tests pruning by score: steps, number and choice of rows, and the moments and priorities of the remaining rows. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

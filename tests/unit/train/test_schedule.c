@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The training schedule and configuration: the values of 3DGS at 30 000 steps, their scaling to other lengths, and
- * the configuration as text, written and read. */
+/* Tests the training schedule and configuration: the values of 3DGS at 30 000 steps, their scaling to other lengths,
+ * and reading and writing the configuration as text. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The scores by which pruning ranks Gaussians, computed by a frame: compared with the double-precision oracle, which
- * is compared with finite differences; and the semantic score S_sem written to a run's rows. */
+/* Tests the scores by which pruning ranks Gaussians. A frame computes them; they are compared with the
+ * double-precision oracle, and the oracle with finite differences. Also tests the semantic score S_sem in a run's
+ * rows. */
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lowering of SH degrees per Gaussian: colours stay within the stated error in every direction from which a view sees
- * the Gaussian, and no degree is higher than needed. */
+/* Tests the lowering of SH degrees per Gaussian: colours stay within the stated error in every direction from which
+ * a view sees the Gaussian, and no degree is higher than needed. */
 #include "reference/reference_scene.h"
 
 #include <setjmp.h>

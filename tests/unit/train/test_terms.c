@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The loss terms of driving scenes (sky, objects, depth): hand-computed values, gradients against finite differences
- * of the same formulas in double, and the same bits for any number of threads. */
+/* Tests the loss terms of driving scenes (sky, objects, depth): values computed by hand, gradients compared with
+ * finite differences of the same formulas in double, and the same bits for any number of threads. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdlib.h>

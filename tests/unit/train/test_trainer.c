@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Whole training runs on a small scene: what they learn, and their bits, which depend only on data, configuration
- * and seed. */
+/* Tests whole training runs on a small scene: what they learn, and their bits, which depend only on data,
+ * configuration and seed. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -635,7 +635,7 @@ static void target_size_limits_the_count(void **unused) {
     print_message("%g MB: %lld Gaussians, %llu bytes\n", config.size_limit.target_size, (long long)result.gaussians,
                   (unsigned long long)bytes);
     assert_true((double)bytes <= config.size_limit.target_size * 1e6);
-    /* The reserve by which scene.json may still grow. */
+    /* scene.json may still grow by this reserve. */
     assert_true((double)bytes >= config.size_limit.target_size * 1e6 - 14000.0);
   }
   config.size_limit.target_size = 0.001;
