@@ -64,8 +64,8 @@ class Program:
         return self.texts[arguments]
 
     def spell(self, verb, flag, value):
-        """The arguments for `flag value` in the form that this program takes; True as a value means a switch. An option that train no
-        longer has becomes --set of its field."""
+        """Returns the arguments for `flag value` in this program's form; the value True means a switch. An option that
+        train no longer has becomes --set of its field."""
         if flag == "--preset" and value in ("plain", "default") and "|plain" not in self.text("train", "--help"):
             if value == "plain":  # defaults of this program
                 return []
@@ -107,7 +107,7 @@ class Row:
     def __init__(self, name, *commands, needs=(), quick=False, events=(), reference=None):
         self.name, self.commands, self.quick, self.events = name, commands, quick, events
         self.needs = list(needs)  # files or folders that must exist below {data}
-        self.reference = reference or name  # the row with whose reference output this row is compared
+        self.reference = reference or name  # this row is compared with the reference output of that row
         self.slug = re.sub(r"[^a-z0-9]+", "-", name.lower())
 
     def rows_used(self):
@@ -824,8 +824,8 @@ class Bench:
                 )
 
     def reference_folder(self, row):
-        """The folder of the reference's output of a row, which is run if that hasn't been done. Several instances of this script may ask at
-        the same time."""
+        """Returns the folder with the reference's output of a row; runs the row first if needed. Several instances of
+        this script may do so at the same time."""
         folder = self.reference.store / row.slug
         folder.parent.mkdir(parents=True, exist_ok=True)
         mark = folder.with_suffix(".done")

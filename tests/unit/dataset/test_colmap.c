@@ -300,7 +300,7 @@ static void make_binary(buffer *cameras, buffer *images, buffer *points) {
   memset(points, 0, sizeof *points);
   put_u64(cameras, 1);
   put_u32(cameras, 4);
-  put_u32(cameras, 1); /* PINHOLE */
+  put_u32(cameras, 1); /* the model PINHOLE */
   put_u64(cameras, 8);
   put_u64(cameras, 6);
   put_doubles(cameras, 4, 10.0, 11.0, 4.0, 3.0);

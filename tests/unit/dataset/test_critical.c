@@ -50,7 +50,7 @@ enum { LEFT = 1, MIDDLE = 2, RIGHT = 4, TOP = 8, PEDESTRIAN_BOX = 16, CAR_BOX = 
 
 static uint8_t classes(int x, int y) {
   (void)y;
-  return x < 4 ? 13 : x < 8 ? 11 : x < 12 ? 0 : 255; /* car, person, road, unknown */
+  return x < 4 ? 13 : x < 8 ? 11 : x < 12 ? 0 : 255; /* from left to right: car, person, road, unknown */
 }
 
 static uint8_t white_right(int x, int y) {

@@ -54,7 +54,11 @@ static uint8_t white_low(int x, int y) {
 }
 
 static uint8_t classes(int x, int y) {
-  return y < 4 ? 10 : x < 5 ? 13 : x < 10 ? 11 : x < 15 ? 19 : 0; /* sky, car, person, unknown, road */
+  return y < 4    ? 10
+         : x < 5  ? 13
+         : x < 10 ? 11
+         : x < 15 ? 19
+                  : 0; /* sky above; below from left: car, person, unknown, road */
 }
 
 static int label_at(const pags_photo *photo, int x, int y) {
@@ -286,7 +290,7 @@ static void sky_is_guessed_from_the_lidar(void **state) {
   with_photo(dataset, 0, 1, copy_photo, &photo);
   for (int y = 0; y < photo.height; y++) {
     int bits = label_at(&photo, 24, y) & (PAGS_LABEL_SKY | PAGS_LABEL_SKY_UNKNOWN);
-    if (abs(y - 15) > 4) /* the horizon */
+    if (abs(y - 15) > 4) /* not at the horizon */
       assert_int_equal(bits, y < 15 ? PAGS_LABEL_SKY_UNKNOWN : 0);
   }
   drop_photo(&photo);

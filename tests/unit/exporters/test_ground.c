@@ -91,7 +91,7 @@ static void gaps_between_rings_are_bridged(void **state) {
   measure(&lidar, -3, 3, -3, 3, 0);
   measure(&lidar, -3, 3, 4, 5, -0.12); /* beyond a gap the road lies lower */
   measure(&lidar, -3, 3, 6, 7, -0.2);  /* the road continues at about this height */
-  measure(&lidar, -3, 3, -5, -4, 0.8); /* a table */
+  measure(&lidar, -3, 3, -5, -4, 0.8); /* a table, which isn't ground */
   find(&lidar, &ground);
   assert_true(fabs(height(&ground, 0, 1)) < 0.005);
   assert_true(fabs(height(&ground, 0, 4.5) + 0.12) < 0.01);

@@ -59,10 +59,10 @@ static int level(const double size[3], double along, double across, double heigh
 static void test_dark_under_the_sill_is_air(void **state) {
   (void)state;
   assert_true(upright(car, 0, -0.9, 0.15, 30));    /* the dark gap between front and rear wheels */
-  assert_true(upright(car, 2, -0.9, 0.15, 30));    /* behind the rear wheels */
+  assert_true(upright(car, 2, -0.9, 0.15, 30));    /* shadow behind the rear wheels */
   assert_false(upright(car, 1.3, -0.9, 0.15, 30)); /* a wheel must stay */
   assert_true(upright(car, 1.3, -0.3, 0.15, 30));  /* between the left and the right wheel */
-  assert_false(upright(car, 0, -0.9, 0.35, 30));   /* the body */
+  assert_false(upright(car, 0, -0.9, 0.35, 30));   /* the body stays */
   assert_false(upright(car, 0, -0.9, 0.15, 120));  /* bright: painted bodywork */
   assert_false(upright(lorry, 0, -0.9, 0.15, 30)); /* a lorry's wheels may be anywhere along it */
 }
@@ -73,7 +73,7 @@ static void test_level_ground_is_no_part(void **state) {
   assert_false(level(car, 0, 0, 0.2, 120));   /* too high above the road */
   assert_true(level(car, 0, 0.95, 0.2, 120)); /* a footway next to the car */
   assert_false(level(car, 0, 0.95, 0.4, 120));
-  assert_false(upright(car, 0, -0.95, 0.2, 120)); /* the car's side */
+  assert_false(upright(car, 0, -0.95, 0.2, 120)); /* the car's side stays */
 }
 
 /* A pixel whose neighbours have no depth has no known slope: then only half the height of level ground is cleared. */

@@ -265,7 +265,7 @@ static void test_wheels_stand_on_the_ground(void **state) {
   /* Filled to a wheel's width, although the space was observed as free. */
   assert_true(below_wheel(0.6, 1, 0, 0.12, 0.06) < 0);
   assert_true(below_wheel(0.6, 1, 0, 0.2, 0.06) > 0);
-  assert_true(below_wheel(0.6, 0, 0, 0.06, 0.02) > 0); /* not a vehicle */
+  assert_true(below_wheel(0.6, 0, 0, 0.06, 0.02) > 0); /* other objects get no wheels */
   assert_true(below_wheel(0.2, 1, 0, 0.06, 0.02) > 0);
   assert_true(below_wheel(1, 1, 0, 0.06, 0.02) > 0); /* too long for a wheel: a side skirt */
   /* In the middle of the vehicle, where no wheels are. */

@@ -25,7 +25,7 @@ static void put_gaussian(pags_gaussians *g, int64_t row, double x, double y, dou
   const double mean[3] = {x, y, z};
   for (int k = 0; k < 3; k++) {
     pags_plane(g, PAGS_MEAN + k)[row] = (float)mean[k];
-    pags_plane(g, PAGS_SCALE + k)[row] = -2.3f; /* ln of 0.1 m */
+    pags_plane(g, PAGS_SCALE + k)[row] = -2.3f; /* ln 0.1, for a sigma of 0.1 m */
     pags_plane(g, PAGS_SH + k)[row] = k == channel ? 1.7f : -1.7f;
   }
   pags_plane(g, PAGS_ROTATION)[row] = 1;

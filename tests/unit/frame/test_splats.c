@@ -271,11 +271,11 @@ static void scene_create(scene_of_two *s, uint64_t seed) {
     for (int k = 0; k < 3; k++)
       *fixture_at(&s->second, PAGS_MEAN + k, i) = *fixture_at(&s->first, PAGS_MEAN + k, 7 * i);
   s->second.part.first_id = FIRST;
-  for (int64_t i = 400; i < 440; i++) /* behind the camera */
+  for (int64_t i = 400; i < 440; i++) /* rows behind the camera */
     for (int k = 0; k < 3; k++)
       *fixture_at(&s->first, PAGS_MEAN + k, i) =
           2 * s->first.camera.world_from_camera[4 * k + 3] - *fixture_at(&s->first, PAGS_MEAN + k, i);
-  *fixture_at(&s->first, PAGS_ROTATION, 5) = 1e30; /* its gradient isn't finite */
+  *fixture_at(&s->first, PAGS_ROTATION, 5) = 1e30; /* a row whose gradient isn't finite */
   const reference_part parts[2] = {s->first.part, s->second.part};
   s->scene = frame_scene_create(parts, 2, SIZE, 0);
   s->sky = reference_random_sky(&s->first.random, SKY);

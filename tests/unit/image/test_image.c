@@ -255,8 +255,8 @@ static void test_orientation_of_jpeg(void **state) {
     const uint8_t little[26] = {'I', 'I', 42, 0, 8, 0, 0, 0, 1, 0, 0x12, 1, 3, 0, 1, 0, 0, 0, 6, 0};
     const uint8_t big[26] = {'M', 'M', 0, 42, 0, 0, 0, 8, 0, 1, 1, 0x12, 0, 3, 0, 0, 0, 1, 0, 8};
     memcpy(exif + 10, kind == 1 ? big : little, 26);
-    exif[28] = kind == 2 ? 9 : exif[28];    /* no orientation */
-    exif[14] = kind == 3 ? 0xff : exif[14]; /* the directory lies outside */
+    exif[28] = kind == 2 ? 9 : exif[28];    /* 9 is no orientation */
+    exif[14] = kind == 3 ? 0xff : exif[14]; /* the directory lies outside of the segment */
     uint8_t *turned = malloc(size + sizeof exif);
     memcpy(turned, plain, 2);
     memcpy(turned + 2, exif, sizeof exif);

@@ -485,7 +485,7 @@ static void tracklets_parse(void **state) {
 static void bad_tracklets_are_refused_with_their_line(void **state) {
   static const struct {
     const char *text, *part;
-  } cases[] = {{XML_HEAD XML_BODY "<poses>" POSE "</poses>", ":8: "}, /* the document ends early */
+  } cases[] = {{XML_HEAD XML_BODY "<poses>" POSE "</poses>", ":8: "}, /* a document that ends early */
                {XML_HEAD XML_BODY XML_TAIL, ":8: expected objectType h w l first_frame poses"},
                {XML_HEAD XML_BODY "<poses><item><tx>1</tx></item></poses>" XML_TAIL, ":8: expected tx ty tz rx ry rz"},
                {XML_HEAD "<h>1500</h>" XML_TAIL, ":7: expected a size below 100 m in <h> of tracklet 0"},

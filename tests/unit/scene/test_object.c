@@ -158,12 +158,12 @@ static void pedestrians_in_short_clips_move(void **state) {
   assert_true(walks(PAGS_CATEGORY_PEDESTRIAN, 1.4, 12, 0.05));
   assert_true(walks(PAGS_CATEGORY_CYCLIST, 0.81, 6, 0));
   assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 0.79, 6, 0));
-  assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 0.9, 21, 0));    /* 0.45 m/s */
+  assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 0.9, 21, 0));    /* too slow: 0.45 m/s */
   assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 1.4, 12, 0.45)); /* labels with jitter */
   assert_false(walks(PAGS_CATEGORY_PEDESTRIAN, 0.9, 2, 0));     /* only two labels */
   assert_true(walks(PAGS_CATEGORY_VEHICLE, 1.25, 12, 0));
   assert_false(walks(PAGS_CATEGORY_VEHICLE, 1.15, 12, 0));
-  assert_false(walks(PAGS_CATEGORY_VEHICLE, 1.5, 17, 0)); /* 0.94 m/s: the label drifts */
+  assert_false(walks(PAGS_CATEGORY_VEHICLE, 1.5, 17, 0)); /* too slow: 0.94 m/s may be drift of the label */
   assert_false(walks(PAGS_CATEGORY_OTHER, 1.5, 12, 0));
 }
 

@@ -74,7 +74,7 @@ static void extras_follow_the_standard_properties(void **state) {
   assert_int_equal(pags_gaussians_add_s_sem(&g), PAGS_OK);
   assert_int_equal(pags_gaussians_add_object_id(&g), PAGS_OK);
   g.s_sem[3] = 0.75f;
-  g.object_id[4] = 16777217; /* an integer that float can't represent */
+  g.object_id[4] = 16777217; /* 2^24 + 1, which float can't represent */
   assert_int_equal(pags_ply_save(scratch("e.ply"), &g), PAGS_OK);
   load(scratch("e.ply"), &back);
   assert_same(&g, &back);

@@ -134,7 +134,7 @@ static void test_files(void **state) {
       }
   pags_camera_path path = {0};
   assert_int_equal(pags_camera_path_load(file_of("street", "truth/shift/right2/path.json"), &path), PAGS_OK);
-  assert_int_equal(path.count, 1); /* one camera: that of frame 4 */
+  assert_int_equal(path.count, 1); /* only the camera of frame 4 */
   const pags_camera front = read_camera("street", 4, 0);
   double aside[3], to[12];
   pags_rigid_inverse(front.world_from_camera, to);

@@ -113,14 +113,14 @@ static void damaged_files_are_refused(void **unused) {
   make(&a);
   assert_int_equal(pags_checkpoint_save(path, NULL, false, &a, 1), PAGS_OK);
   assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
-  for (size_t at = 0; at < size; at += 1 + size / 97) { /* one bit wrong */
+  for (size_t at = 0; at < size; at += 1 + size / 97) { /* one bit is changed */
     bytes[at] ^= 0x10;
     assert_int_equal(pags_file_write(path, bytes, size), PAGS_OK);
     assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_ERROR_FORMAT);
     assert_non_null(strstr(pags_error_message(), path));
     bytes[at] ^= 0x10;
   }
-  for (size_t cut = 0; cut < size; cut += 1 + size / 41) { /* cut off */
+  for (size_t cut = 0; cut < size; cut += 1 + size / 41) { /* the file is truncated */
     assert_int_equal(pags_file_write(path, bytes, cut), PAGS_OK);
     assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_ERROR_FORMAT);
   }

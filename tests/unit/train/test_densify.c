@@ -70,11 +70,11 @@ static void each_densification_rule_applies(void **unused) {
   pags_edits e;
   begin(&f, plain_config());
   f.state.step = 3100; /* after the first opacity reset large rows are pruned */
-  pull(&f, 1, 3e-4f);  /* small, gradient above the threshold */
+  pull(&f, 1, 3e-4f);  /* a small row, gradient above the threshold */
   /* This row is larger than 1 % of the extent, and its gradient is above the threshold. */
   pull(&f, 2, 3e-4f), set_sigma(&f, 2, 0.2f);
   pull(&f, 3, 1.9e-4f);                                    /* gradient below the threshold */
-  pags_plane(&f.state.gaussians, PAGS_OPACITY)[4] = -6.0f; /* opacity 0.0025 */
+  pags_plane(&f.state.gaussians, PAGS_OPACITY)[4] = -6.0f; /* an opacity of 0.0025 */
   pull(&f, 5, 3e-4f), pags_plane(&f.state.gaussians, PAGS_OPACITY)[5] = -6.0f;
   set_sigma(&f, 6, 1.1f);                     /* larger than 10 % of the extent */
   pull(&f, 7, 3e-4f), set_sigma(&f, 7, 1.5f); /* larger than 10 %, but its split children would not be */

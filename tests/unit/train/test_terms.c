@@ -229,12 +229,12 @@ static void test_depth_by_hand(void **state) {
       /* At half size in pixel (10, 5): rendered 2 m too near. */
       {20.9f, 10.1f, 12.0f}, {22.0f, 10.0f, 9.0f},                         /* pixel (11, 5): rendered 1 m too far */
       {24.0f, 10.0f, 40.0f},                                               /* the largest error, which is trimmed */
-      {14.5f, 6.5f, 11.0f},                                                /* too transparent */
-      {16.5f, 8.5f, 11.0f},                                                /* masked */
-      {-0.1f, 5.0f, 1.0f},   {202.0f, 5.0f, 1.0f}, {5.0f, 74.0f, 1.0f},    /* outside of the picture */
-      {NAN, 5.0f, 1.0f},     {5.0f, 1e30f, 1.0f},  {5.0f, 5.0f, INFINITY}, /* not finite */
+      {14.5f, 6.5f, 11.0f},                                                /* a pixel that is too transparent */
+      {16.5f, 8.5f, 11.0f},                                                /* a masked pixel */
+      {-0.1f, 5.0f, 1.0f},   {202.0f, 5.0f, 1.0f}, {5.0f, 74.0f, 1.0f},    /* points outside of the picture */
+      {NAN, 5.0f, 1.0f},     {5.0f, 1e30f, 1.0f},  {5.0f, 5.0f, INFINITY}, /* values that aren't finite */
       {20.0f, 11.0f, 9.5f},  /* pixel (10, 5) again: rendered half a metre too far */
-      {26.0f, 10.0f, 10.0f}, /* no error */
+      {26.0f, 10.0f, 10.0f}, /* a sample without error */
   };
   /* The smallest 4 of 5 errors are kept. */
   const double value = run_depth(f, samples, (int64_t)(sizeof samples / sizeof *samples), 2, 0.8);
@@ -274,7 +274,7 @@ static void test_depth_differences(void **state) {
   memset(f->by_transmittance, 0, sizeof f->by_transmittance);
   pags_lidar_depth_sample samples[SAMPLES];
   for (int k = 0; k < SAMPLES; k++) {
-    const int at = k * 9; /* each pixel at most once */
+    const int at = k * 9; /* distinct pixels */
     samples[k] =
         (pags_lidar_depth_sample){(float)(at % WIDTH) + 0.5f, (float)(at / WIDTH) + 0.25f, (float)uniform(1, 60)};
   }

@@ -409,7 +409,7 @@ static void shorter_lists_are_reproducible(void **unused) {
   pags_train_config config = small_config();
   config.picture.alpha_min = 4.0 / 255;
   config.density.scale_reset = 0.6;
-  config.schedule.iterations = 400; /* long enough for a reset */
+  config.schedule.iterations = 400; /* enough steps for a reset */
   check_reproducible(&config, (const char *const[]){"short1", "short2", "short3"});
   assert_int_equal(pags_scene_load(in_root("short1"), &scene), PAGS_OK);
   assert_true(scene.models[0].gaussians.alpha_min == (float)(4.0 / 255));
