@@ -308,7 +308,7 @@ typedef struct pags_opacity_row {
   float scale;
 } pags_opacity_row;
 
-/* A row of pixels through a camera's vignette and response curve (light.c). */
+/* A row of pixels through a camera's vignette and response curve (photometric.c). */
 enum { PAGS_LIGHT_BENDS = 6 };
 typedef struct pags_light_row {
   int width;                     /* planes are readable and writable up to the next multiple of 16 pixels */
@@ -418,7 +418,7 @@ typedef struct pags_kernels {
   double (*opacity_row)(const pags_opacity_row *in);
 
   /* Vignetting and camera response over a row of pixels, and the gradient by the four numbers of the vignette and by
-   * the logarithm of the slope of each piece of the curve divided by the piece's rise (light.c). */
+   * the logarithm of the slope of each piece of the curve divided by the piece's rise (photometric.c). */
   void (*light_row)(const pags_light_row *in);
   void (*light_back)(const pags_light_row *in, double by_vignette[4], double by_rises[PAGS_LIGHT_BENDS]);
 

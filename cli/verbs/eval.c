@@ -208,8 +208,8 @@ static bool wanted(const eval_arguments *arguments, int test) {
   return arguments->split == 0 || (arguments->split == 2) == (test != 0);
 }
 
-/* Whether view `number` of `count` is among the --views evenly spread ones: those where number * views / count
- * changes. */
+/* Whether view `number` of `count` is among the --views evenly spread ones: those at which the integer number * views /
+ * count increases. */
 static bool chosen(const eval_arguments *arguments, int64_t number, int64_t count) {
   return arguments->views == 0 || arguments->views >= count || number == 0 ||
          number * arguments->views / count != (number - 1) * arguments->views / count;

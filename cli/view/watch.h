@@ -28,7 +28,7 @@ pags_result pags_watch_create(const pags_watch_settings *settings, pags_watch **
 const char *pags_watch_url(const pags_watch *watch);
 
 /* Call on the training thread between two steps: renders at most one picture and handles requests for checkpoints.
- * Returns false if a page has requested to stop. */
+ * Returns false if a page has asked the run to stop. */
 bool pags_watch_step(pags_watch *watch, const pags_train_progress *progress);
 
 /* Tells the pages how the run ended, waits at most three seconds for them, and frees everything. NULL is allowed. */

@@ -12,7 +12,7 @@
 #define PAGS_MPI_VERSION 1
 #define PAGS_MPI_SYMBOL "pags_mpi_table"
 
-/* A message under way: MPI_Request, which is a pointer or an int. */
+/* A message under way: Holds an MPI_Request: a pointer or an int, depending on the MPI. */
 typedef union pags_mpi_request {
   void *pointer;
   int number;

@@ -36,8 +36,8 @@ typedef struct pags_spread_order {
   int64_t first, count; /* the positions [first, first + count) */
   pags_key *keys;       /* [count] */
   int64_t own;          /* items that this rank had */
-  /* The way there: own items by index in the order in which they are sent, counts for each rank; and for each position
-   * its place among what arrives. */
+  /* sent: indices of this rank's items in sending order, by receiving rank; arrived: for each position of the final
+   * order, the index of its item in the receive buffer. Below, their numbers per rank. */
   uint32_t *sent, *arrived;
   int64_t *sent_items, *arrived_items; /* [ranks] */
 } pags_spread_order;

@@ -139,7 +139,7 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
     motion_bound(v->scan, centre, half, moved, speed);
   for (int a = 0; a < 3; a++) {
     const spread s = row_spread(v->r + 3 * a, v->t[a], moved[a], centre, half);
-    /* Six roundings of 2^-24 each, here and in the kernel, on terms of at most `size`. */
+    /* Error bound: six roundings, each of relative error 2^-24, here and in the kernel, on terms of at most `size`. */
     const float slack = 4e-6f * s.size + 1e-20f;
     lo[a] = s.middle - s.reach - slack;
     hi[a] = s.middle + s.reach + slack;

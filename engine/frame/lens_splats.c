@@ -178,8 +178,8 @@ int pags_frame_project_lens(const pags_frame *f, const view_cluster *c, const fl
 
 /* ---- Backward ---- */
 
-/* Adds up the row's slots, in single precision as gather_slots of simd/project_backward.c and add_slots of splats.c
- * do, so that sums that another frame has taken have the same bits; the splat is drawn. */
+/* Adds up the row's slots, in single precision as gather_slots of simd/project_backward.c and add_slots of
+ * shared_splats.c do, so that sums that another frame has taken have the same bits; the splat is drawn. */
 static void add_slots(const pags_splat *splat, const float *slots, double sums[PAGS_SLOT_FLOATS]) {
   const double ln2 = 0.69314718055994531;
   for (int f = 0; f < PAGS_SLOT_FLOATS; f++) {

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A cluster's projected members, as the second half of a backward pass or of scores reads them. A frame that draws has
- * their splats. An owner (splats.h), whose splats were sent away, has one byte per Gaussian: whether it was drawn, and
- * which colours were clamped. With a rolling shutter the positions are needed too; the same kernel projects them again.
+ * their splats. An owner (shared_splats.h), whose splats were sent away, has one byte per Gaussian: whether it was
+ * drawn, and which colours were clamped. With a rolling shutter the positions are needed too; the same kernel projects
+ * them again.
  */
 #ifndef PAGS_FRAME_MEMBERS_H
 #define PAGS_FRAME_MEMBERS_H

@@ -10,7 +10,7 @@
 #include "simd/kernels.h"
 
 #include "base/clock.h"
-#include "frame/splats.h"
+#include "frame/shared_splats.h"
 #include "scene/packed_rows.h"
 #include "threads/record.h"
 
@@ -98,8 +98,8 @@ struct pags_frame {
   pags_splat *splats;   /* dense_count */
   uint32_t *keys;       /* dense_count sort keys: the bits of z; UINT32_MAX where the Gaussian isn't drawn */
   pags_tile_box *boxes; /* dense_count; set for Gaussians that are drawn */
-  /* dense_count: the boxes' extents, kept for another frame (splats.c), for which each splat has one slot instead of
-   * one per tile; NULL: not wanted */
+  /* dense_count: the boxes' extents, kept for another frame (shared_splats.c), for which each splat has one slot
+   * instead of one per tile; NULL: not wanted */
   float (*extents)[2];
   uint32_t *drawn; /* drawn_count dense indices of the Gaussians that are drawn, about in memory order */
   int64_t drawn_count;
@@ -117,8 +117,8 @@ struct pags_frame {
   bool guessed;             /* `hiding` has been set */
   double hiding; /* fraction hidden in the last Early-Z frame: of Gaussians (slabs) or of list entries (at once) */
   int64_t *slot_start; /* dense_count + 1: each splat's first gradient slot; if keep_for_backward */
-  /* In an owner whose splats have been taken (splats.c), in place of splats, keys, boxes and slot_start: flags of the
-   * dense_count members (members.h), and each cluster's first slot, cluster_count + 1; else NULL. */
+  /* In an owner whose splats have been taken (shared_splats.c), in place of splats, keys, boxes and slot_start: flags
+   * of the dense_count members (members.h), and each cluster's first slot, cluster_count + 1; else NULL. */
   uint8_t *member_flags;
   int64_t *cluster_slots;
 

@@ -376,7 +376,7 @@ static pags_result count_frames(pags_kitti_tree *tree) {
   return PAGS_OK;
 }
 
-/* Reports why there is no LiDAR; sweeps in another form than KITTI's are an error. */
+/* Reports why there is no LiDAR; sweeps in a form other than KITTI's are an error. */
 static pags_result explain_no_sweeps(pags_kitti_tree *tree) {
   const char *velodyne = tree->raw ? "velodyne_points" : "velodyne";
   PAGS_AUTOFREE char *all = pags_path_join(tree->root, velodyne);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Drawing by several ranks (cluster/transport.h). Each rank owns a share of the Gaussians; the views of a round, at
  * most one a rank, are drawn one by each: rank r draws view r. The owners project their Gaussians for every view and
- * send the splats to the rank that draws it, which sends back the sums of each splat (frame/splats.h). */
+ * send the splats to the rank that draws it, which sends back the sums of each splat (frame/shared_splats.h). */
 #ifndef PAGS_TRAIN_SHARED_VIEWS_H
 #define PAGS_TRAIN_SHARED_VIEWS_H
 
@@ -9,7 +9,7 @@
 #include <pags/train.h>
 
 #include "cluster/transport.h"
-#include "frame/splats.h"
+#include "frame/shared_splats.h"
 
 /* Memory that is kept from round to round and grows. */
 typedef struct pags_buffer {
@@ -40,7 +40,7 @@ void pags_shared_views_destroy(pags_shared_views *shared); /* a zeroed struct is
 
 void pags_shared_views_begin(pags_shared_views *shared, int count);
 /* Projects the own Gaussians for view number `view` of the round, one view after the other; part 0 is the background.
- * `lender`: a frame whose memory is used meanwhile (frame/splats.h). */
+ * `lender`: a frame whose memory is used meanwhile (frame/shared_splats.h). */
 pags_result pags_shared_views_project(pags_shared_views *shared, int view, pags_frame *lender, const pags_part *parts,
                                       int part_count, const pags_camera *camera, const pags_frame_options *options,
                                       pags_touch_fn *touch, void *user);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* check_scaling: compares the predictions of pags-bench scaling with measured times. It draws frames of a random
- * scene on two threads, as they are and slowed on purpose: by a serial block of known length, and by a block that is
- * made four times as long. The slow blocks are added to the record of one thread by arithmetic. Needs a quiet machine
+ * scene on two threads: unchanged, then with a serial delay of known length, then with one work item of a parallel loop
+ * made four times as long. The delays are added to the record of one thread by arithmetic. Needs a quiet machine
  * with at least two cores, so it isn't part of make check (make check-scaling). Fails if the measured median lies more
  * than 5 % outside of the predicted range, or if the range is too wide to be useful because the machine is busy. */
 #include <math.h>

@@ -11,7 +11,7 @@
 #include <cmocka.h>
 #include <math.h>
 
-#include "frame/splats.h"
+#include "frame/shared_splats.h"
 
 enum { SIZE = 16, MOST_PIECES = 5, STRIDE = (WIDTH + 15) / 16 * 16, ROWS = (HEIGHT + 15) / 16 * 16, SCORES = 3 };
 enum { FIRST = 900, SECOND = 333, ALL = FIRST + SECOND, SKY = 30 };

@@ -10,8 +10,8 @@
  * (frame/members.h); the parameters must stay as they were projected. The frame that draws calls
  * pags_frame_draw_splats, then pags_frame_splat_sums and pags_frame_splat_scores. The options need keep_for_backward,
  * and the same for all. */
-#ifndef PAGS_FRAME_SPLATS_H
-#define PAGS_FRAME_SPLATS_H
+#ifndef PAGS_FRAME_SHARED_SPLATS_H
+#define PAGS_FRAME_SHARED_SPLATS_H
 
 #include <pags/frame.h>
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Splats that one frame projects and another draws; see splats.h. */
-#include "frame/splats.h"
+/* Splats that one frame projects and another draws; see shared_splats.h. */
+#include "frame/shared_splats.h"
 
 #include <assert.h>
 #include <string.h>
