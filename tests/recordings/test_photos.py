@@ -214,7 +214,7 @@ class Photos(WithStandIn):
         shutil.rmtree(self.out)
         with mock.patch("shutil.which", return_value=None), mock.patch("importlib.util.find_spec", return_value=None):
             with self.assertRaisesRegex(
-                photos.RecordingError, "COLMAP, which finds the cameras, is not installed: .*install"
+                photos.RecordingError, "COLMAP, which finds the cameras, isn't installed: .*install"
             ):
                 photos.read(self.raw, self.out, None, None, True)
         self.assertFalse(os.path.exists(self.out))

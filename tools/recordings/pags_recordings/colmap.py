@@ -34,7 +34,7 @@ def find():
         return Program(program)
     if importlib.util.find_spec("pycolmap"):
         return Module()
-    raise RecordingError(f"COLMAP, which finds the cameras, is not installed: {INSTALL}")
+    raise RecordingError(f"COLMAP, which finds the cameras, isn't installed: {INSTALL}")
 
 
 class Program:

@@ -19,7 +19,7 @@ WIDTH, HEIGHT = 320, 180  # width at which sharpness is measured
 def need():
     for program in ("ffmpeg", "ffprobe"):
         if not shutil.which(program):
-            raise RecordingError(f"videos require {program}, which is not installed: apt-get install ffmpeg")
+            raise RecordingError(f"videos require {program}, which isn't installed: apt-get install ffmpeg")
 
 
 def length(path):
