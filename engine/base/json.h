@@ -101,7 +101,9 @@ pags_result pags_json_object(const pags_json *json, const pags_json_value *objec
 /* An array of exactly `count` numbers; it may be nested (a 4x4 matrix as four arrays of four is 16 numbers). */
 pags_result pags_json_numbers(const pags_json *json, const pags_json_value *object, const char *key, int count,
                               double *out);
-/* The same; `out` stays as it is if the key is missing or null. */
+/* The same; `out` stays as it is if the key is missing (`_if`: null is an error) or null as well (`_or`). */
+pags_result pags_json_numbers_if(const pags_json *json, const pags_json_value *object, const char *key, int count,
+                                 double *out);
 pags_result pags_json_numbers_or(const pags_json *json, const pags_json_value *object, const char *key, int count,
                                  double *out);
 

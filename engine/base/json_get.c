@@ -192,6 +192,11 @@ pags_result pags_json_numbers(const pags_json *json, const pags_json_value *obje
   return PAGS_OK;
 }
 
+pags_result pags_json_numbers_if(const pags_json *json, const pags_json_value *object, const char *key, int count,
+                                 double *out) {
+  return pags_json_member(object, key) ? pags_json_numbers(json, object, key, count, out) : PAGS_OK;
+}
+
 pags_result pags_json_numbers_or(const pags_json *json, const pags_json_value *object, const char *key, int count,
                                  double *out) {
   return is_absent(object, key) ? PAGS_OK : pags_json_numbers(json, object, key, count, out);

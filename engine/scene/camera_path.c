@@ -45,10 +45,10 @@ pags_result pags_lens_from_json(const pags_json *json, const pags_json_value *va
                           "eucm, ftheta or equirectangular, found '%s'",
                           kind);
   lens->kind = (pags_lens_kind)found;
-  PAGS_TRY(pags_json_numbers_or(json, value, "k", 6, lens->k));
-  PAGS_TRY(pags_json_numbers_or(json, value, "d", 3, lens->d));
-  PAGS_TRY(pags_json_numbers_or(json, value, "p", 2, lens->p));
-  PAGS_TRY(pags_json_numbers_or(json, value, "s", 4, lens->s));
+  PAGS_TRY(pags_json_numbers_if(json, value, "k", 6, lens->k));
+  PAGS_TRY(pags_json_numbers_if(json, value, "d", 3, lens->d));
+  PAGS_TRY(pags_json_numbers_if(json, value, "p", 2, lens->p));
+  PAGS_TRY(pags_json_numbers_if(json, value, "s", 4, lens->s));
   return pags_json_number_or(json, value, "field", 0, &lens->field);
 }
 

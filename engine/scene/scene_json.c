@@ -159,9 +159,9 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
     PAGS_TRY(check_sizes(json, value, "gain", view->gain));
     PAGS_TRY(check_sizes(json, value, "offset", view->offset));
     PAGS_TRY(pags_camera_from_json(json, value, &view->camera));
-    PAGS_TRY(pags_json_numbers_or(json, value, "correction", 6, view->correction));
-    PAGS_TRY(pags_json_numbers_or(json, value, "vignette", PAGS_VIGNETTING_RINGS, view->photometric.vignette));
-    PAGS_TRY(pags_json_numbers_or(json, value, "response", PAGS_RESPONSE_PIECES - 1, view->photometric.response));
+    PAGS_TRY(pags_json_numbers_if(json, value, "correction", 6, view->correction));
+    PAGS_TRY(pags_json_numbers_if(json, value, "vignette", PAGS_VIGNETTING_RINGS, view->photometric.vignette));
+    PAGS_TRY(pags_json_numbers_if(json, value, "response", PAGS_RESPONSE_PIECES - 1, view->photometric.response));
     if (!pags_photometric_is_valid(&view->photometric))
       return pags_json_fail(json, value, "expected a 'response' that rises from 0 to 1");
   }

@@ -166,6 +166,11 @@ static void bad_files_are_explained(void **state) {
   assert_load_fails("{\"width\": 1,\n\"height\": \"x\"}", "bad.json:2: expected a number for 'height', found a string");
   assert_load_fails("{\"frames\": [], \"fps\": 1}", "at least one camera");
   assert_load_fails("{\"frames\": [{}], \"fps\": 0}", "a positive number for 'fps'");
+  assert_load_fails(
+      "{\"width\": 4, \"height\": 4, \"fx\": 4, \"fy\": 4, \"cx\": 2, \"cy\": 2,\n\"lens\": {\"kind\": \"fisheye\", "
+      "\"k\": "
+      "null}}",
+      "expected an array for 'k', found null");
   assert_load_fails("{\"fps\": 10, \"frames\": [\n3]}", "bad.json:2: expected an object with 'width', found a number");
   assert_load_fails(
       "{\"width\": 1, \"height\": 1, \"fx\": 1, \"fy\": 1, \"cx\": 0, \"cy\": 0,"
