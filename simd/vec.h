@@ -1,26 +1,29 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sixteen float lanes on every machine: one AVX-512 register, two AVX2, four NEON, or an array in the scalar build.
+/* Sixteen float lanes on every machine: one AVX-512 register, two AVX2, four NEON, or four of the compiler's own
+ * vectors in the scalar build. vf: sixteen floats; vi: sixteen int32; vm: sixteen truth values.
  *
  * A kernel source is written once over these functions and compiled once per ISA (simd/CMakeLists.txt). Because the
  * lane count and the order of every horizontal sum are the same everywhere, builds without fused multiply-add
  * (PAGS_REPRODUCIBLE) agree to the bit on all ISAs.
  *
- * Rules that hold for every implementation
- *   v_fma, v_fnma   fused if the ISA has it and the build allows it (PAGS_FUSED), else a product and a sum
- *   v_min(a, b)     a < b ? a : b, v_max(a, b)  a > b ? a : b: if a or b is NaN the result is b
- *   comparisons     false if either side is NaN
- *   v_to_i          rounds to the nearest integer, ties to even; the caller must ensure |x| < 2^31
- *   sums            always in the same order: lane i + lane i + 8, of these i + (i + 4), then i + (i + 2), then 0 + 1
- *   loads, stores   need no alignment
- *   v_load_fours    loads four floats from each of four addresses
- *   v_spread        repeats each of the lanes 4 k, ..., 4 k + 3 four times
- *   i_compress      stores the lanes that m selects, without gaps, and returns their number; writes up to 16 numbers
- *   i_compress8     the same of the first eight lanes, by the bits of a mask; bits from 8 on must be 0
- *   v_packing_of    permutation that moves the lanes selected by m to the front, and their number `count`; v_pack
- * stores a vector's lanes permuted so; writes up to 16 floats v_transpose4    of four vectors: lanes 4 q, ..., 4 q + 3
- * of rows[j] become lane 4 q + j of the four v_transpose     of sixteen vectors: lane j of rows[k] becomes lane k of
- * rows[j] v_columns3      of 16 groups of four lanes (four vectors), the first, second and third lane of each vf = 16
- * floats, vi = 16 int32, vm = 16 truth values. */
+ * Rules that hold for every implementation:
+ *
+ *     v_fma, v_fnma   fused if the ISA has it and the build allows it (PAGS_FUSED), else a product and a sum
+ *     v_min(a, b)     a < b ? a : b; v_max(a, b): a > b ? a : b. If a or b is NaN, the result is b
+ *     comparisons     false if either side is NaN
+ *     v_to_i          rounds to the nearest integer, ties to even; the caller must ensure |x| < 2^31
+ *     sums            always in the same order: lane i + lane i + 8, of these i + (i + 4), then i + (i + 2), then 0 + 1
+ *     loads, stores   need no alignment
+ *     v_load_fours    loads four floats from each of four addresses
+ *     v_spread        repeats each of the lanes 4 k, ..., 4 k + 3 four times
+ *     i_compress      stores the lanes selected by m, without gaps, and returns their number; writes up to 16 numbers
+ *     i_compress8     the same for the first eight lanes, by the bits of a mask; bits from 8 on must be 0
+ *     v_packing_of    permutation that moves the lanes selected by m to the front, and their number `count`
+ *     v_pack          stores a vector's lanes permuted so; writes up to 16 floats
+ *     v_transpose4    of four vectors: lanes 4 q, ..., 4 q + 3 of rows[j] become lane 4 q + j of the four
+ *     v_transpose     of sixteen vectors: lane j of rows[k] becomes lane k of rows[j]
+ *     v_columns3      of 16 groups of four lanes (four vectors): the first, second and third lane of each
+ */
 #ifndef PAGS_SIMD_VEC_H
 #define PAGS_SIMD_VEC_H
 

@@ -1,173 +1,224 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* vec.h in plain C: arrays of sixteen. The reference that the other ISAs are tested against. */
+/* vec.h for no particular machine: four of the compiler's own vectors of four lanes, which become SSE2, NEON or plain
+ * code. The reference that the other ISAs are tested against. */
+
+typedef float v_f4 __attribute__((vector_size(16)));
+typedef int32_t v_i4 __attribute__((vector_size(16)));
+typedef uint32_t v_u4 __attribute__((vector_size(16))); /* for all arithmetic: overflow wraps as in a register */
+typedef float v_f4_in_memory __attribute__((vector_size(16), aligned(4), may_alias));
+typedef uint32_t v_u4_in_memory __attribute__((vector_size(16), aligned(4), may_alias));
 
 typedef struct vf {
-  float l[16];
+  v_f4 q[4];
 } vf;
 typedef struct vi {
-  int32_t l[16];
+  v_u4 q[4];
 } vi;
 typedef struct vm {
-  uint32_t l[16];
+  v_u4 q[4];
 } vm; /* all ones or all zeros */
 
-#define V_DO(result, expression)    \
-  result out;                       \
-  for (int k = 0; k < V_LANES; k++) \
-    out.l[k] = (expression);        \
+/* Computes the quarters k = 0, ..., 3 of a vector. Written out, because gcc unrolls loops too late to keep the quarters
+ * in registers. */
+#define V_DO(result, expression) \
+  result out;                    \
+  {                              \
+    enum { k = 0 };              \
+    out.q[k] = (expression);     \
+  }                              \
+  {                              \
+    enum { k = 1 };              \
+    out.q[k] = (expression);     \
+  }                              \
+  {                              \
+    enum { k = 2 };              \
+    out.q[k] = (expression);     \
+  }                              \
+  {                              \
+    enum { k = 3 };              \
+    out.q[k] = (expression);     \
+  }                              \
   return out
 
+static inline v_f4 v_f4_load(const float *p) {
+  return *(const v_f4_in_memory *)p;
+}
+static inline void v_f4_store(float *p, v_f4 x) {
+  *(v_f4_in_memory *)p = x;
+}
+static inline v_f4 v_f4_select(v_u4 m, v_f4 yes, v_f4 no) {
+  return (v_f4)(((v_u4)yes & m) | ((v_u4)no & ~m));
+}
+/* Transposes four vectors of four lanes. */
+static inline void v_f4_transpose(v_f4 *a, v_f4 *b, v_f4 *c, v_f4 *d) {
+  const v_f4 ab = __builtin_shufflevector(*a, *b, 0, 4, 1, 5), cd = __builtin_shufflevector(*c, *d, 0, 4, 1, 5);
+  const v_f4 ba = __builtin_shufflevector(*a, *b, 2, 6, 3, 7), dc = __builtin_shufflevector(*c, *d, 2, 6, 3, 7);
+  *a = __builtin_shufflevector(ab, cd, 0, 1, 4, 5);
+  *b = __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
+  *c = __builtin_shufflevector(ba, dc, 0, 1, 4, 5);
+  *d = __builtin_shufflevector(ba, dc, 2, 3, 6, 7);
+}
+
 static inline vf v_set(float x) {
-  V_DO(vf, x);
+  const v_f4 all = {x, x, x, x};
+  V_DO(vf, all);
 }
 static inline vf v_zero(void) {
-  V_DO(vf, 0.0f);
+  return v_set(0.0f);
 }
 static inline vf v_load(const float *p) {
-  V_DO(vf, p[k]);
+  V_DO(vf, v_f4_load(p + 4 * k));
 }
 static inline void v_store(float *p, vf x) {
-  memcpy(p, x.l, sizeof x.l);
+  for (int k = 0; k < 4; k++)
+    v_f4_store(p + 4 * k, x.q[k]);
 }
 static inline vf v_add(vf x, vf y) {
-  V_DO(vf, x.l[k] + y.l[k]);
+  V_DO(vf, x.q[k] + y.q[k]);
 }
 static inline vf v_sub(vf x, vf y) {
-  V_DO(vf, x.l[k] - y.l[k]);
+  V_DO(vf, x.q[k] - y.q[k]);
 }
 static inline vf v_mul(vf x, vf y) {
-  V_DO(vf, x.l[k] * y.l[k]);
+  V_DO(vf, x.q[k] * y.q[k]);
 }
 static inline vf v_div(vf x, vf y) {
-  V_DO(vf, x.l[k] / y.l[k]);
+  V_DO(vf, x.q[k] / y.q[k]);
 }
 static inline vf v_sqrt(vf x) {
-  V_DO(vf, sqrtf(x.l[k]));
+  V_DO(vf, ((v_f4){sqrtf(x.q[k][0]), sqrtf(x.q[k][1]), sqrtf(x.q[k][2]), sqrtf(x.q[k][3])}));
 }
 static inline vf v_min(vf x, vf y) {
-  V_DO(vf, x.l[k] < y.l[k] ? x.l[k] : y.l[k]);
+  V_DO(vf, v_f4_select((v_u4)(x.q[k] < y.q[k]), x.q[k], y.q[k]));
 }
 static inline vf v_max(vf x, vf y) {
-  V_DO(vf, x.l[k] > y.l[k] ? x.l[k] : y.l[k]);
-}
-static inline vf v_abs(vf x) {
-  V_DO(vf, fabsf(x.l[k]));
+  V_DO(vf, v_f4_select((v_u4)(x.q[k] > y.q[k]), x.q[k], y.q[k]));
 }
 static inline vi v_bits(vf x) {
-  vi out;
-  memcpy(out.l, x.l, sizeof out.l);
-  return out;
+  V_DO(vi, (v_u4)x.q[k]);
 }
 static inline vf v_from_bits(vi x) {
-  vf out;
-  memcpy(out.l, x.l, sizeof out.l);
-  return out;
+  V_DO(vf, (v_f4)x.q[k]);
+}
+static inline vf v_abs(vf x) {
+  V_DO(vf, (v_f4)((v_u4)x.q[k] & 0x7FFFFFFFu));
+}
+static inline vf v_minus_abs(vf x) {
+  V_DO(vf, (v_f4)((v_u4)x.q[k] | 0x80000000u));
 }
 
 static inline vm v_lt(vf x, vf y) {
-  V_DO(vm, 0u - (uint32_t)(x.l[k] < y.l[k]));
+  V_DO(vm, (v_u4)(x.q[k] < y.q[k]));
 }
 static inline vm v_le(vf x, vf y) {
-  V_DO(vm, 0u - (uint32_t)(x.l[k] <= y.l[k]));
+  V_DO(vm, (v_u4)(x.q[k] <= y.q[k]));
 }
 static inline vm v_gt(vf x, vf y) {
-  V_DO(vm, 0u - (uint32_t)(x.l[k] > y.l[k]));
+  V_DO(vm, (v_u4)(x.q[k] > y.q[k]));
 }
 static inline vm v_ge(vf x, vf y) {
-  V_DO(vm, 0u - (uint32_t)(x.l[k] >= y.l[k]));
+  V_DO(vm, (v_u4)(x.q[k] >= y.q[k]));
 }
 static inline vm m_and(vm x, vm y) {
-  V_DO(vm, x.l[k] & y.l[k]);
+  V_DO(vm, x.q[k] & y.q[k]);
 }
 static inline vm m_or(vm x, vm y) {
-  V_DO(vm, x.l[k] | y.l[k]);
+  V_DO(vm, x.q[k] | y.q[k]);
 }
 static inline vm m_andnot(vm x, vm y) {
-  V_DO(vm, x.l[k] & ~y.l[k]);
+  V_DO(vm, x.q[k] & ~y.q[k]);
 }
 static inline vm v_ge_and(vm m, vf x, vf y) {
   return m_and(m, v_ge(x, y));
 }
-static inline unsigned m_bits(vm x) {
-  unsigned bits = 0;
-  for (int k = 0; k < V_LANES; k++)
-    bits |= (x.l[k] & 1u) << k;
+/* The bits that stand for the lanes of quarter k in a mask. */
+static inline v_u4 v_bits_of_quarter(int k) {
+  const v_u4 bits = {1u << 4 * k, 2u << 4 * k, 4u << 4 * k, 8u << 4 * k};
   return bits;
 }
-static inline vm m_from_bits(unsigned bits) {
-  V_DO(vm, 0u - (bits >> k & 1u));
+static inline unsigned m_bits(vm x) {
+  const v_u4 bits = (x.q[0] & v_bits_of_quarter(0)) | (x.q[1] & v_bits_of_quarter(1)) |
+                    (x.q[2] & v_bits_of_quarter(2)) | (x.q[3] & v_bits_of_quarter(3));
+  return bits[0] | bits[1] | bits[2] | bits[3];
 }
+static inline vm m_from_bits(unsigned bits) {
+  const v_u4 all = {bits, bits, bits, bits};
+  V_DO(vm, (v_u4)((all & v_bits_of_quarter(k)) != 0));
+}
+
 static inline vi i_set(int32_t x) {
-  V_DO(vi, x);
+  const uint32_t u = (uint32_t)x;
+  const v_u4 all = {u, u, u, u};
+  V_DO(vi, all);
 }
 static inline vi i_load(const int32_t *p) {
-  V_DO(vi, p[k]);
+  V_DO(vi, *(const v_u4_in_memory *)(p + 4 * k));
 }
 static inline void i_store(int32_t *p, vi x) {
-  memcpy(p, x.l, sizeof x.l);
+  for (int k = 0; k < 4; k++)
+    *(v_u4_in_memory *)(p + 4 * k) = x.q[k];
 }
-/* Adds as unsigned, so that overflow wraps as it does in a vector register and isn't undefined. */
 static inline vi i_add(vi x, vi y) {
-  V_DO(vi, (int32_t)((uint32_t)x.l[k] + (uint32_t)y.l[k]));
+  V_DO(vi, x.q[k] + y.q[k]);
 }
 static inline vi i_mul(vi x, vi y) {
-  V_DO(vi, (int32_t)((uint32_t)x.l[k] * (uint32_t)y.l[k]));
+  V_DO(vi, x.q[k] * y.q[k]);
 }
 static inline vi i_and(vi x, vi y) {
-  V_DO(vi, x.l[k] & y.l[k]);
+  V_DO(vi, x.q[k] & y.q[k]);
 }
 static inline vi i_or(vi x, vi y) {
-  V_DO(vi, x.l[k] | y.l[k]);
+  V_DO(vi, x.q[k] | y.q[k]);
 }
 static inline vi i_select(vm m, vi yes, vi no) {
-  V_DO(vi, (int32_t)(((uint32_t)yes.l[k] & m.l[k]) | ((uint32_t)no.l[k] & ~m.l[k])));
+  V_DO(vi, (yes.q[k] & m.q[k]) | (no.q[k] & ~m.q[k]));
 }
 static inline vi i_shl(vi x, int n) {
-  V_DO(vi, (int32_t)((uint32_t)x.l[k] << n));
+  V_DO(vi, x.q[k] << n);
 }
 static inline vi i_shr(vi x, int n) {
-  V_DO(vi, (int32_t)((uint32_t)x.l[k] >> n));
+  V_DO(vi, x.q[k] >> n);
 }
 static inline vf v_select(vm m, vf yes, vf no) {
-  return v_from_bits(i_select(m, v_bits(yes), v_bits(no)));
+  V_DO(vf, v_f4_select(m.q[k], yes.q[k], no.q[k]));
 }
 static inline vf v_maskz(vm m, vf x) {
-  return v_select(m, x, v_zero());
+  V_DO(vf, (v_f4)((v_u4)x.q[k] & m.q[k]));
 }
-static inline vf v_minus_abs(vf x) {
-  V_DO(vf, -fabsf(x.l[k]));
+static inline v_u4 v_f4_to_i(v_f4 x) {
+  const v_i4 i = {(int32_t)lrintf(x[0]), (int32_t)lrintf(x[1]), (int32_t)lrintf(x[2]), (int32_t)lrintf(x[3])};
+  return (v_u4)i;
 }
 static inline vi v_to_i(vf x) {
-  V_DO(vi, (int32_t)lrintf(x.l[k]));
+  V_DO(vi, v_f4_to_i(x.q[k]));
 }
 static inline vf i_to_v(vi x) {
-  V_DO(vf, (float)x.l[k]);
+  V_DO(vf, __builtin_convertvector((v_i4)x.q[k], v_f4));
 }
 
+static inline v_f4 v_f4_of_u8(const uint8_t *p) {
+  return (v_f4){(float)p[0], (float)p[1], (float)p[2], (float)p[3]};
+}
 static inline vf v_load_u8(const uint8_t *p) {
-  V_DO(vf, (float)p[k]);
+  V_DO(vf, v_f4_of_u8(p + 4 * k));
 }
 static inline vf v_load_fours(const float *a, const float *b, const float *c, const float *d) {
-  const float *const from[4] = {a, b, c, d};
-  V_DO(vf, from[k >> 2][k & 3]);
+  return (vf){{v_f4_load(a), v_f4_load(b), v_f4_load(c), v_f4_load(d)}};
 }
 static inline void v_store_4x4(float *p, int64_t stride, vf x) {
-  for (int k = 0; k < V_LANES; k++)
-    p[(k >> 2) * stride + (k & 3)] = x.l[k];
+  for (int k = 0; k < 4; k++)
+    v_f4_store(p + k * stride, x.q[k]);
+}
+static inline int i_compress8(int32_t *out, unsigned bits, vi index) {
+  int32_t lanes[V_LANES];
+  int n = 0;
+  i_store(lanes, index);
+  for (; bits; bits &= bits - 1)
+    out[n++] = lanes[__builtin_ctz(bits)];
+  return n;
 }
 static inline int i_compress(int32_t *out, vm m, vi index) {
-  int n = 0;
-  for (int k = 0; k < V_LANES; k++)
-    if (m.l[k])
-      out[n++] = index.l[k];
-  return n;
-}
-
-static inline int i_compress8(int32_t *out, unsigned bits, vi index) {
-  int n = 0;
-  for (; bits; bits &= bits - 1)
-    out[n++] = index.l[__builtin_ctz(bits)];
-  return n;
+  return i_compress8(out, m_bits(m), index);
 }
 
 typedef struct v_packing {
@@ -175,56 +226,55 @@ typedef struct v_packing {
 } v_packing;
 static inline v_packing v_packing_of(vm m) {
   v_packing p = {.count = 0};
-  for (int k = 0; k < V_LANES; k++)
-    if (m.l[k])
-      p.from[p.count++] = k;
+  for (unsigned bits = m_bits(m); bits; bits &= bits - 1)
+    p.from[p.count++] = __builtin_ctz(bits);
   return p;
 }
 static inline void v_pack(float *out, v_packing p, vf x) {
+  float lanes[V_LANES];
+  v_store(lanes, x);
   for (int k = 0; k < p.count; k++)
-    out[k] = x.l[p.from[k]];
+    out[k] = lanes[p.from[k]];
 }
 static inline void v_transpose4(vf rows[4]) {
-  vf out[4];
-  for (int j = 0; j < 4; j++)
-    for (int k = 0; k < V_LANES; k++)
-      out[j].l[k] = rows[k & 3].l[(k & ~3) + j];
-  memcpy(rows, out, sizeof out);
+  for (int k = 0; k < 4; k++)
+    v_f4_transpose(&rows[0].q[k], &rows[1].q[k], &rows[2].q[k], &rows[3].q[k]);
 }
 static inline void v_transpose(vf rows[V_LANES]) {
-  for (int k = 0; k < V_LANES; k++)
-    for (int j = 0; j < k; j++) {
-      const float swap = rows[k].l[j];
-      rows[k].l[j] = rows[j].l[k];
-      rows[j].l[k] = swap;
-    }
+  vf out[V_LANES];
+  for (int i = 0; i < 4; i++) {
+    v_transpose4(rows + 4 * i);
+    for (int j = 0; j < V_LANES; j++)
+      out[j].q[i] = rows[4 * i + (j & 3)].q[j >> 2];
+  }
+  memcpy(rows, out, sizeof out);
 }
 
 static inline vf v_spread(vf x, int quarter) {
-  V_DO(vf, x.l[4 * quarter + (k >> 2)]);
+  const v_f4 from = x.q[quarter];
+  V_DO(vf, ((v_f4){from[k], from[k], from[k], from[k]}));
 }
 static inline void v_columns3(const vf rows[4], vf *x, vf *y, vf *z) {
-  for (int k = 0; k < V_LANES; k++) {
-    const float *const group = rows[k >> 2].l + 4 * (k & 3);
-    x->l[k] = group[0], y->l[k] = group[1], z->l[k] = group[2];
+  for (int k = 0; k < 4; k++) {
+    vf groups = rows[k];
+    v_f4_transpose(&groups.q[0], &groups.q[1], &groups.q[2], &groups.q[3]);
+    x->q[k] = groups.q[0], y->q[k] = groups.q[1], z->q[k] = groups.q[2];
   }
 }
-
 static inline float v_sum(vf x) {
-  float l[8];
-  for (int k = 0; k < 8; k++)
-    l[k] = x.l[k] + x.l[k + 8];
-  for (int step = 4; step >= 1; step /= 2)
-    for (int k = 0; k < step; k++)
-      l[k] += l[k + step];
-  return l[0];
+  const v_f4 four = (x.q[0] + x.q[2]) + (x.q[1] + x.q[3]);
+  return (four[0] + four[2]) + (four[1] + four[3]);
 }
 static inline vf v_sum12(const vf a[12]) {
-  V_DO(vf, k < 12 ? v_sum(a[k < 12 ? k : 0]) : 0.0f);
+  vf out = v_zero();
+  for (int k = 0; k < 12; k++)
+    out.q[k >> 2][k & 3] = v_sum(a[k]);
+  return out;
 }
 static inline void v_store12(float *p, vf x) {
-  memcpy(p, x.l, 12 * sizeof(float));
+  for (int k = 0; k < 3; k++)
+    v_f4_store(p + 4 * k, x.q[k]);
 }
 static inline vf v_load12(const float *p) {
-  V_DO(vf, k < 12 ? p[k] : 0.0f);
+  return (vf){{v_f4_load(p), v_f4_load(p + 4), v_f4_load(p + 8), {0.0f}}};
 }
