@@ -28,6 +28,7 @@ setup-min: ## Install the packages for make and make quick (Debian; 0.4 GB) and 
 setup: ## Install everything that make check uses (Debian; 2.9 GB), with the Python and node packages of the tests.
 	sh scripts/setup.sh
 	sh scripts/venv.sh scripts
+	sh scripts/venv.sh benchmarks || echo "setup: continuing without matplotlib, which plots of the benchmarks need"
 	for tool in segment recordings; do sh scripts/venv.sh tools/$$tool || echo "setup: continuing without tools/$$tool and its tests"; done
 	sh tests/outside/setup.sh
 

@@ -3,7 +3,7 @@
 """Ablation: trains one data set once for each row of a table, the rows differing in one option or a few, and compares held-out quality,
 size, training and rendering time, at each row's own count, at equal training time and at equal count (docs/priority.md).
 
-Rows with the same training options share a run, which is a folder of TABLE.runs named by the options:
+Rows with the same training options share a run, which is a folder of TABLE.runs (--runs) named by the options:
   scene/                    the scene that pags train writes
   run.json                  the step reached, the time spent, and the moments (measured intermediate states)
   known_STEP.pags           the checkpoint of the step in run.json, a link to the former scene/checkpoint.pags; rows
@@ -28,10 +28,11 @@ import tempfile
 import time
 import zipfile
 
-from ablation_tables import OF_MOMENT, QUALITIES, Tables, write, write_plots
+from ablation_tables import OF_MOMENT, QUALITIES, Layout, Tables, write, write_plots
 
 MOST_SEEDS, MOST_MOMENTS = 16, 64
-SPR = "--preset paper --alpha 0.4 --set dropout=1 --set dropout_beta=0.5"
+PROGRAM = os.path.basename(sys.argv[0])
+SPR = "--preset paper --alpha 0.4 --prune-rate 0.6/0.3 --set dropout=1 --set dropout_beta=0.5"
 WHOLE = {
     "default": "",
     "fast": "--preset fast",
@@ -55,6 +56,8 @@ CHANGES = {
     "s-grad": "--set s_grad",
     "s-grad-from": "--set s_grad_from",
 }
+# How a row is rendered; the training is that of the row's other parts.
+RENDERED = {"pdr": ("--early-z", "paper"), "paper-order": ("--order", "paper")}
 SWITCHES = {
     "no-objects": "--no-objects",
     "no-tracks": "--no-tracks",
@@ -162,12 +165,12 @@ class Row:
             self.train.put(key, value if equals else None)
         elif part in WHOLE:
             self.train.put_text(WHOLE[part])
-        elif part == "pdr":
-            self.eval.put("--early-z", "paper")
+        elif part in RENDERED:
+            self.eval.put(*RENDERED[part])
         elif part in SWITCHES:
             self.train.put_text(SWITCHES[part])
         elif not equals or key not in [*CHANGES, "sh"]:
-            known = ", ".join([*WHOLE, "pdr", *(f"{c}=..." for c in CHANGES), *SWITCHES, "sh=..."])
+            known = ", ".join([*WHOLE, *RENDERED, *(f"{c}=..." for c in CHANGES), *SWITCHES, "sh=..."])
             raise Failure(
                 f"row '{self.name}': '{part}' is none of {known}, nor an option of pags train (--NAME=VALUE, set:NAME=VALUE)"
             )
@@ -270,19 +273,20 @@ class Program:
         with tempfile.TemporaryFile("w+", errors="replace") as errors:
             out = subprocess.PIPE if on_line else subprocess.DEVNULL
             # In a session of its own, so that Ctrl-C on the terminal doesn't reach the process twice.
-            self.child = subprocess.Popen(
+            with subprocess.Popen(
                 [self.path, *words],
                 stdout=out,
                 stderr=errors,
                 text=True,
                 start_new_session=True,
                 preexec_fn=die_with_parent,
-            )
-            if self.interrupted:
-                self.child.terminate()
-            for line in self.child.stdout or []:
-                on_line(line.rstrip("\n"))
-            code, self.child = self.child.wait(), None
+            ) as self.child:
+                if self.interrupted:
+                    self.child.terminate()
+                for line in self.child.stdout or []:
+                    on_line(line.rstrip("\n"))
+                code = self.child.wait()
+            self.child = None
             errors.seek(0)
             said = errors.read().strip().splitlines()
         message = f"killed by signal {-code}" if code < 0 else said[-1].removeprefix("pags: ") if said else "no message"
@@ -482,18 +486,20 @@ class Run:
             self.moments[-1],
             read_json(evaluation).get("lpips_network"),
         )
-        frames = read_json(render)["frames"]
+        frames, milliseconds = read_json(render)["frames"], read_json(render)["mean"]["ms"]["total"]
         result = {key: found.get(key) for key in QUALITIES}
         result.update(
             beside=None,
             lpips_network=network,
+            depth=(found.get("depth") or {}).get("mean_95"),
             pairs=sum(frame["pairs_evaluated"] for frame in frames) / len(frames),
             gaussians=last["gaussians"],
             bytes=self.scene_bytes(),
             training_seconds=last["seconds"],
             training_cpu_seconds=last["cpu_seconds"],
             peak_rss_bytes=last["peak_rss_bytes"],
-            render_ms=read_json(render)["mean"]["ms"]["total"],
+            render_ms=milliseconds,
+            fps=1000 / milliseconds,
             moments=self.moments,
         )
         branch = self.branch()
@@ -541,10 +547,10 @@ class Run:
 
 
 class Ablation:
-    def __init__(self, given, rest):
+    def __init__(self, given, rest, layout):
         self.dataset = os.path.realpath(given.dataset)
         self.output = given.output.removesuffix(".md")
-        self.folder = f"{self.output}.runs"
+        self.folder, self.layout = given.runs or f"{self.output}.runs", layout
         self.program = Program(given.pags)
         self.rows = parse_rows(given.rows, given.seeds)
         self.results = {"own": {row.name: [] for row in self.rows}, "equal": {row.name: [] for row in self.rows}}
@@ -589,7 +595,7 @@ class Ablation:
             write(path, json.dumps(settings, indent=1) + "\n")
         elif read_json(path) != settings:
             raise Failure(
-                f"{path}: says that the runs there are of another data set or other options; expected the same, or another -o TABLE"
+                f"{path}: the runs there have another data set or other options; expected the same, or another -o"
             )
 
     def run_beside(self, row, seed):
@@ -673,6 +679,9 @@ class Ablation:
 # ---- Command line ----
 
 
+RESUMED = "Ctrl-C stops with everything saved; the same command resumes it. Any other option of pags train follows --, at the end."
+
+
 class Parser(argparse.ArgumentParser):
     def error(self, message):
         self.exit(2, f"{self.prog}: {message}; '{self.prog} --help' lists the options\n")
@@ -689,28 +698,10 @@ def whole(least, most=2**63 - 1):
     return parse
 
 
-def parse_arguments(words):
-    own, rest = words, []
-    if "--" in words:
-        own, rest = words[: words.index("--")], words[words.index("--") + 1 :]
-    for i in range(len(own) - 1, 0, -1):
-        if own[i - 1] == "--rows":  # rows may begin with dashes
-            own[i - 1 : i + 1] = [f"--rows={own[i]}"]
+def common_options():
+    """The options that all programs with tables of trainings have."""
     built = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../build/pags")
-    p = Parser(
-        "ablation.py",
-        allow_abbrev=False,
-        description=__doc__.split("\n\n")[0],
-        epilog="Ctrl-C stops with everything saved; the same command resumes it. Any other option of pags train follows --, at the end.",
-    )
-    p.add_argument("dataset", metavar="DATASET", help="as for pags train")
-    p.add_argument(
-        "-o",
-        "--output",
-        metavar="TABLE",
-        required=True,
-        help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row; trainings are kept in TABLE.runs",
-    )
+    p = argparse.ArgumentParser(add_help=False)
     p.add_argument(
         "-n",
         "--iterations",
@@ -720,13 +711,6 @@ def parse_arguments(words):
         help="steps of each training [default %(default)s]",
     )
     p.add_argument(
-        "--rows",
-        default="plain,sp,sd,sp+sd,spr,pdr,spr+pdr,default",
-        metavar="NAME,...",
-        help="rows of the table; NAME*K: with K seeds; parts joined by +, later ones win (docs/priority.md); any option of "
-        "pags train: --NAME=VALUE or set:NAME=VALUE [default %(default)s]",
-    )
-    p.add_argument(
         "--seeds",
         type=whole(1, MOST_SEEDS),
         default=1,
@@ -734,16 +718,6 @@ def parse_arguments(words):
         help="repeat each row with K seeds [default %(default)s]",
     )
     p.add_argument("--seed", type=whole(0), default=0, metavar="N", help="the first seed [default %(default)s]")
-    p.add_argument(
-        "--equal-count",
-        action="store_true",
-        help="compare rows that prune at equal count, too: the smallest of their counts",
-    )
-    p.add_argument(
-        "--beside",
-        metavar="ROW",
-        help="train ROW once more just before each row, and give the ratio of both times: for machines whose speed changes",
-    )
     p.add_argument(
         "--moments",
         type=whole(1, MOST_MOMENTS),
@@ -775,40 +749,88 @@ def parse_arguments(words):
         "--pags", default=os.path.normpath(built), metavar="PROGRAM", help="the program pags [default build/pags]"
     )
     p.add_argument("--check-options", action="store_true", help="check rows and options, do nothing")
-    given = p.parse_args(own)
+    return p
+
+
+def parse_words(p, words):
+    """Parses the program's options; returns them and the options of pags train that follow --."""
+    at = words.index("--") if "--" in words else len(words)
+    given = p.parse_args(words[:at])
     if given.moments > given.iterations:
         p.error("--moments: expected at most --iterations")
-    return given, rest
+    return given, words[at + 1 :]
 
 
-def main():
-    given, rest = parse_arguments(sys.argv[1:])
-    ablation = None
+def parse_arguments(words):
+    words = list(words)
+    if "--rows" in words[:-1]:  # rows may begin with dashes
+        at = words.index("--rows")
+        words[at : at + 2] = [f"--rows={words[at + 1]}"]
+    p = Parser(
+        PROGRAM, allow_abbrev=False, parents=[common_options()], description=__doc__.split("\n\n")[0], epilog=RESUMED
+    )
+    p.add_argument("dataset", metavar="DATASET", help="as for pags train")
+    p.add_argument(
+        "-o",
+        "--output",
+        metavar="TABLE",
+        required=True,
+        help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row",
+    )
+    p.add_argument("--runs", metavar="FOLDER", help="keep the trainings in FOLDER [default TABLE.runs]")
+    p.add_argument(
+        "--rows",
+        default="plain,sp,sd,sp+sd,spr,plain+pdr,spr+pdr,default",
+        metavar="NAME,...",
+        help="rows of the table; NAME*K: with K seeds; parts joined by +, later ones win (docs/priority.md); any option of "
+        "pags train: --NAME=VALUE or set:NAME=VALUE [default %(default)s]",
+    )
+    p.add_argument(
+        "--equal-count",
+        action="store_true",
+        help="compare rows that prune at equal count, too: the smallest of their counts",
+    )
+    p.add_argument(
+        "--beside",
+        metavar="ROW",
+        help="train ROW once more just before each row, and give the ratio of both times: for machines whose speed changes",
+    )
+    return parse_words(p, words)
+
+
+def make_table(given, rest, layout):
+    """Makes the table or resumes it; with --check-options only checks the rows."""
+    table = Ablation(given, rest, layout)
+    table.check_rows()
+    if given.check_options:
+        return table
+    os.makedirs(table.folder, exist_ok=True)
+    table.check_settings()
     try:
-        ablation = Ablation(given, rest)
-        ablation.check_rows()
-        if given.check_options:
-            return 0
-        os.makedirs(ablation.folder, exist_ok=True)
-        ablation.check_settings()
-        ablation.run()
-        if given.json == "-":
-            sys.stdout.write(ablation.json())
-        elif given.json:
-            write(given.json, ablation.json())
+        table.run()
+    finally:
+        table.progress.clear()
+    if given.json == "-":
+        sys.stdout.write(table.json())
+    elif given.json:
+        write(given.json, table.json())
+    return table
+
+
+def exit_code_of(action):
+    """Exit code of the action: 3 where it was interrupted, 1 where it failed, each with a line that says so."""
+    try:
+        action()
         return 0
     except Interrupted:
         code, message = 3, "interrupted; the same command resumes from here"
     except (Failure, OSError) as error:
-        code, message = (
-            1,
-            f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error,
-        )
-    if ablation:
-        ablation.progress.clear()
-    print(f"ablation.py: {message}", file=sys.stderr)
+        code, message = 1, error
+        if isinstance(error, OSError) and error.filename:
+            message = f"{error.filename}: {error.strerror}"
+    print(f"{PROGRAM}: {message}", file=sys.stderr)
     return code
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code_of(lambda: make_table(*parse_arguments(sys.argv[1:]), Layout())))

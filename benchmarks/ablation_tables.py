@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes the results of an ablation (ablation.py): TABLE.md for people, TABLE.csv and TABLE_curve.csv for programs,
-and TABLE.svg if matplotlib is installed."""
+and TABLE.svg if matplotlib is installed (plots.py)."""
 
 import csv
 import io
 import math
 import os
+from typing import NamedTuple
+
+import plots
 
 # Key: column in CSV and JSON. Value: title, factor to its unit, and decimals in Markdown.
 FIGURES = {
@@ -17,6 +20,7 @@ FIGURES = {
     "psnr_noncritical": ("PSNR-NC", 1, 2),
     "psnr_moving": ("PSNR moving", 1, 2),
     "psnr_pedestrians": ("PSNR people", 1, 2),
+    "depth": ("depth error m", 1, 2),
     "gaussians": ("Gaussians", 1, 0),
     "bytes": ("MB", 1e-6, 1),
     "training_seconds": ("training s", 1, 1),
@@ -24,10 +28,11 @@ FIGURES = {
     "beside": ("s / s beside", 1, 3),
     "peak_rss_bytes": ("peak MB", 1e-6, 0),
     "render_ms": ("render ms", 1, 2),
+    "fps": ("frames / s", 1, 1),
     "pairs": ("M pairs", 1e-6, 2),
 }
 QUALITIES = list(FIGURES)[:8]  # compared as a difference
-RATIOS = ["gaussians", "training_seconds", "training_cpu_seconds", "render_ms", "pairs"]
+RATIOS = ["gaussians", "training_seconds", "training_cpu_seconds", "render_ms", "pairs", "fps"]
 OF_MOMENT = ["psnr", "psnr_critical", "psnr_noncritical"]
 
 
@@ -53,7 +58,7 @@ def mean_and_range(results, figure):
 
 
 def cell(value, decimals, sign=""):
-    return f"{value:{sign}.{decimals}f}" if math.isfinite(value) else "-"
+    return f"{round(value, decimals) + 0.0:{sign}.{decimals}f}" if math.isfinite(value) else "-"  # no -0.00
 
 
 def markdown_table(heads, rows):
@@ -94,9 +99,12 @@ class Tables:
         ranges = [mean_and_range(results, figure)[1] for results in self.own.values()]
         return max([r for r in ranges if math.isfinite(r)], default=math.nan)
 
+    def title(self, name):
+        return self.ablation.layout.names.get(name, f"`{name}`")
+
     def markdown(self):
         a = self.ablation
-        page = f"# Ablation on {os.path.basename(a.dataset)}, {a.iterations} steps\n\n"
+        page = f"# {a.layout.title} on {os.path.basename(a.dataset)}, {a.iterations} steps\n\n"
         page += (
             "Held-out views. PSNR in dB; C: critical, NC: not critical pixels; means of the seeds (largest less smallest in brackets). MB: the "
             "scene's files. Training: wall clock and processor time. Render, pairs: mean of a frame of the held-out views.\n\n"
@@ -126,10 +134,10 @@ class Tables:
         """Tables of the means of each finished row and of their differences from the row `plain`, or from the
         first row if there is no such row."""
         done = {name: results for name, results in sets.items() if results}
-        shown = [f for f in FIGURES if any(result[f] is not None for results in done.values() for result in results)]
+        shown = [f for f in self.ablation.layout.figures if any(r[f] is not None for of in done.values() for r in of)]
         rows = []
         for name, results in done.items():
-            rows.append([f"`{name}`"])
+            rows.append([self.title(name)])
             for figure in shown:
                 (mean, spread), (_, unit, decimals) = mean_and_range(results, figure), FIGURES[figure]
                 brackets = f" ({spread * unit:.{decimals}f})" if math.isfinite(spread) else ""
@@ -138,25 +146,25 @@ class Tables:
         if len(done) < 2:
             return page
         reference = "plain" if "plain" in done else next(iter(done))
-        qualities, rows = [q for q in QUALITIES if q in shown], []
+        qualities, ratios, rows = [q for q in QUALITIES if q in shown], [r for r in RATIOS if r in shown], []
         for name, results in done.items():
             if name == reference:
                 continue
-            rows.append([f"`{name}`"])
+            rows.append([self.title(name)])
             for figure in qualities:
                 difference = mean_and_range(results, figure)[0] - mean_and_range(done[reference], figure)[0]
                 none = abs(difference) <= self.spread(figure)
                 rows[-1].append("none" if none else cell(difference, FIGURES[figure][2], "+"))
-            for figure in RATIOS:
+            for figure in ratios:
                 mean, of = mean_and_range(results, figure)[0], mean_and_range(done[reference], figure)[0]
                 rows[-1].append(f"{mean / of:.2f}x" if of else "-")
-        return f"{page}\nAgainst `{reference}`:\n\n" + markdown_table(
-            ["row", *(FIGURES[f][0] for f in [*qualities, *RATIOS])], rows
+        return f"{page}\nAgainst {self.title(reference)}:\n\n" + markdown_table(
+            ["row", *(FIGURES[f][0] for f in [*qualities, *ratios])], rows
         )
 
     def equal_time(self):
         """Table of the quality that each row had reached when the fastest row finished, and at half of that time."""
-        firsts = {name: results[0] for name, results in self.own.items() if results}
+        firsts = {name: self.own[name][0] for name in trainings(self.ablation)}
         if len(firsts) < 2:
             return ""
         end = min(result["training_seconds"] for result in firsts.values())
@@ -164,7 +172,7 @@ class Tables:
         rows = []
         for name, result in firsts.items():
             values = [quality_at(result["moments"], when, key) for key in OF_MOMENT for when in (end / 2, end)]
-            rows.append([f"`{name}`", *(cell(value, 2) for value in values)])
+            rows.append([self.title(name), *(cell(value, 2) for value in values)])
         return (
             f"\nAt equal time: what each row had reached after {end / 2:.0f} s and after {end:.0f} s of training, when the quickest was done (first "
             f"seed, at most {self.ablation.moment_views} held-out views, between moments interpolated):\n\n"
@@ -176,7 +184,7 @@ class Tables:
         for row in self.ablation.rows:
             train = f"`{' '.join(row.train.words())}`" if row.train.given else "no other"
             evaluated = f"; evaluated with `{' '.join(row.eval.words())}`" if row.eval.given else ""
-            page += f"- `{row.name}`: {train}{evaluated}{'' if self.own[row.name] else '; not finished'}\n"
+            page += f"- {self.title(row.name)}: {train}{evaluated}{'' if self.own[row.name] else '; not finished'}\n"
         return page
 
 
@@ -192,90 +200,110 @@ def quality_at(moments, seconds, key):
 # ---- Plots ----
 
 
-def write_plots(ablation):
-    """Writes TABLE.svg: quality against time; quality over alpha, and figures over a grid of pruning rates, for rows
-    that differ in that part only. Returns False without matplotlib."""
-    try:
-        import matplotlib
-    except ImportError:
-        ablation.progress.say(
-            f"no {ablation.output}.svg: the plot needs matplotlib, which this Python lacks (python3 -m pip install matplotlib)"
-        )
-        return False
-    matplotlib.use("Agg")
-    matplotlib.rcParams["svg.fonttype"] = "none"
-    from matplotlib import pyplot
+class Layout(NamedTuple):
+    """The content of TABLE.md and TABLE.svg: `names` are titles of rows, `panels` functions from an ablation to a list
+    of plots.Panel."""
 
-    own = ablation.results["own"]
-    critical = any(math.isfinite(mean_and_range(results, "psnr_critical")[0]) for results in own.values())
+    title: str = "Ablation"
+    names: dict = {}
+    figures: list = [f for f in FIGURES if f != "fps"]
+    panels: list = []
+
+
+def trainings(ablation):
+    """Names of the finished rows; of rows that only render another's training, of the first one alone."""
+    names = {
+        " ".join(row.train.words()): row.name for row in reversed(ablation.rows) if ablation.results["own"][row.name]
+    }
+    return [row.name for row in ablation.rows if row.name in names.values()]
+
+
+def qualities_of(ablation):
+    """Titles and keys of PSNR; those of regions only if a result has them."""
+    critical = any(math.isfinite(mean_and_range(r, "psnr_critical")[0]) for r in ablation.results["own"].values())
     qualities = {"PSNR": "psnr", "PSNR, critical pixels": "psnr_critical", "PSNR, other pixels": "psnr_noncritical"}
-    qualities = dict(list(qualities.items())[: 3 if critical else 1])
+    return dict(list(qualities.items())[: 3 if critical else 1])
+
+
+def panels_of(ablation, axis, names, points):
+    """A panel each for PSNR and critical PSNR, with a line per row: points(results of its seeds, key)."""
+    return [
+        plots.Panel(
+            f"{title} against {axis}",
+            axis,
+            "dB, held-out views",
+            {ablation.layout.names.get(name, name): points(ablation.results["own"][name], key) for name in names},
+        )
+        for title, key in list(qualities_of(ablation).items())[:2]
+    ]
+
+
+def over_time(ablation):
+    """Quality at the moments of the first seed."""
+    return panels_of(
+        ablation,
+        "seconds of training",
+        trainings(ablation),
+        lambda results, key: [(m["seconds"], m[key]) for m in results[0]["moments"]],
+    )
+
+
+def over_figure(figure, axis, unit=1):
+    """Final quality against another figure, both as the mean of the seeds."""
+    return lambda ablation: panels_of(
+        ablation,
+        axis,
+        [name for name, results in ablation.results["own"].items() if results],
+        lambda results, key: [(unit * mean_and_range(results, figure)[0], mean_and_range(results, key)[0])],
+    )
+
+
+def over_alpha(ablation):
+    """Quality over alpha, for rows that differ in it only."""
     panels = []
-    for title, key in qualities.items():
-        lines = {
-            name: [(m["seconds"], m[key]) for m in results[0]["moments"]] for name, results in own.items() if results
-        }
-        panels.append((f"{title} against training time", "seconds of training", "dB, held-out views", lines))
-    for title, key in qualities.items():
-        lines = {
-            name: [(1e-6 * result["pairs"], result[key]) for result in results]
-            for name, results in own.items()
-            if results
-        }
-        panels.append((f"{title} against pairs", "million pairs evaluated a frame", "dB, held-out views", lines))
     for title, rows in families(ablation.rows, "alpha=").items():
-        for results, kind in [(own, ""), (ablation.results["equal"], ", at equal count")]:
+        for kind, suffix in [("own", ""), ("equal", ", at equal count")]:
+            results = ablation.results[kind]
             done = sorted([row for row in rows if results[row.name]], key=lambda row: row.alpha)
             if len(done) > 1:
                 lines = {
                     q: [(row.alpha, mean_and_range(results[row.name], key)[0]) for row in done]
-                    for q, key in qualities.items()
+                    for q, key in qualities_of(ablation).items()
                 }
                 panels.append(
-                    (
-                        f"Over alpha{kind}{title}",
-                        "alpha: the share of the semantic score",
-                        "PSNR, dB, held-out views",
-                        lines,
-                    )
+                    plots.Panel(f"Over alpha{suffix}{title}", "weight of semantics, alpha", "dB, held-out views", lines)
                 )
+    return panels
+
+
+def over_rates(ablation):
+    """Figures over the grid of pruning rates, for rows that differ in it only."""
+    own, panels = ablation.results["own"], []
     figures = [
-        ("PSNR, dB", "psnr", 1, 2),
-        ("PSNR of critical pixels, dB", "psnr_critical", 1, 2),
+        *((f"{title}, dB", key, 1, 2) for title, key in list(qualities_of(ablation).items())[:2]),
         ("thousands of Gaussians", "gaussians", 1e-3, 1),
         ("seconds of training", "training_seconds", 1, 0),
     ]
     for title, rows in families(ablation.rows, "rate=").items():
         for name, key, unit, decimals in figures if len(rows) > 1 else []:
             cells = {tuple(row.rates): unit * mean_and_range(own[row.name], key)[0] for row in rows}
-            if key != "psnr_critical" or critical:
-                panels.append((f"{name}{title}", "% pruned afterwards", "% pruned while densifying", (cells, decimals)))
-
-    down = (len(panels) + 1) // 2
-    figure = pyplot.figure(figsize=(14, 5 * down), layout="constrained")
-    for number, (title, x_name, y_name, content) in enumerate(panels, 1):
-        axes = figure.add_subplot(down, 2, number)
-        axes.set(title=title, xlabel=x_name, ylabel=y_name)
-        if isinstance(content, dict):
-            for name, points in content.items():
-                axes.plot(
-                    [x for x, _ in points], [math.nan if y is None else y for _, y in points], marker=".", label=name
-                )
-            axes.legend(fontsize="small")
-            continue
-        cells, decimals = content
-        soft, hard = (list(dict.fromkeys(rates[k] for rates in cells)) for k in (0, 1))
-        axes.imshow([[cells.get((s, h), math.nan) for h in hard] for s in soft], aspect="auto")
-        axes.set_xticks(range(len(hard)), hard)
-        axes.set_yticks(range(len(soft)), soft)
-        for (s, h), value in cells.items():
-            axes.text(
-                hard.index(h), soft.index(s), cell(value, decimals), ha="center", va="center", backgroundcolor="white"
+            panels.append(
+                plots.Panel(f"{name}{title}", "% pruned afterwards", "% pruned while densifying", cells, decimals)
             )
-    text = io.StringIO()
-    figure.savefig(text, format="svg")
-    pyplot.close(figure)
-    write(f"{ablation.output}.svg", text.getvalue())
+    return panels
+
+
+EVERY_PANEL = [over_time, over_figure("pairs", "million pairs evaluated a frame", 1e-6), over_alpha, over_rates]
+
+
+def write_plots(ablation):
+    """Writes TABLE.svg. Returns False without matplotlib."""
+    panels = [panel for of in ablation.layout.panels or EVERY_PANEL for panel in of(ablation)]
+    text = plots.draw(panels)
+    if text is None:
+        ablation.progress.say(f"no {ablation.output}.svg: {plots.MISSING}")
+        return False
+    write(f"{ablation.output}.svg", text)
     return True
 
 

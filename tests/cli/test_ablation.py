@@ -3,7 +3,6 @@
 `pags train`."""
 
 import csv
-import importlib.util
 import json
 import os
 import shutil
@@ -23,6 +22,7 @@ SMALL = ["--max-gaussians", "1500", "--", "--random-points", "500"]
 SCRIPT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../benchmarks/ablation.py")
 sys.path.insert(0, os.path.dirname(SCRIPT))
 import ablation  # noqa: E402
+import plots  # noqa: E402
 
 
 class Ablation(DataCase):
@@ -94,11 +94,11 @@ class Ablation(DataCase):
         self.assertAlmostEqual(float(lines[0]["psnr"]), rows[0]["psnr"], 6)
         with open(self.path("t_curve.csv"), newline="") as file:
             self.assertEqual(len(list(csv.DictReader(file))), 16)
-        if importlib.util.find_spec("matplotlib"):
+        if plots.pyplot():
             picture = xml.etree.ElementTree.parse(self.path("t.svg")).getroot()
             self.assertIn("plain", "".join(picture.itertext()))
         else:
-            self.assertEqual(self.said.count("the plot needs matplotlib"), 1, self.said)
+            self.assertEqual(self.said.count(plots.MISSING), 1, self.said)
             self.assertFalse(os.path.exists(self.path("t.svg")))
 
         # Only missing runs are trained. So rows can be added later, and LPIPS can be requested later.
@@ -237,7 +237,7 @@ class Ablation(DataCase):
         for name, words in [
             ("default", ""),
             ("plain", "--preset plain"),
-            ("alpha=0.2", "--preset paper --alpha 0.2 --set dropout=1 --set dropout_beta=0.5"),
+            ("alpha=0.2", "--preset paper --alpha 0.2 --prune-rate 0.6/0.3 --set dropout=1 --set dropout_beta=0.5"),
             ("sp+sd", "--preset paper --alpha 0 --set dropout=1 --set dropout_beta=0"),
             (
                 "sd+beta=0.1+s-sem=init+no-fourier",
@@ -250,6 +250,8 @@ class Ablation(DataCase):
         ]:
             self.assertEqual(" ".join(row(name, 1).train.words()), words, name)
         self.assertEqual(row("spr+pdr*3", 1).eval.words(), ["--early-z", "paper"])
+        self.assertEqual(row("pdr+paper-order", 1).eval.words(), ["--early-z", "paper", "--order", "paper"])
+        self.assertEqual(row("plain+pdr", 1).train.words(), row("plain", 1).train.words())
         self.assertEqual((row("spr*3", 1).seeds, row("spr", 2).seeds), (3, 2))
         self.assertTrue(row("default", 1).prunes and row("alpha=1", 1).prunes)
         self.assertFalse(row("sd", 1).prunes or row("default+no-prunes", 1).prunes)
