@@ -105,7 +105,10 @@ class Paper(Case):
 
     def test_interrupted_table_is_resumed(self):
         running = subprocess.Popen(
-            self.command("table4", iterations=400), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            self.command("object", "--target-size", 20, iterations=300),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         for _ in range(6000):
             logs = [self.path("t/runs", run, "scene/log.jsonl") for run in self.runs_or_none()]
@@ -118,12 +121,16 @@ class Paper(Case):
         self.assertEqual(running.returncode, 3, said)
         self.assertIn("paper.py: interrupted; the same command resumes", said)
         (run,) = self.runs()
-        step = ablation.read_json(self.path("t/runs", run, "run.json"))["step"]
-        self.assertTrue(0 < step < 400, step)
-        # Another number of steps is refused. The same resumes.
-        refused = self.make("table4", code=1)
+        before = ablation.read_json(self.path("t/runs", run, "run.json"))
+        self.assertTrue(0 < before["step"] < 300, before)
+        refused = self.make("object", "--target-size", 20, code=1)  # another number of steps
         self.assertIn("paper.py: ", refused.stderr)
         self.assertIn("settings.json", refused.stderr)
+        self.make("object", "-q", "--target-size", 20, iterations=300)
+        after = ablation.read_json(self.path("t/runs", run, "run.json"))
+        self.assertEqual(after["step"], 300)
+        self.assertGreater(after["seconds"], before["seconds"])
+        self.assertEqual([row["row"] for row in self.rows("object")], ["plain", "paper", "default"])
 
     def runs_or_none(self):
         return self.runs() if os.path.exists(self.path("t/runs")) else []
