@@ -211,7 +211,7 @@ static void take_preset(pags_train_config *config) {
  * of the presets DEFAULT and FAST are those of docs/lab/fewer-pairs.md. */
 pags_train_config pags_config_resolve(const pags_train_config *config, bool driving) {
   pags_train_config c = *config;
-  const bool baseline = c.schedule.preset == PAGS_PRESET_PLAIN || c.schedule.preset == PAGS_PRESET_PAPER;
+  const bool paper = c.schedule.preset == PAGS_PRESET_PAPER, baseline = paper || c.schedule.preset == PAGS_PRESET_PLAIN;
   const bool mcmc = c.density.strategy == PAGS_STRATEGY_MCMC;
   if (c.color.sh_degree < 0)
     c.color.sh_degree = driving ? 1 : 3;
@@ -224,13 +224,17 @@ pags_train_config pags_config_resolve(const pags_train_config *config, bool driv
   if (c.picture.alpha_min < 0 && (mcmc || c.picture.antialiased))
     c.picture.alpha_min = 0;
   if (c.priority.hybrid == PAGS_HYBRID_AUTO)
-    c.priority.hybrid = c.schedule.preset == PAGS_PRESET_PAPER ? PAGS_HYBRID_SUM : PAGS_HYBRID_PRODUCT;
+    c.priority.hybrid = paper ? PAGS_HYBRID_SUM : PAGS_HYBRID_PRODUCT;
+  if (c.priority.s_sem == PAGS_S_SEM_AUTO)
+    c.priority.s_sem = paper ? PAGS_S_SEM_OVERLAP : PAGS_S_SEM_PASS;
+  if (c.priority.s_grad_from == PAGS_S_GRAD_FROM_AUTO)
+    c.priority.s_grad_from = paper ? PAGS_S_GRAD_FROM_TRAINING : PAGS_S_GRAD_FROM_PASS;
   if (c.priority.critical_weight < 0)
     c.priority.critical_weight = baseline ? 1 : 1 + 2.5 * c.priority.alpha;
   if (c.priority.critical_growth < 0)
     c.priority.critical_growth = c.priority.critical_weight;
   if (c.priority.dropout < 0)
-    c.priority.dropout = c.schedule.preset == PAGS_PRESET_PAPER;
+    c.priority.dropout = paper;
   if (c.exposure.exposure < 0)
     c.exposure.exposure = driving || !baseline;
   if (c.cameras.camera_poses < 0)

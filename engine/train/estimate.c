@@ -7,6 +7,7 @@
  * linearly until densify_until. The cost of a pass has a part
  * proportional to the number of Gaussians (cull, project, shade, sort, Adam) and a part that depends on the pixels,
  * which doubles as a scene fills up (measured between an early and a finished state). */
+#include "train/prune.h"
 #include "train/score_pass.h"
 #include "train/stages.h"
 #include "train/views.h"
@@ -102,8 +103,9 @@ pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
   /* A scored view costs as much as a step: drawing it is a step's forward half, and summing each Gaussian's
    * contribution goes through the (Gaussian, pixel) pairs like the backward half. Prunes score at half size, where
    * there are fewer pairs but as many Gaussians: those views count half. At the end one rank scores alone. */
-  const bool at_end = pags_score_pass_has_labels(t->dataset) && d->config.priority.s_sem != PAGS_S_SEM_INIT;
-  out->scoring_seconds = (0.5 * d->prunes + (at_end ? t->ranks : 0)) * (double)t->view_count * full / 1e3;
+  const bool at_end = pags_score_pass_has_labels(t->dataset) && d->config.priority.s_sem == PAGS_S_SEM_PASS;
+  const double at_prunes = pags_prune_measures(&d->config) ? 0.5 * d->prunes : 0.0;
+  out->scoring_seconds = (at_prunes + (at_end ? t->ranks : 0)) * (double)t->view_count * full / 1e3;
 
   /* Memory: that of training at the size of the largest view, of the image cache and of the sky. */
   const int64_t gaussians = (int64_t)fmax(final, d->prunes > 0 ? peak_share * now : 0);

@@ -183,17 +183,17 @@ const pags_train_field pags_fields[] = {
            "Share of the Gaussians that each prune by score removes before densify_until."),
     PRESET(priority, prune_late, 0.1, 0.1, 0.1, 0.3, "", 0, 0.99, "of the Gaussians",
            "Share of the Gaussians that each later prune by score removes."),
-    NUMBER(priority, prune_floor, 500, 0, MOST_COUNT, "Gaussians",
+    PRESET(priority, prune_floor, 500, 500, 500, 0, "", 0, MOST_COUNT, "Gaussians",
            "Minimum number of Gaussians per object, below which no prune by score applies."),
-    CHOICE(
-        priority, s_sem, PAGS_S_SEM_PASS, PAGS_S_SEM_OVERLAP, "pass|init|overlap",
-        "Source of S_sem, the share of a Gaussian that shows vehicles or people. pass: its blending weights in the "
-        "training views before each prune; init: the same, once at the start; overlap: its alpha, ignoring occlusion."),
+    CHOICE(priority, s_sem, PAGS_S_SEM_AUTO, PAGS_S_SEM_OVERLAP, "auto|pass|init|overlap",
+           "Source of S_sem, the share of a Gaussian that shows vehicles or people. pass: its visible part, before "
+           "each prune; init: that of its initial point; overlap: with hidden parts, once at the start; auto: pass, "
+           "with preset paper overlap."),
     CHOICE(priority, s_grad, PAGS_S_GRAD_RANK, PAGS_S_GRAD_LOG, "rank|minmax|log",
            "Normalisation of gradient scores to 0..1."),
-    CHOICE(priority, s_grad_from, PAGS_S_GRAD_FROM_PASS, PAGS_S_GRAD_FROM_TRAINING, "pass|training",
-           "Source of gradient scores. pass: a pass over the training views; training: gradients of the loss since the "
-           "last prune."),
+    CHOICE(priority, s_grad_from, PAGS_S_GRAD_FROM_AUTO, PAGS_S_GRAD_FROM_TRAINING, "auto|pass|training",
+           "Source of gradient scores. pass: a pass over the training views before each prune; training: the steps "
+           "since the last prune; auto: pass, with preset paper training."),
     AUTO_SWITCH(priority, dropout, "0; preset paper 1",
                 "Drop random Gaussians in each step, with lower probability for a high semantic score."),
     NUMBER(priority, dropout_beta, 0.5, 0, 1, "1",

@@ -20,7 +20,7 @@ typedef struct pags_density {
   int64_t capacity;
   float *gradient; /* sum of |dL/d mean2D|, NDC, over the views in which the Gaussian was drawn */
   int32_t *seen;   /* number of those views */
-  float *squared;  /* since the last prune: sum of squared derivatives of the loss by the projected Gaussian's value;
+  float *squared;  /* since the last prune: sum of squared derivatives of the picture by the projected Gaussian's value;
                       NULL unless the configuration takes S_grad from training */
 } pags_density;
 

@@ -9,7 +9,8 @@
  * 0..1, so that alpha is the true weight of the two. With the sum, Gaussians that show nothing critical score up to 1
  * - alpha, and those that show only critical things score at least alpha, even if no pixel needs them. The product
  * demands more of what isn't critical and keeps no Gaussian that doesn't matter to the picture. A Gaussian that no
- * training view shows has score 0, whatever S_sem it inherited. */
+ * training view shows has score 0 where a pass measures this, whatever S_sem it inherited; with the paper's S_grad, of
+ * training's own steps, it keeps alpha S_sem. */
 #include "train/prune.h"
 
 #include "base/log.h"
@@ -236,15 +237,15 @@ double pags_prune_hybrid(const pags_train_config *c, double s_sem, double s_grad
                                                    : c->priority.alpha * s_sem + (1.0 - c->priority.alpha) * s_grad;
 }
 
-/* Computes S_hybrid and the group (object) of all rows of all models. */
+/* Computes S_hybrid and the group (object) of all rows of all models. `scores`: of the pass, if there was one. */
 static pags_result score_rows(const pags_train_state *s, const pags_score_pass *scores, row_lists *l) {
   const pags_train_config *c = &s->schedule.config;
   int64_t at = 0, before = 0;
   for (int64_t i = 0; i < s->model_count; i++) {
     for (int64_t row = 0; row < s->models[i].gaussians.count; row++, at++) {
       l->number[at] = (uint32_t)(before + s->models[i].first_row + row);
-      l->raw[at] = c->priority.s_grad_from == PAGS_S_GRAD_FROM_PASS ? scores->squared[at]
-                                                                    : (double)s->models[i].density.squared[row];
+      l->raw[at] = c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING ? (double)s->models[i].density.squared[row]
+                                                                        : scores->squared[at];
     }
     before += s->models[i].total;
   }
@@ -255,7 +256,7 @@ static pags_result score_rows(const pags_train_state *s, const pags_score_pass *
     for (int64_t row = 0; row < m->gaussians.count; row++, at++) {
       double s_sem = m->gaussians.s_sem ? (double)m->gaussians.s_sem[row] : 0.0;
       double hybrid = pags_prune_hybrid(c, s_sem, (double)l->score[at]);
-      l->score[at] = scores->drawn[at] > 0.0 ? (float)hybrid : 0.0f;
+      l->score[at] = !scores->drawn || scores->drawn[at] > 0.0 ? (float)hybrid : 0.0f;
       l->group[at] = m->object >= 0           ? (int32_t)m->object + 1
                      : m->gaussians.object_id ? m->gaussians.object_id[row] + 1
                                               : 0;
@@ -306,23 +307,31 @@ static pags_result target_of(const pags_trainer *t, int index, int64_t count, in
   return PAGS_OK;
 }
 
+bool pags_prune_measures(const pags_train_config *config) {
+  return config->priority.s_sem == PAGS_S_SEM_PASS || config->priority.s_grad_from == PAGS_S_GRAD_FROM_PASS;
+}
+
 pags_result pags_prune(pags_trainer *t, int index) {
   pags_train_state *s = &t->state;
   PAGS_AUTO(pags_score_pass_destroy) pags_score_pass scores = {0};
-  int64_t dropped = 0, at = 0;
+  int64_t dropped = 0, at = 0, count = 0;
   pags_tasks_mark(t->tasks, "prune", "scores");
   const int64_t before = pags_state_gaussian_count(s);
-  PAGS_TRY(pags_score_pass_measure(t, 1, &scores));
+  if (pags_prune_measures(&s->schedule.config))
+    PAGS_TRY(pags_score_pass_measure(t, PAGS_SCORE_PASS_ROUGH, &scores));
   pags_tasks_mark(t->tasks, NULL, "choose");
-  pags_score_pass_write_s_sem(s, &scores);
-  const size_t room = (size_t)(scores.count > 0 ? scores.count : 1);
+  if (s->schedule.config.priority.s_sem == PAGS_S_SEM_PASS)
+    pags_score_pass_write_s_sem(s, &scores);
+  for (int64_t i = 0; i < s->model_count; i++)
+    count += s->models[i].gaussians.count;
+  const size_t room = (size_t)(count > 0 ? count : 1);
   PAGS_AUTO(destroy_lists)
   row_lists l = {malloc(room * sizeof(float)), malloc(room * sizeof(int32_t)), malloc(room),
                  malloc(room * sizeof(double)), malloc(room * sizeof(uint32_t))};
   const bool has_room = l.score && l.group && l.drop && l.raw && l.number;
-  const pags_result mine = has_room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)scores.count);
+  const pags_result mine = has_room ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
   PAGS_TRY(pags_transport_agree(pags_model_transport(s->models), mine));
-  pags_prune_request request = {.count = scores.count,
+  pags_prune_request request = {.count = count,
                                 .score = l.score,
                                 .group = l.group,
                                 .groups = s->tracks.count + 1,
@@ -336,9 +345,9 @@ pags_result pags_prune(pags_trainer *t, int index) {
   PAGS_TRY(pags_prune_choose(&request, l.drop, &dropped));
   pags_tasks_mark(t->tasks, NULL, "gather");
   for (int64_t i = 0; i < s->model_count; i++) {
-    const int64_t count = s->models[i].gaussians.count;
+    const int64_t rows = s->models[i].gaussians.count;
     PAGS_TRY(keep_rows(&s->models[i], l.drop + at, t->tasks));
-    at += count;
+    at += rows;
   }
   pags_log_message(PAGS_LOG_INFO, "step %lld: %lld of %lld Gaussians pruned by score", (long long)s->step,
                    (long long)dropped, (long long)before);

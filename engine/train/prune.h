@@ -10,6 +10,10 @@
  * Gaussians with the lowest, sorts the rest. */
 pags_result pags_prune(pags_trainer *trainer, int index);
 
+/* Returns whether prunes need a pass over the training views. The paper's don't: its S_sem is known from the start, and
+ * S_grad adds up while the steps run. */
+bool pags_prune_measures(const pags_train_config *config);
+
 /* Returns the number of Gaussians that prune number `index` leaves of `count`. */
 int64_t pags_prune_target(const pags_schedule *schedule, int index, int64_t count);
 

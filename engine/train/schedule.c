@@ -30,14 +30,14 @@ static int64_t at_least(int64_t value, int64_t least) {
 }
 
 /* Sets the steps of the prunes by score and their rates. Early ones, during densification, are moved to the next
- * densify step, so that no densify follows them closely. */
+ * densify step, so that no densify follows them closely; the paper's come exactly when it says. */
 static void set_prunes(pags_schedule *s) {
   const pags_train_priority *p = &s->config.priority;
   for (int i = 0; i < p->prunes; i++) {
     int64_t step = scaled(p->prune_from + p->prune_every * i, s->length);
     int64_t after = (step + s->densify_every - 1) / s->densify_every * s->densify_every;
     const bool early = step < s->densify_until;
-    if (early && after < s->densify_until)
+    if (early && after < s->densify_until && s->config.schedule.preset != PAGS_PRESET_PAPER)
       step = after;
     if (step <= 0 || step >= s->length || (s->prunes > 0 && step <= s->prune_step[s->prunes - 1]))
       continue; /* in a short run, a prune that coincides with another or with the end is left out */

@@ -59,7 +59,8 @@ typedef struct pags_schedule {
   int64_t quarter_until, half_until;
   int64_t tracks_from, fourier_from, object_term_from;
   int prunes;
-  int64_t prune_step[PAGS_MOST_PRUNES]; /* rising; during densification, multiples of densify_every */
+  int64_t prune_step[PAGS_MOST_PRUNES]; /* rising; during densification, multiples of densify_every, but with preset
+                                           paper */
   double prune_rate[PAGS_MOST_PRUNES];  /* the share of Gaussians that each prune removes */
 } pags_schedule;
 

@@ -9,6 +9,7 @@
 
 typedef struct score_pass {
   pags_trainer *trainer;
+  pags_score_pass_kind kind;
   pags_score_pass *scores;
   int64_t *first; /* per model: its first row in `scores` */
   float *counted, *critical;
@@ -46,18 +47,29 @@ static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
   for (int i = 0; i < c->count; i++) {
     s->squared[first + i] += c->squared[i];
     s->drawn[first + i] += c->seen[i];
-    s->seen[first + i] += p->labelled ? c->seen[i] : 0.0;
-    s->critical[first + i] += p->labelled ? c->critical[i] : 0.0;
+    if (!p->labelled || !(c->seen[i] > 0.0))
+      continue;
+    const double weight = p->kind == PAGS_SCORE_PASS_PAPER ? 1.0 / c->seen[i] : 1.0; /* there each view counts once */
+    s->seen[first + i] += weight * c->seen[i];
+    s->critical[first + i] += weight * c->critical[i];
   }
+}
+
+/* Returns the factor by which the photograph of training view `index` is shrunk. */
+static int level_of(const score_pass *p, int64_t index) {
+  return p->kind == PAGS_SCORE_PASS_PAPER ? 1 : pags_views_level(p->trainer, index);
 }
 
 /* Returns the factor by which a rough pass shrinks training's picture of training view `index`: 2, or 1 if the picture
  * would be smaller than training's pictures ever are. */
-static int factor_of(const pags_trainer *t, int64_t index, int rough) {
+static int factor_of(const score_pass *p, int64_t index) {
+  const pags_trainer *const t = p->trainer;
   const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[index])->camera;
-  const int shorter = camera->width < camera->height ? camera->width : camera->height,
-            level = pags_views_level(t, index);
-  return rough && level < 4 && shorter / (2 * level) >= t->state.schedule.config.schedule.resolution_floor ? 2 : 1;
+  const int shorter = camera->width < camera->height ? camera->width : camera->height, level = level_of(p, index);
+  return p->kind == PAGS_SCORE_PASS_ROUGH && level < 4 &&
+                 shorter / (2 * level) >= t->state.schedule.config.schedule.resolution_floor
+             ? 2
+             : 1;
 }
 
 /* Fills the mask planes from the photograph's mask and labels; of each block of `factor` x `factor` pixels, one is
@@ -75,24 +87,24 @@ static pags_result mask(score_pass *p, const pags_picture *picture, const pags_p
       p->critical[to] = photo->labels && photo->labels[from] & PAGS_LABEL_CRITICAL ? 1.0f : 0.0f;
     }
   }
-  *planes = (pags_score_planes){.counted = p->counted,
-                                .critical = p->critical,
-                                .overlap = p->trainer->state.schedule.config.priority.s_sem == PAGS_S_SEM_OVERLAP};
+  *planes =
+      (pags_score_planes){.counted = p->counted, .critical = p->critical, .overlap = p->kind == PAGS_SCORE_PASS_PAPER};
   return PAGS_OK;
 }
 
 /* Draws and scores this rank's view, the training view `index`. */
-static pags_result look_at(score_pass *p, int64_t index, int rough, const pags_frame_options *options) {
+static pags_result look_at(score_pass *p, int64_t index, const pags_frame_options *options) {
   pags_trainer *t = p->trainer;
   int level;
   pags_photo photo;
   pags_picture picture;
   pags_score_planes planes;
   pags_tasks_mark(t->tasks, NULL, "photograph");
-  PAGS_TRY(pags_views_photo(t, index, &level, &photo));
+  PAGS_TRY(p->kind == PAGS_SCORE_PASS_PAPER ? pags_photo_cache_get(t->cache, t->views[index], 1, &photo)
+                                            : pags_views_photo(t, index, &level, &photo));
   pags_tasks_mark(t->tasks, NULL, "compose");
   PAGS_TRY(pags_round_draw(t, t->state.step, options, &picture));
-  PAGS_TRY(mask(p, &picture, &photo, factor_of(t, index, rough), &planes));
+  PAGS_TRY(mask(p, &picture, &photo, factor_of(p, index), &planes));
   return t->ranks > 1 ? pags_shared_views_scores(&t->shared, t->render.frame, &planes)
                       : pags_frame_scores(t->render.frame, &planes, add_cluster, p);
 }
@@ -115,49 +127,48 @@ static pags_result give_back(score_pass *p, int count) {
 }
 
 /* Looks at `count` views, one a rank. */
-static pags_result add_round(score_pass *p, const int64_t *indices, int count, int rough) {
+static pags_result add_round(score_pass *p, const int64_t *indices, int count) {
   pags_trainer *t = p->trainer;
   pags_frame_options options = pags_view_render_options(t, t->state.step);
   options.keep_for_backward = 1;
   for (int i = 0; i < count; i++) {
-    const int factor = pags_views_level(t, indices[i]) * factor_of(t, indices[i], rough);
+    const int factor = level_of(p, indices[i]) * factor_of(p, indices[i]);
     t->round[i] = (pags_step_view){.view = t->views[indices[i]],
                                    .camera = pags_view_render_camera(t, t->views[indices[i]], factor)};
   }
   PAGS_TRY(pags_round_project(t, t->state.step, count, &options));
   p->labelled = false;
   const bool draws = t->shared.rank < count;
-  PAGS_TRY(pags_transport_agree(t->shared.transport,
-                                draws ? look_at(p, indices[t->shared.rank], rough, &options) : PAGS_OK));
+  PAGS_TRY(pags_transport_agree(t->shared.transport, draws ? look_at(p, indices[t->shared.rank], &options) : PAGS_OK));
   return t->ranks > 1 ? give_back(p, count) : PAGS_OK;
 }
 
 /* Returns whether a rough pass looks at view `index`: at half of the views where there are many, by a sequence that
  * takes its share of every camera, whichever way views are listed. */
-static bool is_looked_at(int64_t index, int64_t views, int rough) {
+static bool is_looked_at(int64_t index, int64_t views, pags_score_pass_kind kind) {
   enum { MANY_VIEWS = 100 };
   const double golden = 0.6180339887498949, turns = (double)index * golden;
-  return !rough || views < MANY_VIEWS || turns - (double)(int64_t)turns < 0.5;
+  return kind != PAGS_SCORE_PASS_ROUGH || views < MANY_VIEWS || turns - (double)(int64_t)turns < 0.5;
 }
 
-static pags_result add_views(score_pass *p, int rough) {
+static pags_result add_views(score_pass *p) {
   pags_trainer *const t = p->trainer;
   int64_t indices[PAGS_RANKS_MOST];
   int count = 0;
   for (int64_t i = 0; i < t->view_count; i++) {
-    if (is_looked_at(i, t->view_count, rough))
+    if (is_looked_at(i, t->view_count, p->kind))
       indices[count++] = i;
     if (count == 0 || (count < t->ranks && i + 1 < t->view_count))
       continue;
-    PAGS_TRY(add_round(p, indices, count, rough));
+    PAGS_TRY(add_round(p, indices, count));
     count = 0;
   }
   return PAGS_OK;
 }
 
-pags_result pags_score_pass_measure(pags_trainer *t, int rough, pags_score_pass *out) {
+pags_result pags_score_pass_measure(pags_trainer *t, pags_score_pass_kind kind, pags_score_pass *out) {
   const pags_train_state *const s = &t->state;
-  score_pass p = {.trainer = t, .scores = out, .first = malloc((size_t)s->model_count * sizeof *p.first)};
+  score_pass p = {.trainer = t, .kind = kind, .scores = out, .first = malloc((size_t)s->model_count * sizeof *p.first)};
   *out = (pags_score_pass){0};
   for (int64_t i = 0; p.first && i < s->model_count; i++) {
     p.first[i] = out->count;
@@ -174,7 +185,7 @@ pags_result pags_score_pass_measure(pags_trainer *t, int rough, pags_score_pass 
     out->critical = out->seen + out->count;
     out->squared = out->critical + out->count;
     out->drawn = out->squared + out->count;
-    result = add_views(&p, rough);
+    result = add_views(&p);
   }
   free(p.first);
   free(p.counted);
@@ -186,18 +197,19 @@ void pags_score_pass_write_s_sem(pags_train_state *s, const pags_score_pass *sco
   for (int64_t m = 0; m < s->model_count; m++) {
     pags_gaussians *g = &s->models[m].gaussians;
     for (int64_t i = 0; i < g->count; i++, at++)
-      if (g->s_sem && s->schedule.config.priority.s_sem != PAGS_S_SEM_INIT && scores->seen[at] > 0.0) {
+      if (g->s_sem && scores->seen[at] > 0.0) {
         double share = scores->critical[at] / scores->seen[at];
         g->s_sem[i] = share < 1.0 ? (float)share : 1.0f; /* rounding may give more than 1 */
       }
   }
 }
 
-pags_result pags_score_pass_finish(pags_trainer *t) {
+pags_result pags_score_pass_set_s_sem(pags_trainer *t, pags_score_pass_kind kind) {
   PAGS_AUTO(pags_score_pass_destroy) pags_score_pass scores = {0};
-  if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.priority.s_sem == PAGS_S_SEM_INIT)
+  const pags_s_sem asked = kind == PAGS_SCORE_PASS_PAPER ? PAGS_S_SEM_OVERLAP : PAGS_S_SEM_PASS;
+  if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.priority.s_sem != asked)
     return PAGS_OK;
-  PAGS_TRY(pags_score_pass_measure(t, 0, &scores));
+  PAGS_TRY(pags_score_pass_measure(t, kind, &scores));
   pags_score_pass_write_s_sem(&t->state, &scores);
   return PAGS_OK;
 }
@@ -206,6 +218,6 @@ void pags_score_pass_add_squares(void *user, const pags_cluster_score *c, int wo
   pags_trainer *t = user;
   pags_train_model *m = &t->state.models[t->render.drawn[c->part].model];
   (void)worker;
-  for (int i = 0; i < c->count; i++)
+  for (int i = 0; !t->measuring && i < c->count; i++)
     m->density.squared[c->first + i] += (float)c->squared[i];
 }

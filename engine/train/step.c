@@ -422,17 +422,19 @@ static pags_result view_backward(pags_trainer *t, int64_t step, int i, pags_step
   return PAGS_OK;
 }
 
-/* For prunes that rank Gaussians by derivatives of training's own loss: scores this rank's view by `gradient` and takes
- * the scores of each view to this rank's Gaussians. The scores travel in the memory of the sums, after these have been
- * used. */
-static pags_result add_scores(pags_trainer *t, pags_step_view *views, int count,
-                              const pags_picture_gradient *gradient) {
+/* For prunes that rank Gaussians by the pictures of training's own steps: scores this rank's view, of which the pixels
+ * count that the photograph's mask leaves, and takes the scores of each view to this rank's Gaussians. The scores
+ * travel in the memory of the sums, and the mask lies in that of a gradient, after these have been used. */
+static pags_result add_scores(pags_trainer *t, pags_step_view *views, int count) {
   pags_shared_views *const shared = &t->shared;
   pags_result mine = PAGS_OK;
   if (shared->rank < count) {
-    const pags_score_planes planes = {.counted = t->render.plane[ONES],
-                                      .critical = t->render.plane[ZEROS],
-                                      .rgb = {gradient->rgb[0], gradient->rgb[1], gradient->rgb[2]}};
+    const pags_photo *const photo = &views[shared->rank].photo;
+    float *const masked = t->render.plane[GRADIENT];
+    for (int64_t i = 0; photo->mask && i < (int64_t)photo->stride * photo->height; i++)
+      masked[i] = photo->mask[i] ? 1.0f : 0.0f;
+    const pags_score_planes planes = {.counted = photo->mask ? masked : t->render.plane[ONES],
+                                      .critical = t->render.plane[ZEROS]};
     if (!shares(t))
       return pags_frame_scores(t->render.frame, &planes, pags_score_pass_add_squares, t);
     mine = pags_shared_views_scores(shared, t->render.frame, &planes);
@@ -479,9 +481,10 @@ pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *view
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   if (shares(t) && !t->measuring)
     pags_shared_views_count(shared, &t->traffic);
-  const pags_train_priority *const c = &t->state.schedule.config.priority;
-  if (!t->measuring && c->prunes > 0 && c->s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
-    PAGS_TRY(add_scores(t, views, count, &gradient));
+  const pags_schedule *const s = &t->state.schedule;
+  if (s->config.priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING && s->prunes > 0 &&
+      step <= s->prune_step[s->prunes - 1])
+    PAGS_TRY(add_scores(t, views, count));
   pags_stage_lap(&clock, &t->ms.backward);
   return PAGS_OK;
 }

@@ -371,7 +371,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   PAGS_TRY(pags_shards_save_whole(t->output.checkpoint, t->options->transport, s, t->fingerprint));
   pags_tasks_mark(t->tasks, "scene", "settle");
   if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that will be resumed doesn't spend time on it */
-    PAGS_TRY(pags_score_pass_finish(t));
+    PAGS_TRY(pags_score_pass_set_s_sem(t, PAGS_SCORE_PASS_WHOLE));
   PAGS_TRY(pags_share_run_end(t));
   r->peak_rss_bytes = pags_port_peak_memory();
   return writes ? write_end(t, r, &clock) : PAGS_OK;
@@ -431,6 +431,8 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   PAGS_TRY(pags_share_run_begin(t));
   if (!found)
     PAGS_TRY(pags_size_limit_start(t->dataset, &t->state, t->tasks));
+  if (!found && !o->estimate)
+    PAGS_TRY(pags_score_pass_set_s_sem(t, PAGS_SCORE_PASS_PAPER));
   result->resumed = found;
   pags_result mine = PAGS_OK;
   if (config.density.lidar_pull > 0.0 || config.density.lidar_lay > 0.0)

@@ -30,7 +30,7 @@ typedef enum pags_preset {
   PAGS_PRESET_DEFAULT, /* short lists and few Gaussians at full quality (docs/train.md) */
   PAGS_PRESET_FAST,    /* fewer Gaussians and less quality than DEFAULT */
   PAGS_PRESET_PLAIN,   /* the training of Kerbl et al. (2023): the baseline of comparisons */
-  /* PLAIN with pruning by score and dropout as the paper of PAGS states them (arXiv:2510.12282), for 50 000 steps. */
+  /* PLAIN with scores, pruning and dropout as the paper of PAGS states them (arXiv:2510.12282), for 50 000 steps. */
   PAGS_PRESET_PAPER
 } pags_preset;
 enum { PAGS_PRESETS = PAGS_PRESET_PAPER + 1 };
@@ -45,21 +45,29 @@ typedef enum pags_hybrid {
   PAGS_HYBRID_PRODUCT
 } pags_hybrid;
 
-/* How S_sem is found: the share of what is visible of a Gaussian that shows something critical. */
+/* How S_sem is found: the share of a Gaussian that shows something critical. Copies by clone and split inherit it. */
 typedef enum pags_s_sem {
+  PAGS_S_SEM_AUTO,   /* PASS, with preset PAPER OVERLAP */
   PAGS_S_SEM_PASS,   /* by the Gaussian's blending weights (alpha T) in the pixels of the training photographs,
                         measured anew before each prune and at the end */
-  PAGS_S_SEM_INIT,   /* once, at the start */
-  PAGS_S_SEM_OVERLAP /* as PASS, but by alpha alone, as if nothing were hidden */
+  PAGS_S_SEM_INIT,   /* of the points that the Gaussians start from; never measured */
+  PAGS_S_SEM_OVERLAP /* the paper's: once, before the first step; the mean, over the labelled views that show the
+                        Gaussian, of the critical share of its alpha, as if nothing were hidden */
 } pags_s_sem;
 
 /* How the raw gradient scores are mapped to S_grad in 0..1: to their percentile rank; linearly from their minimum
  * and maximum; or by a logarithm. */
 typedef enum pags_s_grad { PAGS_S_GRAD_RANK, PAGS_S_GRAD_MINMAX, PAGS_S_GRAD_LOG } pags_s_grad;
 
-/* Where the raw gradient scores come from: a pass over the training views (Speedy-Splat's score, Hanson et al.
- * 2025), or the gradients of the loss since the last prune. */
-typedef enum pags_s_grad_from { PAGS_S_GRAD_FROM_PASS, PAGS_S_GRAD_FROM_TRAINING } pags_s_grad_from;
+/* Where the raw gradient scores come from: the squared derivatives of the pixels' colour by the projected Gaussian's
+ * value (Speedy-Splat, Hanson et al. 2025), summed over the pixels of some views. */
+typedef enum pags_s_grad_from {
+  PAGS_S_GRAD_FROM_AUTO, /* PASS, with preset PAPER TRAINING */
+  PAGS_S_GRAD_FROM_PASS, /* a pass over the training views before each prune */
+  /* The pictures of training's own steps since the last prune, as they were drawn: at their size, and without the
+   * Gaussians that dropout left out. */
+  PAGS_S_GRAD_FROM_TRAINING
+} pags_s_grad_from;
 
 /* The structs below hold every constant of the training. Their fields are listed in one table,
  * engine/train/fields.c, with name, type, default, range, unit and text; `pags train --fields` prints it, and
@@ -193,7 +201,7 @@ typedef struct pags_train_priority {
   int64_t prune_every;          /* steps of 30 000 from one prune to the next */
   double prune_early;           /* fraction removed at each prune before densify_until */
   double prune_late;            /* fraction removed at each later prune */
-  int64_t prune_floor;          /* no object is pruned below this number of Gaussians */
+  int64_t prune_floor;          /* no object is pruned below this number of Gaussians; auto: 500, with PAPER 0 */
   pags_s_sem s_sem;             /* how S_sem is found */
   pags_s_grad s_grad;           /* how S_grad is mapped to 0..1 */
   pags_s_grad_from s_grad_from; /* where S_grad comes from */

@@ -159,16 +159,17 @@ static void pruning_changes_no_bit_of_a_resumed_run(void **unused) {
   config.priority.prune_from = 10000;
   config.priority.prune_every = 5000;
   config.priority.prune_floor = 20;
-  config.priority.dropout = 1;
+  config.priority.s_sem = PAGS_S_SEM_PASS;
+  config.priority.s_grad_from = PAGS_S_GRAD_FROM_PASS;
   config.size_limit.max_gaussians = 1500;
   pruned_runs_go_on(&config, "pass");
   pags_scene scene;
   assert_int_equal(pags_scene_load(scratch("pass_whole"), &scene), PAGS_OK);
   assert_int_equal(pags_scene_gaussian_count(&scene), 1500);
   pags_scene_destroy(&scene);
-  config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
+  config.priority.s_grad_from = PAGS_S_GRAD_FROM_AUTO; /* the paper's */
+  config.priority.s_sem = PAGS_S_SEM_AUTO;
   config.priority.s_grad = PAGS_S_GRAD_LOG;
-  config.priority.s_sem = PAGS_S_SEM_OVERLAP;
   pruned_runs_go_on(&config, "training");
   config = quick();
   config.schedule.preset = PAGS_PRESET_DEFAULT;
@@ -367,10 +368,10 @@ static void half_size_gives_the_same_scores(void **unused) {
   pags_score_pass whole, rough;
   begin_run(&options, &t);
   const uint64_t before = decoded_by(&t); /* the initial sky may have decoded some photographs at a smaller size */
-  assert_int_equal(pags_score_pass_measure(&t, 0, &whole), PAGS_OK);
+  assert_int_equal(pags_score_pass_measure(&t, PAGS_SCORE_PASS_WHOLE, &whole), PAGS_OK);
   const uint64_t once = decoded_by(&t);
   assert_true(once - before <= (uint64_t)t.view_count);
-  assert_int_equal(pags_score_pass_measure(&t, 1, &rough), PAGS_OK);
+  assert_int_equal(pags_score_pass_measure(&t, PAGS_SCORE_PASS_ROUGH, &rough), PAGS_OK);
   assert_int_equal(pags_color_over_time_decide(&t), PAGS_OK);
   assert_int_equal(decoded_by(&t), once);
   assert_int_equal(whole.count, rough.count);

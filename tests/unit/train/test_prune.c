@@ -26,11 +26,13 @@ static pags_schedule schedule_of(pags_preset preset, int64_t iterations, int64_t
 }
 
 /* Four prunes of the paper's rates in a run of 30 000 steps, after steps 10 000 to 25 000. */
-static pags_schedule four_prunes(int64_t iterations, int64_t views) {
+static pags_schedule four_prunes(pags_preset preset, int64_t iterations, int64_t views) {
   pags_train_config config = pags_train_config_default();
-  config.schedule.preset = PAGS_PRESET_PAPER;
+  config.schedule.preset = preset;
   config.schedule.iterations = iterations;
   config.density.densify_until = 25000;
+  config.priority.prune_early = 0.6;
+  config.priority.prune_late = 0.3;
   config.priority.prunes = 4;
   config.priority.prune_from = 10000;
   config.priority.prune_every = 5000;
@@ -43,14 +45,17 @@ static void prune_steps_match_the_paper(void **unused) {
   pags_schedule s = schedule_of(PAGS_PRESET_PLAIN, 30000, 10);
   assert_int_equal(s.prunes, 0);
   assert_int_equal(s.densify_until, 15000);
-  s = schedule_of(PAGS_PRESET_PAPER, 50000, 10);
-  assert_int_equal(s.prunes, 8);
-  assert_int_equal(s.densify_until, 25000);
-  for (int i = 0; i < 8; i++)
-    assert_true(s.prune_step[i] >= at[i] && s.prune_step[i] < at[i] + (i < 3 ? s.densify_every : 1));
-  assert_int_equal(pags_schedule_prune(&s, s.prune_step[7]), 7);
-  assert_int_equal(pags_schedule_prune(&s, s.prune_step[7] + 1), -1);
-  assert_true(s.prune_rate[2] == 0.6 && s.prune_rate[3] == 0.3);
+  for (int64_t views = 10; views < 4000; views *= 3) {
+    s = schedule_of(PAGS_PRESET_PAPER, 50000, views);
+    assert_int_equal(s.prunes, 8);
+    assert_int_equal(s.densify_until, 25000);
+    assert_memory_equal(s.prune_step, at, sizeof at);
+    for (int i = 0; i < 8; i++)
+      assert_true(s.prune_rate[i] == (i < 3 ? 0.6 : 0.3));
+  }
+  assert_int_equal(pags_schedule_prune(&s, 45000), 7);
+  assert_int_equal(pags_schedule_prune(&s, 45001), -1);
+  assert_int_equal(s.config.priority.prune_floor, 0);
   assert_true(s.config.priority.critical_weight == 1.0 && s.config.priority.hybrid == PAGS_HYBRID_SUM);
   assert_true(s.config.priority.dropout == 1 && s.config.picture.alpha_min == 0 && s.config.density.scale_reset == 1);
 }
@@ -134,7 +139,7 @@ static void prune_steps_scale_and_avoid_the_last_step(void **unused) {
       }
     }
   /* The numbers of PandaSet's scene 002 with three cameras. */
-  pags_schedule s = four_prunes(7000, 180);
+  pags_schedule s = four_prunes(PAGS_PRESET_PLAIN, 7000, 180);
   static const int64_t want[] = {2340, 3600, 4680, 5833};
   assert_int_equal(s.prunes, 4);
   assert_memory_equal(s.prune_step, want, sizeof want);
@@ -146,7 +151,7 @@ static void prune_steps_scale_and_avoid_the_last_step(void **unused) {
  * is over. */
 static void resets_wait_for_a_near_prune(void **unused) {
   (void)unused;
-  pags_schedule s = four_prunes(7000, 180);
+  pags_schedule s = four_prunes(PAGS_PRESET_PLAIN, 7000, 180);
   static const int64_t want[] = {720, 1440, 2340, 2880, 3600, 4320, 5040};
   int count = 0;
   assert_int_equal(s.reset_every, 720);
@@ -156,7 +161,7 @@ static void resets_wait_for_a_near_prune(void **unused) {
       assert_int_equal(step, want[count++]);
     }
   assert_int_equal(count, 7);
-  s = four_prunes(30000, 10); /* at full length no reset is put off */
+  s = four_prunes(PAGS_PRESET_PLAIN, 30000, 10); /* at full length no reset is put off */
   for (int64_t step = 1; step <= 30000; step++)
     assert_int_equal(pags_schedule_is_reset(&s, step), step % 3000 == 0 && step < 25000);
 }
@@ -254,7 +259,7 @@ static void ties_are_broken_at_random(void **unused) {
 
 static void the_bound_holds_at_the_last_prune(void **unused) {
   (void)unused;
-  pags_schedule s = four_prunes(30000, 10);
+  pags_schedule s = four_prunes(PAGS_PRESET_PAPER, 30000, 10);
   assert_int_equal(pags_prune_target(&s, 0, 1000), 400);
   assert_int_equal(pags_prune_target(&s, 3, 1000), 700);
   s.config.size_limit.max_gaussians = 300;

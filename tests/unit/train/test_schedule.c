@@ -249,6 +249,9 @@ static void an_old_configuration_is_read(void **unused) {
   expected.priority.critical_weight = expected.priority.critical_growth = 3.0;
   expected.priority.prune_early = 0.5;
   expected.priority.prune_late = 0.2;
+  expected.priority.prune_floor = 500;
+  expected.priority.s_sem = PAGS_S_SEM_PASS;
+  expected.priority.s_grad_from = PAGS_S_GRAD_FROM_PASS;
   expected.priority.dropout = 0;
   expected.schedule.half_until = 0.2;
   expected.losses.ssim_weight = 0.2;

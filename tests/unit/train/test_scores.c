@@ -254,12 +254,11 @@ static void a_wall_behind_a_car_gets_no_credit(void **unused) {
 
 /* ---- Writing S_sem ---- */
 
-static void fill_state(pags_train_state *s, pags_s_sem kind) {
+static void fill_state(pags_train_state *s) {
   pags_gaussians g;
   pags_train_config config = pags_train_config_default();
   config.schedule.preset = PAGS_PRESET_PLAIN;
   config.color.sh_degree = 0;
-  config.priority.s_sem = kind;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 4);
   assert_int_equal(pags_state_create(s, &schedule, 100, 2), PAGS_OK);
   for (int m = 0; m < 2; m++) {
@@ -276,16 +275,11 @@ static void unseen_gaussians_keep_their_priority(void **unused) {
   double seen[6] = {2, 0, 4, 0, 1, 1}, critical[6] = {1, 0, 0, 0, 1.0000000001, 0.25};
   pags_score_pass scores = {.count = 6, .seen = seen, .critical = critical};
   pags_train_state s;
-  fill_state(&s, PAGS_S_SEM_PASS);
+  fill_state(&s);
   pags_score_pass_write_s_sem(&s, &scores);
   const float want[6] = {0.5f, 0.125f, 0.0f, 0.125f, 1.0f, 0.25f};
   assert_memory_equal(s.models[0].gaussians.s_sem, want, 3 * sizeof *want);
   assert_memory_equal(s.models[1].gaussians.s_sem, want + 3, 3 * sizeof *want);
-  pags_state_destroy(&s);
-  fill_state(&s, PAGS_S_SEM_INIT);
-  pags_score_pass_write_s_sem(&s, &scores);
-  for (int i = 0; i < 3; i++)
-    assert_true(s.models[0].gaussians.s_sem[i] == 0.125f);
   pags_state_destroy(&s);
 }
 
