@@ -208,9 +208,8 @@ enum {
 
 typedef struct pags_raster_score {
   pags_drawn_tile tile;            /* slots of PAGS_SCORE_SUMS */
-  const float *rgb_gradient[3];    /* NULL: 1 everywhere */
   const float *counted, *critical; /* 0..1 */
-  int32_t overlap;                 /* 1: sums of alpha in place of alpha T; without rgb_gradient */
+  int32_t overlap;                 /* 1: sums of alpha in place of alpha T */
 } pags_raster_score;
 
 typedef struct pags_raster_weights {

@@ -1,13 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Pruning scores of a (splat, tile) pair: the visible weight of the splat, the part of it on critical pixels, and the
- * sensitivity of the picture or the loss to the splat (the score of Speedy-Splat, Hanson et al. 2025).
+ * sensitivity of the picture to the splat (the score of Speedy-Splat, Hanson et al. 2025).
  *
  * Pairs are walked front to back as in the backward pass (raster_backward.c), with w = alpha T:
  *   seen     = sum of w n              n: weight of the pixel
  *   critical = sum of w n m            m: how critical the pixel is, 0..1
- *   squared  = sum of n (dL/dG)^2      G: value of the projected Gaussian at the pixel, alpha = o G; L: the loss,
- *                                      if its gradient by the picture is given, else the sum of the picture's
- *                                      channels
+ *   squared  = sum of n (dL/dG)^2      G: value of the projected Gaussian at the pixel, alpha = o G; L: the sum of the
+ *                                      pixel's channels
  * dL/dG = o dL/dalpha. The derivative of the cap on alpha (0.99) is taken as 1, as in Speedy-Splat (and INRIA's
  * backward), since otherwise an opaque splat would have no score where it covers most.
  *
@@ -19,41 +18,27 @@ typedef struct score_tile {
   vf counted[PAGS_TILE_BLOCKS], critical[PAGS_TILE_BLOCKS];
 } score_tile;
 
-V_INLINE void score_load(score_tile *tile, const pags_raster_score *in, bool loss) {
+V_INLINE void score_load(score_tile *tile, const pags_raster_score *in) {
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
     const int64_t at = block_at(in->tile.stride, b);
     const vm inside = begin_block(&tile->drawn, &in->tile, b);
     vf behind = v_zero();
-    for (int c = 0; c < 3; c++) {
-      const vf rgb = v_load_4x4(in->tile.rgb[c] + at, in->tile.stride);
-      if (loss) {
-        tile->drawn.g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->tile.stride));
-        behind = v_fma(tile->drawn.g[c][b], rgb, behind);
-      } else {
-        behind = v_add(behind, rgb);
-      }
-    }
+    for (int c = 0; c < 3; c++)
+      behind = v_add(behind, v_load_4x4(in->tile.rgb[c] + at, in->tile.stride));
     tile->counted[b] = v_maskz(inside, v_load_4x4(in->counted + at, in->tile.stride));
     tile->critical[b] = v_mul(tile->counted[b], v_maskz(inside, v_load_4x4(in->critical + at, in->tile.stride)));
     tile->drawn.behind[b] = v_maskz(inside, behind);
   }
 }
 
-V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool overlap, bool loss, vf sum[3]) {
+V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool overlap, vf sum[3]) {
   vf u, v;
   const vf exponent = raster_exponent(s, tile->drawn.px[b], tile->drawn.py[b], &u, &v);
   const vf alpha = raster_alpha(s, exponent, 5);
   const vf t = tile->drawn.t[b], next = v_fnma(t, alpha, t);
   const vm goes_on = v_ge(next, v_set(PAGS_T_STOP)), blends = m_and(goes_on, v_gt(alpha, v_zero()));
   const vf w = v_maskz(goes_on, v_mul(alpha, t));
-  vf shine;
-  if (loss) {
-    shine = v_mul(tile->drawn.g[2][b], v_set(s->b));
-    shine = v_fma(tile->drawn.g[1][b], v_set(s->g), shine);
-    shine = v_fma(tile->drawn.g[0][b], v_set(s->r), shine);
-  } else {
-    shine = v_set(s->r + s->g + s->b);
-  }
+  const vf shine = v_set(s->r + s->g + s->b);
   const vf behind = v_fnma(w, shine, tile->drawn.behind[b]);
   tile->drawn.t[b] = v_maskz(goes_on, next);
   tile->drawn.behind[b] = v_maskz(goes_on, behind);
@@ -65,10 +50,10 @@ V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool over
   sum[2] = v_fma(v_mul(by_alpha, by_alpha), tile->counted[b], sum[2]);
 }
 
-V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
+V_INLINE void score_all(const pags_raster_score *in, bool overlap) {
   const block_corners corners = corners_of(in->tile.x0, in->tile.y0);
   score_tile tile;
-  score_load(&tile, in, loss);
+  score_load(&tile, in);
   for (int64_t i = 0; i < in->tile.count; i++) {
     if (i + 4 < in->tile.count)
       __builtin_prefetch(in->tile.splats + in->tile.entries[i + 4].splat);
@@ -79,7 +64,7 @@ V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
       blocks = block_mask(s, &corners);
     vf sum[3] = {v_zero(), v_zero(), v_zero()};
     for (unsigned left = blocks; left; left &= left - 1)
-      score_step(&tile, s, __builtin_ctz(left), overlap, loss, sum);
+      score_step(&tile, s, __builtin_ctz(left), overlap, sum);
     const vf opacity = v_exp2(v_set(s->log2_opacity), 5);
     slot[PAGS_SCORE_SEEN] = v_sum(sum[0]);
     slot[PAGS_SCORE_CRITICAL] = v_sum(sum[1]);
@@ -87,17 +72,9 @@ V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
   }
 }
 
-#define SCORE_VARIANT(name, overlap, loss)        \
-  static void name(const pags_raster_score *in) { \
-    score_all(in, overlap, loss);                 \
-  }
-SCORE_VARIANT(score_seen, false, false)
-SCORE_VARIANT(score_overlap, true, false)
-SCORE_VARIANT(score_loss, false, true)
-
 void KERNEL(raster_score)(const pags_raster_score *in) {
-  if (in->rgb_gradient[0])
-    score_loss(in);
+  if (in->overlap)
+    score_all(in, true);
   else
-    (in->overlap ? score_overlap : score_seen)(in);
+    score_all(in, false);
 }

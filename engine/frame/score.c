@@ -25,12 +25,10 @@ static void tiles_score(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
     const int64_t at = frame_tile_offset(f, tile);
-    pags_raster_score in = {.tile = frame_drawn_tile(f, tile, c->written),
-                            .counted = c->planes->counted + at,
-                            .critical = c->planes->critical + at,
-                            .overlap = c->planes->overlap};
-    for (int k = 0; k < 3; k++)
-      in.rgb_gradient[k] = c->planes->rgb[k] ? c->planes->rgb[k] + at : NULL;
+    const pags_raster_score in = {.tile = frame_drawn_tile(f, tile, c->written),
+                                  .counted = c->planes->counted + at,
+                                  .critical = c->planes->critical + at,
+                                  .overlap = c->planes->overlap};
     f->kernels->raster_score(&in);
   }
 }
@@ -76,7 +74,7 @@ static void clusters_score(void *context, int64_t begin, int64_t end, int worker
 
 pags_result pags_stage_score(pags_frame *frame, const pags_score_planes *planes, float **slots) {
   assert(frame->rendered && frame->options.keep_for_backward);
-  assert(planes->counted && planes->critical && !(planes->rgb[0] && planes->overlap));
+  assert(planes->counted && planes->critical);
   pags_tasks_mark(frame->tasks, NULL, "scores");
   score_context c = {.frame = frame, .planes = planes};
   PAGS_TRY(pags_frame_alloc(frame, &c.written, frame->stats.pairs_binned * PAGS_SCORE_SUMS, sizeof *c.written,

@@ -7,9 +7,9 @@
 #include <math.h>
 #include <string.h>
 
-typedef enum choice { SEEN, OVERLAP, LOSS, CHOICES } choice;
+typedef enum choice { SEEN, OVERLAP, CHOICES } choice;
 
-/* A tile whose colour gradients are normally distributed; a pixel's weight is 1 or 1/4, and its criticality 1 or 0. */
+/* A tile in which a pixel's weight is 1 or 1/4, and its criticality 1 or 0. */
 static tile make_tile(int64_t count, const splat_mix *mix, bool border) {
   tile t = tile_make(count, mix, border);
   for (int i = 0; i < TILE_PLANE; i++)
@@ -21,12 +21,8 @@ static tile make_tile(int64_t count, const splat_mix *mix, bool border) {
 }
 
 static pags_raster_score arguments(const tile *t, choice c, float *slots) {
-  pags_raster_score in = {
+  return (pags_raster_score){
       .tile = tile_drawn(t, slots), .counted = t->gradient[3], .critical = t->gradient[4], .overlap = c == OVERLAP};
-  for (int j = 0; j < 3; j++) {
-    in.rgb_gradient[j] = c == LOSS ? t->gradient[j] : NULL;
-  }
-  return in;
 }
 
 static float *score(const pags_kernels *k, const tile *t, choice c) {
@@ -51,9 +47,8 @@ static void add_step(tile_sums *s, const tile *t, choice c, const pags_splat *g,
   const double colour[3] = {(double)g->r, (double)g->g, (double)g->b}, w = at->alpha * at->t;
   double shine = 0.0, shine_size = 0.0;
   for (int j = 0; j < 3; j++) {
-    const double gradient = c == LOSS ? (double)t->gradient[j][i] : 1.0;
-    shine += gradient * colour[j];
-    shine_size += fabs(gradient * colour[j]);
+    shine += colour[j];
+    shine_size += fabs(colour[j]);
   }
   const double opacity = exp2((double)g->log2_opacity);
   const double by_value = opacity * (at->t * shine - behind / (1.0 - at->alpha));
@@ -102,16 +97,15 @@ static tile_sums *score_plainly(const tile *t, choice c, bool fused) {
     double left, behind = 0.0, total = 0.0;
     int n = walk(t, c, i, px, py, fused, steps, all, &left);
     for (int j = 0; j < 3; j++) {
-      const double gradient = c == LOSS ? (double)t->gradient[j][i] : 1.0;
-      behind += gradient * (double)tile_background[j] * left;
-      total += fabs(gradient * (double)t->plane[j][i]);
+      behind += (double)tile_background[j] * left;
+      total += fabs((double)t->plane[j][i]);
     }
     while (n-- > 0) {
       const pags_splat *const g = t->splats + t->entries[steps[n].entry].splat;
       add_step(all + steps[n].entry, t, c, g, steps + n, i, behind, total);
       const double w = steps[n].alpha * steps[n].t, colour[3] = {(double)g->r, (double)g->g, (double)g->b};
       for (int j = 0; j < 3; j++)
-        behind += w * colour[j] * (c == LOSS ? (double)t->gradient[j][i] : 1.0);
+        behind += w * colour[j];
     }
   }
   return all;

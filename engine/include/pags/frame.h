@@ -299,8 +299,7 @@ typedef struct pags_cluster_score {
   const double *seen;     /* sum over pixels of counted * alpha T: about the pixels that show the Gaussian */
   const double *critical; /* sum over pixels of counted * critical * alpha T: those with critical content */
   /* Speedy-Splat's score (Hanson et al. 2025): sum over pixels of counted * (dL/dG)^2, G being the value of the
-   * projected Gaussian at the pixel, alpha = opacity * G, and L the sum of the picture's channels or the loss
-   * whose gradient `rgb` is. */
+   * projected Gaussian at the pixel, alpha = opacity * G, and L the sum of the pixel's channels. */
   const double *squared;
 } pags_cluster_score;
 
@@ -311,9 +310,7 @@ typedef void pags_score_fn(void *user, const pags_cluster_score *score, int work
 typedef struct pags_score_planes {
   const float *counted;  /* weight of the pixel, 0..1 */
   const float *critical; /* criticality of the pixel's content, 0..1 */
-  const float *rgb[3];   /* dL/d(picture); NULL: all 1 */
-  int overlap;           /* 1: `seen` and `critical` are sums of alpha instead of alpha T, as if nothing were hidden.
-                            Not with rgb */
+  int overlap;           /* 1: `seen` and `critical` are sums of alpha instead of alpha T, as if nothing were hidden */
 } pags_score_planes;
 
 /* Computes the scores of the last render, which must have had keep_for_backward, instead of pags_frame_backward
