@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Short names for CMake's presets and the scripts: `make help` lists them. Variables, with their defaults:
-#   JOBS=processors  PREFIX=/usr/local  SCENE=build/demo/scene  BLENDER_NEW=  TARGET=, TARGETS=  MINUTES=1, LONG_MINUTES=  OLD=
+#   JOBS=processors  PREFIX=/usr/local  SCENE=build/demo/scene  DATA=build/demo/data  BLENDER_NEW=  TARGET=, TARGETS=  MINUTES=1, LONG_MINUTES=  OLD=
 #   REFERENCE=HEAD  OPTIONS=
 
 JOBS ?= $(shell nproc)
@@ -54,10 +54,11 @@ check-%:
 	@test -e scripts/check/$*.sh || { echo "make: no check-$*; make help lists the checks" >&2; exit 2; }
 	sh scripts/check/$*.sh
 
-bench: build/demo/scene/scene.json ## Measure stages, roofline and error against time on the demo's scene.
-	build/pags-bench roofline build/demo/scene
-	build/pags-bench stages build/demo/scene
-	build/pags-bench error build/demo/scene --downscale 2
+curve: $(if $(SCENE),all,build/demo/scene/scene.json) ## Draw frame time against error of SCENE=FOLDER into build/curve.svg, .md and .json.
+	python3 -B benchmarks/curve.py frame "$(scene)" -o build/curve
+
+training-curve: $(if $(DATA),all,build/demo/scene/scene.json) ## Draw training time against error on DATA=FOLDER into build/training-curve.* (hours; resumes).
+	python3 -B benchmarks/curve.py training "$(or $(DATA),build/demo/data)" -o build/training-curve
 
 bench-blender: addon ## Measure import, memory and viewport of the add-on, for SCENE=FOLDER, in a window under Xvfb.
 	for script in blender_import gui_blender; do PAGS_BENCH_SCENE="$(abspath $(scene))" $(call addon_test,"$(CURDIR)/benchmarks/$$script.py") || exit 1; done
@@ -104,8 +105,9 @@ clean: ## Remove build/.
 	rm -rf build
 
 # Old names.
+bench: curve
 fuzz sanitize valgrind: %: check-%
 fuzz-long:
 	$(MAKE) check-fuzz MINUTES=5 LONG_MINUTES=30
 
-.PHONY: all help setup-min setup demo quick check bench bench-blender addon guide cross packages deb container same-bits figures docs format install clean fuzz sanitize valgrind fuzz-long
+.PHONY: all help setup-min setup demo quick check curve training-curve bench-blender addon guide cross packages deb container same-bits figures docs format install clean bench fuzz sanitize valgrind fuzz-long

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The program pags-bench: measures the engine's speed and its errors on a scene or data set of the user's. It is
- * separate from pags because its verb `error` links the tests' double-precision renderer. */
+ * separate from pags because its verbs `curve` and `reference` link the tests' double-precision renderer. */
 #include "benchmarks/bench.h"
 #include "benchmarks/verbs.h"
 #include "cli/common/progress.h"
@@ -20,7 +20,7 @@ const char pags_program_name[] = "pags-bench";
 typedef struct bench_arguments {
   pags_session session;
   const char *input;
-  const char *camera, *output, *colmap, *markdown, *picture;
+  const char *camera, *output, *colmap, *picture;
   int views, repetitions, split_every;
   double downscale, background[3];
   int64_t iterations, snapshot_every, max_gaussians;
@@ -64,16 +64,6 @@ static const pags_verb roofline_verb =
                "peak rasterising this scene reaches, forward and backward, on each instruction set that "
                "runs here (PAGS_CPU: on that one).");
 #ifdef PAGS_WITH_REFERENCE
-static const pags_option error_options[] = {
-    PAGS_TEXT("camera", 0, AT(camera), "FILE", "the scene's training views, or an orbit", "measure from this camera"),
-    PAGS_VALUE("views", 'n', INT, AT(views), 1, 64, "N", "pictures", NULL, "how many views to take the mean over"),
-    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL,
-               "timed frames of each view and way to draw, which take turns"),
-    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
-    PAGS_TEXT("markdown", 0, AT(markdown), "FILE", NULL, "write the table as Markdown too"),
-    PAGS_SESSION_OPTIONS(bench_arguments),
-    {0}};
-
 static const pags_option reference_options[] = {
     PAGS_OUTPUT(AT(picture), "FILE.pfm", "the picture, three channels of floats; replaced"),
     PAGS_TEXT("camera", 0, AT(camera), "FILE", "the scene's first training view, or an orbit's",
@@ -91,19 +81,6 @@ static const pags_verb reference_verb = {
         "Slow: a second or more for a picture of 960x540.",
     .positionals = SCENE_POSITIONALS,
     .options = reference_options};
-
-static const pags_verb error_verb = {.name = "error",
-                                     .usage = "SCENE [options]",
-                                     .about =
-                                         "Each approximation of the engine: its largest and mean error against a "
-                                         "renderer in double precision or against the engine "
-                                         "without it, how many times as fast it makes what it is in, and counts of "
-                                         "work or bytes. Pictures, gradients, the optimiser "
-                                         "and scores. Times are the processor's; with --threads 1 none of it is "
-                                         "waiting. The renderer in double precision is "
-                                         "slow: pictures are small by default.",
-                                     .positionals = SCENE_POSITIONALS,
-                                     .options = error_options};
 #endif
 static const pags_verb train_verb = {
     .name = "train",
@@ -116,71 +93,43 @@ static const pags_verb train_verb = {
 
 /* ---- Benchmarks on a scene ---- */
 
-/* The cameras, downscaled: all of them, and the evenly spread selection that is measured. */
-typedef struct camera_list {
-  pags_camera *all, *some;
-  int64_t all_count;
-  int count;
-} camera_list;
-
-static pags_result choose_cameras(const bench_arguments *arguments, const pags_scene *scene, camera_list *out) {
-  pags_camera_path path = {0};
-  if (arguments->camera) {
-    PAGS_TRY(pags_camera_path_load(arguments->camera, &path));
-  } else if (scene->view_count > 0) {
-    PAGS_TRY(pags_camera_path_views(scene, &path));
-  } else {
-    PAGS_TRY(pags_camera_path_orbit(scene, arguments->views, PAGS_STAND_AUTO, &path));
-  }
-  const int64_t wanted = path.count < arguments->views ? path.count : arguments->views;
-  for (int64_t i = 0; i < path.count; i++)
-    path.cameras[i] = pags_camera_downscale(&path.cameras[i], arguments->downscale);
-  *out = (camera_list){path.cameras, malloc((size_t)(wanted + 1) * sizeof *out->some), path.count, (int)wanted};
-  if (!out->some)
-    return pags_out_of_memory("%lld cameras", (long long)wanted);
+/* Chooses at most `views` evenly spread cameras, downscaled. */
+static pags_result choose_cameras(const bench_arguments *arguments, const pags_scene *scene, pags_camera_path *path) {
+  if (arguments->camera)
+    PAGS_TRY(pags_camera_path_load(arguments->camera, path));
+  else if (scene->view_count > 0)
+    PAGS_TRY(pags_camera_path_views(scene, path));
+  else
+    PAGS_TRY(pags_camera_path_orbit(scene, arguments->views, PAGS_STAND_AUTO, path));
+  const int64_t wanted = path->count < arguments->views ? path->count : arguments->views;
   for (int64_t i = 0; i < wanted; i++)
-    out->some[i] = path.cameras[i * path.count / wanted];
+    path->cameras[i] = pags_camera_downscale(&path->cameras[i * path->count / wanted], arguments->downscale);
+  path->count = wanted;
   return wanted > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", arguments->input);
 }
 
 typedef pags_result scene_bench(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-/* Shows progress, and clears the progress line at fraction 1, before the table is printed. */
-static int show_progress(void *progress, double fraction, const char *what) {
-  if (fraction < 1)
-    return pags_progress_watch(progress, fraction, what);
-  pags_progress_end(progress);
-  return !pags_interrupted();
-}
-
 /* Runs one benchmark on a composed scene. All frames show the scene at the first camera's time, so that every
  * measured frame is of the same scene. */
 static pags_result bench_scene(const bench_arguments *arguments, scene_bench *bench, pags_composition *composition,
-                               const camera_list *cameras) {
+                               const pags_camera_path *path) {
   const pags_part *parts;
   pags_json_writer json;
-  pags_progress progress = pags_progress_begin(arguments->session.people);
   pags_bench_view view = {.tasks = arguments->session.tasks,
-                          .cameras = cameras->some,
-                          .camera_count = cameras->count,
+                          .cameras = path->cameras,
+                          .camera_count = (int)path->count,
                           .options = pags_composition_options(composition),
                           .repetitions = arguments->repetitions,
-                          .name = pags_path_name(arguments->input),
-                          .all = cameras->all,
-                          .all_count = cameras->all_count,
-                          .markdown = arguments->markdown,
-                          .picture = arguments->picture,
-                          .progress = show_progress,
-                          .progress_user = &progress};
+                          .picture = arguments->picture};
   for (int c = 0; c < 3 && arguments->picture; c++)
     view.options.background[c] = (float)arguments->background[c];
   view.options.early_z = PAGS_EARLY_Z_OFF; /* early-z off, so that each stage does all of its work */
-  pags_compose(composition, cameras->some[0].time, &parts, &view.part_count);
+  pags_compose(composition, path->cameras[0].time, &parts, &view.part_count);
   view.parts = parts;
   pags_json_writer_init(&json, 2);
   pags_json_begin_object(&json, NULL);
   pags_result result = bench(&view, arguments->session.people, &json);
-  pags_progress_end(&progress);
   if (result == PAGS_OK)
     return pags_session_json(&arguments->session, &json);
   pags_json_writer_destroy(&json);
@@ -190,21 +139,17 @@ static pags_result bench_scene(const bench_arguments *arguments, scene_bench *be
 static pags_result run_on_scene(bench_arguments *arguments, scene_bench *bench) {
   pags_scene scene;
   pags_composition *composition = NULL;
-  camera_list cameras = {0};
-  if (arguments->markdown)
-    PAGS_TRY(pags_check_writable(arguments->markdown));
+  PAGS_AUTO(pags_camera_path_destroy) pags_camera_path path = {0};
   if (arguments->picture)
     PAGS_TRY(pags_check_writable(arguments->picture));
   PAGS_TRY(pags_scene_load(arguments->input, &scene));
-  pags_result result = choose_cameras(arguments, &scene, &cameras);
+  pags_result result = choose_cameras(arguments, &scene, &path);
   if (result == PAGS_OK)
     result = pags_composition_create(&scene, &composition);
   else
     pags_scene_destroy(&scene);
   if (result == PAGS_OK)
-    result = bench_scene(arguments, bench, composition, &cameras);
-  free(cameras.all);
-  free(cameras.some);
+    result = bench_scene(arguments, bench, composition, &path);
   pags_composition_destroy(composition);
   return result;
 }
@@ -269,9 +214,11 @@ static int run_entry(const bench_entry *entry, int argc, char **argv) {
 }
 
 static const bench_entry entries[] = {
-    {&stages_verb, pags_bench_stages, 1, 10}, {&roofline_verb, pags_bench_roofline, 1, 10},  {&train_verb, NULL, 1, 10},
+    {&stages_verb, pags_bench_stages, 1, 10},
+    {&roofline_verb, pags_bench_roofline, 1, 10},
+    {&train_verb, NULL, 1, 10},
 #ifdef PAGS_WITH_REFERENCE
-    {&error_verb, pags_bench_error, 4, 3},    {&reference_verb, pags_bench_reference, 1, 1},
+    {&reference_verb, pags_bench_reference, 1, 1},
 #endif
 };
 enum { ENTRY_COUNT = sizeof entries / sizeof entries[0] };
@@ -281,7 +228,8 @@ static const struct own_entry {
   const char *name, *about;
   int (*run)(int argc, char **argv);
 } own_entries[] = {
-    {"render", "Speed of drawing against error, mode by mode and stage by stage; table and CSV.", pags_bench_render},
+    {"curve", "Frame time against error, exact and to the photographs, by mode and time limit.", pags_bench_curve},
+    {"render", "Frame time stage by stage, work and error of each mode; table and CSV.", pags_bench_render},
     {"scale", "Whether the time of a frame follows what is visible or what exists, to 50 million Gaussians.",
      pags_bench_scale},
     {"scaling",
@@ -305,8 +253,8 @@ static void print_help(void) {
       "compares quality, size and time.\n");
 #ifndef PAGS_WITH_REFERENCE
   printf(
-      "'error' and 'reference' are not in this build, which lacks the tests' double-precision renderer (CMake option "
-      "PAGS_TESTS).\n");
+      "'reference' is not in this build, which lacks the tests' double-precision renderer (CMake option PAGS_TESTS); "
+      "'curve' compares with the mode off.\n");
 #endif
 #ifndef PAGS_WITH_PROXIES
   printf("'proxies' is not in this build, which lacks pags synth or pags export.\n");
@@ -325,10 +273,12 @@ static int run(int argc, char **argv) {
   for (int i = 0; i < OWN_COUNT; i++)
     if (!strcmp(what, own_entries[i].name))
       return own_entries[i].run(argc - 2, argv + 2);
-  fprintf(
-      stderr,
-      "pags-bench: expected stages, roofline, train, error, reference, render, scale, scaling or proxies; 'pags-bench "
-      "--help' tells what each measures\n");
+  if (!strcmp(what, "error"))
+    fprintf(stderr, "pags-bench: 'error' was removed; 'pags-bench curve SCENE' measures frame time against error\n");
+  else
+    fprintf(stderr,
+            "pags-bench: expected stages, roofline, train, curve, reference, render, scale, scaling or proxies; see "
+            "'pags-bench --help'\n");
   return PAGS_EXIT_USAGE;
 }
 

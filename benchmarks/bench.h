@@ -19,18 +19,9 @@ typedef struct pags_bench_view {
   const pags_camera *cameras;
   int camera_count;
   pags_frame_options options;
-  int repetitions; /* timed frames per camera, >= 1 */
-  /* The following members are used by pags_bench_error only. */
-  const char *name;       /* name of the scene */
-  const pags_camera *all; /* all training cameras, downscaled like `cameras`; all_count 0: use `cameras` */
-  int64_t all_count;
-  const char *markdown;       /* file to write the table to as Markdown; NULL: none */
-  const char *picture;        /* file that pags_bench_reference writes */
-  pags_progress_fn *progress; /* may be NULL */
-  void *progress_user;
+  int repetitions;     /* timed frames per camera, >= 1 */
+  const char *picture; /* file that pags_bench_reference writes */
 } pags_bench_view;
-
-enum { PAGS_BENCH_ERROR_PARTS = 64 };
 
 /* Times and counts of a frame, averaged over the cameras; each time is the minimum over the repetitions. */
 typedef struct pags_bench_frame {
@@ -63,13 +54,14 @@ pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_js
  * bandwidth, and the share of the kernel's speed that the raster stage and its backward pass reach. */
 pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-/* Largest and mean error of each approximation of the engine, against the double-precision oracle or against the
- * engine without that approximation, and what it saves. Fails for more than PAGS_BENCH_ERROR_PARTS models. */
-pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_json_writer *json);
-
 /* Draws the first camera's view in double precision and writes view->picture, a PFM: three channels of 32-bit floats,
- * rows from below. Fails for more than PAGS_BENCH_ERROR_PARTS models. */
+ * rows from below. */
 pags_result pags_bench_reference(const pags_bench_view *view, FILE *people, pags_json_writer *json);
+
+/* Draws a picture in double precision, without exposure: *rgb receives three planes of width x height, which the caller
+ * frees, and *pairs the number of pairs of Gaussian and pixel blended. The parts must not be packed. */
+pags_result pags_bench_exact(const pags_part *parts, int part_count, const pags_camera *camera,
+                             const pags_frame_options *options, double **rgb, int64_t *pairs);
 
 /* Trains and measures held-out PSNR every `snapshot_every` steps; reports PSNR against training time, then stages and
  * roofline of the trained Gaussians. `options` is complete except for the snapshot members, which are set here. */

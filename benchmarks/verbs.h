@@ -4,6 +4,7 @@
 #ifndef PAGS_BENCHMARKS_VERBS_H
 #define PAGS_BENCHMARKS_VERBS_H
 
+int pags_bench_curve(int argc, char **argv);
 int pags_bench_render(int argc, char **argv);
 int pags_bench_scale(int argc, char **argv);
 int pags_bench_scaling(int argc, char **argv);

@@ -50,7 +50,7 @@ static const pags_option options[] = {
 static bool replacement(const char *name, char *text, size_t size) {
   if (strcmp(name, "plot") != 0)
     return false;
-  snprintf(text, size, "--json FILE, and benchmarks/plot_render.py FILE");
+  snprintf(text, size, "benchmarks/curve.py SCENE -o FILE");
   return true;
 }
 

@@ -34,15 +34,17 @@ enum { COUNTS = sizeof count_at / sizeof count_at[0] };
 
 /* ---- Lists of cameras and modes ---- */
 
+int64_t pags_bench_spread(int64_t i, int64_t most, int64_t count) {
+  const double at = (double)i + fmod((double)i * 0.61803398874989485, 1.0);
+  const int64_t index = (int64_t)(at * (double)count / (double)most);
+  return most >= count ? i : index < count ? index : count - 1;
+}
+
 void pags_bench_thin(pags_camera_path *path, int64_t most) {
-  const int64_t count = path->count;
-  if (most >= count)
+  if (most >= path->count)
     return;
-  for (int64_t i = 0; i < most; i++) {
-    const double at = (double)i + fmod((double)i * 0.61803398874989485, 1.0);
-    const int64_t index = (int64_t)(at * (double)count / (double)most);
-    path->cameras[i] = path->cameras[index < count ? index : count - 1];
-  }
+  for (int64_t i = 0; i < most; i++)
+    path->cameras[i] = path->cameras[pags_bench_spread(i, most, path->count)];
   path->count = most;
 }
 
@@ -67,6 +69,8 @@ pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *s
     /* Apply the mode's change to the options. */
     if (!strcmp(mode->name, "exp3"))
       mode->options.exp_degree = 3;
+    else if (!strcmp(mode->name, "paper-order"))
+      mode->options.early_z = PAGS_EARLY_Z_PAPER, mode->options.order = PAGS_ORDER_PAPER;
     else if (!strncmp(mode->name, "sh", 2) && mode->name[2] >= '0' && mode->name[2] <= '2' && !mode->name[3])
       mode->options.sh_degree = mode->name[2] - '0';
     else if (pags_early_z_parse(mode->name, &mode->options) != PAGS_OK)

@@ -30,11 +30,11 @@ typedef struct pags_bench_mode {
 enum { PAGS_BENCH_MOST_MODES = 16, PAGS_BENCH_MODE_NAME = 32 };
 
 /* Names of the modes, for help and messages. */
-#define PAGS_BENCH_MODE_WORDS "off, lossless, bounded, bounded=EPS, paper, exp3, sh0, sh1, sh2"
-#define PAGS_BENCH_MODE_HELP                                                                                    \
-  PAGS_BENCH_MODE_WORDS                                                                                         \
-  ". The first ones as of pags render --early-z; exp3: exp of degree 3; sh0, sh1, sh2: colour of at most that " \
-  "degree. The first in the list is what others are held against"
+#define PAGS_BENCH_MODE_WORDS "off, lossless, bounded, bounded=EPS, paper, paper-order, exp3, sh0, sh1, sh2"
+#define PAGS_BENCH_MODE_HELP                                                                                     \
+  PAGS_BENCH_MODE_WORDS                                                                                          \
+  ". The first ones as of pags render --early-z; paper-order: paper with --order paper; exp3: exp of degree 3; " \
+  "sh0, sh1, sh2: colour of at most that degree. Speed-ups and, except for curve, errors are relative to the first"
 
 typedef struct pags_bench_mode_list {
   pags_bench_mode modes[PAGS_BENCH_MOST_MODES]; /* names point into `names` */
@@ -45,8 +45,11 @@ typedef struct pags_bench_mode_list {
 /* Parses mode names separated by commas, each a change of `standard`. The names in `out` point into it, so it must
  * not be moved. PAGS_ERROR_ARGUMENT for an unknown name or too many. */
 pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *standard, pags_bench_mode_list *out);
-/* Thins a path to at most `most` cameras: one from each of `most` equal stretches, at an offset that advances by the
- * golden ratio from stretch to stretch, so that a path that cycles through several sensors keeps cameras of each. */
+/* Index of camera i of `most` chosen ones of `count`: one from each of `most` equal stretches, at an offset that
+ * advances by the golden ratio from stretch to stretch, so that a path that cycles through several sensors keeps
+ * cameras of each. */
+int64_t pags_bench_spread(int64_t i, int64_t most, int64_t count);
+/* Thins a path to at most `most` cameras by pags_bench_spread. */
 void pags_bench_thin(pags_camera_path *path, int64_t most);
 /* Copies the next word of a comma-separated list; returns false at the list's end or if the word doesn't fit into
  * `size` bytes. */

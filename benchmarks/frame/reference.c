@@ -6,55 +6,57 @@
 #include <stdlib.h>
 #include "base/file.h"
 #include "base/memory.h"
-#include "benchmarks/error/error.h"
 #include "reference/reference.h"
+
+pags_result pags_bench_exact(const pags_part *parts, int part_count, const pags_camera *camera,
+                             const pags_frame_options *options, double **rgb, int64_t *pairs) {
+  PAGS_AUTOFREE reference_part *copies = calloc((size_t)part_count + 1, sizeof *copies);
+  PAGS_CHECK_MEMORY(copies, "%d models", part_count);
+  for (int p = 0; p < part_count; p++)
+    copies[p] = reference_part_from(parts + p);
+  reference_picture picture = reference_render(copies, part_count, camera, options);
+  *rgb = pags_take(&picture.rgb);
+  *pairs = picture.contribution_count;
+  reference_picture_destroy(&picture);
+  for (int p = 0; p < part_count; p++)
+    reference_part_destroy(copies + p);
+  return PAGS_OK;
+}
 
 /* Writes a picture as a PFM of three channels, 32-bit floats in this machine's order, rows from below (Debevec's
  * HDRShop format). */
-static pags_result write_pfm(const char *path, const reference_picture *picture) {
-  const int64_t width = picture->width, height = picture->height, pixels = width * height;
+static pags_result write_pfm(const char *path, const double *rgb, int64_t width, int64_t height) {
   const uint16_t one = 1;
   char head[64];
-  float *const row = malloc(3 * (size_t)width * sizeof *row);
-  if (!row)
-    return pags_out_of_memory("a row of a picture");
+  PAGS_AUTOFREE float *row = malloc(3 * (size_t)width * sizeof *row);
+  PAGS_CHECK_MEMORY(row, "a row of a picture");
   pags_file_writer file;
-  const int length = snprintf(head, sizeof head, "PF\n%d %d\n%s\n", picture->width, picture->height,
+  const int length = snprintf(head, sizeof head, "PF\n%lld %lld\n%s\n", (long long)width, (long long)height,
                               *(const uint8_t *)&one ? "-1.0" : "1.0");
-  pags_result result = pags_file_writer_begin(&file, path);
-  if (result == PAGS_OK) {
-    result = pags_file_writer_put(&file, head, (size_t)length);
-    for (int64_t y = height - 1; y >= 0 && result == PAGS_OK; y--) {
-      for (int64_t i = 0; i < 3 * width; i++)
-        row[i] = (float)picture->rgb[i % 3 * pixels + y * width + i / 3];
-      result = pags_file_writer_put(&file, row, 3 * (size_t)width * sizeof *row);
-    }
-    if (result == PAGS_OK)
-      result = pags_file_writer_commit(&file);
-    else
-      pags_file_writer_abort(&file);
+  PAGS_TRY(pags_file_writer_begin(&file, path));
+  pags_result result = pags_file_writer_put(&file, head, (size_t)length);
+  for (int64_t y = height - 1; y >= 0 && result == PAGS_OK; y--) {
+    for (int64_t i = 0; i < 3 * width; i++)
+      row[i] = (float)rgb[i % 3 * width * height + y * width + i / 3];
+    result = pags_file_writer_put(&file, row, 3 * (size_t)width * sizeof *row);
   }
-  free(row);
+  if (result == PAGS_OK)
+    return pags_file_writer_commit(&file);
+  pags_file_writer_abort(&file);
   return result;
 }
 
 pags_result pags_bench_reference(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
-  if (view->part_count > PAGS_BENCH_ERROR_PARTS)
-    return pags_fail(PAGS_ERROR_LIMIT, "%d models; the renderer in double precision takes at most %d", view->part_count,
-                     PAGS_BENCH_ERROR_PARTS);
-  reference_part parts[PAGS_BENCH_ERROR_PARTS];
-  for (int p = 0; p < view->part_count; p++)
-    parts[p] = reference_part_from(view->parts + p);
-  reference_picture picture = reference_render(parts, view->part_count, view->cameras, &view->options);
-  const pags_result result = write_pfm(view->picture, &picture);
-  pags_json_put_integer(json, "width", picture.width);
-  pags_json_put_integer(json, "height", picture.height);
-  pags_json_put_integer(json, "pairs", picture.contribution_count);
-  if (people && result == PAGS_OK)
-    fprintf(people, "%s: %dx%d, %lld pairs of Gaussian and pixel blended\n", view->picture, picture.width,
-            picture.height, (long long)picture.contribution_count);
-  reference_picture_destroy(&picture);
-  for (int p = 0; p < view->part_count; p++)
-    reference_part_destroy(parts + p);
-  return result;
+  const pags_camera *const camera = view->cameras;
+  PAGS_AUTOFREE double *rgb = NULL;
+  int64_t pairs;
+  PAGS_TRY(pags_bench_exact(view->parts, view->part_count, camera, &view->options, &rgb, &pairs));
+  PAGS_TRY(write_pfm(view->picture, rgb, camera->width, camera->height));
+  pags_json_put_integer(json, "width", camera->width);
+  pags_json_put_integer(json, "height", camera->height);
+  pags_json_put_integer(json, "pairs", pairs);
+  if (people)
+    fprintf(people, "%s: %dx%d, %lld pairs of Gaussian and pixel blended\n", view->picture, camera->width,
+            camera->height, (long long)pairs);
+  return PAGS_OK;
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tests pags-bench render, scale and error: their tables, CSV, JSON and Markdown. No time is checked."""
+"""Tests pags-bench render, scale and reference: their tables, CSV and JSON. No time is checked."""
 
 import array
 import csv
@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 import fixtures
-from fixtures import FRONT, Case, ply_bytes, read, some_splats, splat
+from fixtures import FRONT, Case, ply_bytes, read, some_splats
 
 CAMERA = {**FRONT, "camera_from_world_translation": [0, 0, 5]}
 
@@ -52,7 +52,7 @@ class Bench(Case):
         self.assertEqual(rows[0]["psnr"], "inf")
         self.assertEqual(int(rows[5]["pairs_binned"]), told["sizes"][1]["modes"][0]["pairs_binned"])
         self.assertEqual([len(m["frame_ms"]) for s in told["sizes"] for m in s["modes"]], [2] * 10)
-        self.fails(self.render("--plot", self.path("a.svg")), "plot_render.py", code=2)
+        self.fails(self.render("--plot", self.path("a.svg")), "benchmarks/curve.py", code=2)
         self.assertIn("speed-up", done.stdout)
 
     def test_budget(self):
@@ -84,59 +84,6 @@ class Bench(Case):
         self.assertTrue(rows[2]["rows_bytes"] < rows[6]["rows_bytes"] < 64 * rows[6]["gaussians"])
         self.assertEqual(len(read(self.path("s.csv")).decode().splitlines()), 9)
         self.assertEqual([n for n in os.listdir(self.path()) if n.endswith(".pagsz")], [])
-
-    def errors(self, splats, *more):
-        """Returns the rows that `pags-bench error` prints, by name."""
-        scene = self.write("a.ply", ply_bytes(splats))
-        camera = self.write("camera.json", json.dumps(CAMERA))
-        self.succeeds(
-            "error", scene, "--camera", camera, "--downscale", 1, "-r", 1, "--json", self.path("e.json"), *more
-        )
-        rows = json.loads(read(self.path("e.json")))["rows"]
-        self.assertEqual(len({row["name"] for row in rows}), len(rows))
-        return {row["name"]: row for row in rows}
-
-    def test_error(self):
-        rows = self.errors(some_splats(), "--markdown", self.path("e.md"))
-        for name, row in rows.items():
-            self.assertTrue(0 <= row["mean"] <= row["max"], name)
-            self.assertTrue(row["gain"] is None or row["gain"] > 0, name)
-        least, most = "float, all of the engine", "exp by 3rd degree"
-        self.assertTrue(0 < rows[least]["max"] < 0.02 and rows[least]["psnr"] > 100)
-        self.assertTrue(rows[least]["max"] < rows[most]["max"] < 0.1)
-        self.assertTrue(1e-8 < rows["exp by 5th degree"]["max"] < 3e-7)
-        self.assertTrue(5e-5 < rows["exp by 3rd degree (asked for)"]["max"] < 1e-4)
-        self.assertEqual((rows["early-z lossless"]["max"], rows["early-z lossless"]["psnr"]), (0, None))
-        self.assertTrue(rows["early-z bounded, 1/255"]["max"] <= 1.01)
-        self.assertTrue(0 < rows["packed form"]["max"] < 1)
-        for name in ["alpha cut at 1/255", "stop at T < 1e-4", "tiles by exact extent", "packed form"]:
-            count = rows[name]["counts"][0]
-            self.assertTrue(0 < count["used"] <= count["exact"], name)
-        # A pixel has few layers here. The alpha cut-off makes each layer lose less than 1/255.
-        self.assertTrue(0 < rows["alpha cut at 1/255"]["max"] < 10)
-        self.assertTrue(0 < rows["affine image, slopes clamped"]["max"] < 5)
-        self.assertTrue(rows["gradient by means"]["max"] < 0.01)
-        self.assertTrue(rows["Adam, paid when seen"]["max"] < 1e-3 and rows["Adam in float"]["max"] < 1e-2)
-        self.assertNotIn("colour of degree 0", rows)  # the splats have colours of degree 0 only, so this row is missing
-        table = [line.split(" | ") for line in read(self.path("e.md")).decode().splitlines() if line.startswith("| ")]
-        self.assertEqual([cells[0][2:] for cells in table[1:]], list(rows))
-        script = os.path.join(os.path.dirname(__file__), "../../scripts/error_page.py")
-        page = subprocess.run(
-            [sys.executable, script, *2 * [self.path("e.json")]], capture_output=True, text=True, check=True
-        )
-        lines = [line.split(" | ") for line in page.stdout.splitlines() if line.startswith("| ")]
-        self.assertEqual([cells[0][2:] for cells in lines[1 : len(rows) + 1]], list(rows))
-        self.assertEqual(lines[1][3:4], [lines[1][4].removesuffix(" |")])
-
-    def test_error_of_alpha_cap_and_slope_clamp(self):
-        rows = self.errors([splat(0, 0, 0, (0.9, 0.9, 0.9), sigma=0.4, opacity=12.0)])
-        self.assertTrue(2 < rows["alpha capped at 0.99"]["max"] < 3)  # the cap removes 1 % of 0.9 * 255, about 2.3
-        # The affine projection is nearly exact in the picture's centre, with and without the clamp of the Jacobian's
-        # slopes. A giant Gaussian next to the picture needs the clamp.
-        self.assertTrue(rows["affine image, slopes clamped"]["max"] < 5)
-        self.assertEqual(rows["affine image, slopes clamped"]["max"], rows["affine image, no clamp"]["max"])
-        beside = self.errors([splat(12, 0, -3, (0.9, 0.9, 0.9), sigma=1.5, opacity=4.0)])
-        self.assertTrue(beside["affine image, slopes clamped"]["mean"] < 0.5 * beside["affine image, no clamp"]["mean"])
 
     def test_reference(self):
         scene, camera = self.write("a.ply", ply_bytes(some_splats())), self.write("camera.json", json.dumps(CAMERA))
@@ -174,9 +121,7 @@ class Bench(Case):
         self.fails(self.render("--sizes", "64x"), "WIDTHxHEIGHT", code=2)
         self.fails(self.render("--repetitions", "0"), "repetitions", code=2)
         self.fails(self.render("--modes", "off,fast"), "got 'fast'")
-        scene = self.write("a.ply", ply_bytes(some_splats()))
-        self.fails(["error", scene, "--markdown", self.path("none/e.md")], "none/e.md")
-        self.fails(["error", scene, "--repetitions", 0], "repetitions", code=2)
+        self.fails(["error", "scene"], "'error' was removed", "pags-bench curve", code=2)
         self.assertIn(
             "pags-bench render: ", self.fails(["render"], "SCENE is missing; usage: pags-bench render SCENE", code=2)
         )
@@ -185,7 +130,7 @@ class Bench(Case):
 
     def test_help(self):
         top = self.succeeds("--help").stdout
-        for what in ["stages", "roofline", "train", "render", "scale", "scaling"]:
+        for what in ["stages", "roofline", "train", "curve", "render", "scale", "scaling"]:
             self.assertIn(f"\n  {what} ", top)
             shown = self.succeeds(what, "--help").stdout
             self.assertTrue(shown.startswith(f"usage: pags-bench {what} "), shown)
@@ -195,7 +140,7 @@ class Bench(Case):
         chapter = read(os.path.join(docs, "pags-bench.md")).decode()
         chapter += read(os.path.join(docs, "command-line.md")).decode().split("\n## train\n")[0]
         chapter += read(os.path.join(docs, "cluster.md")).decode()
-        for what in ["stages", "roofline", "error", "reference", "train", "render", "scale", "scaling", "proxies"]:
+        for what in ["stages", "roofline", "reference", "train", "curve", "render", "scale", "scaling", "proxies"]:
             shown = fixtures.run(what, "--help").stdout  # the help is empty if this build lacks the command
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
                 self.assertTrue(name in chapter or name == "--help", f"{what} {name} is not in docs/pags-bench.md")

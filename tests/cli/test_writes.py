@@ -67,7 +67,7 @@ class Writes(DataCase):
         many = self.write("many.ply", ply_bytes(3 * some_splats()))
         scale = ["pags-bench", "scale", many, "--camera", self.camera, "--millions", "0.001", "--spacing", 3]
         scale += ["-n", 1, "-r", 1, "--scratch", self.path()]
-        error = ["pags-bench", "error", self.splats, "--camera", self.camera, "--downscale", 4, "-r", 1]
+        curve = ["pags-bench", "curve", self.splats, "-n", 1, "-r", 1, "--modes", "off", "--limits", "none"]
         train = ["train", self.data, "-n", 2, "-j", 1, *SMALL, "--overwrite", "-o", self.path("trained")]
         yield ["info", self.splats, "--json"], ".json"
         yield ["info", self.data, "--json"], ".json"
@@ -87,7 +87,7 @@ class Writes(DataCase):
         yield [*ring, "--json"], ".json"
         yield [*scale, "--csv"], ".csv"
         yield [*scale, "--json"], ".json"
-        yield [*error, "--markdown"], ".md"
+        yield [*curve, "--json"], ".json"
 
     def has(self, verb):
         return run(verb, "--help").returncode == 0
