@@ -345,9 +345,9 @@ typedef struct pags_kernels {
   int (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
                  pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches);
 
-  /* Computes the colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `dc`: three planes of
-   * the constant SH term, `stride` floats apart, that replace those of the data; NULL: those of the data are used. */
-  void (*shade)(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
+  /* Computes the colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `sh`: planes of the
+   * SH coefficients, `stride` floats apart, that replace those of the data; NULL: those of the data are used. */
+  void (*shade)(const pags_projection *view, const float *data, int64_t stride, const float *sh, int count,
                 const uint32_t *keys, pags_splat *splats);
 
   /* Finds the tiles that the splats touch whose key is not UINT32_MAX, from the extents of their boxes, in a picture of
@@ -392,9 +392,9 @@ typedef struct pags_kernels {
   void (*sky_adam)(const pags_sky_step *step, int floats, float *colour, float *first, float *second);
 
   /* Sums the slots of each drawn row and computes from them the gradients of the raw parameters (backward of shade
-   * and project). Rows whose key is UINT32_MAX or whose splat has no tiles get zeros. Returns how many rows were not
-   * finite (and set to zero). */
-  int (*project_backward)(const pags_projection *view, const float *data, int64_t stride, int count,
+   * and project). `sh` as shade had it. Rows whose key is UINT32_MAX or whose splat has no tiles get zeros. Returns how
+   * many rows were not finite (and set to zero). */
+  int (*project_backward)(const pags_projection *view, const float *data, int64_t stride, const float *sh, int count,
                           const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start, const float *slots,
                           const pags_row_gradient *out);
 

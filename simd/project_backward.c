@@ -195,7 +195,7 @@ static inline void sh_direction_gradient(int degree, const vf *d, const vf *k, v
 }
 
 V_INLINE void shade_backward(const pags_projection *view, const vf *u, const float *data, int64_t stride,
-                             const vf *gcolour, float *out, int64_t out_stride, vf *gmean) {
+                             const float *sh, const vf *gcolour, float *out, int64_t out_stride, vf *gmean) {
   vf direction[3], inverse_distance, basis[16], weighted[16], gdirection[3];
   sh_direction(view, u, data, stride, direction, &inverse_distance);
   sh_basis(view->sh_degree, direction[0], direction[1], direction[2], basis);
@@ -203,7 +203,7 @@ V_INLINE void shade_backward(const pags_projection *view, const vf *u, const flo
   for (int k = 0; k < coefficients; k++) {
     weighted[k] = v_zero();
     for (int c = 0; c < 3; c++) {
-      weighted[k] = v_fma(gcolour[c], v_load(data + (11 + 3 * k + c) * stride), weighted[k]);
+      weighted[k] = v_fma(gcolour[c], v_load(sh + (3 * k + c) * stride), weighted[k]);
       v_store(out + (11 + 3 * k + c) * out_stride, v_mul(basis[k], gcolour[c]));
     }
   }
@@ -213,7 +213,7 @@ V_INLINE void shade_backward(const pags_projection *view, const vf *u, const flo
     gmean[k] = v_fma(v_fnma(along, direction[k], gdirection[k]), inverse_distance, gmean[k]);
 }
 
-V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride,
+V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride, const float *sh,
                            const slot_sums *sums, unsigned drawn, const pags_splat *splats, float *out,
                            int64_t out_stride, float *mean2d, float *radius, uint8_t *name) {
   projected s;
@@ -274,10 +274,10 @@ V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float 
     gcolour[c] = v_maskz(m_from_bits(~negative[c] & 0xFFFFu), f[PAGS_SLOT_R + c]);
   if (rolls) {
     const vf u = scan_time(view->scan, splats, drawn);
-    shade_backward(view, &u, data, stride, gcolour, out, out_stride, gmean);
+    shade_backward(view, &u, data, stride, sh, gcolour, out, out_stride, gmean);
     scan_backward(&s, &scan, view, gt, gdrift, gcam, gmean);
   } else {
-    shade_backward(view, NULL, data, stride, gcolour, out, out_stride, gmean);
+    shade_backward(view, NULL, data, stride, sh, gcolour, out, out_stride, gmean);
   }
   for (int k = 0; k < 3; k++)
     v_store(out + k * out_stride, gmean[k]);
@@ -306,18 +306,21 @@ V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float 
   return __builtin_popcount(bad);
 }
 
-V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride, int count,
-                               const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start,
-                               const float *slots, const pags_row_gradient *out) {
+V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride,
+                               const float *sh, int count, const uint32_t *keys, const pags_splat *splats,
+                               const int64_t *slot_start, const float *slots, const pags_row_gradient *out) {
   const int planes = 11 + 3 * (view->sh_degree + 1) * (view->sh_degree + 1);
   int bad = 0;
+  if (!sh)
+    sh = data + 11 * stride;
   for (int first = 0; first < count; first += V_LANES) {
     slot_sums sums;
     const int lanes = count - first < V_LANES ? count - first : V_LANES;
     const unsigned drawn = gather_slots(&sums, lanes, keys + first, splats + first, slot_start + first, slots);
     if (drawn) {
-      bad += rows_backward(rolls, view, data + first, stride, &sums, drawn, splats + first, out->data + first,
-                           out->stride, out->mean2d + first, out->radius + first, out->bad ? out->bad + first : NULL);
+      bad +=
+          rows_backward(rolls, view, data + first, stride, sh + first, &sums, drawn, splats + first, out->data + first,
+                        out->stride, out->mean2d + first, out->radius + first, out->bad ? out->bad + first : NULL);
       continue;
     }
     for (int p = 0; p < planes; p++)
@@ -328,10 +331,10 @@ V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const fl
   return bad;
 }
 
-int KERNEL(project_backward)(const pags_projection *view, const float *data, int64_t stride, int count,
+int KERNEL(project_backward)(const pags_projection *view, const float *data, int64_t stride, const float *sh, int count,
                              const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start,
                              const float *slots, const pags_row_gradient *out) {
   if (view->scan)
-    return all_rows_backward(true, view, data, stride, count, keys, splats, slot_start, slots, out);
-  return all_rows_backward(false, view, data, stride, count, keys, splats, slot_start, slots, out);
+    return all_rows_backward(true, view, data, stride, sh, count, keys, splats, slot_start, slots, out);
+  return all_rows_backward(false, view, data, stride, sh, count, keys, splats, slot_start, slots, out);
 }

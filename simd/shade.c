@@ -2,11 +2,11 @@
 /* Colours of splats from spherical harmonics (sh.h), seen from the camera. */
 #include "sh.h"
 
-V_INLINE void shade_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride, const float *dc,
+V_INLINE void shade_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride, const float *sh,
                          int count, const uint32_t *keys, pags_splat *splats) {
   const int coefficients = (view->sh_degree + 1) * (view->sh_degree + 1);
-  if (!dc)
-    dc = data + 11 * stride;
+  if (!sh)
+    sh = data + 11 * stride;
   for (int first = 0; first < count; first += V_LANES) {
     const int lanes = count - first < V_LANES ? count - first : V_LANES;
     unsigned drawn = 0;
@@ -22,8 +22,8 @@ V_INLINE void shade_rows(bool rolls, const pags_projection *view, const float *d
     float colour[3][V_LANES];
     unsigned negative[3];
     for (int c = 0; c < 3; c++) {
-      const float *const plane = data + first + (11 + c) * stride;
-      rgb[c] = v_fma(basis[0], v_load(dc + first + c * stride), v_set(0.5f));
+      const float *const plane = sh + first + c * stride;
+      rgb[c] = v_fma(basis[0], v_load(plane), v_set(0.5f));
       for (int k = 1; k < coefficients; k++)
         rgb[c] = v_fma(basis[k], v_load(plane + 3 * k * stride), rgb[c]);
       negative[c] = m_bits(v_lt(rgb[c], v_zero()));
@@ -38,10 +38,10 @@ V_INLINE void shade_rows(bool rolls, const pags_projection *view, const float *d
   }
 }
 
-void KERNEL(shade)(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
+void KERNEL(shade)(const pags_projection *view, const float *data, int64_t stride, const float *sh, int count,
                    const uint32_t *keys, pags_splat *splats) {
   if (view->scan)
-    shade_rows(true, view, data, stride, dc, count, keys, splats);
+    shade_rows(true, view, data, stride, sh, count, keys, splats);
   else
-    shade_rows(false, view, data, stride, dc, count, keys, splats);
+    shade_rows(false, view, data, stride, sh, count, keys, splats);
 }

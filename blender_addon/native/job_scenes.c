@@ -210,13 +210,14 @@ static bool is_shown_again(const native_contents *contents, int i) {
 }
 
 static pags_result keep_colours(native_contents *contents, pags_part *part) {
-  const size_t bytes = (size_t)part->gaussians->stride * 3 * sizeof(float);
+  const pags_gaussians *const g = part->gaussians;
+  const size_t bytes = (size_t)g->stride * 3 * (size_t)pags_sh_coefficients(g->sh_degree) * sizeof(float);
   float **grown = realloc(contents->colours, (size_t)(contents->colour_count + 1) * sizeof *grown);
   float *copy = grown ? pags_port_aligned_alloc(64, bytes) : NULL;
   contents->colours = grown ? grown : contents->colours;
   PAGS_CHECK_MEMORY(copy, "the colours of a scene that is shown at two times");
-  memcpy(copy, part->dc, bytes);
-  part->dc = contents->colours[contents->colour_count++] = copy;
+  memcpy(copy, part->sh, bytes);
+  part->sh = contents->colours[contents->colour_count++] = copy;
   return PAGS_OK;
 }
 
@@ -258,7 +259,7 @@ pags_result native_contents_compose(const native_job *job, native_contents *cont
       memcpy(parts, own, (size_t)count * sizeof *parts);
     const bool again = is_shown_again(contents, i);
     for (int p = 0; p < count; p++) {
-      if (again && parts[p].dc)
+      if (again && parts[p].sh)
         PAGS_TRY(keep_colours(contents, &parts[p]));
       const int64_t label = parts[p].label < 0 ? pags_composition_scene(c)->object_count : parts[p].label;
       parts[p].label = shown->label_base + label;

@@ -312,7 +312,7 @@ static PyObject *scene_track(PyObject *self, PyObject *arguments) {
 static const float *read_colours(const pags_part *part, int64_t block, float *unpacked, int64_t *stride) {
   *stride = part->packed ? ROWS : part->gaussians->stride;
   if (!part->packed)
-    return (part->dc ? part->dc : pags_plane(part->gaussians, PAGS_SH)) + ROWS * block;
+    return (part->sh ? part->sh : pags_plane(part->gaussians, PAGS_SH)) + ROWS * block;
   pags_packed_colours(part->packed, block, 0, unpacked);
   return unpacked;
 }

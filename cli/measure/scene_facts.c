@@ -328,7 +328,7 @@ static pags_result put_memory(pags_report *report, pags_tasks *tasks, pags_scene
   for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_gaussians *g = &scene->models[i].gaussians;
     const int planes =
-        pags_plane_count(g->sh_degree) + (g->s_sem ? 1 : 0) + (g->object_id ? 1 : 0) + (g->fourier ? 12 : 0);
+        pags_plane_count(g->sh_degree) + (g->s_sem ? 1 : 0) + (g->object_id ? 1 : 0) + pags_fourier_planes(g);
     stored += (double)g->count * 4.0 * planes;
     degree = g->sh_degree > degree ? g->sh_degree : degree;
   }

@@ -28,7 +28,7 @@ typedef struct web_model {
 typedef struct packer {
   pags_composition *composition;
   const pags_web_settings *settings;
-  int degree;
+  int degree, fourier_degree; /* SH degrees of the harmonics, and of those that change with time */
   web_model *models;
   int64_t model_count;
   int64_t count, fourier_count; /* rows; those of models whose colour changes with time come first */
@@ -50,6 +50,10 @@ static void destroy_packer(packer *p) {
 
 static double value_of(const packer *p, int plane, int64_t i) {
   return (double)pags_plane(p->models[p->model_of[i]].part->gaussians, plane)[p->row[i]];
+}
+
+static int changing_planes(const packer *p) {
+  return PAGS_FOURIER_PLANES * pags_sh_coefficients(p->fourier_degree);
 }
 
 /* ---- Planes ---- */
@@ -270,12 +274,12 @@ static pags_result put_shapes(packer *p, float *values) {
     for (int64_t i = 0; i < p->count; i++)
       values[k * p->count + i] = (float)value_of(p, PAGS_SH + k, i);
   PAGS_TRY(put_values(p, "color", "colorBook", values, 3, p->count));
-  for (int k = 0; k < PAGS_FOURIER_PLANES; k++)
+  for (int k = 0; k < changing_planes(p); k++)
     for (int64_t i = 0; i < p->fourier_count; i++) {
       const pags_gaussians *g = p->models[p->model_of[i]].part->gaussians;
-      values[k * p->fourier_count + i] = g->fourier[k * g->stride + p->row[i]];
+      values[k * p->fourier_count + i] = k < pags_fourier_planes(g) ? g->fourier[k * g->stride + p->row[i]] : 0.0f;
     }
-  return put_values(p, "fourier", "fourierBook", values, PAGS_FOURIER_PLANES, p->fourier_count);
+  return put_values(p, "fourier", "fourierBook", values, changing_planes(p), p->fourier_count);
 }
 
 /* A palette of harmonics, 1,024 to 65,536 entries by the number of rows, in planes by coefficient; two bytes a row. */
@@ -425,13 +429,15 @@ static pags_result tell(const packer *p, double share) {
 static pags_result put_all(packer *p) {
   const pags_frame_options options = pags_composition_options(p->composition);
   double background[3];
-  PAGS_AUTOFREE float *values = malloc(((size_t)p->count * PAGS_FOURIER_PLANES + 1) * sizeof *values);
+  const size_t most = 3 * (size_t)p->count + (size_t)changing_planes(p) * (size_t)p->fourier_count;
+  PAGS_AUTOFREE float *values = malloc((most + 1) * sizeof *values);
   PAGS_CHECK_MEMORY(values, "%lld Gaussians", (long long)p->count);
   pags_widen3(options.background, background);
   pags_json_begin_object(&p->header, NULL);
   pags_json_put_integer(&p->header, "format", 1);
   pags_json_put_integer(&p->header, "gaussians", p->count);
   pags_json_put_integer(&p->header, "fourierRows", p->fourier_count);
+  pags_json_put_integer(&p->header, "fourierDegree", p->fourier_degree);
   pags_json_put_integer(&p->header, "shDegree", p->degree);
   pags_json_put_numbers(&p->header, "origin", options.origin, 3);
   pags_json_put_numbers(&p->header, "background", background, 3);
@@ -485,10 +491,12 @@ pags_result pags_web_pack_make(pags_composition *composition, const pags_web_set
   pags_json_writer_init(&p.header, 0);
   PAGS_TRY(list_models(&p));
   for (int64_t m = 0; m < p.model_count; m++) {
-    const int degree = p.models[m].part->gaussians->sh_degree;
-    p.degree = degree > p.degree ? degree : p.degree;
+    const pags_gaussians *const g = p.models[m].part->gaussians;
+    p.degree = g->sh_degree > p.degree ? g->sh_degree : p.degree;
+    p.fourier_degree = g->fourier_degree > p.fourier_degree ? g->fourier_degree : p.fourier_degree;
   }
   p.degree = p.degree < settings->sh_degree ? p.degree : settings->sh_degree;
+  p.fourier_degree = p.fourier_degree < p.degree ? p.fourier_degree : p.degree;
   out->gaussians = p.count;
   out->sh_degree = p.degree;
   PAGS_TRY(put_all(&p));

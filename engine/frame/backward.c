@@ -86,7 +86,8 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
     const view_cluster *const v = f->clusters + i;
     if (v->part < c->first_part)
       continue;
-    const pags_gaussians *const g = f->parts[v->part].gaussians;
+    const pags_part *const part = f->parts + v->part;
+    const pags_gaussians *const g = part->gaussians;
     const pags_projection *const view = f->projections + v->part;
     const int stride = (v->count + 15) / 16 * 16, planes = pags_plane_count(view->sh_degree);
     float *const extra = scratch + (int64_t)planes * stride;
@@ -94,8 +95,9 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
     memset(bad_planes, 0, (size_t)v->count);
     const frame_members members = pags_frame_members(f, v, c->members, worker);
     const int bad = f->lens ? pags_frame_lens_backward(f, v, &members, c->slots, &rows)
-                            : f->kernels->project_backward(view, g->data + v->first, g->stride, v->count, members.keys,
-                                                           members.splats, members.slot_start, c->slots, &rows);
+                            : f->kernels->project_backward(
+                                  view, g->data + v->first, g->stride, part->sh ? part->sh + v->first : NULL, v->count,
+                                  members.keys, members.splats, members.slot_start, c->slots, &rows);
     if (bad)
       atomic_fetch_add(&c->bad_rows, bad);
     for (int k = 0; k < v->count; k++)

@@ -14,7 +14,8 @@
 /* The highest SH degree of all parts, and the optional arrays that any part has. */
 typedef struct shape {
   int sh_degree;
-  bool any, s_sem, object_id, fourier;
+  int fourier_degree; /* -1: no colour changes */
+  bool any, s_sem, object_id;
   float alpha_min; /* that of all parts; 0 if they differ */
 } shape;
 
@@ -35,7 +36,7 @@ static void copy_part(const pags_part *part, pags_gaussians *out) {
         pags_plane(out, p)[id] = shades[p * colour_stride + i];
       if (out->s_sem)
         out->s_sem[id] = g->s_sem ? g->s_sem[row] : part->packed ? pags_packed_s_sem(part->packed, row) : part->s_sem;
-      for (int p = 0; g->fourier && p < PAGS_FOURIER_PLANES; p++)
+      for (int p = 0; p < pags_fourier_planes(g); p++)
         out->fourier[p * out->stride + id] = g->fourier[p * g->stride + row];
     }
   }
@@ -51,7 +52,7 @@ pags_result pags_composition_gaussians(pags_composition *composition, pags_gauss
   const int64_t objects = pags_composition_scene(composition)->object_count;
   const pags_part *parts;
   int count;
-  shape s = {0};
+  shape s = {.fourier_degree = -1};
   PAGS_AUTO(pags_gaussians_destroy) pags_gaussians all = {0};
   *out = (pags_gaussians){0};
   for (int64_t object = -1; object < objects; object++) {
@@ -61,7 +62,8 @@ pags_result pags_composition_gaussians(pags_composition *composition, pags_gauss
       s.sh_degree = g->sh_degree > s.sh_degree ? g->sh_degree : s.sh_degree;
       s.s_sem |= g->s_sem || (parts[p].packed && parts[p].packed->has_s_sem);
       s.object_id |= g->object_id != NULL;
-      s.fourier |= g->fourier != NULL;
+      if (g->fourier && g->fourier_degree > s.fourier_degree)
+        s.fourier_degree = g->fourier_degree;
       s.alpha_min = !s.any || s.alpha_min == g->alpha_min ? g->alpha_min : 0;
       s.any = true;
     }
@@ -70,8 +72,8 @@ pags_result pags_composition_gaussians(pags_composition *composition, pags_gauss
   all.alpha_min = s.alpha_min;
   if (s.s_sem)
     PAGS_TRY(pags_gaussians_add_s_sem(&all));
-  if (s.fourier)
-    PAGS_TRY(pags_gaussians_add_fourier(&all));
+  if (s.fourier_degree >= 0)
+    PAGS_TRY(pags_gaussians_add_fourier(&all, s.fourier_degree));
   if (s.object_id) {
     PAGS_TRY(pags_gaussians_add_object_id(&all));
     pags_composition_objects(composition, all.object_id);

@@ -32,8 +32,8 @@ typedef struct group {
   int32_t first_id;   /* without `id`; 0 in a packed file */
   int64_t object;     /* index of the scene's object; -1: none */
   bool tracked;       /* positions are in the object's frame and follow its track; false: they are in the world */
-  float *dc;          /* constant SH term at dc_time, 3 planes; NULL: it doesn't change with time */
-  double dc_time;     /* NaN: not computed yet */
+  float *sh;          /* SH coefficients at sh_time, as in pags_part; NULL: they don't change with time */
+  double sh_time;     /* NaN: not computed yet */
   bool hidden, moved;
   double motion[12]; /* D of the move edit; set where `moved` */
 } group;
@@ -65,7 +65,7 @@ static group *next_group(pags_composition *c) {
   if (!pags_grow(&c->groups, c->group_count + 1, &c->group_capacity, sizeof *c->groups))
     return NULL;
   group *next = &c->groups[c->group_count++];
-  *next = (group){.object = -1, .dc_time = (double)NAN};
+  *next = (group){.object = -1, .sh_time = (double)NAN};
   return next;
 }
 
@@ -74,14 +74,18 @@ static int64_t bucket_of(int32_t object_id, int64_t object_count) {
   return object_id >= 0 && object_id < object_count ? object_id + 1 : 0;
 }
 
+static int sh_planes(const group *g) {
+  return 3 * pags_sh_coefficients(g->gaussians.sh_degree);
+}
+
 /* Allocates a group's colours at one time, if they change with time. */
-static pags_result add_dc(const pags_composition *c, group *g) {
-  const size_t bytes = (size_t)g->gaussians.stride * 3 * sizeof *g->dc;
+static pags_result add_sh(const pags_composition *c, group *g) {
+  const size_t bytes = (size_t)g->gaussians.stride * (size_t)sh_planes(g) * sizeof *g->sh;
   if (!g->gaussians.fourier)
     return PAGS_OK;
-  g->dc = pags_port_aligned_alloc(ALIGNMENT, bytes);
-  PAGS_CHECK_MEMORY(g->dc, preparing, (long long)c->gaussian_count);
-  memset(g->dc, 0, bytes);
+  g->sh = pags_port_aligned_alloc(ALIGNMENT, bytes);
+  PAGS_CHECK_MEMORY(g->sh, preparing, (long long)c->gaussian_count);
+  memset(g->sh, 0, bytes);
   return PAGS_OK;
 }
 
@@ -98,7 +102,7 @@ static pags_result add_one_group(pags_composition *c, const pags_gaussians *mode
   PAGS_CHECK_MEMORY(added->id, preparing, (long long)c->gaussian_count);
   for (int64_t i = 0; i < count; i++)
     added->id[i] = first_id + (int32_t)index[i];
-  PAGS_TRY(add_dc(c, added));
+  PAGS_TRY(add_sh(c, added));
   PAGS_TRY(pags_clusters_create(&added->clusters, count, CLUSTER_SIZE));
   pags_clusters_update(&added->clusters, &added->gaussians, 0, added->clusters.count);
   return PAGS_OK;
@@ -200,7 +204,7 @@ pags_result pags_composition_borrow(const pags_scene *scene, const pags_clusters
     added->object = object_of[m];
     added->tracked = added->object >= 0;
     c->gaussian_count += added->gaussians.count;
-    PAGS_TRY(add_dc(c, added));
+    PAGS_TRY(add_sh(c, added));
   }
   PAGS_TRY(pags_composition_edit(c, NULL, 0));
   *out = pags_take(&c);
@@ -227,7 +231,7 @@ void pags_composition_destroy(pags_composition *composition) {
     }
     pags_packed_destroy(&g->packed);
     free(g->id);
-    pags_port_aligned_free(g->dc);
+    pags_port_aligned_free(g->sh);
   }
   free(composition->groups);
   free(composition->additions);
@@ -251,7 +255,7 @@ size_t pags_composition_bytes(const pags_composition *composition) {
   for (int64_t i = 0; i < composition->group_count; i++) {
     const group *g = &composition->groups[i];
     int planes = pags_plane_count(g->gaussians.sh_degree) + (g->gaussians.s_sem ? 1 : 0) +
-                 (g->gaussians.object_id ? 1 : 0) + (g->gaussians.fourier ? 15 : 0);
+                 (g->gaussians.object_id ? 1 : 0) + pags_fourier_planes(&g->gaussians) + (g->sh ? sh_planes(g) : 0);
     bytes += (size_t)g->gaussians.stride * (size_t)planes * 4 + (size_t)g->gaussians.count * 4 +
              (size_t)g->clusters.count * 28;
     bytes += pags_packed_bytes(&g->packed) + (g->id ? (size_t)g->packed.shape.count * 4 : 0);
@@ -384,15 +388,14 @@ static float priority_of_object(const pags_composition *c, const group *g) {
 
 /* Fills in all members of a part but world_from_model, for drawing the group at `time`. */
 static void fill_part(pags_composition *c, group *g, double time, pags_part *part) {
-  if (g->dc &&
-      g->dc_time != time) { /* the Fourier series of the constant SH term over the object's track or the scene */
+  if (g->sh && g->sh_time != time) { /* the Fourier series over the object's track or the scene */
     double basis[5];
     const pags_object *const object = g->object < 0 ? NULL : &c->scene.objects[g->object].record;
     const double begin = object ? object->keyframes[0].time : c->scene.time_begin,
                  end = object ? object->keyframes[object->keyframe_count - 1].time : c->scene.time_end;
     pags_fourier_basis(pags_fourier_phase(begin, end, time), basis);
-    pags_fourier_colour(&g->gaussians, basis, 0, g->gaussians.count, g->dc);
-    g->dc_time = time;
+    pags_fourier_colour(&g->gaussians, basis, 0, g->gaussians.count, g->sh);
+    g->sh_time = time;
   }
   const bool packed = g->packed.shape.count > 0;
   part->gaussians = packed ? &g->packed.shape : &g->gaussians;
@@ -400,7 +403,7 @@ static void fill_part(pags_composition *c, group *g, double time, pags_part *par
   part->packed = packed ? &g->packed : NULL;
   part->id = g->id;
   part->first_id = g->id ? g->id[0] : g->first_id;
-  part->dc = g->dc;
+  part->sh = g->sh;
   part->s_sem = priority_of_object(c, g);
   part->label = g->object;
 }

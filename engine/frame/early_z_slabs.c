@@ -193,7 +193,7 @@ static void shade_groups(const slabs *s, active_cluster *a) {
     if (!rows)
       rows = pags_frame_colours(part, c, view.sh_degree, &scratch, &stride);
     const uint32_t *const keys = f->keys + c->base + first;
-    f->kernels->shade(&view, rows + first, stride, part->dc ? part->dc + c->first + first : NULL, count, keys,
+    f->kernels->shade(&view, rows + first, stride, part->sh ? part->sh + c->first + first : NULL, count, keys,
                       f->splats + c->base + first);
     pags_frame_box_members(f, c->base + first, count);
     a->shaded = (uint16_t)(a->shaded | 1u << group);

@@ -297,7 +297,8 @@ static void shape_backward(const struct frame_lens *l, const pags_projection *v,
 int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *c, const frame_members *members,
                              const float *slots, const pags_row_gradient *out) {
   const pags_projection *const v = frame->projections + c->part;
-  const pags_gaussians *const g = frame->parts[c->part].gaussians;
+  const pags_part *const part = frame->parts + c->part;
+  const pags_gaussians *const g = part->gaussians;
   const uint32_t *const keys = members->keys;
   const int planes = pags_plane_count(v->sh_degree);
   double sums[MOST_MEMBERS][PAGS_SLOT_FLOATS];
@@ -323,8 +324,9 @@ int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *c, con
   alone.t[2] = alone.fx = alone.fy = alone.low_pass = alone.lim_x1 = alone.lim_y1 = 1.0f;
   alone.lim_x0 = alone.lim_y0 = -1.0f;
   alone.antialiased = 0;
-  int bad = frame->kernels->project_backward(&alone, g->data + c->first, g->stride, c->count, keys, splats, places,
-                                             colours, out);
+  int bad =
+      frame->kernels->project_backward(&alone, g->data + c->first, g->stride, part->sh ? part->sh + c->first : NULL,
+                                       c->count, keys, splats, places, colours, out);
   for (int k = 0; k < c->count; k++) {
     lens_projection s;
     if (keys[k] == UINT32_MAX || splats[k].tiles == 0 || out->bad[k])

@@ -11,8 +11,7 @@
  * hence
  *   dL/dv   = g_mean
  *   dL/dw   = mean x g_mean + 1/2 (q_w g_v - g_w q_v + q_v x g_v) + (g_SH . G_a SH)_a
- * The constant SH term does not change when the Gaussians turn, so this holds too where the part shows the term of
- * pags_part.dc in place of the Gaussians' own. */
+ * SH are the coefficients that were drawn: those of pags_part.sh, if the part has them. */
 #include <stdbool.h>
 
 #include <pags/frame.h>
@@ -38,18 +37,19 @@ static const struct turn {
 
 /* The SH terms g_SH . G_a SH of rows [first, first + count), summed over the channels, to turned[axis][row - first];
  * count <= ROWS. */
-static void turn_harmonics(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians,
-                           int64_t first, int count, float turned[3][ROWS]) {
+static void turn_harmonics(const float *data, int64_t stride, int planes, const pags_part *part, int64_t first,
+                           int count, float turned[3][ROWS]) {
+  const int64_t apart = part->gaussians->stride;
+  const float *const sh = (part->sh ? part->sh : pags_plane(part->gaussians, PAGS_SH)) + first;
   for (int i = 0; i < ROWS; i++)
     turned[0][i] = turned[1][i] = turned[2][i] = 0.0f;
   for (size_t e = 0; e < sizeof turns / sizeof *turns; e++) {
     const struct turn *const t = turns + e;
     float *const sum = turned[t->axis];
-    for (int plane = PAGS_SH; plane < PAGS_SH + 3 && plane + 3 * t->column < planes; plane++) {
-      const float *const row = pags_plane(gaussians, plane + 3 * t->row) + first;
-      const float *const column = pags_plane(gaussians, plane + 3 * t->column) + first;
-      const float *const by_row = data + (plane + 3 * t->row) * stride;
-      const float *const by_column = data + (plane + 3 * t->column) * stride;
+    for (int c = 0; c < 3 && PAGS_SH + 3 * t->column + c < planes; c++) {
+      const float *const row = sh + (3 * t->row + c) * apart, *const column = sh + (3 * t->column + c) * apart;
+      const float *const by_row = data + (PAGS_SH + 3 * t->row + c) * stride;
+      const float *const by_column = data + (PAGS_SH + 3 * t->column + c) * stride;
       for (int i = 0; i < count; i++)
         sum[i] += t->value * (row[i] * by_column[i] - column[i] * by_row[i]);
     }
@@ -78,15 +78,15 @@ static void add_motion(const float *data, int64_t stride, const pags_gaussians *
   }
 }
 
-void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians, int64_t first,
-                        int count, double out[6]) {
+void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_part *part, int64_t first, int count,
+                        double out[6]) {
   for (int start = 0; start < count; start += ROWS) {
     const int rows = count - start < ROWS ? count - start : ROWS;
     float turned[3][ROWS];
-    turn_harmonics(data + start, stride, planes, gaussians, first + start, rows, turned);
+    turn_harmonics(data + start, stride, planes, part, first + start, rows, turned);
     for (int i = 0; i < rows; i++) {
       double own[6] = {(double)turned[0][i], (double)turned[1][i], (double)turned[2][i], 0.0, 0.0, 0.0};
-      add_motion(data + start + i, stride, gaussians, first + start + i, own);
+      add_motion(data + start + i, stride, part->gaussians, first + start + i, own);
       /* A row with a parameter that isn't finite has a gradient of zero, but their product is NaN, which must not get
        * into the pose's gradient. */
       double check = 0.0;

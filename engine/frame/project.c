@@ -93,7 +93,7 @@ static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
       continue;
     const pags_projection view = pags_frame_shading(frame, c);
     const float *const rows = pags_frame_colours(part, c, view.sh_degree, &scratch, &stride);
-    frame->kernels->shade(&view, rows, stride, part->dc ? part->dc + c->first : NULL, c->count, frame->keys + c->base,
+    frame->kernels->shade(&view, rows, stride, part->sh ? part->sh + c->first : NULL, c->count, frame->keys + c->base,
                           frame->splats + c->base);
   }
 }

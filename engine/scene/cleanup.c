@@ -161,8 +161,13 @@ static void look_row(const rule *r, pags_gaussians *g, int64_t i) {
         sh[k * g->stride] += (float)((0.5 * (row[0] + row[1] + row[2]) + row[3] - 0.5) / C0);
     }
   }
-  for (int t = 0; 3 * t < PAGS_FOURIER_PLANES && g->fourier && r->has_matrix; t++)
-    turn_colour(r->matrix, g->fourier + 3 * t * g->stride + i, g->stride);
+  for (int p = 0; p < pags_fourier_planes(g); p += 3) {
+    float *const term = g->fourier + p * g->stride + i;
+    if (r->has_matrix)
+      turn_colour(r->matrix, term, g->stride);
+    for (int k = 0; k < 3 && p >= PAGS_FOURIER_PLANES; k++)
+      term[k * g->stride] *= (float)r->sh;
+  }
   if (r->opacity == 1)
     return;
   float *logit = pags_plane(g, PAGS_OPACITY) + i;

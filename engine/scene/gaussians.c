@@ -66,7 +66,7 @@ static pags_result create_like(pags_gaussians *g, int64_t count, const pags_gaus
     PAGS_TRY(pags_gaussians_add_s_sem(g));
   if (like->object_id)
     PAGS_TRY(pags_gaussians_add_object_id(g));
-  return like->fourier ? pags_gaussians_add_fourier(g) : PAGS_OK;
+  return like->fourier ? pags_gaussians_add_fourier(g, like->fourier_degree) : PAGS_OK;
 }
 
 pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const pags_gaussians *like) {
@@ -96,10 +96,14 @@ pags_result pags_gaussians_add_object_id(pags_gaussians *g) {
   return g->object_id || g->stride == 0 ? PAGS_OK : fail_memory(g->stride, 1);
 }
 
-pags_result pags_gaussians_add_fourier(pags_gaussians *g) {
-  if (!g->fourier)
-    g->fourier = make_planes(g->stride, PAGS_FOURIER_PLANES, 0, NULL, 0, 0);
-  return g->fourier || g->stride == 0 ? PAGS_OK : fail_memory(g->stride, PAGS_FOURIER_PLANES);
+pags_result pags_gaussians_add_fourier(pags_gaussians *g, int degree) {
+  const int planes = PAGS_FOURIER_PLANES * pags_sh_coefficients(degree);
+  assert(degree >= 0 && degree <= g->sh_degree);
+  if (g->fourier || g->stride == 0)
+    return PAGS_OK;
+  g->fourier = make_planes(g->stride, planes, 0, NULL, 0, 0);
+  g->fourier_degree = g->fourier ? degree : 0;
+  return g->fourier ? PAGS_OK : fail_memory(g->stride, planes);
 }
 
 /* ---- Colour: Fourier series over time, SH degree ---- */
@@ -130,7 +134,10 @@ void pags_gaussian_normal(const float *planes, int64_t stride, int64_t row, doub
 int pags_gaussians_row_degree(const pags_gaussians *g, int64_t row) {
   int degree = g->sh_degree;
   for (int k = 3 * pags_sh_coefficients(degree) - 1; k >= 3; k--) {
-    if (pags_plane(g, PAGS_SH + k)[row] != 0)
+    bool used = pags_plane(g, PAGS_SH + k)[row] != 0;
+    for (int t = 0, plane = 12 * (k / 3) + k % 3; t < 4 && plane < pags_fourier_planes(g); t++, plane += 3)
+      used = used || g->fourier[plane * g->stride + row] != 0;
+    if (used)
       return degree;
     if (k == 3 * pags_sh_coefficients(degree - 1))
       degree--;
@@ -143,17 +150,30 @@ double pags_fourier_phase(double begin, double end, double time) {
 }
 
 /* Sums in double and clamps to the range of float, so that no terms add up to infinity. */
-void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last, float *dc) {
+void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last, float *sh) {
   const double most = (double)FLT_MAX;
-  for (int channel = 0; channel < 3; channel++) {
-    const float *constant = pags_plane(g, PAGS_SH + channel), *terms = g->fourier + channel * g->stride;
-    float *out = dc + channel * g->stride;
+  const int changing = 3 * pags_sh_coefficients(g->fourier_degree), all = 3 * pags_sh_coefficients(g->sh_degree);
+  for (int p = 0; p < changing; p++) {
+    const float *const constant = pags_plane(g, PAGS_SH + p);
+    const float *const terms = g->fourier + (PAGS_FOURIER_PLANES * (p / 3) + p % 3) * g->stride;
+    float *const out = sh + p * g->stride;
     for (int64_t i = first; i < last; i++) {
       double sum = (double)constant[i];
       for (int k = 1; k < 5; k++)
         sum += basis[k] * (double)terms[3 * (k - 1) * g->stride + i];
       out[i] = (float)fmin(fmax(sum, -most), most);
     }
+  }
+  for (int p = changing; p < all && first < last; p++)
+    memcpy(sh + p * g->stride + first, pags_plane(g, PAGS_SH + p) + first, (size_t)(last - first) * sizeof *sh);
+}
+
+void pags_fourier_gradient(const double basis[5], const float *by_sh, int64_t stride, int planes, float *by_fourier) {
+  for (int p = 0; p < planes; p++) {
+    const int coefficient = p / PAGS_FOURIER_PLANES, k = 1 + p % PAGS_FOURIER_PLANES / 3;
+    const float *const from = by_sh + (3 * coefficient + p % 3) * stride;
+    for (int64_t i = 0; i < stride; i++)
+      by_fourier[p * stride + i] = (float)basis[k] * from[i];
   }
 }
 
@@ -170,7 +190,7 @@ pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity) {
   grown.data = make_planes(stride, planes, 0, g->data, g->stride, g->count);
   grown.s_sem = g->s_sem ? make_planes(stride, 1, 0, g->s_sem, g->stride, g->count) : NULL;
   grown.object_id = g->object_id ? make_planes(stride, 1, NO_OBJECT, g->object_id, g->stride, g->count) : NULL;
-  grown.fourier = g->fourier ? make_planes(stride, PAGS_FOURIER_PLANES, 0, g->fourier, g->stride, g->count) : NULL;
+  grown.fourier = g->fourier ? make_planes(stride, pags_fourier_planes(g), 0, g->fourier, g->stride, g->count) : NULL;
   if (!grown.data || (g->s_sem && !grown.s_sem) || (g->object_id && !grown.object_id) ||
       (g->fourier && !grown.fourier)) {
     pags_gaussians_destroy(&grown);
@@ -192,7 +212,7 @@ void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int
     gather_plane(pags_plane(from, p), index, count, pags_plane(to, p));
   if (from->s_sem && to->s_sem)
     gather_plane(from->s_sem, index, count, to->s_sem);
-  for (int p = 0; p < PAGS_FOURIER_PLANES && from->fourier && to->fourier; p++)
+  for (int p = 0; p < pags_fourier_planes(from) && p < pags_fourier_planes(to); p++)
     gather_plane(from->fourier + p * from->stride, index, count, to->fourier + p * to->stride);
   for (int64_t i = 0; i < count && from->object_id && to->object_id; i++)
     to->object_id[i] = from->object_id[index[i]];
@@ -229,7 +249,7 @@ int64_t pags_gaussians_find_bad(const pags_gaussians *g, int64_t *index) {
     memset(bad, 0, BLOCK);
     for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
       mark_not_finite(pags_plane(g, p) + first, count, bad);
-    for (int p = 0; p < PAGS_FOURIER_PLANES && g->fourier; p++)
+    for (int p = 0; p < pags_fourier_planes(g); p++)
       mark_not_finite(g->fourier + p * g->stride + first, count, bad);
     const float *q[4];
     for (int k = 0; k < 4; k++)

@@ -21,7 +21,7 @@
 #include "scene/splat_formats.h"
 
 enum { NORMALS = 3, BLOCK_ROWS = 256, NAME_SIZE = 24 };
-enum { MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS + PAGS_FOURIER_PLANES + 2 };
+enum { MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS + PAGS_MAX_FOURIER + 2 };
 
 /* ---- Columns ---- */
 
@@ -53,9 +53,14 @@ static int list_columns(int sh_degree, column columns[MAX_COLUMNS]) {
   return count;
 }
 
-/* Writes the property name of a Fourier plane: f_dc_tK_C for term K (1..4) and channel C (0..2). */
+/* Writes the property name of a Fourier plane for term K (1..4) and channel C (0..2): f_dc_tK_C of the constant SH
+ * coefficient, f_shN_tK_C of coefficient N (1..15). Other programs count the names that begin with f_rest_. */
 static void name_fourier(int plane, char name[NAME_SIZE]) {
-  snprintf(name, NAME_SIZE, "f_dc_t%d_%d", 1 + plane / 3, plane % 3);
+  const int coefficient = plane / PAGS_FOURIER_PLANES, term = 1 + plane % PAGS_FOURIER_PLANES / 3;
+  if (coefficient == 0)
+    snprintf(name, NAME_SIZE, "f_dc_t%d_%d", term, plane % 3);
+  else
+    snprintf(name, NAME_SIZE, "f_sh%d_t%d_%d", coefficient, term, plane % 3);
 }
 
 /* ---- Reading ---- */
@@ -162,22 +167,29 @@ static pags_result read_optional(const ply_table *table, const ply_element *vert
     out->object_id[i] = (int32_t)id;
   }
 
-  const ply_property *terms[PAGS_FOURIER_PLANES];
-  char name[NAME_SIZE], missing[NAME_SIZE] = "";
-  int found = 0;
-  for (int p = 0; p < PAGS_FOURIER_PLANES; p++) {
+  /* The last term in the file says which coefficients have terms: all up to an SH degree. */
+  const ply_property *terms[PAGS_MAX_FOURIER];
+  char name[NAME_SIZE], last[NAME_SIZE];
+  int degree = -1;
+  for (int p = 0; p < PAGS_MAX_FOURIER; p++) {
     name_fourier(p, name);
     terms[p] = pags_ply_property_find(table, vertex, name);
-    found += terms[p] != NULL;
-    if (!terms[p])
-      memcpy(missing, name, sizeof name);
+    while (terms[p] && p >= (degree < 0 ? 0 : PAGS_FOURIER_PLANES * pags_sh_coefficients(degree)))
+      degree++;
   }
-  if (found == 0)
+  if (degree < 0)
     return PAGS_OK;
-  if (found < PAGS_FOURIER_PLANES)
-    return pags_fail_at(table->path, "expected all of 'f_dc_t1_0' to 'f_dc_t4_2' or none, no '%s'", missing);
-  PAGS_TRY(pags_gaussians_add_fourier(out));
-  for (int p = 0; p < PAGS_FOURIER_PLANES && out->count; p++)
+  if (degree > out->sh_degree)
+    return pags_fail_at(table->path, "Fourier terms of SH degree %d, but SH degree %d", degree, out->sh_degree);
+  const int planes = PAGS_FOURIER_PLANES * pags_sh_coefficients(degree);
+  name_fourier(planes - 1, last);
+  for (int p = 0; p < planes; p++) {
+    name_fourier(p, name);
+    if (!terms[p])
+      return pags_fail_at(table->path, "expected all of 'f_dc_t1_0' to '%s' or none, no '%s'", last, name);
+  }
+  PAGS_TRY(pags_gaussians_add_fourier(out, degree));
+  for (int p = 0; p < planes && out->count; p++)
     pags_ply_column(table, vertex, terms[p], 0, 0, out->count, out->fourier + p * out->stride);
   return PAGS_OK;
 }
@@ -259,7 +271,7 @@ pags_result pags_ply_load(const char *path, pags_gaussians *out) {
 
 int pags_ply_row_bytes(const pags_gaussians *g) {
   return 4 * (pags_plane_count(g->sh_degree) + NORMALS + (g->s_sem != NULL) + (g->object_id != NULL) +
-              (g->fourier ? PAGS_FOURIER_PLANES : 0));
+              pags_fourier_planes(g));
 }
 
 /* Lists the columns of `g` with their values. */
@@ -271,7 +283,7 @@ static int list_values(const pags_gaussians *g, column columns[MAX_COLUMNS]) {
     columns[count++] = (column){.name = "s_sem", .plane = -1, .values = g->s_sem};
   if (g->object_id)
     columns[count++] = (column){.name = "object_id", .plane = -1, .values = g->object_id, .whole = true};
-  for (int p = 0; p < PAGS_FOURIER_PLANES && g->fourier; p++) {
+  for (int p = 0; p < pags_fourier_planes(g); p++) {
     columns[count] = (column){.plane = -1, .values = g->fourier + p * g->stride};
     name_fourier(p, columns[count++].name);
   }

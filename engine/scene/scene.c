@@ -25,7 +25,7 @@ enum { SAFE_NAME = 100 }; /* bytes of an object's id in a file name, with the fi
 /* Loads the PLY of a model and checks its count and SH degree against those that scene.json gives. For the background,
  * the first model, an origin that reading took off large positions is added to the scene's. */
 static pags_result load_model(const char *folder, pags_scene *scene, pags_model *model, int64_t expected) {
-  const int expected_degree = model->gaussians.sh_degree;
+  const int expected_degree = model->gaussians.sh_degree, changing = model->gaussians.fourier_degree;
   const float alpha_min = model->gaussians.alpha_min;
   PAGS_AUTOFREE char *path = pags_path_join(folder, model->file);
   PAGS_CHECK_MEMORY(path, "%s: a path", folder);
@@ -35,6 +35,9 @@ static pags_result load_model(const char *folder, pags_scene *scene, pags_model 
   if (found != expected || model->gaussians.sh_degree != expected_degree)
     return pags_fail_at(path, "scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d",
                         (long long)expected, expected_degree, (long long)found, model->gaussians.sh_degree);
+  if (model->gaussians.fourier_degree != changing && found > 0)
+    return pags_fail_at(path, "scene.json promises Fourier terms up to SH degree %d, found degree %d", changing,
+                        model->gaussians.fourier_degree);
   if (alpha_min > 0.0f)
     model->gaussians.alpha_min = alpha_min;
   if (model == scene->models)

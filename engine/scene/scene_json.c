@@ -15,7 +15,8 @@
 #include "base/vec3.h"
 #include "scene/axes.h"
 
-enum { VERSION = 1 };
+/* 2: Fourier terms of SH coefficients beyond the constant one, which programs of version 1 would leave out. */
+enum { OLD_VERSION = 1, VERSION = 2 };
 
 static const char *const alpha_names[] = {"composite", "mask", "ignore"}; /* pags_image_alpha */
 
@@ -32,10 +33,13 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
     int64_t *const count = &(*counts)[scene->model_count];
     pags_model *const model = &scene->models[scene->model_count++]; /* without its Gaussians */
     double alpha_min;
+    int64_t fourier_degree;
     PAGS_TRY(pags_json_string_copy(json, value, "name", &model->name));
     PAGS_TRY(pags_json_string_copy(json, value, "file", &model->file));
     PAGS_TRY(pags_json_integer(json, value, "gaussians", 0, INT32_MAX, count));
     PAGS_TRY(pags_json_int(json, value, "sh_degree", 0, 3, &model->gaussians.sh_degree));
+    PAGS_TRY(pags_json_integer_or(json, value, "fourier_degree", 0, 3, 0, &fourier_degree));
+    model->gaussians.fourier_degree = (int)fourier_degree;
     PAGS_TRY(pags_json_number_or(json, value, "alpha_min", 0, &alpha_min));
     if (alpha_min != 0 && !(alpha_min >= (double)PAGS_LEAST_ALPHA_MIN && alpha_min < 1))
       return pags_json_fail(json, pags_json_member(value, "alpha_min"),
@@ -232,9 +236,13 @@ static pags_result write_raw(pags_json_writer *w, const char *key, const char *t
 /* Writes the whole of scene.json. */
 static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   double background[3];
+  int version = OLD_VERSION;
+  for (int64_t i = 0; i < scene->model_count; i++)
+    if (scene->models[i].gaussians.fourier_degree > 0)
+      version = VERSION;
   pags_widen3(scene->background, background);
   pags_json_begin_object(w, NULL);
-  pags_json_put_integer(w, "version", VERSION);
+  pags_json_put_integer(w, "version", version);
   pags_json_put_string(w, "units", "metres");
   pags_json_put_numbers(w, "origin", scene->origin, 3);
   pags_json_put_string(w, "up", pags_up_code(scene->up));
@@ -248,6 +256,8 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
     pags_json_put_string(w, "file", model->file);
     pags_json_put_integer(w, "gaussians", model->gaussians.count);
     pags_json_put_integer(w, "sh_degree", model->gaussians.sh_degree);
+    if (model->gaussians.fourier_degree > 0)
+      pags_json_put_integer(w, "fourier_degree", model->gaussians.fourier_degree);
     if (model->gaussians.alpha_min > 0.0f)
       pags_json_put_number(w, "alpha_min", (double)model->gaussians.alpha_min);
     pags_json_end_object(w);

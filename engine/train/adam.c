@@ -30,19 +30,16 @@ typedef struct column {
 
 static column column_at(const pags_adam *adam, const pags_gaussians *g, int planes, int index, int64_t first) {
   const int plane = index < planes ? index : index - planes + pags_plane_count(g->sh_degree);
-  const pags_rate_group group = index >= planes         ? PAGS_RATE_FOURIER
-                                : plane < PAGS_SCALE    ? PAGS_RATE_POSITION
-                                : plane < PAGS_ROTATION ? PAGS_RATE_SCALE
-                                : plane < PAGS_OPACITY  ? PAGS_RATE_ROTATION
-                                : plane < PAGS_SH       ? PAGS_RATE_OPACITY
-                                : plane < PAGS_SH + 3   ? PAGS_RATE_SH_DC
-                                                        : PAGS_RATE_SH_REST;
+  const pags_rate_group group = index >= planes + PAGS_FOURIER_PLANES ? PAGS_RATE_SH_REST
+                                : index >= planes                     ? PAGS_RATE_FOURIER
+                                : plane < PAGS_SCALE                  ? PAGS_RATE_POSITION
+                                : plane < PAGS_ROTATION               ? PAGS_RATE_SCALE
+                                : plane < PAGS_OPACITY                ? PAGS_RATE_ROTATION
+                                : plane < PAGS_SH                     ? PAGS_RATE_OPACITY
+                                : plane < PAGS_SH + 3                 ? PAGS_RATE_SH_DC
+                                                                      : PAGS_RATE_SH_REST;
   return (column){pags_any_plane(g, plane) + first, pags_any_plane(&adam->first, plane) + first,
                   pags_any_plane(&adam->second, plane) + first, group};
-}
-
-static int column_count(const pags_gaussians *g, int planes) {
-  return planes + (g->fourier ? PAGS_FOURIER_PLANES : 0);
 }
 
 static const pags_train_config *config_of(const pags_adam *adam) {
@@ -202,7 +199,7 @@ static void replay(const pags_adam *adam, pags_gaussians *g, int64_t cluster, in
   int64_t first;
   int rows = cluster_rows(adam, cluster, &first), planes = active_planes(adam, last);
   float eps = epsilon_at(adam, last);
-  for (int i = 0; i < column_count(g, planes); i++) {
+  for (int i = 0; i < pags_gradient_planes(g, planes); i++) {
     column c = column_at(adam, g, planes, i, first);
     kernels->adam_replay(c.p, c.m, c.v, rows, weights[c.group], count, eps);
   }
@@ -241,7 +238,7 @@ static int name_left_out(const pags_adam *adam, const pags_gaussians *g, const l
   for (int i = 0; i < rows; i++)
     if (is_left_out(l, i) && count++ == 0)
       row = i;
-  for (int i = 0; out && i < column_count(g, planes); i++) {
+  for (int i = 0; out && i < pags_gradient_planes(g, planes); i++) {
     const int sound = fabsf(column_at(adam, g, planes, i, first).p[row]) < 3e38f;
     if (sound && fabsf(gradient[i * stride + row]) < 1e18f)
       continue;
@@ -270,7 +267,7 @@ static void update_others(const pags_adam *adam, column c, const float *gradient
 int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
                      const float *gradient, int64_t stride, int planes, pags_nonfinite_row *bad_row) {
   int64_t step = adam->step, first, k = table_index(adam, step);
-  int rows = cluster_rows(adam, cluster, &first);
+  const int rows = cluster_rows(adam, cluster, &first), columns = pags_gradient_planes(g, planes);
   pags_adam_touch(adam, g, cluster, step);
 
   /* Find the rows whose parameters or gradients aren't finite. */
@@ -278,7 +275,7 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
   l.any = adam->kernels->adam_check(g->data + first, g->stride, gradient, stride, planes, rows, l.bits);
   if (g->fourier)
     l.any |= adam->kernels->adam_check(g->fourier + first, g->stride, gradient + planes * stride, stride,
-                                       PAGS_FOURIER_PLANES, rows, l.bits);
+                                       columns - planes, rows, l.bits);
 
   int64_t n = step - adam->moment_step[cluster];
   const double beta1 = adam->schedule->beta1, beta2 = adam->schedule->beta2;
@@ -289,7 +286,7 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
                       .eps = epsilon_at(adam, step)};
   double rates[GROUPS];
   group_rates(adam, k, rates);
-  for (int i = 0; i < column_count(g, planes); i++) {
+  for (int i = 0; i < columns; i++) {
     column at = column_at(adam, g, planes, i, first);
     s.rate = (float)(rates[at.group] * adam->correction[k]);
     if (l.any)
@@ -372,7 +369,7 @@ static void settle_block(void *context, int64_t begin, int64_t end, int worker) 
     int64_t first;
     int rows = cluster_rows(adam, c, &first), planes = n > 0 ? active_planes(adam, adam->moment_step[c]) : 0;
     float decay1 = (float)pags_pow(config->optimiser.beta1, n), decay2 = (float)pags_pow(config->optimiser.beta2, n);
-    for (int i = 0; n > 0 && i < column_count(s->g, planes); i++) {
+    for (int i = 0; n > 0 && i < pags_gradient_planes(s->g, planes); i++) {
       column at = column_at(adam, s->g, planes, i, first);
       scale_rows(at.m, rows, decay1, 1e-30f);
       scale_rows(at.v, rows, decay2, 1e-36f);

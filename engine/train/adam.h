@@ -23,11 +23,18 @@ struct pags_kernels;
 
 /* Planes of Gaussians or of their moments, the Fourier terms last. */
 static inline int pags_all_planes(const pags_gaussians *g) {
-  return pags_plane_count(g->sh_degree) + (g->fourier ? PAGS_FOURIER_PLANES : 0);
+  return pags_plane_count(g->sh_degree) + pags_fourier_planes(g);
 }
 static inline float *pags_any_plane(const pags_gaussians *g, int plane) {
   const int standard = pags_plane_count(g->sh_degree);
   return plane < standard ? pags_plane(g, plane) : g->fourier + (int64_t)(plane - standard) * g->stride;
+}
+
+/* The number of planes, of which the first `planes` of an SH degree and the Fourier terms of their coefficients have
+ * gradients: those terms follow the `planes` in arrays of gradients, and come first in g->fourier. */
+static inline int pags_gradient_planes(const pags_gaussians *g, int planes) {
+  const int all = pags_fourier_planes(g), active = PAGS_FOURIER_PLANES / 3 * (planes - PAGS_SH);
+  return planes + (active < all ? active : all);
 }
 
 /* Rows of a cluster: `size`, but for the last of `count` rows. */
@@ -73,7 +80,7 @@ void pags_adam_begin(pags_adam *adam, int64_t step);
  * once. */
 void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step);
 /* Applies the cluster's pending steps, does the step given to pags_adam_begin with gradients (`planes` planes, plane
- * p at gradient + p * stride; if the Gaussians have Fourier terms, the gradients of those follow), then sets the
+ * p at gradient + p * stride; the gradients of pags_gradient_planes' Fourier terms follow), then sets the
  * cluster's bounds, widened so that they hold until its next update. Thread-safe in the same way as touch. A row
  * keeps all its parameters and moments if any of its parameters isn't finite (3e38 or more) or any of its gradients
  * isn't finite or is 1e18 or more. Returns the number of such rows; `first` (may be NULL) receives the first of them,

@@ -26,8 +26,8 @@ typedef struct run_record {
   uint64_t fingerprint;
 } run_record;
 
-/* Payload of section MODL: the numbers of one model. `fourier`, `object_ids`, `s_sem`, `squared`: 1 if the model has
- * them. */
+/* Payload of section MODL: the numbers of one model. `fourier`: number of SH coefficients that change over time;
+ * `object_ids`, `s_sem`, `squared`: 1 if the model has them. */
 typedef struct model_record {
   int64_t object, count, sh_degree, clusters, fourier, object_ids, s_sem, squared;
   double extent, fourier_gain;
@@ -155,7 +155,7 @@ static pags_result put_model(section_writer *w, const pags_train_model *m) {
                          .count = rows,
                          .sh_degree = g->sh_degree,
                          .clusters = (rows + cluster - 1) / cluster,
-                         .fourier = g->fourier != NULL,
+                         .fourier = pags_fourier_planes(g) / PAGS_FOURIER_PLANES,
                          .object_ids = g->object_id != NULL,
                          .s_sem = g->s_sem != NULL,
                          .squared = m->density.squared != NULL,
@@ -435,6 +435,14 @@ static bool is_sound_run(const run_record *r, const pags_dataset *dataset, const
          (r->sky_size == 0 || dataset);
 }
 
+/* The SH degree of the coefficients that change over time; a number that none has counts as degree 4. */
+static int fourier_degree(const model_record *m) {
+  int degree = 0;
+  while (degree < 4 && pags_sh_coefficients(degree) != m->fourier)
+    degree++;
+  return degree;
+}
+
 /* Checks a model's record. Models are stored in rising order of their object number, the background (-1) first;
  * `before` is the object number of the model before this one, -2: this is the first. */
 static bool is_sound_model(const model_record *m, const pags_train_config *config, int64_t before, int64_t objects) {
@@ -442,17 +450,16 @@ static bool is_sound_model(const model_record *m, const pags_train_config *confi
   return in_order && m->object < objects && m->count >= 0 && m->count <= INT32_MAX - 64 &&
          m->sh_degree == config->color.sh_degree && isfinite(m->extent) && m->extent > 0 &&
          m->clusters == (m->count + config->picture.cluster_size - 1) / config->picture.cluster_size &&
-         (m->fourier == 0 || m->fourier == 1) && (m->object_ids == 0 || m->object_ids == 1) &&
-         (m->s_sem == 0 || m->s_sem == 1) && (m->squared == 0 || m->squared == 1);
+         (m->fourier == 0 || fourier_degree(m) <= config->color.sh_degree) &&
+         (m->object_ids == 0 || m->object_ids == 1) && (m->s_sem == 0 || m->s_sem == 1) &&
+         (m->squared == 0 || m->squared == 1);
 }
 
 static pags_result get_model_rest(section_reader *r, const model_record *record, pags_train_state *s,
                                   pags_train_model *m) {
   pags_gaussians *const g = &m->gaussians;
-  if (record->fourier) {
-    PAGS_TRY(pags_gaussians_add_fourier(&m->adam.first));
-    PAGS_TRY(pags_gaussians_add_fourier(&m->adam.second));
-  }
+  if (record->fourier)
+    PAGS_TRY(pags_model_add_fourier(m, fourier_degree(record)));
   m->fourier_gain = record->fourier_gain;
   PAGS_TRY(get_planes(r, "MOM1", &m->adam.first));
   PAGS_TRY(get_planes(r, "MOM2", &m->adam.second));
@@ -497,7 +504,8 @@ static pags_result get_model(section_reader *r, pags_train_state *s) {
   if (!is_sound_model(&record, config, before, s->tracks.count))
     return out_of_range(r, "MODL");
   /* Check that the file is long enough for this many Gaussians before memory is allocated for them. */
-  if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config->color.sh_degree) >
+  if ((uint64_t)record.count * sizeof(float) *
+          (uint64_t)(pags_plane_count(config->color.sh_degree) + PAGS_FOURIER_PLANES * record.fourier) >
       (uint64_t)(r->end - r->at))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: section GAUS is cut off", r->path);
   PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
@@ -505,7 +513,7 @@ static pags_result get_model(section_reader *r, pags_train_state *s) {
   g.alpha_min = (float)config->picture.alpha_min;
   PAGS_TRY(pags_gaussians_reserve(&g, 1)); /* a shard's model may have columns and no rows */
   if (record.fourier)
-    PAGS_TRY(pags_gaussians_add_fourier(&g));
+    PAGS_TRY(pags_gaussians_add_fourier(&g, fourier_degree(&record)));
   PAGS_TRY(get_planes(r, "GAUS", &g));
   PAGS_TRY(pags_state_add_model(s, record.object, record.extent, &g));
   pags_state_fit_box(s, s->model_count - 1);
@@ -614,7 +622,7 @@ static pags_result get_nonfinite(section_reader *r, pags_train_state *s) {
   PAGS_TRY(get_record(r, "BADR", &record, sizeof record));
   const pags_nonfinite_row *o = &record.first;
   if (record.count <= 0 || o->step < 0 || o->step > s->step || o->object < -1 || o->object >= s->tracks.count ||
-      o->row < 0 || o->plane < 0 || o->plane >= PAGS_MAX_PLANES + PAGS_FOURIER_PLANES || o->kind < 0 ||
+      o->row < 0 || o->plane < 0 || o->plane >= PAGS_MAX_PLANES + PAGS_MAX_FOURIER || o->kind < 0 ||
       o->kind > PAGS_NONFINITE_CAMERA)
     return out_of_range(r, "BADR");
   s->nonfinite.count = record.count;

@@ -179,7 +179,7 @@ pags_result pags_color_over_time_decide(pags_trainer *t) {
     m->fourier_gain = shown ? -10.0 * pags_log10(fmax(1.0 - less / f->squares, 1e-6)) : 0.0;
     if (m->fourier_gain < m->schedule.config.objects.fourier_gain)
       continue;
-    PAGS_TRY(pags_model_add_fourier(m));
+    PAGS_TRY(pags_model_add_fourier(m, 0));
     given++;
   }
   pags_log_message(PAGS_LOG_INFO, "colour over time for %lld of %lld objects", (long long)given, (long long)models - 1);

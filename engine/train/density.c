@@ -14,6 +14,7 @@ enum { UNSEEN_GRAIN = 4 };
 typedef struct unseen_job {
   pags_train_model *model;
   pags_nonfinite *nonfinite;
+  float *rows; /* of the trainer's view_render */
 } unseen_job;
 
 static void move_unseen_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -22,12 +23,12 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
   const int64_t step = m->step;
   const int stride = m->adam.cluster_size;
   const int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, step));
-  float data[(PAGS_MAX_PLANES + PAGS_FOURIER_PLANES) * PAGS_LARGEST_CLUSTER];
-  (void)worker;
+  const int columns = pags_gradient_planes(&m->gaussians, planes);
+  float *const data = job->rows + (int64_t)worker * pags_row_floats(&m->schedule.config);
   for (int64_t c = begin; c < end; c++) {
     if (m->adam.moment_step[c] == step)
       continue;
-    memset(data, 0, (size_t)(planes + PAGS_FOURIER_PLANES) * (size_t)stride * sizeof(float));
+    memset(data, 0, (size_t)columns * (size_t)stride * sizeof(float));
     pags_adam_touch(&m->adam, &m->gaussians, c, step);
     pags_mcmc_regularise(m, c * stride, pags_cluster_rows(m->gaussians.count, stride, c), data, stride);
     pags_model_update(m, job->nonfinite, c, data, stride, planes);
@@ -83,7 +84,7 @@ static pags_result move_unseen(pags_trainer *t) {
     pags_train_model *const m = &s->models[i];
     pags_adam_begin(&m->adam, m->step);
     PAGS_TRY(pags_parallel_run(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
-                               &(unseen_job){m, &s->nonfinite}));
+                               &(unseen_job){m, &s->nonfinite, t->render.rows}));
     PAGS_TRY(pags_mcmc_noise(m, m->step, t->tasks));
   }
   return t->ranks > 1 ? pags_shared_step_nonfinite(t) : PAGS_OK;
@@ -94,7 +95,8 @@ pags_result pags_density_control(pags_trainer *t) {
   const pags_schedule *d = &s->schedule;
   const double pull = d->config.density.lidar_pull, lay = d->config.density.lidar_lay;
   const bool due = pags_schedule_is_densify(d, s->step), reset = pags_schedule_is_reset(d, s->step);
-  const bool fourier = d->config.objects.fourier && s->step == d->fourier_from && s->model_count > 1;
+  const bool fourier =
+      d->config.objects.fourier == PAGS_FOURIER_BY_GAIN && s->step == d->fourier_from && s->model_count > 1;
   const int prune = pags_schedule_prune(d, s->step);
   if (d->config.density.strategy == PAGS_STRATEGY_MCMC)
     PAGS_TRY(move_unseen(t));

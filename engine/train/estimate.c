@@ -28,7 +28,8 @@ uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int heigh
 }
 
 uint64_t pags_batch_bytes(const pags_train_config *config, int64_t gaussians, int sky_size) {
-  const uint64_t planes = (uint64_t)(pags_plane_count(config->color.sh_degree) + PAGS_FOURIER_PLANES);
+  const int degree = config->color.sh_degree, changing = config->objects.fourier == PAGS_FOURIER_ALL ? degree : 0;
+  const uint64_t planes = (uint64_t)(pags_plane_count(degree) + PAGS_FOURIER_PLANES * pags_sh_coefficients(changing));
   const uint64_t texels = 6 * (uint64_t)sky_size * (uint64_t)sky_size;
   return config->schedule.batch > 1 ? (uint64_t)gaussians * planes * 4 * 3 / 2 + 3 * 4 * texels : 0;
 }

@@ -50,7 +50,7 @@ static pags_result reserve(fit *f, const pags_picture *picture) {
 static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   const fit *const f = user;
   (void)worker;
-  pags_pose_gradient(g->data, g->stride, g->planes, f->parts[g->part].gaussians, g->first, g->count,
+  pags_pose_gradient(g->data, g->stride, g->planes, &f->parts[g->part], g->first, g->count,
                      f->by_pose[f->before[g->part] + g->cluster]);
 }
 

@@ -100,7 +100,7 @@ typedef struct column {
   bool moment; /* an optimiser moment, of which fresh rows start at zero */
 } column;
 
-enum { MAX_COLUMNS = 3 * PAGS_MAX_PLANES + 3 * PAGS_FOURIER_PLANES + 5 };
+enum { MAX_COLUMNS = 3 * PAGS_MAX_PLANES + 3 * PAGS_MAX_FOURIER + 5 };
 
 /* Those of the Gaussians alone. */
 static int list_parameters(pags_gaussians *g, column columns[MAX_COLUMNS]) {
@@ -384,11 +384,11 @@ void pags_model_update(pags_train_model *m, pags_nonfinite *nonfinite, int64_t c
     pags_nonfinite_note(nonfinite, left_out, &first);
 }
 
-pags_result pags_model_add_fourier(pags_train_model *model) {
+pags_result pags_model_add_fourier(pags_train_model *model, int degree) {
   PAGS_TRY(reserve(model, 1)); /* without room for a row there would be no columns, of which all ranks have the same */
-  PAGS_TRY(pags_gaussians_add_fourier(&model->gaussians));
-  PAGS_TRY(pags_gaussians_add_fourier(&model->adam.first));
-  return pags_gaussians_add_fourier(&model->adam.second);
+  PAGS_TRY(pags_gaussians_add_fourier(&model->gaussians, degree));
+  PAGS_TRY(pags_gaussians_add_fourier(&model->adam.first, degree));
+  return pags_gaussians_add_fourier(&model->adam.second, degree);
 }
 
 bool pags_model_is_finite_row(const pags_gaussians *g, int64_t row) {

@@ -92,7 +92,7 @@ bool pags_model_is_finite_row(const pags_gaussians *gaussians, int64_t row);
 pags_result pags_model_drop_spoiled(pags_train_model *model, int64_t *dropped);
 /* Sets the densify statistics `gradient` and `seen` to zero. */
 void pags_model_clear_density(pags_train_model *model);
-/* Adds the Fourier terms of colour over time, all zero, and their moments. */
-pags_result pags_model_add_fourier(pags_train_model *model);
+/* Adds the Fourier terms of colour over time up to an SH degree, all zero, and their moments. */
+pags_result pags_model_add_fourier(pags_train_model *model, int degree);
 
 #endif

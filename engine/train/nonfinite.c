@@ -41,12 +41,14 @@ void pags_nonfinite_describe(const pags_nonfinite *nonfinite, const char *name, 
   if (o->object >= 0)
     snprintf(model, sizeof model, "object '%.64s'", name ? name : "");
   const bool fourier = o->plane >= PAGS_MAX_PLANES;
-  const int term = o->plane - (fourier ? PAGS_MAX_PLANES : PAGS_SH);
+  const int place = o->plane - (fourier ? PAGS_MAX_PLANES : PAGS_SH), coefficient = place / (fourier ? 12 : 3);
   if (gaussian && o->plane < PAGS_SH)
     snprintf(plane, sizeof plane, "%s", names[o->plane]);
+  else if (gaussian && fourier)
+    snprintf(plane, sizeof plane, "Fourier term %d of colour term %d of %s", 1 + place % 12 / 3, coefficient,
+             channels[place % 3]);
   else if (gaussian)
-    snprintf(plane, sizeof plane, "%s term %d of %s", fourier ? "Fourier" : "colour", fourier + term / 3,
-             channels[term % 3]);
+    snprintf(plane, sizeof plane, "colour term %d of %s", coefficient, channels[place % 3]);
   switch ((pags_nonfinite_kind)o->kind) {
     case PAGS_NONFINITE_GRADIENT:
     case PAGS_NONFINITE_PARAMETER:

@@ -73,6 +73,8 @@ static pags_result add_models(pags_trainer *t, const pags_train_config *config, 
     pags_train_model *const added = &t->state.models[t->state.model_count - 1];
     added->first_row = own[0];
     added->total = rows[i];
+    if (m->object >= 0 && t->state.schedule.config.objects.fourier == PAGS_FOURIER_ALL)
+      PAGS_TRY(pags_model_add_fourier(added, config->color.sh_degree));
   }
   return PAGS_OK;
 }

@@ -208,7 +208,8 @@ pags_result pags_sh_trim(pags_trainer *t) {
   for (int64_t i = 0; i < s->model_count; i++) {
     pags_gaussians *const g = &s->models[i].gaussians;
     trim_context context = {g, views, list_views(t, &s->models[i], views), error};
-    PAGS_TRY(pags_parallel_run(t->tasks, g->count, TRIM_GRAIN, trim_block, &context));
+    if (g->fourier_degree == 0) /* else the terms are those of one time only */
+      PAGS_TRY(pags_parallel_run(t->tasks, g->count, TRIM_GRAIN, trim_block, &context));
     for (int64_t row = 0; row < g->count; row++)
       degrees[pags_gaussians_row_degree(g, row)]++;
     count += g->count;

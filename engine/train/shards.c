@@ -263,10 +263,8 @@ static pags_result join_model(const manifest *m, int64_t model, const int64_t *r
   PAGS_TRY(pags_gaussians_create_like(&g, rows[1] - rows[0], &like->gaussians));
   PAGS_TRY(pags_state_add_model(state, like->object, like->schedule.extent, &g));
   pags_train_model *to = &state->models[model];
-  if (like->gaussians.fourier) {
-    PAGS_TRY(pags_gaussians_add_fourier(&to->adam.first));
-    PAGS_TRY(pags_gaussians_add_fourier(&to->adam.second));
-  }
+  if (like->gaussians.fourier)
+    PAGS_TRY(pags_model_add_fourier(to, like->gaussians.fourier_degree));
   to->fourier_gain = like->fourier_gain;
   pags_state_fit_box(state, model);
   for (const shard *s = m->shards; s < m->shards + m->count; s++)

@@ -18,8 +18,8 @@ static const int64_t least_background = 16;
 /* See stages.h. Counts Fourier terms for objects whose colour over time isn't decided yet. */
 int pags_size_limit_row(const pags_train_state *s, int64_t model) {
   const pags_train_model *m = &s->models[model];
-  int undecided =
-      m->object >= 0 && s->schedule.config.objects.fourier && isnan(m->fourier_gain) && !m->gaussians.fourier;
+  const bool undecided = m->object >= 0 && s->schedule.config.objects.fourier == PAGS_FOURIER_BY_GAIN &&
+                         isnan(m->fourier_gain) && !m->gaussians.fourier;
   return pags_ply_row_bytes(&m->gaussians) + (undecided ? FOURIER_BYTES : 0);
 }
 

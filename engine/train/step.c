@@ -18,7 +18,7 @@
 #include "train/mcmc.h"
 #include "train/score_pass.h"
 
-enum { MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
+enum { MOST_SAMPLES = 16384 };
 /* The object opacity term is evaluated for one of OBJECTS_EVERY photographs: its picture changes slowly, and it costs a
  * tenth of a step. */
 enum { OBJECTS_EVERY = 4, FINISH_GRAIN = 8 };
@@ -82,18 +82,6 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   pags_gradient_store_add(&p->models[model].held, g->cluster, p->photograph, g->data, g->planes * g->stride);
 }
 
-/* Computes the gradients by the Fourier terms, stored after the other planes: the gradient by the constant colour
- * term times each basis function. */
-static void add_fourier(const double basis[5], const pags_cluster_gradient *g, float *data) {
-  for (int k = 1; k < 5; k++)
-    for (int c = 0; c < 3; c++) {
-      const float *from = data + (int64_t)(PAGS_SH + c) * g->stride;
-      float *to = data + (int64_t)(g->planes + 3 * (k - 1) + c) * g->stride;
-      for (int i = 0; i < g->stride; i++)
-        to[i] = (float)basis[k] * from[i];
-    }
-}
-
 /* Receiver of the backward pass: adds the densify statistics of a cluster and does an Adam step on its Gaussians, or
  * with several photographs a step adds up their gradients for finish_blocks. A cluster in view none of whose Gaussians
  * was drawn is skipped and its step stays pending: whether a cluster was in view must not change a bit. */
@@ -102,9 +90,9 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   pags_view_render *p = &c->trainer->render;
   int64_t model = p->drawn[g->part].model;
   pags_train_model *m = &c->trainer->state.models[model];
-  float copy[ROW_PLANES * PAGS_LARGEST_CLUSTER];
+  const int columns = pags_gradient_planes(&m->gaussians, g->planes);
+  float *const copy = p->rows + worker * pags_row_floats(&m->schedule.config);
   const float *data = g->data;
-  (void)worker;
   if (c->trainer->measuring || !any(g->drawn, g->count))
     return;
 
@@ -126,20 +114,20 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   for (int64_t i = 0; held && i < (int64_t)g->planes * g->stride; i++)
     copy[i] += held[i];
   if (m->object >= 0 || c->trainer->state.cameras.count > 0)
-    pags_pose_gradient(data, g->stride, g->planes, &m->gaussians, g->first, g->count,
+    pags_pose_gradient(data, g->stride, g->planes, &p->parts[g->part], g->first, g->count,
                        p->models[model].pose[g->cluster]);
   if (mcmc)
     pags_mcmc_regularise(m, g->first, g->count, copy, g->stride);
   if (m->gaussians.fourier)
-    add_fourier(p->models[model].basis, g, copy);
+    pags_fourier_gradient(p->models[model].basis, copy + (int64_t)PAGS_SH * g->stride, g->stride, columns - g->planes,
+                          copy + (int64_t)g->planes * g->stride);
   for (int i = 0; bad && i < g->count; i++)
     if (g->bad[i])
       copy[(g->bad[i] - 1) * g->stride + i] = NAN; /* not finite again, so that the update leaves the row out */
   if (alone)
     pags_model_update(m, &c->trainer->state.nonfinite, g->cluster, data, g->stride, g->planes);
   else
-    pags_gradient_store_add(&p->models[model].sum, g->cluster, c->step, data,
-                            (g->planes + (m->gaussians.fourier ? PAGS_FOURIER_PLANES : 0)) * g->stride);
+    pags_gradient_store_add(&p->models[model].sum, g->cluster, c->step, data, columns * g->stride);
 }
 
 /* ---- Loss terms ---- */
@@ -395,13 +383,30 @@ static pags_result return_sums(pags_trainer *t, int64_t step, pags_step_view *vi
                       : pags_sky_parts_add(&t->sky_parts, t->shared.transport, &t->state.sky, &t->state.schedule, step);
 }
 
+/* With several ranks, evaluates the colours over time of the composed parts again: the backward pass reads them, and
+ * other views of the round have been projected since. */
+static void recall_colours(pags_trainer *t) {
+  pags_view_render *const p = &t->render;
+  for (int i = 0; i < p->part_count; i++) {
+    const pags_train_model *const m = &t->state.models[p->drawn[i].model];
+    const pags_model_room *const room = &p->models[p->drawn[i].model];
+    if (!m->gaussians.fourier)
+      continue;
+    p->parts[i].sh = room->sh;
+    if (m->gaussians.fourier_degree > 0)
+      pags_fourier_colour(&m->gaussians, room->basis, 0, m->gaussians.count, room->sh);
+  }
+}
+
 /* Takes the gradients of view `i` of the round to the parameters of this rank's Gaussians. A process without other
  * ranks has the view's parts and its object term in place; with several ranks they come back as sums. */
 static pags_result view_backward(pags_trainer *t, int64_t step, int i, pags_step_view *v,
                                  const pags_picture_gradient *gradient, const uint8_t *objects) {
   pags_render_context context = {t, step, 0};
-  if (shares(t))
+  if (shares(t)) {
     PAGS_TRY(compose(t, v));
+    recall_colours(t);
+  }
 
   /* Set the pose gradients of the drawn parts to zero. */
   for (int k = 0; k < t->render.part_count; k++) {
@@ -503,7 +508,7 @@ static void finish_blocks(void *context, int64_t begin, int64_t end, int worker)
   pags_train_model *const m = &job->trainer->state.models[job->model];
   const pags_gradient_store *const sum = &job->trainer->render.models[job->model].sum;
   const int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, job->step));
-  const int all = planes + (m->gaussians.fourier ? PAGS_FOURIER_PLANES : 0);
+  const int all = pags_gradient_planes(&m->gaussians, planes);
   const float share = 1.0f / (float)m->schedule.batch;
   (void)worker;
   for (int64_t c = begin; c < end; c++) {

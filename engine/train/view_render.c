@@ -15,7 +15,10 @@ pags_result pags_view_render_create(pags_trainer *t) {
   p->drawn = calloc(models, sizeof *p->drawn);
   p->models = calloc(models, sizeof *p->models);
   p->depth = calloc(views, sizeof *p->depth);
-  PAGS_CHECK_MEMORY(p->parts && p->drawn && p->models && p->depth, "the parts of %lld models", (long long)models);
+  const int64_t floats = pags_tasks_workers(t->tasks) * pags_row_floats(&t->state.schedule.config);
+  p->rows = malloc((size_t)floats * sizeof *p->rows);
+  PAGS_CHECK_MEMORY(p->parts && p->drawn && p->models && p->depth && p->rows, "the parts of %lld models",
+                    (long long)models);
   PAGS_TRY(pags_frame_create(t->tasks, &p->frame));
   return t->state.model_count > 1 ? pags_frame_create(t->tasks, &p->object_frame) : PAGS_OK;
 }
@@ -26,7 +29,7 @@ void pags_view_render_destroy(pags_trainer *t) {
   pags_frame_destroy(p->object_frame);
   for (int64_t i = 0; p->models && i < t->state.model_count; i++) {
     free(p->models[i].pose);
-    pags_port_aligned_free(p->models[i].dc);
+    pags_port_aligned_free(p->models[i].sh);
     pags_port_aligned_free(p->models[i].factor);
     pags_gradient_store_destroy(&p->models[i].held);
     pags_gradient_store_destroy(&p->models[i].sum);
@@ -35,6 +38,7 @@ void pags_view_render_destroy(pags_trainer *t) {
     free(p->depth[i].samples);
   for (int i = 0; i < PAGS_RENDER_PLANES; i++)
     pags_port_aligned_free(p->plane[i]);
+  free(p->rows);
   free(p->emphasis);
   free(p->parts);
   free(p->drawn);
@@ -131,7 +135,7 @@ void pags_view_render_touch(void *user, int part, int64_t cluster, int worker) {
   const int64_t first = cluster * m->clusters.size, end = first + m->clusters.size;
   const int64_t last = end < m->gaussians.stride ? end : m->gaussians.stride;
   if (m->gaussians.fourier)
-    pags_fourier_colour(&m->gaussians, p->models[model].basis, first, last, p->models[model].dc);
+    pags_fourier_colour(&m->gaussians, p->models[model].basis, first, last, p->models[model].sh);
   if (p->parts[c->first_part + part].opacity_factor) {
     pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, p->photograph, m->object);
     dropout.first_row = m->first_row;
@@ -155,12 +159,13 @@ pags_result pags_view_render_prepare(pags_trainer *t, int64_t step) {
       PAGS_CHECK_MEMORY(room->pose, "pose gradients");
       room->pose_room = clusters + clusters / 2;
     }
-    if (m->gaussians.fourier && room->dc_stride != stride) {
-      room->dc_stride = 0;
-      PAGS_CHECK_MEMORY(pags_floats_renew(&room->dc, 3 * stride), "colours over time");
-      room->dc_stride = stride;
+    if (m->gaussians.fourier && room->sh_stride != stride) {
+      const int planes = 3 * pags_sh_coefficients(m->gaussians.sh_degree);
+      room->sh_stride = 0;
+      PAGS_CHECK_MEMORY(pags_floats_renew(&room->sh, planes * stride), "colours over time");
+      room->sh_stride = stride;
     }
-    p->parts[i].dc = m->gaussians.fourier ? room->dc : NULL;
+    p->parts[i].sh = m->gaussians.fourier ? room->sh : NULL;
     pags_adam_begin(&m->adam, step);
   }
   return PAGS_OK;

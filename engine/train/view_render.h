@@ -12,12 +12,18 @@ struct pags_trainer;
 
 enum { PAGS_RENDER_PLANES = 10 };
 
+/* The floats of a cluster's gradients by all planes, Fourier terms included. */
+static inline int64_t pags_row_floats(const pags_train_config *config) {
+  const int degree = config->color.sh_degree, terms = PAGS_FOURIER_PLANES * pags_sh_coefficients(degree);
+  return (int64_t)(pags_plane_count(degree) + terms) * config->picture.cluster_size;
+}
+
 /* Buffers that a model needs to be drawn and trained; they grow with its number of clusters. */
 typedef struct pags_model_room {
   double (*pose)[6]; /* per cluster: its share of the gradient by the model's pose */
   int64_t pose_room; /* clusters that fit in `pose` */
-  float *dc;         /* with colour over time: 3 planes, the constant colour term at the view's time */
-  int64_t dc_stride;
+  float *sh;         /* with colour over time: the SH coefficients at the view's time, as in pags_part */
+  int64_t sh_stride;
   float *factor; /* factors of opacity, for photographs with dropout */
   int64_t factor_room;
   double basis[5];          /* the Fourier basis at the view's time */
@@ -48,6 +54,7 @@ typedef struct pags_view_render {
   pags_model_room *models;          /* one per model */
   float *plane[PAGS_RENDER_PLANES]; /* gradients by R, G, B, T, sum(w z); zeros; ones; R, G, B as the
                                        camera shows them (photometry.h) */
+  float *rows;                      /* per worker: gradients of a cluster, pags_row_floats */
   uint8_t *emphasis;                /* 1 where the training view is critical, else 0; as long as a plane */
   int64_t plane_floats;             /* floats allocated per plane */
   pags_view_samples *depth;         /* one per view of the data set */

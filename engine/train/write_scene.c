@@ -119,7 +119,8 @@ static pags_result list_models(const pags_train_state *state, pags_described *d)
       const int degree = pags_gaussians_row_degree(&g, row);
       highest = degree > highest ? degree : highest;
     }
-    g.sh_degree = highest;
+    g.sh_degree = highest; /* the planes of higher degrees come last and hold zeros */
+    g.fourier_degree = highest < g.fourier_degree ? highest : g.fourier_degree;
     scene->objects[m->object].model = scene->model_count;
     PAGS_TRY(add_model(scene, state->tracks.objects[m->object].id, NULL, &g));
   }

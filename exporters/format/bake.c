@@ -22,6 +22,7 @@
 static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const double turn_q[4], int64_t i,
                      pags_gaussians *out, int64_t at) {
   const pags_gaussians *g = part->gaussians;
+  const float *const sh = part->sh ? part->sh : pags_plane(g, PAGS_SH);
   double p[3], moved[3], q[4], rest[15];
   const int degree = out->sh_degree < g->sh_degree ? out->sh_degree : g->sh_degree;
   for (int k = 0; k < 3; k++)
@@ -36,7 +37,7 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
   for (int k = 0; k < 3; k++) {
     pags_plane(out, PAGS_MEAN + k)[at] = (float)moved[k];
     pags_plane(out, PAGS_SCALE + k)[at] = pags_plane(g, PAGS_SCALE + k)[i];
-    pags_plane(out, PAGS_SH + k)[at] = part->dc ? part->dc[k * g->stride + i] : pags_plane(g, PAGS_SH + k)[i];
+    pags_plane(out, PAGS_SH + k)[at] = sh[k * g->stride + i];
   }
   for (int k = 0; k < 4; k++)
     pags_plane(out, PAGS_ROTATION + k)[at] = turn ? (float)product[k] : (float)q[k];
@@ -44,7 +45,7 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
   for (int c = 0; c < 3 && degree; c++) {
     int count = pags_sh_coefficients(degree) - 1;
     for (int k = 0; k < count; k++)
-      rest[k] = (double)pags_plane(g, PAGS_SH + 3 * (k + 1) + c)[i];
+      rest[k] = (double)sh[(3 * (k + 1) + c) * g->stride + i];
     if (turn)
       pags_sh_rotation_apply(turn, degree, rest);
     for (int k = 0; k < count; k++)

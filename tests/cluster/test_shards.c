@@ -85,7 +85,7 @@ static bool go_through(pags_train_model *m, int64_t model, int64_t begin, each_f
       right &= each(pags_plane(&m->adam.first, p) + i, value(model, plane++, begin + i));
       right &= each(pags_plane(&m->adam.second, p) + i, value(model, plane++, begin + i));
     }
-    for (int p = 0; model == 1 && p < PAGS_FOURIER_PLANES; p++) {
+    for (int p = 0; model == 1 && p < pags_fourier_planes(&m->gaussians); p++) {
       right &= each(m->gaussians.fourier + p * m->gaussians.stride + i, value(model, plane++, begin + i));
       right &= each(m->adam.first.fourier + p * m->adam.first.stride + i, value(model, plane++, begin + i));
       right &= each(m->adam.second.fourier + p * m->adam.second.stride + i, value(model, plane++, begin + i));
@@ -115,12 +115,12 @@ static pags_result make(int rank, const int64_t *begin, const int64_t *end, pags
     if (k == 0)
       PAGS_TRY(pags_gaussians_add_s_sem(&g));
     if (k == 1)
-      PAGS_TRY(pags_gaussians_add_fourier(&g));
+      PAGS_TRY(pags_gaussians_add_fourier(&g, 1));
     PAGS_TRY(pags_state_add_model(state, k - 1, 2.5 + (double)k, &g));
     pags_train_model *m = &state->models[k];
     if (k == 1) {
-      PAGS_TRY(pags_gaussians_add_fourier(&m->adam.first));
-      PAGS_TRY(pags_gaussians_add_fourier(&m->adam.second));
+      PAGS_TRY(pags_gaussians_add_fourier(&m->adam.first, 1));
+      PAGS_TRY(pags_gaussians_add_fourier(&m->adam.second, 1));
     }
     m->fourier_gain = 0.5;
     go_through(m, k, begin[k], set);

@@ -215,12 +215,14 @@ static void with_corrected_cameras(void **unused) {
   assert_true(count_in("corrected", "scene.json", "\"gain_db\""));
 }
 
-/* Tests rare settings: a size that the scene must keep, the paper's scores, and the pull to LiDAR planes. */
+/* Tests rare settings: a size that the scene must keep, the paper's scores and Fourier series, and the pull to LiDAR
+ * planes. */
 static void with_other_settings(void **unused) {
   (void)unused;
   pags_train_config config = quick();
   config.schedule.iterations = PHOTOGRAPHS / 2;
-  config.size_limit.target_size = 1.45;
+  config.size_limit.target_size = 1.8;
+  config.objects.fourier = PAGS_FOURIER_ALL;
   config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
   config.priority.s_sem = PAGS_S_SEM_OVERLAP;
   config.density.lidar_pull = config.density.lidar_lay = 0.1;
@@ -251,6 +253,7 @@ static void with_a_time_limit(void **unused) {
 static void resumed_on_other_ranks(void **unused) {
   (void)unused;
   pags_train_config config = quick(), half = quick();
+  config.objects.fourier = half.objects.fourier = PAGS_FOURIER_ALL;
   config.schedule.schedule_iterations = half.schedule.schedule_iterations = PHOTOGRAPHS;
   half.schedule.iterations = PHOTOGRAPHS / 2 + BATCH;
   train(&half, "one", 0, 1);

@@ -50,7 +50,7 @@ static void seed_ply(void) {
   fuzz_seed_bytes(make_scrambled_ply(&g, "ascii 1.0"));
   fuzz_seed_bytes(make_scrambled_ply(&g, "binary_big_endian 1.0"));
   FUZZ_CHECK(pags_gaussians_add_s_sem(&g) == PAGS_OK && pags_gaussians_add_object_id(&g) == PAGS_OK &&
-             pags_gaussians_add_fourier(&g) == PAGS_OK);
+             pags_gaussians_add_fourier(&g, 1) == PAGS_OK);
   const char *const path = fuzz_file("all.ply", "", 0);
   fuzz_seed_saved(pags_ply_save(path, &g), path);
   pags_gaussians_destroy(&g);

@@ -59,12 +59,13 @@ static void make_dataset(void) {
 }
 
 static void add_model(pags_train_state *state, int64_t object, int64_t count, int with_all) {
+  const int degree = state->schedule.config.color.sh_degree;
   pags_gaussians g;
-  sample_gaussians(&g, count, state->schedule.config.color.sh_degree, 3);
+  sample_gaussians(&g, count, degree, 3);
   if (with_all)
     FUZZ_CHECK(pags_gaussians_add_s_sem(&g) == PAGS_OK && pags_gaussians_add_object_id(&g) == PAGS_OK);
   FUZZ_CHECK(pags_state_add_model(state, object, 2.5, &g) == PAGS_OK);
-  FUZZ_CHECK(!with_all || pags_model_add_fourier(&state->models[state->model_count - 1]) == PAGS_OK);
+  FUZZ_CHECK(!with_all || pags_model_add_fourier(&state->models[state->model_count - 1], degree) == PAGS_OK);
 }
 
 static void seed_checkpoint(void) {

@@ -168,7 +168,7 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
     if (c->stretched)
       reference_stretch(&parts[p], stretches[p]);
     if (p == 1)
-      reference_random_dc(random, &parts[p]);
+      reference_random_sh(random, &parts[p]);
     if (c->dropped)
       drop_rows(random, &parts[p]);
     if (c->behind)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Compares the gradient by a part's pose, summed from the engine's row gradients, with finite differences of the
- * oracle's picture. */
+/* Compares the gradients by a part's pose, summed from the engine's row gradients, and by the Fourier terms of its
+ * colour with finite differences of the oracle's picture. */
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 
@@ -14,7 +14,7 @@
 
 enum { WIDTH = 72, HEIGHT = 56, PIXELS = WIDTH * HEIGHT, PARTS = 2, COUNT = 70 };
 
-static int other_dc; /* 1: the parts have separate constant terms */
+static int other_sh; /* 1: the parts have separate SH coefficients */
 
 typedef struct pose_scene {
   reference_random random;
@@ -36,8 +36,8 @@ static pose_scene create(uint64_t seed, int sh_degree) {
     reference_random_pose(&s.random, 5, s.parts[p].world_from_model);
     for (int64_t i = 0; i < COUNT; i++)
       reference_random_gaussian(&s.random, &recipe, &s.camera, &s.options, &s.parts[p], i);
-    if (other_dc)
-      reference_random_dc(&s.random, &s.parts[p]);
+    if (other_sh)
+      reference_random_sh(&s.random, &s.parts[p]);
     frame_scene_round(&s.parts[p]);
   }
   s.weights = reference_alloc(5 * PIXELS, sizeof(double));
@@ -118,10 +118,12 @@ static double difference(pose_scene *s, int part, int axis) {
 /* Adds up the pose gradient cluster by cluster, as a trainer does. */
 static void engine_gradient(const frame_scene *scene, const frame_result *drawn, int part, double out[6]) {
   enum { SIZE = 128 };
+  pags_part shown = scene->parts[part];
+  shown.gaussians = &scene->gaussians[part];
   memset(out, 0, 6 * sizeof *out);
   for (int first = 0; first < COUNT; first += SIZE)
-    pags_pose_gradient(drawn->parts[part].planes + first, COUNT, drawn->parts[part].plane_count,
-                       &scene->gaussians[part], first, COUNT - first < SIZE ? COUNT - first : SIZE, out);
+    pags_pose_gradient(drawn->parts[part].planes + first, COUNT, drawn->parts[part].plane_count, &shown, first,
+                       COUNT - first < SIZE ? COUNT - first : SIZE, out);
 }
 
 static void check(uint64_t seed, int sh_degree) {
@@ -222,19 +224,95 @@ static void test_every_degree(void **state) {
   }
 }
 
-/* The parts have separate constant terms in place of the Gaussians'. */
-static void test_other_dc(void **state) {
+enum { TERM_DEGREE = 2, TERMS = PAGS_FOURIER_PLANES * (TERM_DEGREE + 1) * (TERM_DEGREE + 1) };
+
+/* The oracle's SH coefficients at phase u of the track, in double: those of the rows plus their series. */
+static void evaluate(reference_part *part, const double *terms, double u) {
+  const double a = 2 * 3.14159265358979323846 * u, wave[4] = {sin(a), cos(a), sin(2 * a), cos(2 * a)};
+  for (int c = 0; c < TERMS / PAGS_FOURIER_PLANES; c++)
+    for (int channel = 0; channel < 3; channel++)
+      for (int64_t i = 0; i < COUNT; i++) {
+        double *const sum = &part->sh[(3 * c + channel) * COUNT + i];
+        *sum = part->planes[(PAGS_SH + 3 * c + channel) * COUNT + i];
+        for (int k = 0; k < 4; k++)
+          *sum += wave[k] * terms[(12 * c + 3 * k + channel) * COUNT + i];
+      }
+}
+
+/* The loss's derivatives by the Fourier terms of all SH coefficients: those of the engine's picture of its own
+ * evaluation against differences of the oracle's. */
+static void test_fourier_terms(void **state) {
   (void)state;
-  other_dc = 1;
+  enum { SAMPLES = 60 };
+  const double u = 0.37, step = 1e-5;
+  double basis[5];
+  pags_tasks *tasks = pags_tasks_create(2);
+  pags_frame *frame;
+  assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
+  other_sh = 1;
+  pose_scene s = create(60, TERM_DEGREE);
+  frame_scene scene = frame_scene_create(s.parts, PARTS, 16, 0);
+  double *terms[PARTS];
+  pags_fourier_basis(u, basis);
+  for (int p = 0; p < PARTS; p++) {
+    pags_gaussians *const g = &scene.gaussians[p];
+    terms[p] = reference_alloc(TERMS * COUNT, sizeof(double));
+    assert_int_equal(pags_gaussians_add_fourier(g, TERM_DEGREE), PAGS_OK);
+    for (int t = 0; t < TERMS; t++)
+      for (int64_t i = 0; i < COUNT; i++)
+        terms[p][t * COUNT + i] = (double)(g->fourier[t * g->stride + i] = 0.3F * (float)reference_normal(&s.random));
+    evaluate(&s.parts[p], terms[p], u);
+    pags_fourier_colour(g, basis, 0, COUNT, scene.sh_values[p]);
+  }
+  make_weights(&s);
+  const reference_picture_gradient gradient = {s.weights, s.weights + 3 * PIXELS, s.weights + 4 * PIXELS, NULL};
+  frame_result drawn = frame_run(frame, &scene, &s.camera, &s.options, &gradient);
+  int compared = 0;
+  for (int p = 0; p < PARTS; p++) {
+    float *const got = reference_alloc(TERMS * COUNT, sizeof(float));
+    pags_fourier_gradient(basis, drawn.parts[p].planes + PAGS_SH * COUNT, COUNT, TERMS, got);
+    for (int n = 0; n < SAMPLES; n++) {
+      const int at = (int)reference_uniform(&s.random, 0, TERMS * COUNT);
+      double central = 0;
+      for (int side = 1; side >= -1; side -= 2) {
+        terms[p][at] += side * step;
+        evaluate(&s.parts[p], terms[p], u);
+        central += side * loss(&s) / (2 * step);
+        terms[p][at] -= side * step;
+      }
+      evaluate(&s.parts[p], terms[p], u);
+      compared += central != 0;
+      if (!(fabs((double)got[at] - central) < 1e-4 * (1 + fabs(central))))
+        fail_msg("part %d, plane %d of row %d: %.9g, should be %.9g", p, at / COUNT, at % COUNT, (double)got[at],
+                 central);
+    }
+    free(got);
+  }
+  assert_true(compared > SAMPLES / 2);
+  frame_result_destroy(&drawn);
+  frame_scene_destroy(&scene);
+  for (int p = 0; p < PARTS; p++)
+    free(terms[p]);
+  pags_frame_destroy(frame);
+  pags_tasks_destroy(tasks);
+  destroy(&s);
+  other_sh = 0;
+}
+
+/* The parts have SH coefficients in place of the Gaussians'. */
+static void test_other_sh(void **state) {
+  (void)state;
+  other_sh = 1;
   check(50, 2);
-  other_dc = 0;
+  other_sh = 0;
 }
 
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_every_degree),
-      cmocka_unit_test(test_other_dc),
+      cmocka_unit_test(test_other_sh),
       cmocka_unit_test(test_camera),
+      cmocka_unit_test(test_fourier_terms),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -123,9 +123,8 @@ static void check_gradient(test_scene *scene, double skip_share) {
         double step = scene->step * (plane < PAGS_SCALE ? pixel : 1);
         int smooth;
         double *at = &part->planes[plane * part->count + i];
-        /* The separate constant term replaces the row's. */
-        if (part->dc && plane >= PAGS_SH && plane < PAGS_SH + 3)
-          at = &part->dc[(plane - PAGS_SH) * part->count + i];
+        if (part->sh && plane >= PAGS_SH) /* replaces the row's */
+          at = &part->sh[(plane - PAGS_SH) * part->count + i];
         double numeric = finite_difference(scene, at, step, picture.decisions, &smooth);
         compared += smooth;
         skipped += !smooth;
@@ -304,7 +303,7 @@ static void check_texels(test_scene *scene) {
 
 /* The sky behind two parts, one of which has separate constant terms. The parameters' differences include the sky
  * through alpha. */
-static void test_sky_and_other_dc(void **state) {
+static void test_sky_and_other_sh(void **state) {
   (void)state;
   const int sizes[] = {1, 2, 7};
   for (int k = 0; k < 3; k++) {
@@ -318,7 +317,7 @@ static void test_sky_and_other_dc(void **state) {
     scene.sky = reference_random_sky(&scene.random, sizes[k]);
     reference_recipe recipe = reference_recipe_default();
     scene_fill(&scene, &recipe);
-    reference_random_dc(&scene.random, &scene.parts[1]);
+    reference_random_sh(&scene.random, &scene.parts[1]);
     check_gradient(&scene, 0.05);
     check_texels(&scene);
     scene_destroy(&scene);
@@ -480,7 +479,7 @@ int main(void) {
       cmocka_unit_test(test_antialiased),
       cmocka_unit_test(test_compensation_floor),
       cmocka_unit_test(test_two_parts),
-      cmocka_unit_test(test_sky_and_other_dc),
+      cmocka_unit_test(test_sky_and_other_sh),
       cmocka_unit_test(test_needles),
       cmocka_unit_test(test_capped_alpha),
       cmocka_unit_test(test_stacks_that_stop),

@@ -28,14 +28,14 @@ static void begin(pags_train_model *m) {
     for (int i = 0; i < ROWS; i++)
       pags_plane(&g, p)[i] = 0.01f * (float)(p + 1) - 0.1f * (float)i;
   assert_int_equal(pags_model_create(m, &schedule, 100, &g), PAGS_OK);
-  assert_int_equal(pags_model_add_fourier(m), PAGS_OK);
+  assert_int_equal(pags_model_add_fourier(m, 3), PAGS_OK);
 }
 
 /* Takes step `step` of cluster 0 with gradients of 1e-3, except that `plane` of `row` is set to `value` in the
  * gradients or in the parameters. */
 static int take(pags_train_model *m, int64_t step, int row, int plane, float value, int in_gradient,
                 pags_nonfinite_row *first) {
-  enum { ALL = PLANES + PAGS_FOURIER_PLANES };
+  enum { ALL = PLANES + PAGS_MAX_FOURIER };
   float *gradient = reference_alloc(ALL * 64 + 16, sizeof(float));
   float *const aligned = gradient + (16 - ((uintptr_t)gradient / 4) % 16) % 16;
   for (int k = 0; k < ALL * 64; k++)
@@ -65,7 +65,7 @@ static void assert_row(const pags_train_model *a, const pags_train_model *b, int
 static void a_bad_row_stays_and_others_move(void **state) {
   (void)state;
   static const float values[] = {NAN, INFINITY, -INFINITY, 1e18f, 3.1e38f};
-  for (int plane = 0; plane < PLANES + PAGS_FOURIER_PLANES; plane += plane < 12 ? 1 : 5)
+  for (int plane = 0; plane < PLANES + PAGS_MAX_FOURIER; plane += plane < 12 ? 1 : 11)
     for (int k = 0; k < 5; k++)
       for (int in_gradient = 0; in_gradient < 2; in_gradient++) {
         pags_train_model before, good, bad;
@@ -99,16 +99,17 @@ static void a_bad_row_moves_no_pose(void **state) {
   pags_gaussians g;
   float data[PLANES * 16] = {0.0f};
   double with[6] = {0}, without[6] = {0};
+  const pags_part part = {.gaussians = &g};
   assert_int_equal(pags_gaussians_create(&g, 16, 3), PAGS_OK);
   for (int p = 0; p < PLANES; p++)
     for (int i = 0; i < 16; i++) {
       pags_plane(&g, p)[i] = 0.1f * (float)(p + i);
       data[p * 16 + i] = i == 5 ? 0.0f : 1e-2f * (float)(i - p % 7);
     }
-  pags_pose_gradient(data, 16, PLANES, &g, 0, 16, without);
+  pags_pose_gradient(data, 16, PLANES, &part, 0, 16, without);
   for (int p = 0; p < PLANES; p += 4)
     pags_plane(&g, p)[5] = p % 8 ? NAN : INFINITY;
-  pags_pose_gradient(data, 16, PLANES, &g, 0, 16, with);
+  pags_pose_gradient(data, 16, PLANES, &part, 0, 16, with);
   for (int k = 0; k < 6; k++)
     assert_true(with[k] == without[k] && with[k] != 0);
   pags_gaussians_destroy(&g);

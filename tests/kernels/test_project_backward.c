@@ -74,8 +74,8 @@ static gradient backward(const pags_kernels *k, const frame *f) {
   g.names = CHECK_NEW(uint8_t, padded);
   memset(g.names, 0, (size_t)padded);
   const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.radius, g.names};
-  g.bad = k->project_backward(&f->view, f->rows.data, f->rows.stride, f->rows.count, f->keys, f->splats, f->slot_start,
-                              f->slots, &out);
+  g.bad = k->project_backward(&f->view, f->rows.data, f->rows.stride, NULL, f->rows.count, f->keys, f->splats,
+                              f->slot_start, f->slots, &out);
   return g;
 }
 
@@ -269,7 +269,8 @@ static void test_bench(const pags_kernels *k) {
   const gradient g = backward(k, &f);
   const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.radius, NULL};
   CHECK_BENCH("project_backward", f.rows.count, "row")
-  k->project_backward(&f.view, f.rows.data, f.rows.stride, f.rows.count, f.keys, f.splats, f.slot_start, f.slots, &out);
+  k->project_backward(&f.view, f.rows.data, f.rows.stride, NULL, f.rows.count, f.keys, f.splats, f.slot_start, f.slots,
+                      &out);
 }
 
 int main(int argc, char **argv) {

@@ -23,8 +23,8 @@ static pags_splat *shade(const pags_kernels *k, const pags_projection *view, con
   return splats;
 }
 
-/* Constant terms in separate planes give the same bits as constant terms in the rows. */
-static void test_other_dc(const pags_kernels *k) {
+/* SH coefficients in separate planes give the same bits as those in the rows. */
+static void test_other_sh(const pags_kernels *k) {
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
     for (int degree = 0; degree <= 3; degree++) {
       const pags_projection view = view_random(degree, false);
@@ -32,15 +32,17 @@ static void test_other_dc(const pags_kernels *k) {
       const uint32_t *const keys = make_keys(r.count);
       pags_splat *const want = shade(k, &view, &r, keys), *const got = CHECK_NEW(pags_splat, r.count);
       const int64_t padded = round_up_16(r.count), size = (r.planes - 1) * r.stride + padded;
-      float *const data = CHECK_NEW(float, size), *const dc = CHECK_NEW(float, r.count ? 2 * r.stride + padded : 0);
+      float *const data = CHECK_NEW(float, size);
+      const int planes = r.planes - ROW_SH;
+      float *const sh = CHECK_NEW(float, r.count ? (planes - 1) * r.stride + padded : 0);
       for (int64_t i = 0; i < (r.count ? size : 0); i++)
         data[i] = r.data[i];
-      for (int c = 0; c < 3 && r.count; c++)
+      for (int c = 0; c < planes && r.count; c++)
         for (int64_t i = 0; i < padded; i++) {
-          dc[c * r.stride + i] = data[(ROW_SH + c) * r.stride + i];
+          sh[c * r.stride + i] = data[(ROW_SH + c) * r.stride + i];
           data[(ROW_SH + c) * r.stride + i] = 7.0f * check_normal();
         }
-      k->shade(&view, data, r.stride, dc, r.count, keys, got);
+      k->shade(&view, data, r.stride, sh, r.count, keys, got);
       CHECK(memcmp(got, want, (size_t)r.count * sizeof *got) == 0);
       check_release();
     }
@@ -125,7 +127,7 @@ static void test_bench(const pags_kernels *k) {
 int main(int argc, char **argv) {
   static const check_case cases[] = {{"shade ordinary", test_ordinary},
                                      {"shade awkward", test_awkward},
-                                     {"shade other dc", test_other_dc},
+                                     {"shade other SH", test_other_sh},
                                      {"shade bench", test_bench}};
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

@@ -31,17 +31,21 @@ static int64_t *row_order(int64_t count, uint64_t shuffle_seed) {
   return order;
 }
 
-static void create_dc(frame_scene *scene, int p, const reference_part *from) {
-  const int64_t stride = scene->gaussians[p].stride;
-  scene->dc[p] = pags_port_aligned_alloc(64, (size_t)(3 * stride) * sizeof(float));
-  scene->dc_values[p] = reference_alloc(3 * stride, sizeof(float));
-  assert_non_null(scene->dc[p]);
-  scene->parts[p].dc = scene->dc[p];
-  for (int64_t k = 0; k < 3 * stride; k++)
-    scene->dc[p][k] = NAN;
-  for (int channel = 0; channel < 3; channel++) {
+static int sh_planes(int degree) {
+  return 3 * pags_sh_coefficients(degree);
+}
+
+static void create_sh(frame_scene *scene, int p, const reference_part *from) {
+  const int64_t stride = scene->gaussians[p].stride, floats = sh_planes(from->sh_degree) * stride;
+  scene->sh[p] = pags_port_aligned_alloc(64, (size_t)floats * sizeof(float));
+  scene->sh_values[p] = reference_alloc(floats, sizeof(float));
+  assert_non_null(scene->sh[p]);
+  scene->parts[p].sh = scene->sh[p];
+  for (int64_t k = 0; k < floats; k++)
+    scene->sh[p][k] = NAN;
+  for (int plane = 0; plane < sh_planes(from->sh_degree); plane++) {
     for (int64_t i = 0; i < from->count; i++)
-      scene->dc_values[p][channel * stride + i] = (float)from->dc[channel * from->count + scene->source[p][i]];
+      scene->sh_values[p][plane * stride + i] = (float)from->sh[plane * from->count + scene->source[p][i]];
   }
 }
 
@@ -65,7 +69,7 @@ static void create_part(frame_scene *scene, int p, const reference_part *from, i
   for (int64_t i = 0; i < from->count; i++) {
     int64_t source = scene->source[p][i];
     for (int plane = 0; plane < pags_plane_count(from->sh_degree); plane++)
-      pags_plane(g, plane)[i] = (float)reference_value(from, plane, source);
+      pags_plane(g, plane)[i] = (float)from->planes[plane * from->count + source];
     if (scene->id[p])
       scene->id[p][i] = from->id ? from->id[source] : from->first_id + (int32_t)source;
   }
@@ -75,8 +79,8 @@ static void create_part(frame_scene *scene, int p, const reference_part *from, i
       (pags_part){.gaussians = g, .clusters = &scene->clusters[p], .id = scene->id[p], .first_id = from->first_id};
   memcpy(scene->parts[p].world_from_model, from->world_from_model, sizeof from->world_from_model);
   memcpy(scene->parts[p].velocity, from->velocity, sizeof from->velocity);
-  if (from->dc)
-    create_dc(scene, p, from);
+  if (from->sh)
+    create_sh(scene, p, from);
   if (from->factor)
     create_factor(scene, p, from);
 }
@@ -103,8 +107,8 @@ void frame_scene_destroy(frame_scene *scene) {
     pags_gaussians_destroy(&scene->gaussians[p]);
     free(scene->id[p]);
     free(scene->source[p]);
-    pags_port_aligned_free(scene->dc[p]);
-    free(scene->dc_values[p]);
+    pags_port_aligned_free(scene->sh[p]);
+    free(scene->sh_values[p]);
     free(scene->factor[p]);
   }
   *scene = (frame_scene){0};
@@ -113,8 +117,8 @@ void frame_scene_destroy(frame_scene *scene) {
 void frame_scene_round(reference_part *part) {
   for (int64_t k = 0; k < part->count * pags_plane_count(part->sh_degree); k++)
     part->planes[k] = (double)(float)part->planes[k];
-  for (int64_t k = 0; part->dc && k < 3 * part->count; k++)
-    part->dc[k] = (double)(float)part->dc[k];
+  for (int64_t k = 0; part->sh && k < sh_planes(part->sh_degree) * part->count; k++)
+    part->sh[k] = (double)(float)part->sh[k];
   for (int64_t i = 0; part->factor && i < part->count; i++)
     part->factor[i] = (double)(float)part->factor[i];
 }
@@ -130,12 +134,12 @@ static void touch(void *user, int part, int64_t cluster, int worker) {
   (void)worker;
   const run_context *context = user;
   context->result->parts[part].touched[cluster]++;
-  if (!context->scene->dc[part])
+  if (!context->scene->sh[part])
     return;
   const int64_t stride = context->scene->gaussians[part].stride, size = context->scene->clusters[part].size;
-  for (int channel = 0; channel < 3; channel++) {
+  for (int plane = 0; plane < sh_planes(context->scene->gaussians[part].sh_degree); plane++) {
     for (int64_t i = cluster * size; i < stride && i < (cluster + 1) * size; i++)
-      context->scene->dc[part][channel * stride + i] = context->scene->dc_values[part][channel * stride + i];
+      context->scene->sh[part][plane * stride + i] = context->scene->sh_values[part][plane * stride + i];
   }
 }
 

@@ -15,9 +15,9 @@ typedef struct frame_scene {
   pags_clusters clusters[FRAME_SCENE_PARTS];
   int32_t *id[FRAME_SCENE_PARTS];     /* NULL: ids are first_id + row */
   int64_t *source[FRAME_SCENE_PARTS]; /* row of the reference part that each row came from */
-  /* Constant SH terms, if the reference part has separate ones: NaN until the cluster is touched, then `dc_values`. */
-  float *dc[FRAME_SCENE_PARTS];
-  float *dc_values[FRAME_SCENE_PARTS];
+  /* SH coefficients, if the reference part has separate ones: NaN until the cluster is touched, then `sh_values`. */
+  float *sh[FRAME_SCENE_PARTS];
+  float *sh_values[FRAME_SCENE_PARTS];
   float *factor[FRAME_SCENE_PARTS]; /* opacity factors, if the reference part has them */
   float sky_cut;                    /* sky_cut of the backward pass */
 } frame_scene;

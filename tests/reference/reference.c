@@ -32,9 +32,10 @@ reference_part reference_part_from(const pags_part *from) {
     for (int64_t i = 0; i < g->count; i++)
       part.planes[plane * g->count + i] = (double)g->data[plane * g->stride + i];
   }
-  part.dc = from->dc ? reference_alloc(3 * g->count, sizeof(double)) : NULL;
-  for (int64_t k = 0; part.dc && k < 3 * g->count; k++)
-    part.dc[k] = (double)from->dc[k / g->count * g->stride + k % g->count];
+  const int64_t values = 3 * pags_sh_coefficients(g->sh_degree) * g->count;
+  part.sh = from->sh ? reference_alloc(values, sizeof(double)) : NULL;
+  for (int64_t k = 0; part.sh && k < values; k++)
+    part.sh[k] = (double)from->sh[k / g->count * g->stride + k % g->count];
   part.factor = from->opacity_factor ? reference_alloc(g->count, sizeof(double)) : NULL;
   for (int64_t i = 0; part.factor && i < g->count; i++)
     part.factor[i] = (double)from->opacity_factor[i];
@@ -48,7 +49,7 @@ reference_part reference_part_from(const pags_part *from) {
 
 void reference_part_destroy(reference_part *part) {
   free(part->planes);
-  free(part->dc);
+  free(part->sh);
   free(part->factor);
   *part = (reference_part){0};
 }

@@ -41,7 +41,7 @@ typedef struct reference_part {
   int32_t first_id;
   double world_from_model[12];
   double velocity[6]; /* as in pags_part */
-  double *dc; /* replaces the constant SH terms: channel c of Gaussian i at dc[c * count + i]; NULL: uses the planes' */
+  double *sh; /* replaces the SH coefficients: planes from PAGS_SH on, laid out as `planes`; NULL: those of `planes` */
   double *factor;   /* factor of the opacity of Gaussian i, 0: not drawn; NULL: all are 1 */
   double alpha_min; /* as in pags_gaussians; 0: a hard cut at the limits' alpha_min */
 } reference_part;
@@ -142,7 +142,7 @@ typedef struct reference_picture_gradient {
 
 typedef struct reference_part_gradient {
   int64_t count;
-  /* Laid out like reference_part.planes; the gradient of the constant SH term is by `dc` if the part has one. */
+  /* Laid out like reference_part.planes; the gradient of SH coefficients is by `sh` if the part has it. */
   double *planes;
   double *mean2d; /* dL/d mean2D in px, x and y of Gaussian i at 2 i */
 } reference_part_gradient;
@@ -251,8 +251,8 @@ static inline double reference_factor(const reference_part *part, int64_t i) {
 }
 
 static inline double reference_value(const reference_part *part, int plane, int64_t i) {
-  if (part->dc && plane >= PAGS_SH && plane < PAGS_SH + 3)
-    return part->dc[(plane - PAGS_SH) * part->count + i];
+  if (part->sh && plane >= PAGS_SH)
+    return part->sh[(plane - PAGS_SH) * part->count + i];
   return part->planes[(int64_t)plane * part->count + i];
 }
 

@@ -97,10 +97,11 @@ void reference_stretch(reference_part *part, const double factor[3]) {
   }
 }
 
-void reference_random_dc(reference_random *random, reference_part *part) {
-  part->dc = reference_alloc(3 * part->count, sizeof(double));
-  for (int64_t k = 0; k < 3 * part->count; k++)
-    part->dc[k] = 0.75 * reference_normal(random);
+void reference_random_sh(reference_random *random, reference_part *part) {
+  const int64_t count = 3 * pags_sh_coefficients(part->sh_degree) * part->count;
+  part->sh = reference_alloc(count, sizeof(double));
+  for (int64_t k = 0; k < count; k++)
+    part->sh[k] = (k < 3 * part->count ? 0.75 : 0.25) * reference_normal(random);
 }
 
 pags_sky reference_random_sky(reference_random *random, int size) {

@@ -39,7 +39,7 @@ void reference_random_gaussian(reference_random *random, const reference_recipe 
 void reference_stretch(reference_part *part, const double factor[3]);
 
 /* Gives the part separate constant SH terms, which replace those of its planes. */
-void reference_random_dc(reference_random *random, reference_part *part);
+void reference_random_sh(reference_random *random, reference_part *part);
 
 /* A cube map of random values in [0, 1]; the caller frees its texels. */
 pags_sky reference_random_sky(reference_random *random, int size);

@@ -17,7 +17,7 @@ void main() {
 
 // Projects and shades one Gaussian a pixel, in their order, into two tables: mean in pixels and two terms of the Cholesky factor of the
 // covariance; the third, then in halfs colour, opacity, where it ends and what is taken off. A first term of 0: it isn't drawn.
-const projectShader = (degree) => `#version 300 es
+const projectShader = (degree, changing) => `#version 300 es
 precision highp float;
 precision highp int;
 precision highp usampler2D;
@@ -50,10 +50,20 @@ vec4 unpack_rotation(uint bits) {
        : which == 2u ? vec4(small.xy, large, small.z) : vec4(small, large);
 }
 
+// How a coefficient of a row, numbered from 1, changes with time.
+vec3 change(uint row, int model, uint coefficient) {
+  uint at = (row - 1u) * ${(changing + 1) ** 2}u + coefficient;
+  uvec4 words = texelFetch(fourier, ivec2(int(at % ${ROW_TEXELS}u), int(at / ${ROW_TEXELS}u)), 0);
+  vec4 basis = texelFetch(models, ivec2(5, model), 0);
+  vec3 sum = vec3(0.0);
+  for (int k = 0; k < 12; k++) sum[k % 3] += basis[k / 3] * book(words[k / 4] >> uint(8 * (k % 4)), 3);
+  return sum;
+}
+
 #if DEGREE > 0
 #define TERMS ${(degree + 1) ** 2 - 1}
 #define TEXELS ${Math.ceil((3 * ((degree + 1) ** 2 - 1)) / 8)}
-vec3 harmonics(uint label, vec3 d) {
+vec3 harmonics(uint label, uint row, int model, vec3 d) {
   float h[8 * TEXELS];
   ivec2 from = ivec2(int(label % ${PALETTE_ROW}u) * TEXELS, int(label / ${PALETTE_ROW}u));
   for (int i = 0; i < TEXELS; i++) {
@@ -88,6 +98,8 @@ vec3 harmonics(uint label, vec3 d) {
 #endif
   vec3 sum = vec3(0.0);
   for (int k = 0; k < TERMS; k++) sum += basis[k] * vec3(h[3 * k], h[3 * k + 1], h[3 * k + 2]);
+  if (row > 0u)
+    for (int k = 0; k < ${(changing + 1) ** 2 - 1}; k++) sum += basis[k] * change(row, model, uint(k + 1));
   return sum;
 }
 #endif
@@ -125,14 +137,10 @@ void main() {
 
   vec4 eye = texelFetch(models, ivec2(3, model), 0);
   vec3 colour = vec3(book(b.z, 2), book(b.z >> 8, 2), book(b.z >> 16, 2));
-  if (b.w > 0u) {
-    uvec4 words = texelFetch(fourier, ivec2(int((b.w - 1u) % ${ROW_TEXELS}u), int((b.w - 1u) / ${ROW_TEXELS}u)), 0);
-    vec4 basis = texelFetch(models, ivec2(5, model), 0);
-    for (int k = 0; k < 12; k++) colour[k % 3] += basis[k / 3] * book(words[k / 4] >> uint(8 * (k % 4)), 3);
-  }
+  if (b.w > 0u) colour += change(b.w, model, 0u);
   colour = 0.5 + 0.28209479 * colour;
 #if DEGREE > 0
-  colour += harmonics(a.w >> 16, normalize(mean - eye.xyz));
+  colour += harmonics(a.w >> 16, b.w, model, normalize(mean - eye.xyz));
 #endif
   colour = max(colour, 0.0);
 
@@ -239,7 +247,7 @@ export class Drawing {
 
   build() {
     const {gl, data} = this, {header} = data;
-    this.project = compile(gl, coverShader, projectShader(header.shDegree));
+    this.project = compile(gl, coverShader, projectShader(header.shDegree, header.fourierDegree));
     this.splats = compile(gl, vertexShader, fragmentShader);
     this.behind = compile(gl, coverShader, skyShader);
     const rows = Math.max(1, Math.ceil(header.gaussians / ORDER_ROW));

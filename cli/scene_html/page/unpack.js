@@ -88,10 +88,13 @@ function unpackPalette(header, planes) {
   return {texels, entries: count, words: new Uint32Array(out.buffer)};
 }
 
-// Colours over time: four words of bytes a row, of which the last is empty.
+// Colours over time: four words of bytes for each row and coefficient, of which the last is empty.
 function unpackFourier(header, planes) {
-  const count = header.fourierRows, out = new Uint8Array(16 * count);
-  for (let k = 0; k < 12 && count; k++) for (let i = 0; i < count; i++) out[16 * i + k] = planes.fourier[k * count + i];
+  const count = header.fourierRows, changing = (header.fourierDegree + 1) ** 2, out = new Uint8Array(16 * changing * count);
+  for (let k = 0; k < 12 * changing && count; k++) {
+    const to = 16 * Math.floor(k / 12) + k % 12;
+    for (let i = 0; i < count; i++) out[16 * changing * i + to] = planes.fourier[k * count + i];
+  }
   return new Uint32Array(out.buffer);
 }
 

@@ -53,10 +53,11 @@ typedef struct pags_part {
   double velocity[6];
   float low_pass;  /* px^2, in place of the options' low_pass; 0: the options' */
   int antialiased; /* 1: on, -1: off, 0: as in the options */
-  /* Constant colour terms to use instead of those of the Gaussians: 3 planes of gaussians->stride floats, 64-byte
-   * aligned; those of a cluster must be valid once `touch` has returned for it. NULL: the Gaussians' own. */
-  const float *dc;
-  /* Factor on each Gaussian's opacity, gaussians->stride floats, valid when `dc` is; 0: the Gaussian isn't drawn.
+  /* SH coefficients to use instead of those of the Gaussians, as pags_fourier_colour writes them: planes of
+   * gaussians->stride floats in the order of pags/gaussians.h, 64-byte aligned; those of a cluster must be valid once
+   * `touch` has returned for it. NULL: the Gaussians' own. */
+  const float *sh;
+  /* Factor on each Gaussian's opacity, gaussians->stride floats, valid when `sh` is; 0: the Gaussian isn't drawn.
    * The product may exceed 1, since alpha is capped anyway. Gradients are with respect to the logit, before the
    * factor; Gaussians that are not drawn have none. NULL: 1. */
   const float *opacity_factor;
@@ -256,7 +257,7 @@ typedef struct pags_cluster_gradient {
   int stride;      /* floats from plane to plane: a multiple of 16, >= count */
   int planes;      /* pags_plane_count(active SH degree); gradients of further planes are zero and not stored */
   /* dL/d(parameter): plane p of member i is data[p * stride + i]; 0 for members that were not drawn. The gradient
-   * of the constant colour term is with respect to the term that was drawn, the part's `dc` if it has one. */
+   * of SH coefficients is with respect to those that were drawn, the part's `sh` if it has them. */
   const float *data;
   const float *mean2d;  /* |dL/d(projected mean)| in NDC: the gradient per pixel times W/2, H/2; 0 if not drawn */
   const float *radius;  /* 3 sigma along the larger axis of the 2D covariance, px; 0 if not drawn */
@@ -281,7 +282,7 @@ PAGS_API pags_result pags_frame_backward(pags_frame *frame, const pags_picture_g
  * parameters as pags/gaussians.h has them (ln sigma, the logit of the opacity, the quaternion as stored, means in their
  * part's frame); 0 for those that were not drawn. `count` is larger than all ids (pags_composition_gaussian_count).
  * `out` is overwritten, gets the highest SH degree of the parts and belongs to the caller; it is the same bits for any
- * number of threads. The gradient of the constant term is with respect to the part's `dc`, if it has one. Also
+ * number of threads. The gradient of SH coefficients is with respect to the part's `sh`, if it has them. Also
  * PAGS_ERROR_ARGUMENT if two parts have the same Gaussians; on failure `out` is empty. */
 PAGS_API pags_result pags_frame_gradients(pags_frame *frame, const pags_picture_gradient *gradient, int64_t count,
                                           pags_gaussians *out, int64_t *bad_rows);
@@ -323,11 +324,11 @@ PAGS_API pags_result pags_frame_scores(pags_frame *frame, const pags_score_plane
 /* Adds to `out` the gradient with respect to the pose of a part, at increment 0, for a pose that becomes
  *     world_from_model * exp(increment)                    (pags/object.h)
  * out[0..2] by the rotation (axis times angle, radians), out[3..5] by the translation (metres), both in the
- * model's frame. The rows [first, first + count) of `gaussians` are added; `data`, `stride` and `planes` are
+ * model's frame. The rows [first, first + count) of the part's Gaussians are added; `data`, `stride` and `planes` are
  * those of their pags_cluster_gradient. Sums are in double and row after row, so that clusters added in a fixed
- * order give the same bits. The parameters must be those that were drawn. */
-PAGS_API void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians,
-                                 int64_t first, int count, double out[6]);
+ * order give the same bits. The parameters, and the part's `sh`, must be those that were drawn. */
+PAGS_API void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_part *part, int64_t first,
+                                 int count, double out[6]);
 
 /* Converts a part's gradient `by_pose` to the gradient with respect to a motion of the whole world (rotation and
  * translation about the origin that parts are relative to) and adds it to `by_world`. The negative of the sum over all

@@ -28,8 +28,9 @@ enum {
   /* Spherical harmonics of the colour, coefficient-major: plane PAGS_SH + 3*k + channel holds coefficient k; k =
    * 0 is the constant term (dc). */
   PAGS_SH = 11,
-  PAGS_MAX_PLANES = 59,    /* planes in all for SH degree 3 */
-  PAGS_FOURIER_PLANES = 12 /* planes of the member `fourier`: terms k = 1..4 of three channels each */
+  PAGS_MAX_PLANES = 59,     /* planes in all for SH degree 3 */
+  PAGS_FOURIER_PLANES = 12, /* planes of the member `fourier` per SH coefficient: terms k = 1..4 of three channels */
+  PAGS_MAX_FOURIER = 192    /* planes of the member `fourier` for all coefficients of SH degree 3 */
 };
 
 /* Returns the number of SH coefficients per colour channel: (degree + 1)^2. */
@@ -48,14 +49,21 @@ typedef struct pags_gaussians {
   float *data;    /* plane_count * stride floats, zero from row `count` on; NULL if stride is 0 */
   float *s_sem;   /* semantic priority S_sem in [0, 1], `stride` floats; NULL if unknown */
   int32_t *object_id; /* index of the Gaussian's object in the scene, -1: none; `stride` entries; NULL if unknown */
-  /* Fourier terms by which the constant colour term changes over a track's time: 12 planes of `stride` floats,
-   * plane 3 * (k - 1) + channel for term k = 1..4; NULL if the colour doesn't change. See pags_fourier_basis. */
+  /* Fourier terms by which SH coefficients change over a track's time: pags_fourier_planes planes of `stride` floats,
+   * plane 12 * c + 3 * (k - 1) + channel for term k = 1..4 of coefficient c; NULL if the colour doesn't change. See
+   * pags_fourier_basis. */
   float *fourier;
+  int fourier_degree; /* with `fourier`: the SH degree up to which coefficients change, 0..sh_degree; else 0 */
   /* The least alpha a that is drawn: a pixel blends (alpha - a) / (1 - a) where that is positive; from 1/255
    * (PAGS_LEAST_ALPHA_MIN) to 1. 0: as Kerbl et al. (2023) and most files expect, alpha itself where it is at least
    * 1/255. */
   float alpha_min;
 } pags_gaussians;
+
+/* Returns the number of planes of the member `fourier`: 0, 12, 48, 108 or 192. */
+static inline int pags_fourier_planes(const pags_gaussians *g) {
+  return g->fourier ? PAGS_FOURIER_PLANES * pags_sh_coefficients(g->fourier_degree) : 0;
+}
 
 /* Returns the first element of a plane: pags_plane(g, PAGS_MEAN + 1)[i] is the y coordinate of the mean of row i. */
 static inline float *pags_plane(const pags_gaussians *g, int plane) {
@@ -73,8 +81,8 @@ static inline void pags_gaussian_mean(const pags_gaussians *g, int64_t i, double
  * stride + row]. */
 PAGS_API void pags_gaussian_normal(const float *planes, int64_t stride, int64_t row, double normal[3]);
 
-/* Returns the lowest SH degree that represents the colour of a row exactly: all its terms of higher degrees are
- * 0. */
+/* Returns the lowest SH degree that represents the colour of a row exactly: all its terms of higher degrees, with
+ * those of their Fourier series, are 0. */
 PAGS_API int pags_gaussians_row_degree(const pags_gaussians *g, int64_t row);
 
 /* Allocates `count` Gaussians whose parameters are all 0, with SH degree 0..3 and without s_sem, object_id and
@@ -107,10 +115,10 @@ PAGS_API void pags_gaussians_gather(const pags_gaussians *from, const int64_t *i
 /* Keeps the rows listed in `index`, in this order; with all of them, `g` isn't changed. PAGS_ERROR_MEMORY. */
 PAGS_API pags_result pags_gaussians_keep(pags_gaussians *g, const int64_t *index, int64_t count);
 
-/* The colour over time of Street Gaussians (Yan et al. 2024). With u = (t - t0) / (t1 - t0) over the time t0..t1 of
- * the track, 0 if t1 = t0, the constant colour term (dc) of a Gaussian at time t is
+/* The colour over time of Street Gaussians (Yan et al. 2024, section 3.2). With u = (t - t0) / (t1 - t0) over the time
+ * t0..t1 of the track, 0 if t1 = t0, an SH coefficient sh of degree 0..fourier_degree at time t is
  *
- *     dc(t) = dc + sum over k = 1..4 of basis[k] * fourier_k
+ *     sh(t) = sh + sum over k = 1..4 of basis[k] * fourier_k
  *     basis = 1, sin 2 pi u, cos 2 pi u, sin 4 pi u, cos 4 pi u
  *
  * pags_fourier_basis computes `basis` from u. */
@@ -119,14 +127,20 @@ PAGS_API void pags_fourier_basis(double u, double basis[5]);
 /* Returns u for `time` on a track from `begin` to `end` (seconds), clamped to 0..1; 0 if end <= begin. */
 PAGS_API double pags_fourier_phase(double begin, double end, double time);
 
-/* Computes dc(t) of the rows [first, last) of a set with Fourier planes. `dc` receives three planes (one per
- * channel) with a stride of g->stride floats, indexed by row. Results beyond the range of a float are clamped to
- * it, so that they are finite for finite terms of any size. */
+/* Computes all SH coefficients of the rows [first, last) of a set with Fourier planes at one time. `sh` receives them
+ * with the order and stride of the planes from PAGS_SH on, indexed by row. Results beyond the range of a float are
+ * clamped to it, so that they are finite for finite terms of any size. */
 PAGS_API void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last,
-                                  float *dc);
+                                  float *sh);
 
-/* Adds the Fourier planes (zeros) unless `g` has them already or has no capacity. PAGS_ERROR_MEMORY. */
-PAGS_API pags_result pags_gaussians_add_fourier(pags_gaussians *g);
+/* Computes the gradients by the first `planes` Fourier planes from those by the SH coefficients that
+ * pags_fourier_colour gave, in the same order; all planes are `stride` floats apart and as long. */
+PAGS_API void pags_fourier_gradient(const double basis[5], const float *by_sh, int64_t stride, int planes,
+                                    float *by_fourier);
+
+/* Adds Fourier planes (zeros) for the coefficients of SH degree 0 to `degree` unless `g` has such planes already or has
+ * no capacity. PAGS_ERROR_MEMORY. */
+PAGS_API pags_result pags_gaussians_add_fourier(pags_gaussians *g, int degree);
 
 /* Computes the order of the rows along a Morton curve with 21 bits per axis over the bounding cube of the means:
  * index[i] is the row that comes i-th. Rows with equal codes keep their order; rows with a mean that isn't finite

@@ -226,6 +226,13 @@ typedef struct pags_train_picture {
   int cluster_size;     /* Gaussians culled together, a multiple of 16; changes speed, not results */
 } pags_train_picture;
 
+/* Which SH coefficients of moving objects are Fourier series of time (pags_fourier_basis). */
+typedef enum pags_fourier_choice {
+  PAGS_FOURIER_NONE,    /* colours don't change over time */
+  PAGS_FOURIER_BY_GAIN, /* the constant coefficient of objects where that pays (engine/train/color_over_time.c) */
+  PAGS_FOURIER_ALL      /* all coefficients of all objects, from the start: the paper's four-dimensional SH */
+} pags_fourier_choice;
+
 /* Moving objects of driving sets (Street Gaussians, Yan et al. 2024). */
 typedef struct pags_train_objects {
   int objects;         /* 1: each moving object has a model of its own; 0: everything is background */
@@ -237,9 +244,9 @@ typedef struct pags_train_objects {
    * factor of at most 4. */
   double track_translation_rate;
   double track_rotation_rate;
-  int fourier;          /* 1: an object's colour may change over time where that pays */
-  int64_t fourier_from; /* steps of 30 000: when it is decided which objects' colours change */
-  double fourier_gain;  /* dB: least gain on the object's pixels that the change must promise */
+  int fourier; /* which SH coefficients of objects are Fourier series of time: pags_fourier_choice; -1: of the preset */
+  int64_t fourier_from; /* BY_GAIN: steps of 30 000: when it is decided which objects' colours change */
+  double fourier_gain;  /* BY_GAIN: dB: least gain on the object's pixels that the change must promise */
 } pags_train_objects;
 
 /* The sky of driving sets. */

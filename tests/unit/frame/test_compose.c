@@ -222,7 +222,7 @@ static void colour_follows_the_track(void **state) {
   (void)state;
   pags_scene scene = make_scene();
   pags_gaussians *car = &scene.models[1].gaussians;
-  assert_int_equal(pags_gaussians_add_fourier(car), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_fourier(car, 0), PAGS_OK);
   const double terms[4] = {0.3, -0.2, 0.1, 0.05};
   for (int k = 0; k < 4; k++)
     car->fourier[(3 * k + 1) * car->stride] = (float)terms[k]; /* the terms of the green channel */
@@ -235,11 +235,45 @@ static void colour_follows_the_track(void **state) {
     const pags_part *part = &parts[count - 1];
     double u = (times[i] - 100) / 2, a = 6.283185307179586 * u;
     double green = -1.7 + 0.3 * sin(a) - 0.2 * cos(a) + 0.1 * sin(2 * a) + 0.05 * cos(2 * a);
-    assert_non_null(part->dc);
-    assert_float_equal(part->dc[0], 1.7, 1e-6);
-    assert_float_equal(part->dc[part->gaussians->stride], green, 1e-5);
-    assert_null(parts[0].dc);
+    assert_non_null(part->sh);
+    assert_float_equal(part->sh[0], 1.7, 1e-6);
+    assert_float_equal(part->sh[part->gaussians->stride], green, 1e-5);
+    assert_null(parts[0].sh);
   }
+  pags_composition_destroy(c);
+}
+
+/* A series of a coefficient of degree 1: the colour from one side changes over time, that from the other side the
+ * opposite way; files written by id keep coefficients and series. */
+static void harmonics_follow_the_track(void **state) {
+  (void)state;
+  pags_scene scene = make_scene();
+  pags_gaussians flat = scene.models[1].gaussians, *const car = &scene.models[1].gaussians, all;
+  assert_int_equal(pags_gaussians_create(car, flat.count, 1), PAGS_OK);
+  for (int p = 0; p < pags_plane_count(0); p++)
+    for (int64_t i = 0; i < flat.count; i++)
+      pags_plane(car, p)[i] = pags_plane(&flat, p)[i];
+  car->alpha_min = flat.alpha_min;
+  pags_gaussians_destroy(&flat);
+  assert_int_equal(pags_gaussians_add_fourier(car, 1), PAGS_OK);
+  pags_plane(car, PAGS_SH + 3 * 3 + 1)[0] = 0.25F;
+  car->fourier[(12 * 3 + 3 * 0 + 1) * car->stride] = 0.5F; /* sin 2 pi u of green of the third coefficient */
+  pags_composition *c = compose_scene(scene);
+  for (int i = 0; i < 2; i++) {
+    const pags_part *parts;
+    int count;
+    pags_compose(c, i ? 101.5 : 100.5, &parts, &count);
+    const pags_part *part = &parts[count - 1];
+    assert_float_equal(part->sh[(3 * 3 + 1) * part->gaussians->stride], i ? -0.25 : 0.75, 1e-6);
+    assert_float_equal(part->sh[(3 * 2 + 1) * part->gaussians->stride], 0, 0);
+  }
+  assert_int_equal(pags_composition_gaussians(c, &all), PAGS_OK);
+  assert_int_equal(all.fourier_degree, 1);
+  int found = 0;
+  for (int64_t i = 0; i < all.count; i++)
+    found += pags_plane(&all, PAGS_SH + 3 * 3 + 1)[i] == 0.25F && all.fourier[(12 * 3 + 1) * all.stride + i] == 0.5F;
+  assert_int_equal(found, 1);
+  pags_gaussians_destroy(&all);
   pags_composition_destroy(c);
 }
 
@@ -249,7 +283,7 @@ static void absurd_numbers_stay_finite(void **state) {
   for (int n = 0; n < 3; n++) {
     pags_scene scene = make_scene();
     pags_gaussians *car = &scene.models[1].gaussians;
-    assert_int_equal(pags_gaussians_add_fourier(car), PAGS_OK);
+    assert_int_equal(pags_gaussians_add_fourier(car, 0), PAGS_OK);
     for (int p = 0; p < 12; p++)
       car->fourier[p * car->stride] = 3e38f;
     if (n)
@@ -262,7 +296,7 @@ static void absurd_numbers_stay_finite(void **state) {
       int count;
       pags_compose(c, 100 + 0.5 * t, &parts, &count);
       for (int p = 0; p < count; p++)
-        assert_true(!parts[p].dc || isfinite(parts[p].dc[0]));
+        assert_true(!parts[p].sh || isfinite(parts[p].sh[0]));
       pags_picture picture = draw(c, 100 + 0.5 * t);
       for (int y = 0; y < SIZE; y++)
         for (int x = 0; x < SIZE; x++)
@@ -553,6 +587,7 @@ int main(void) {
       cmocka_unit_test(adding_objects_keeps_the_original),
       cmocka_unit_test(bad_edits_change_nothing),
       cmocka_unit_test(colour_follows_the_track),
+      cmocka_unit_test(harmonics_follow_the_track),
       cmocka_unit_test(absurd_numbers_stay_finite),
       cmocka_unit_test(ids_and_objects_match_the_files),
       cmocka_unit_test(dividing_into_parts_changes_no_bit),

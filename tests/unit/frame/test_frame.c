@@ -44,7 +44,7 @@ static void test_threads_change_no_sky(void **state) {
     pags_sky sky = reference_random_sky(&f.random, sizes[k]);
     f.options.sky = &sky;
     f.camera.fx *= 0.3, f.camera.fy *= 0.3;
-    reference_random_dc(&f.random, &f.part);
+    reference_random_sh(&f.random, &f.part);
     uint64_t expected = hash_of(&f, 1, 64, 0);
     for (int threads = 2; threads <= 7; threads++)
       assert_true(hash_of(&f, threads, 64, 99) == expected);

@@ -53,7 +53,7 @@ static void growing_keeps_everything(void **state) {
   assert_int_equal(pags_gaussians_create(&g, 40, 1), PAGS_OK);
   assert_int_equal(pags_gaussians_add_s_sem(&g), PAGS_OK);
   assert_int_equal(pags_gaussians_add_object_id(&g), PAGS_OK);
-  assert_int_equal(pags_gaussians_add_fourier(&g), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_fourier(&g, 0), PAGS_OK);
   fill(&g, 1);
   g.s_sem[39] = 0.5f;
   g.fourier[11 * g.stride + 39] = 3;
@@ -77,6 +77,57 @@ static void growing_keeps_everything(void **state) {
   assert_ptr_equal(g.data, before);
   pags_gaussians_destroy(&g);
   pags_gaussians_destroy(&copy);
+}
+
+/* The series of all coefficients against sums term by term; coefficients without one keep their value. */
+static void series_of_every_coefficient(void **state) {
+  (void)state;
+  enum { ROWS = 5 };
+  pags_gaussians g, grown;
+  assert_int_equal(pags_gaussians_create(&g, ROWS, 2), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_fourier(&g, 1), PAGS_OK);
+  assert_int_equal(pags_fourier_planes(&g), 48);
+  fill(&g, 4);
+  for (int p = 0; p < 48; p++)
+    for (int i = 0; i < ROWS; i++)
+      g.fourier[p * g.stride + i] = 0.1F * (float)(p % 7) - 0.05F * (float)i;
+  assert_int_equal(pags_gaussians_create_like(&grown, ROWS, &g), PAGS_OK);
+  pags_gaussians_gather(&g, (int64_t[]){4, 3, 2, 1, 0}, ROWS, &grown);
+  assert_int_equal(pags_gaussians_reserve(&grown, 100), PAGS_OK);
+  assert_int_equal(grown.fourier_degree, 1);
+  float *const sh = calloc(27 * (size_t)grown.stride, sizeof *sh);
+  double basis[5];
+  assert_non_null(sh);
+  pags_fourier_basis(0.2, basis);
+  pags_fourier_colour(&grown, basis, 1, 4, sh);
+  for (int c = 0; c < 9; c++)
+    for (int channel = 0; channel < 3; channel++)
+      for (int i = 0; i < ROWS; i++) {
+        const int row = ROWS - 1 - i; /* of g */
+        const double a = 6.283185307179586 * 0.2, wave[4] = {sin(a), cos(a), sin(2 * a), cos(2 * a)};
+        double sum = (double)pags_plane(&g, PAGS_SH + 3 * c + channel)[row];
+        for (int k = 0; k < 4 && c < 4; k++)
+          sum += wave[k] * (double)g.fourier[(12 * c + 3 * k + channel) * g.stride + row];
+        assert_float_equal(sh[(3 * c + channel) * grown.stride + i], i >= 1 && i < 4 ? (float)sum : 0, 1e-6);
+      }
+  free(sh);
+  pags_gaussians_destroy(&g);
+  pags_gaussians_destroy(&grown);
+}
+
+/* A coefficient that is 0 but changes over time counts for the degree of its row. */
+static void a_series_counts_for_the_degree(void **state) {
+  (void)state;
+  pags_gaussians g;
+  assert_int_equal(pags_gaussians_create(&g, 2, 3), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_fourier(&g, 2), PAGS_OK);
+  assert_int_equal(pags_gaussians_row_degree(&g, 1), 0);
+  g.fourier[(12 * 2 + 11) * g.stride + 1] = 1e-20F; /* the last term of blue of a coefficient of degree 1 */
+  assert_int_equal(pags_gaussians_row_degree(&g, 1), 1);
+  g.fourier[(12 * 8) * g.stride + 1] = 1;
+  assert_int_equal(pags_gaussians_row_degree(&g, 1), 2);
+  assert_int_equal(pags_gaussians_row_degree(&g, 0), 0);
+  pags_gaussians_destroy(&g);
 }
 
 static void gathering_takes_whole_rows(void **state) {
@@ -181,6 +232,8 @@ int main(void) {
       cmocka_unit_test(planes_are_zero_and_aligned),
       cmocka_unit_test(empty_and_too_large_arrays),
       cmocka_unit_test(growing_keeps_everything),
+      cmocka_unit_test(series_of_every_coefficient),
+      cmocka_unit_test(a_series_counts_for_the_degree),
       cmocka_unit_test(gathering_takes_whole_rows),
       cmocka_unit_test(morton_order_follows_the_codes),
       cmocka_unit_test(equal_places_keep_their_order),

@@ -88,9 +88,9 @@ static void extras_follow_the_standard_properties(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-static void sample_fourier(pags_gaussians *g) {
-  assert_int_equal(pags_gaussians_add_fourier(g), PAGS_OK);
-  for (int p = 0; p < 12; p++)
+static void sample_fourier(pags_gaussians *g, int degree) {
+  assert_int_equal(pags_gaussians_add_fourier(g, degree), PAGS_OK);
+  for (int p = 0; p < pags_fourier_planes(g); p++)
     for (int64_t i = 0; i < g->count; i++)
       g->fourier[p * g->stride + i] = (float)p + 0.01f * (float)i;
 }
@@ -102,7 +102,7 @@ static void fourier_terms_follow_the_extras(void **state) {
   size_t size;
   sample_gaussians(&g, 300, 0, 3);
   assert_int_equal(pags_gaussians_add_object_id(&g), PAGS_OK);
-  sample_fourier(&g);
+  sample_fourier(&g, 0);
   assert_int_equal(pags_ply_save(scratch("f.ply"), &g), PAGS_OK);
   load(scratch("f.ply"), &back);
   assert_same(&g, &back);
@@ -124,13 +124,45 @@ static void fourier_terms_follow_the_extras(void **state) {
   pags_gaussians_destroy(&g);
 }
 
+/* Terms of every coefficient: no name may begin with f_rest_, which other programs count. */
+static void fourier_terms_of_every_degree_round_trip(void **state) {
+  (void)state;
+  for (int degree = 1; degree <= 3; degree++) {
+    pags_gaussians g, back;
+    uint8_t *bytes;
+    size_t size, named = 0;
+    sample_gaussians(&g, 50, 3, 3);
+    sample_fourier(&g, degree);
+    assert_int_equal(pags_ply_save(scratch("f.ply"), &g), PAGS_OK);
+    load(scratch("f.ply"), &back);
+    assert_same(&g, &back);
+    assert_int_equal(back.fourier_degree, degree);
+    for (int p = 0; p < 12 * (degree + 1) * (degree + 1); p++)
+      assert_memory_equal(g.fourier + p * g.stride, back.fourier + p * back.stride, 50 * sizeof(float));
+    pags_gaussians_destroy(&back);
+    assert_int_equal(pags_file_read(scratch("f.ply"), &bytes, &size), PAGS_OK);
+    for (const char *at = (char *)bytes; (at = strstr(at, " f_rest_")); at++)
+      named++;
+    assert_int_equal(named, 45);
+    assert_non_null(strstr((char *)bytes, "property float f_dc_t4_2\nproperty float f_sh1_t1_0\n"));
+    if (degree == 2) {
+      memcpy(strstr((char *)bytes, "f_sh5_t2_1"), "f_sh5_x2_1", 10);
+      assert_int_equal(pags_ply_load(scratch_file("g.ply", bytes, size), &back), PAGS_ERROR_FORMAT);
+      assert_non_null(
+          strstr(pags_error_message(), "expected all of 'f_dc_t1_0' to 'f_sh8_t4_2' or none, no 'f_sh5_t2_1'"));
+    }
+    free(bytes);
+    pags_gaussians_destroy(&g);
+  }
+}
+
 static void incomplete_fourier_terms_are_refused(void **state) {
   (void)state;
   pags_gaussians g, back;
   uint8_t *bytes;
   size_t size;
   sample_gaussians(&g, 10, 0, 3);
-  sample_fourier(&g);
+  sample_fourier(&g, 0);
   assert_int_equal(pags_ply_save(scratch("f.ply"), &g), PAGS_OK);
   pags_gaussians_destroy(&g);
   assert_int_equal(pags_file_read(scratch("f.ply"), &bytes, &size), PAGS_OK);
@@ -413,6 +445,7 @@ int main(void) {
       cmocka_unit_test(any_order_and_encoding_reads_the_same),
       cmocka_unit_test(extras_follow_the_standard_properties),
       cmocka_unit_test(fourier_terms_follow_the_extras),
+      cmocka_unit_test(fourier_terms_of_every_degree_round_trip),
       cmocka_unit_test(incomplete_fourier_terms_are_refused),
       cmocka_unit_test(an_empty_file_round_trips),
       cmocka_unit_test(bad_headers_are_explained),

@@ -85,7 +85,7 @@ static pags_scene driving_sample(void) {
   assert_int_equal(pags_gaussians_add_object_id(background), PAGS_OK);
   background->object_id[3] = 0;
   background->object_id[4] = 1;
-  assert_int_equal(pags_gaussians_add_fourier(&scene.models[1].gaussians), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_fourier(&scene.models[1].gaussians, 0), PAGS_OK);
   assert_int_equal(pags_sky_create(&scene.sky, 3), PAGS_OK);
   for (int i = 0; i < 6 * 9 * 3; i++)
     scene.sky.texels[i] = (float)i / 128;
@@ -312,10 +312,33 @@ static void damaged_scenes_cause_no_crash(void **state) {
 static void bad_scenes_are_explained(void **state) {
   (void)state;
   assert_edit_fails("\"version\": 1,", "\"version\":99,", PAGS_ERROR_UNSUPPORTED,
-                    "scene.json:2: the scene's version is 99, this program reads up to 1");
+                    "scene.json:2: the scene's version is 99, this program reads up to 2");
   assert_edit_fails("\"version\": 1,", "", PAGS_ERROR_FORMAT, "expected a number for 'version', which is missing");
   assert_edit_fails("metres", "feet", PAGS_ERROR_FORMAT, "expected \"metres\" for 'units'");
   assert_edit_fails("\"z\"", "\"x\"", PAGS_ERROR_FORMAT, "expected \"z\", \"-y\", \"y\" or \"unknown\" for 'up'");
+}
+
+/* Series of more than the constant coefficient need version 2, which older programs refuse; other scenes keep 1. */
+static void series_of_coefficients_are_stated(void **state) {
+  (void)state;
+  pags_scene scene = driving_sample(), back;
+  uint8_t *bytes;
+  size_t size;
+  pags_gaussians_destroy(&scene.models[1].gaussians);
+  sample_gaussians(&scene.models[1].gaussians, 41, 1, 1);
+  assert_int_equal(pags_gaussians_add_fourier(&scene.models[1].gaussians, 1), PAGS_OK);
+  scene.models[1].gaussians.fourier[47 * scene.models[1].gaussians.stride + 40] = 0.5F;
+  assert_int_equal(pags_scene_save(scratch("e"), &scene), PAGS_OK);
+  assert_int_equal(pags_file_read(scratch("e/scene.json"), &bytes, &size), PAGS_OK);
+  assert_non_null(strstr((char *)bytes, "\"version\": 2,"));
+  free(bytes);
+  if (pags_scene_load(scratch("e"), &back) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  assert_int_equal(back.models[1].gaussians.fourier_degree, 1);
+  assert_true(back.models[1].gaussians.fourier[47 * back.models[1].gaussians.stride + 40] == 0.5F);
+  pags_scene_destroy(&back);
+  assert_edit_of_fails(scene, "\"fourier_degree\": 1", "\"fourier_degree\": 0", PAGS_ERROR_FORMAT,
+                       "car 1.ply: scene.json promises Fourier terms up to SH degree 0, found degree 1");
 }
 
 static void files_outside_are_refused(void **state) {
@@ -353,7 +376,7 @@ int main(void) {
       cmocka_unit_test(files_outside_are_refused),     cmocka_unit_test(models_must_match_the_description),
       cmocka_unit_test(other_paths_are_explained),     cmocka_unit_test(a_driving_scene_round_trips),
       cmocka_unit_test(file_names_are_made_safe),      cmocka_unit_test(bad_objects_are_explained),
-      cmocka_unit_test(damaged_scenes_cause_no_crash),
+      cmocka_unit_test(damaged_scenes_cause_no_crash), cmocka_unit_test(series_of_coefficients_are_stated),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

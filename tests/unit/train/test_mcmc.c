@@ -73,7 +73,7 @@ static void relocated_gaussians_copy_all_values(void **unused) {
   fixture f;
   begin(&f, ROWS);
   pags_gaussians *g = &f.state.gaussians;
-  assert_int_equal(pags_model_add_fourier(&f.state), PAGS_OK);
+  assert_int_equal(pags_model_add_fourier(&f.state, 0), PAGS_OK);
   assert_int_equal(pags_gaussians_add_s_sem(g), PAGS_OK);
   assert_int_equal(pags_gaussians_add_object_id(g), PAGS_OK);
   for (int64_t i = 0; i < ROWS; i++) {

@@ -244,6 +244,7 @@ static void an_old_configuration_is_read(void **unused) {
   expected.objects.fourier_gain = 0.0;
   expected.color.sh_degree = 3;
   /* Values that the older version had already resolved when it wrote the file. */
+  expected.objects.fourier = PAGS_FOURIER_BY_GAIN;
   expected.density.densify_until = 12000;
   expected.priority.hybrid = PAGS_HYBRID_PRODUCT;
   expected.priority.critical_weight = expected.priority.critical_growth = 3.0;
