@@ -183,12 +183,13 @@ static bool replacement(const char *name, char *text, size_t size) {
     if (strcmp(plain, renamed[i][0]) == 0)
       snprintf(plain, sizeof plain, "%s", renamed[i][1]);
   const pags_train_field *f = pags_train_field_find(plain);
-  if (!f || (off && f->type != PAGS_FIELD_SWITCH))
+  if (!f || (off && f->type != PAGS_FIELD_SWITCH && f->type != PAGS_FIELD_INT))
     return false;
   snprintf(text, size, "--set %s=%s", f->name,
-           f->type == PAGS_FIELD_SWITCH ? (off ? "0" : "1")
-           : f->choices                 ? f->choices
-                                        : "N");
+           off                            ? "0"
+           : f->type == PAGS_FIELD_SWITCH ? "1"
+           : f->choices                   ? f->choices
+                                          : "N");
   return true;
 }
 

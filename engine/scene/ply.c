@@ -167,7 +167,7 @@ static pags_result read_optional(const ply_table *table, const ply_element *vert
     out->object_id[i] = (int32_t)id;
   }
 
-  /* The last term in the file says which coefficients have terms: all up to an SH degree. */
+  /* The SH degree up to which coefficients have terms follows from the last term in the file. */
   const ply_property *terms[PAGS_MAX_FOURIER];
   char name[NAME_SIZE], last[NAME_SIZE];
   int degree = -1;

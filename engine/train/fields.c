@@ -225,7 +225,7 @@ const pags_train_field pags_fields[] = {
            "Learning rate of object positions; decays to a tenth."),
     NUMBER(objects, track_rotation_rate, 3e-4, 0, 1, "radians",
            "Learning rate of object rotations; decays to a tenth."),
-    PRESET_TYPE(PAGS_FIELD_INT, objects, fourier, 1, 1, 1, 2, "", 0, PAGS_FOURIER_ALL, "0, 1 or 2",
+    PRESET_TYPE(PAGS_FIELD_INT, objects, fourier, 1, 1, 1, 2, "", 0, PAGS_FOURIER_ALL, "1",
                 "Colour of objects over time: 0 constant; 1 the constant colour term varies if this reduces the error; "
                 "2 all colour terms of all objects vary from the start, as in the paper."),
     NUMBER(objects, fourier_from, 15000, 0, MOST_STEPS, STEPS,

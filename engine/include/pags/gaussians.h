@@ -134,7 +134,7 @@ PAGS_API void pags_fourier_colour(const pags_gaussians *g, const double basis[5]
                                   float *sh);
 
 /* Computes the gradients by the first `planes` Fourier planes from those by the SH coefficients that
- * pags_fourier_colour gave, in the same order; all planes are `stride` floats apart and as long. */
+ * pags_fourier_colour gave, in the same order; all planes have `stride` floats. */
 PAGS_API void pags_fourier_gradient(const double basis[5], const float *by_sh, int64_t stride, int planes,
                                     float *by_fourier);
 
