@@ -7,6 +7,8 @@
 - Every link to a file of the repository, and every #heading of such a link, exists. Every docs/....md that a source names exists as well.
 - A program that a page shows below "<!-- file: PATH -->" is that file.
 - Every name pags_... and every C file on a page of the manual exists in the sources.
+- Each row of the tables of docs/paper.md names files that exist, options or fields that the manual of the command line
+  lists (of a program in Python: words that it has), whether they are the default, and a linked page with a figure.
 - Links lead from docs/index.md to every page of the manual, and from docs/lab/index.md to every page of the notebook."""
 
 import os
@@ -94,6 +96,45 @@ def check_names(path, text, names):
                 fault(path, number, f"names {name}, which no source has")
 
 
+def check_paper(path, text):
+    """Checks the tables of docs/paper.md, whose rows are a claim, files, options, default, difference, figure."""
+    known = read("docs/command-line.md")
+    options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", known)) | set(re.findall(r"^\| `(\w+)` \|", known, re.M))
+    rows = 0
+    for number, line in enumerate(text.split("\n"), 1):
+        cells = [cell.strip() for cell in line.strip("|").split("|")] if line.startswith("|") else []
+        if not cells or cells[0] == "paper" or set(line) <= set("|-"):
+            continue
+        rows += 1
+        if len(cells) != 6 or not all(cells):
+            fault(path, number, f"expected six cells with content, found {len(cells)}")
+            continue
+        files, names = re.findall(r"`([^`]+)`", cells[1]), re.findall(r"`([^`]+)`", cells[2])
+        missing = [file for file in files if not os.path.isfile(os.path.join(ROOT, file))]
+        programs = "".join(read(file) for file in files if file.endswith(".py") and file not in missing)
+        for file in missing:
+            fault(path, number, f"names the file {file}, which is not there")
+        for name in names:
+            if name not in options and f'"{name}"' not in programs:
+                fault(
+                    path,
+                    number,
+                    f"names {name}, which is no option of pags, no field of its training, and no word of {files}",
+                )
+        if not files or not names:
+            fault(path, number, "expected a file and an option, each in backquotes")
+        if cells[3] not in ("yes", "changed", "preset paper", "on request"):
+            fault(path, number, f"expected yes, changed, preset paper or on request as its default, found {cells[3]}")
+        if not re.search(r"\d", re.sub(r"\(.*?\)", "", cells[5])) or not re.search(r"\]\([\w/-]+\.md", cells[5]):
+            fault(path, number, "expected a figure, and a link to the page that it is from")
+    if rows < 25:
+        fault(
+            path,
+            1,
+            f"{rows} rows, expected at least 25: one for each equation, loss, schedule, table and figure of the paper",
+        )
+
+
 def main():
     pages = sorted(f"docs/{name}" for name in os.listdir(os.path.join(ROOT, "docs")) if name.endswith(".md"))
     notes = sorted(f"docs/lab/{name}" for name in os.listdir(os.path.join(ROOT, "docs/lab")) if name.endswith(".md"))
@@ -103,6 +144,7 @@ def main():
         check_length(path, texts[path])
     for path, text in texts.items():
         check_listings(path, text)
+    check_paper("docs/paper.md", texts["docs/paper.md"])
     for index, of in [("docs/index.md", pages), ("docs/lab/index.md", notes)]:
         for path in of:
             if path != index and path not in links[index]:
