@@ -262,6 +262,15 @@ static void resumed_on_other_ranks(void **unused) {
   assert_int_equal(train(&config, "one", 0, 1).resumed, 1);
   assert_int_equal(train(&config, "several", 3, 1).resumed, 1);
   assert_same_run("one", "several");
+  train(&config, "unbroken", 0, 1);
+  assert_same_file("one", "unbroken", "background.ply");
+  pags_scene scene;
+  assert_int_equal(pags_scene_load(scratch("unbroken"), &scene), PAGS_OK);
+  for (int64_t i = 1; i < scene.model_count; i++) {
+    assert_int_equal(scene.models[i].gaussians.fourier_degree, 1);
+    assert_same_file("one", "unbroken", scene.models[i].file);
+  }
+  pags_scene_destroy(&scene);
 }
 
 static const char *run_rank_that_is_refused(pags_transport *transport, void *expected) {
