@@ -77,10 +77,10 @@ def rows_of_start(given):
         raise ablation.Failure(message)
     found, sfm = json.loads("".join(lines)), given.sfm and os.path.realpath(given.sfm)
     if found.get("lidar_sweeps"):
-        rows = {"LiDAR": "default", "matched": "no-lidar-start", "random": "no-lidar-start+set:random_start=1"}
+        rows = {"LiDAR": "default", "matched": "no-lidar-start"}
         more = {"SfM": f"no-lidar-start+--sfm={sfm}", "LiDAR and SfM": f"--sfm={sfm}"}
     elif found.get("points_random"):
-        rows, more = {"matched": "default", "random": "set:random_start=1"}, {"SfM": f"--colmap={sfm}"}
+        rows, more = {"matched": "default"}, {"SfM": f"--colmap={sfm}"}
     else:
         raise ablation.Failure(
             f"{given.dataset}: has no LiDAR, but points; expected LiDAR, or no points and those of a COLMAP model with --sfm"
@@ -180,7 +180,7 @@ def parse_arguments(words):
         "  table4   weight of semantics in the pruning score, alpha\n"
         "  figure5  pruning rates\n"
         "  order    priority-driven rendering, and blending in the order of the paper\n"
-        "  start    initial points: LiDAR, structure from motion (--sfm), both, matched, random\n"
+        "  start    initial points: LiDAR, structure from motion (--sfm), both, matched\n"
         "  object   a critical object at an equal size limit (--target-size), and its picture",
         epilog=ablation.RESUMED,
     )

@@ -216,9 +216,9 @@ static pags_result draw_ground(const sheet *s) {
   }
   const float *xyz;
   const uint8_t *rgb;
-  int random;
-  pags_dataset_points(s->dataset, &points, &xyz, &rgb, &random);
-  if (sweeps > 0 || random)
+  int to_match;
+  pags_dataset_points(s->dataset, &points, &xyz, &rgb, &to_match);
+  if (sweeps > 0 || to_match)
     return PAGS_OK;
   for (int64_t i = 0; i < points; i++) {
     pags_widen3(xyz + 3 * i, p);

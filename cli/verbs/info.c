@@ -101,7 +101,7 @@ static pags_result describe_dataset(pags_report *report, info_arguments *argumen
   int64_t points, held_out = 0, masked = 0;
   const float *xyz;
   const uint8_t *rgb;
-  int random;
+  int to_match;
   PAGS_TRY(check_effect(arguments, path, INFO_DATASET));
   PAGS_TRY(pags_dataset_open(path, &arguments->options, &dataset));
   const pags_place place = pags_dataset_place(dataset);
@@ -110,7 +110,7 @@ static pags_result describe_dataset(pags_report *report, info_arguments *argumen
     held_out += pags_dataset_view(dataset, i)->test;
     masked += pags_dataset_view(dataset, i)->mask_path != NULL;
   }
-  pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
+  pags_dataset_points(dataset, &points, &xyz, &rgb, &to_match);
   pags_report_text(report, "kind", "data set");
   pags_report_text(report, "format", pags_dataset_kind(dataset));
   pags_report_count(report, "views_train", count - held_out);
@@ -123,7 +123,7 @@ static pags_result describe_dataset(pags_report *report, info_arguments *argumen
     pags_report_count(report, "height", pags_dataset_view(dataset, 0)->camera.height);
   }
   pags_report_count(report, "points", points);
-  pags_report_flag(report, "points_random", random != 0);
+  pags_report_flag(report, "points_random", to_match != 0);
   pags_report_text(report, "up", pags_up_name(pags_dataset_up(dataset)));
   pags_report_vector(report, "origin", pags_dataset_origin(dataset), 3);
   pags_report_place(report, &place);

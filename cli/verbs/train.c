@@ -94,7 +94,7 @@ static pags_option options[] = {
     PAGS_FLAG("undistort", 0, AT(dataset.undistort), "Also resample fisheyes and panoramas to pinhole cameras."),
     PAGS_PHOTOGRAPH_OPTIONS(AT(dataset), NULL),
     PAGS_VALUE("random-points", 0, INT64, AT(dataset.random_points), 1, 1e8, "N", NULL, NULL,
-               "Random initial points if the data set has none."),
+               "Initial points to match between photographs if the data set has none."),
     PAGS_VALUE("image-cache", 0, SIZE, RUN(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G",
                "1G, at most a quarter of the available memory", "Memory for decoded photographs."),
 
@@ -372,10 +372,10 @@ static void say_dataset(const train_arguments *arguments, const pags_dataset *da
   int64_t count = pags_dataset_view_count(dataset), held_out = 0, moving = 0, points;
   const float *xyz;
   const uint8_t *rgb;
-  int random;
+  int to_match;
   for (int64_t i = 0; i < count; i++)
     held_out += pags_dataset_view(dataset, i)->test;
-  pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
+  pags_dataset_points(dataset, &points, &xyz, &rgb, &to_match);
   if (pags_dataset_fps(dataset) > 0) {
     const int64_t objects = pags_dataset_object_count(dataset);
     for (int64_t i = 0; i < objects; i++)
@@ -385,7 +385,7 @@ static void say_dataset(const train_arguments *arguments, const pags_dataset *da
     for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
       pags_say(session, "  %s\n", pags_dataset_note(dataset, i));
   }
-  const char *kind = !random ? "points" : arguments->config.start.random_start ? "random points" : "points to match";
+  const char *kind = to_match ? "points to match" : "points";
   pags_say(session, "%s: %lld views of %dx%d to train on, %lld held out, %lld %s (%s)\n", pags_dataset_path(dataset),
            (long long)(count - held_out), camera->width, camera->height, (long long)held_out, (long long)points, kind,
            pags_dataset_kind(dataset));
@@ -544,7 +544,6 @@ static int check(void *user, const pags_parsed *parsed) {
   if (arguments->reconstruction)
     arguments->dataset.split_every = 0;
   arguments->options.held_out = arguments->view || pags_option_given(parsed, "preview-every");
-  arguments->dataset.seed = config->schedule.seed;
   arguments->dataset.look = 1;
   pags_copy3(config->picture.background, arguments->dataset.background);
 

@@ -394,7 +394,8 @@ pags_result pags_dataset_open(const char *path, const pags_dataset_options *opti
   if (chosen.split_every < -1 || chosen.split_every == 1)
     return pags_fail(PAGS_ERROR_ARGUMENT, "split %d: expected 0 (hold nothing out) or at least 2", chosen.split_every);
   if (chosen.random_points < 1 || chosen.random_points > 100000000)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%lld random points: expected 1..100000000", (long long)chosen.random_points);
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%lld points to match: expected 1..100000000",
+                     (long long)chosen.random_points);
 
   PAGS_AUTO(pags_dataset_close_auto) pags_dataset *dataset = calloc(1, sizeof *dataset);
   PAGS_CHECK_MEMORY(dataset, "%s", path);
@@ -467,11 +468,11 @@ pags_image_alpha pags_dataset_image_alpha(const pags_dataset *dataset) {
 }
 
 void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const float **xyz, const uint8_t **rgb,
-                         int *random) {
+                         int *to_match) {
   *count = dataset->point_count;
   *xyz = dataset->xyz;
   *rgb = dataset->rgb;
-  *random = dataset->random;
+  *to_match = dataset->to_match;
 }
 
 /* ---- Accessors of driving sets ---- */

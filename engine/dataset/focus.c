@@ -75,7 +75,7 @@ pags_result pags_focus_distance(const pags_camera *const *cameras, int64_t count
   if (!find_focus(cameras, count, middle, focus))
     return PAGS_OK;
   PAGS_AUTOFREE double *depths = malloc((size_t)count * sizeof *depths);
-  PAGS_CHECK_MEMORY(depths, "random points");
+  PAGS_CHECK_MEMORY(depths, "depths of the cameras");
   int64_t ahead = 0;
   for (int64_t i = 0; i < count; i++) {
     const double *m = cameras[i]->world_from_camera;

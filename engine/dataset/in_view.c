@@ -9,7 +9,7 @@
 
 void pags_dataset_check_in_view(const pags_dataset *dataset) {
   enum { MOST_POINTS = 2000, MOST_VIEWS = 64 };
-  const int64_t points = dataset->random ? 0 : dataset->point_count;
+  const int64_t points = dataset->to_match ? 0 : dataset->point_count;
   const int64_t step = points / MOST_POINTS + 1, view_step = dataset->count / MOST_VIEWS + 1;
   for (int64_t i = 0; i < points; i += step) {
     double point[3];

@@ -21,7 +21,7 @@ struct pags_dataset {
   int64_t point_count;
   float *xyz;
   uint8_t *rgb;
-  int random;
+  int to_match;       /* there are no points: point_count are to be matched */
   char *image_folder; /* options.image_folder */
   pags_image_alpha image_alpha;
   uint8_t background[3];
@@ -46,11 +46,11 @@ pags_result pags_dataset_set_origin(pags_dataset *dataset);
 /* Whether the camera of a view is a far one, which says nothing of the size and the middle of the scene. */
 bool pags_dataset_is_far(const pags_dataset *dataset, int64_t view);
 
-/* Fills in the initial points of training: those of the parsed data set if it has some, else random ones (see
- * points.c). */
+/* Fills in the initial points of training: those of the parsed data set if it has some, else a number to match
+ * (points.c). */
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options);
 
-/* Logs a warning if none of the points, unless they are random, is in view of any camera (in_view.c). */
+/* Logs a warning if there are points and none of them is in view of any camera (in_view.c). */
 void pags_dataset_check_in_view(const pags_dataset *dataset);
 
 /* Finds, for every camera of a driving set, the pixels that show the ego vehicle (ego_mask.c). Call it after the

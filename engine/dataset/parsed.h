@@ -110,9 +110,4 @@ double pags_focus_depth(double distance, double draw);
 /* Whether `point` projects into the picture of the camera and its depth is at least `nearest` (metres). */
 bool pags_camera_sees(const pags_camera *camera, const double point[3], double nearest);
 
-/* Samples `count` random points that several of the cameras see (random_points.c): xyz in metres relative to `origin`,
- * and greyish random colours. */
-pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera_count, const double origin[3],
-                               uint64_t seed, int64_t count, float *xyz, uint8_t *rgb);
-
 #endif

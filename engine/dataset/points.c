@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Chooses the initial points of training: the points of the data set's reconstruction (COLMAP or SfM) if it has some,
- * else random points. A driving set without such points gets none here, because its training starts from LiDAR
- * points. */
+ * else a number of points to match. A driving set without such points gets none here, because its training starts from
+ * LiDAR points. */
 #include "dataset/driving/reader.h"
 #include "dataset/internal.h"
 
@@ -82,26 +82,14 @@ static pags_result use_reconstruction(pags_dataset *dataset) {
   return PAGS_OK;
 }
 
-static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_options *options) {
-  PAGS_TRY(allocate(dataset, options->random_points));
-  PAGS_AUTOFREE const pags_camera **cameras = malloc((size_t)dataset->count * sizeof(const pags_camera *));
-  PAGS_CHECK_MEMORY(cameras, "%s", dataset->path);
-  int64_t training = 0;
-  for (int64_t i = 0; i < dataset->count; i++)
-    if (!dataset->views[i].test && !pags_dataset_is_far(dataset, i))
-      cameras[training++] = &dataset->views[i].camera;
-  dataset->point_count = options->random_points;
-  dataset->random = 1;
-  return pags_random_points(cameras, training, dataset->origin, options->seed, options->random_points, dataset->xyz,
-                            dataset->rgb);
-}
-
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options) {
   if (dataset->parsed.driving && options->sfm)
     PAGS_TRY(pags_sfm_points_read(options->sfm, &dataset->parsed));
   if (dataset->parsed.points.count > 0)
     PAGS_TRY(use_reconstruction(dataset));
-  if (dataset->point_count > 0)
-    return PAGS_OK;
-  return dataset->parsed.driving ? allocate(dataset, 0) : make_random_points(dataset, options);
+  if (dataset->point_count == 0 && !dataset->parsed.driving) {
+    dataset->point_count = options->random_points;
+    dataset->to_match = 1;
+  }
+  return PAGS_OK;
 }

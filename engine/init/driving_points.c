@@ -172,19 +172,13 @@ typedef struct extra_points {
 } extra_points;
 
 /* Finds the points of structure from motion, or, if the data set has neither those nor LiDAR, matches points between
- * photographs (with random_start it takes the data set's random points instead). */
+ * photographs. */
 static pags_result find_extra(const pags_dataset *dataset, const pags_train_config *config, int64_t lidar,
                               pags_tasks *tasks, extra_points *out) {
-  int random;
+  int to_match;
   *out = (extra_points){0};
-  pags_dataset_points(dataset, &out->count, &out->xyz, &out->rgb, &random);
-  if (!random && out->count > 0)
-    return PAGS_OK;
-  if (lidar > 0) {
-    out->count = 0;
-    return PAGS_OK;
-  }
-  if (config->start.random_start)
+  pags_dataset_points(dataset, &out->count, &out->xyz, &out->rgb, &to_match);
+  if (out->count > 0 || lidar > 0)
     return PAGS_OK;
   out->count = MATCHED_POINTS;
   PAGS_TRY(pags_dataset_match_points(dataset, tasks, out->count, config->schedule.seed, &out->matched_xyz,

@@ -96,11 +96,21 @@ static pags_result set_retired(const char *name, const char *text) {
   static const struct {
     const char *name;
     double value;
-  } retired[] = {
-      {"absgrad", 0},         {"absgrad_gradient", 8e-4}, {"dense_percent", 0.01},     {"extent_most", 20},
-      {"init_scale", 1},      {"init_scale_max", 0.1},    {"mcmc_growth", 0.05},       {"prune_scale", 0.1},
-      {"revised_opacity", 0}, {"scale_reset_from", 6000}, {"scale_reset_every", 3000}, {"scale_reset_until", 21000},
-      {"sky_rate", 0.01},     {"split_divisor", 1.6}};
+  } retired[] = {{"absgrad", 0},
+                 {"absgrad_gradient", 8e-4},
+                 {"dense_percent", 0.01},
+                 {"extent_most", 20},
+                 {"init_scale", 1},
+                 {"init_scale_max", 0.1},
+                 {"mcmc_growth", 0.05},
+                 {"prune_scale", 0.1},
+                 {"random_start", 0},
+                 {"revised_opacity", 0},
+                 {"scale_reset_every", 3000},
+                 {"scale_reset_from", 6000},
+                 {"scale_reset_until", 21000},
+                 {"sky_rate", 0.01},
+                 {"split_divisor", 1.6}};
   for (size_t i = 0; i < sizeof retired / sizeof retired[0]; i++)
     if (strcmp(name, retired[i].name) == 0) {
       char *end;

@@ -113,8 +113,6 @@ const pags_train_field pags_fields[] = {
            "Weight of the object opacity loss, which applies in the second half of the schedule; 0: off."),
     NUMBER(losses, sky_weight, 0.05, 0, 1e3, "1", "Weight of the sky opacity loss; 0: off."),
 
-    SWITCH(start, random_start, 0,
-           "Start from random points instead of matched features if the data set has no points."),
     NUMBER(start, init_opacity, 0.1, LEAST_OPACITY, 0.999, "1", "Initial opacity of Gaussians."),
     SWITCH(start, lidar_start, 1, "Start from LiDAR points."),
     PRESET(start, lidar_points, 100000, 100000, 200000, 200000, "", 1000, 600000, "points",

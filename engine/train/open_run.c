@@ -202,10 +202,10 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
   first_model only = {.object = -1}; /* of a photograph set */
   PAGS_AUTOFREE float *matched_xyz = NULL;
   PAGS_AUTOFREE uint8_t *matched_rgb = NULL;
-  int random = 0;
+  int to_match = 0;
   if (!driving)
-    pags_dataset_points(t->dataset, &only.count, &only.xyz, &only.rgb, &random);
-  if (random && !config->start.random_start) { /* as many points that matching photographs finds instead */
+    pags_dataset_points(t->dataset, &only.count, &only.xyz, &only.rgb, &to_match);
+  if (to_match) {
     PAGS_TRY(
         pags_dataset_match_points(t->dataset, t->tasks, only.count, config->schedule.seed, &matched_xyz, &matched_rgb));
     only.xyz = matched_xyz;

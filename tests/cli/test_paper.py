@@ -143,11 +143,11 @@ class Paper(Case):
         write(self.path("model/points3D.txt"), "".join(points))
         self.make("start", "-q", "--sfm", self.path("model"))
         rows = self.rows("start")
-        titles = ["LiDAR", "matched", "random", "SfM", "LiDAR and SfM"]
+        titles = ["LiDAR", "matched", "SfM", "LiDAR and SfM"]
         self.assertEqual([row["row"] for row in rows], titles)
         self.assertEqual(len({row["PSNR"] + row["Gaussians"] for row in rows}), len(titles))
         capture = fixtures.make_dataset(self.path("capture"))
-        for more, titles in [([], ["matched", "random"]), (["--sfm", "model"], ["matched", "random", "SfM"])]:
+        for more, titles in [([], ["matched"]), (["--sfm", "model"], ["matched", "SfM"])]:
             given, _ = paper.parse_arguments(["start", capture, "-o", "t", "--pags", fixtures.PAGS, *more])
             self.assertEqual(list(paper.rows_of_start(given)), titles)
         failed = self.make("start", "--sfm", "a+b", code=1)

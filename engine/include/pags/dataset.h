@@ -47,8 +47,7 @@ typedef struct pags_dataset_options {
    * lens, and its photographs their pixels; those of others are undistorted. 1: all are undistorted. */
   int undistort;
   int allow_missing; /* 1: views whose image or pose is missing are left out, with a warning in the log; 0: an error */
-  uint64_t seed;     /* seed of the random points that a static set without points of its own gets */
-  int64_t random_points; /* number of these, 1..10^8; default 10000 */
+  int64_t random_points; /* points to match for a static set that has none, 1..10^8; default 10000 */
   /* Driving sets only: */
   const char
       *kind; /* waymo, pandaset, kitti, nuscenes, argoverse2, nuplan, street-gaussians; NULL: as dataset.json says */
@@ -255,19 +254,19 @@ PAGS_API void pags_outline_fill(const double *corners, int count, int width, int
 /* Returns the points to start a training from, owned by the data set. They are the points of the COLMAP model or
  * the point file of the data set (with options.sfm those of that model) with their colours; where the tracks of
  * the points are known, only points that at least 2 training views observe (1 if no track has 2), or of whose views
- * none is in the data set. A static set without such points gets
- * random ones in the common view of its training cameras, and *random becomes 1; a driving set without them gets
- * none (*count is 0). xyz: 3 floats per point, metres, relative to the origin; rgb: 3 bytes per point. */
+ * none is in the data set. For a static set without such points *to_match becomes 1, *count the number of points to
+ * match (options.random_points, for pags_dataset_match_points), and xyz and rgb are not to be read; a driving set
+ * without them has none (*count is 0). xyz: 3 floats per point, metres, relative to the origin; rgb: 3 bytes per point.
+ */
 PAGS_API void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const float **xyz, const uint8_t **rgb,
-                                  int *random);
+                                  int *to_match);
 
-/* Computes points from the training photographs, which are better to start from than random points, by
- * plane-sweep stereo (Collins 1996): `count` (1..2^31 - 2) points on random pixels, at the depth at which other
- * training photographs agree best, or, if there is no clear depth, at that of the nearest pixel that has one.
- * Colours are the photographs'. Reads every training photograph, or an even choice of 256, at a small size. The
- * result depends on `seed` but not on the number of threads. The caller frees *xyz (3 floats per point, metres,
- * relative to the origin) and *rgb (3 bytes per point). Errors of decoding as pags_image_load; PAGS_CANCELLED;
- * then both are NULL. */
+/* Computes points from the training photographs by plane-sweep stereo (Collins 1996): `count` (1..2^31 - 2) points on
+ * random pixels, at the depth at which other training photographs agree best, or, if there is no clear depth, at that
+ * of the nearest pixel that has one. Colours are the photographs'. Reads every training photograph, or an even choice
+ * of 256, at a small size. The result depends on `seed` but not on the number of threads. The caller frees *xyz (3
+ * floats per point, metres, relative to the origin) and *rgb (3 bytes per point). Errors of decoding as
+ * pags_image_load; PAGS_CANCELLED; then both are NULL. */
 PAGS_API pags_result pags_dataset_match_points(const pags_dataset *dataset, pags_tasks *tasks, int64_t count,
                                                uint64_t seed, float **xyz, uint8_t **rgb);
 

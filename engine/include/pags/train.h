@@ -126,7 +126,6 @@ typedef struct pags_train_losses {
 /* The first Gaussians. They are made from the points of the data set, or, if it has none, from points that
  * matching the photographs finds (pags_dataset_match_points). */
 typedef struct pags_train_start {
-  int random_start;    /* 1: random points in the common view of the cameras instead of matched ones */
   double init_opacity; /* their opacity; more than 1/255, below which nothing is drawn */
   int lidar_start;     /* 1: driving sets start from LiDAR points */
   int lidar_points;    /* LiDAR points of the background to start from, at most, merged by voxels; without objects' */
