@@ -147,7 +147,7 @@ class Row:
             raise Failure(f"row '{name}': expected NAME*SEEDS, 1 to {MOST_SEEDS} seeds")
         self.name, self.seeds = name, int(repeats) if star else seeds
         self.train, self.eval = Options(), Options()
-        self.alpha = self.rates = None
+        self.alpha, self.rates = 0.4, None  # the default of --alpha
         parts = name.replace("sp+sd", "sp&sd").split("+")
         if any(p.partition("=")[0] in CHANGES for p in parts) and not any(p in WHOLE for p in parts):
             self.train.put_text(SPR)

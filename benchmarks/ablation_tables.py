@@ -259,9 +259,10 @@ def over_figure(figure, axis, unit=1):
 
 
 def over_alpha(ablation):
-    """Quality over alpha, for rows that differ in it only."""
+    """Quality over alpha, for rows that differ in it only, with the row that has the default alpha."""
     panels = []
-    for title, rows in families(ablation.rows, "alpha=").items():
+    for rest, rows in families(ablation.rows, "alpha=").items():
+        title, rows = rest and f", {rest}", [*rows, *(row for row in ablation.rows if row.name == rest)]
         for kind, suffix in [("own", ""), ("equal", ", at equal count")]:
             results = ablation.results[kind]
             done = sorted([row for row in rows if results[row.name]], key=lambda row: row.alpha)
@@ -284,7 +285,8 @@ def over_rates(ablation):
         ("thousands of Gaussians", "gaussians", 1e-3, 1),
         ("seconds of training", "training_seconds", 1, 0),
     ]
-    for title, rows in families(ablation.rows, "rate=").items():
+    for rest, rows in families(ablation.rows, "rate=").items():
+        title = rest and f", {rest}"
         for name, key, unit, decimals in figures if len(rows) > 1 else []:
             cells = {tuple(row.rates): unit * mean_and_range(own[row.name], key)[0] for row in rows}
             panels.append(
@@ -314,5 +316,5 @@ def families(rows, what):
         parts = row.name.split("+")
         rest = "+".join(part for part in parts if not part.startswith(what))
         if rest != row.name:
-            found.setdefault(f", {rest}" if rest else "", []).append(row)
+            found.setdefault(rest, []).append(row)
     return found

@@ -200,7 +200,7 @@ def parse_arguments(words):
         metavar="MB",
         help="object: size limit of each scene [default %(default)s]",
     )
-    p.set_defaults(downscale="2", iterations=15000, equal_count=False, beside=None)
+    p.set_defaults(downscale="2", iterations=12000, equal_count=False, beside=None)
     return ablation.parse_words(p, words)
 
 
