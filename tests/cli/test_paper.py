@@ -85,7 +85,7 @@ class Paper(Case):
         with open(self.path("t/order.csv"), newline="") as file:
             orders = {line["row"]: line["psnr"] for line in csv.DictReader(file)}
         self.assertEqual(len(orders), 12)
-        self.assertNotEqual(orders["plain"], orders["plain+paper-order"])
+        self.assertNotEqual(orders[paper.PLAIN], orders[paper.PLAIN + "+paper-order"])
         self.assertEqual([row["PSNR"] for row in self.rows("order")][0], rows["plain"]["PSNR"])
 
     def test_rows_of_the_tables(self):
