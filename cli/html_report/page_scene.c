@@ -8,25 +8,51 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
-#include "cli/measure/info.h"
+#include "cli/measure/decisions.h"
 
 /* ---- What was modelled and why ---- */
 
-static void put_note(pags_html *html, const char *key, const char *text) {
+/* Begins a row with a key in words. */
+static void put_name(pags_html *html, const char *key) {
   char name[200];
   snprintf(name, sizeof name, "%s", key);
   for (char *c = name; *c; c++)
     *c = *c == '_' ? ' ' : *c;
-  pags_html_put(html, "<tr><th scope=\"row\"><bdi>%s</bdi></th><td><bdi>%s</bdi></td></tr>\n",
-                pags_html_text(html, name), pags_html_text(html, text));
+  pags_html_put(html, "<tr><th scope=\"row\"><bdi>%s</bdi></th>", pags_html_text(html, name));
 }
 
-/* All that training noted, whatever keys it has, but for the objects, which have a table of their own. */
+static void put_note(pags_html *html, const char *key, const char *text) {
+  put_name(html, key);
+  pags_html_put(html, "<td><bdi>%s</bdi></td></tr>\n", pags_html_text(html, text));
+}
+
+/* What training decided, with the times of report.json. */
+static void put_decisions(pags_html *html, const pags_json_value *notes, const pags_json_value *report) {
+  bool begun = false;
+  for (const pags_json_value *v = notes->first; v; v = v->next) {
+    pags_decision_row row;
+    if (!pags_decision_read(notes, v, report, &row))
+      continue;
+    if (!begun)
+      pags_html_begin_table(html, "part|modelled|measured|scene folder|training|reason");
+    begun = true;
+    put_name(html, v->key);
+    const char *const columns[] = {row.modelled, row.measured, row.bytes, row.time, row.why};
+    for (int i = 0; i < 5; i++)
+      pags_html_put(html, "<td><bdi>%s</bdi></td>", pags_html_text(html, columns[i]));
+    pags_html_put(html, "</tr>\n");
+  }
+  if (begun)
+    pags_html_end_table(html);
+}
+
+/* All else that training noted, whatever keys it has, but for the objects, which have a table of their own. */
 static void put_notes(pags_html *html, const pags_json_value *notes) {
   char text[1000];
+  pags_decision_row row;
   pags_html_begin_table(html, "subject|model and reason");
   for (const pags_json_value *v = notes->first; v; v = v->next) {
-    if (!strcmp(v->key, "objects"))
+    if (!strcmp(v->key, "objects") || pags_decision_read(notes, v, NULL, &row))
       continue;
     if (v->type == PAGS_JSON_ARRAY) {
       for (const pags_json_value *e = v->first; e; e = e->next)
@@ -47,9 +73,10 @@ void pags_page_modelled(pags_html *html, const pags_report_run *runs, int count)
   pags_html_put(html, "<h2>Models and reasons</h2>\n");
   for (int k = 0; k < count; k++) {
     pags_page_scene_heading(html, runs, count, k);
-    if (runs[k].notes)
+    if (runs[k].notes) {
+      put_decisions(html, pags_json_root(runs[k].notes), runs[k].log.facts);
       put_notes(html, pags_json_root(runs[k].notes));
-    else
+    } else
       pags_html_put(html, "<p class=\"soft\">Not stored in the scene.</p>\n");
   }
 }

@@ -24,11 +24,6 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const pags_s
  * caller frees *out. PAGS_ERROR_MEMORY; then *out is NULL. */
 pags_result pags_scene_object_gaussians(const pags_scene *scene, int64_t **out);
 
-/* A JSON value in words, in `text` if it must be written: "yes" for true; "..." for an array or object. */
-const char *pags_spoken_value(const pags_json_value *value, char text[PAGS_DOUBLE_TEXT]);
-/* Joins the members or elements of a JSON value on one line, except the member with the key `but` (may be NULL). */
-void pags_spoken_members(const pags_json_value *parent, const char *but, char *text, size_t size);
-
 /* Name of an up axis: "+z", "-y", "+y" or "unknown". */
 const char *pags_up_name(pags_up up);
 

@@ -5,6 +5,7 @@
 
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/picture.h"
+#include "cli/measure/decisions.h"
 
 #include <math.h>
 #include <pags/train.h>
@@ -225,7 +226,7 @@ static void put_tracks(pags_report *report, const pags_scene *scene) {
   pags_report_end_group(report);
 }
 
-/* ---- Exposure and the trainer's notes ---- */
+/* ---- Exposure ---- */
 
 static void put_exposure(pags_report *report, const pags_scene *scene) {
   int64_t exposed = 0;
@@ -248,70 +249,6 @@ static void put_exposure(pags_report *report, const pags_scene *scene) {
   pags_report_count(report, "views", exposed);
   pags_report_vector(report, "gains", (double[]){lo, hi}, 2);
   pags_report_end_group(report);
-}
-
-const char *pags_spoken_value(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT]) {
-  switch (v->type) {
-    case PAGS_JSON_STRING: return v->text;
-    case PAGS_JSON_NUMBER: snprintf(text, PAGS_DOUBLE_TEXT, "%.6g", v->number); return text;
-    case PAGS_JSON_BOOL: return v->boolean ? "yes" : "no";
-    case PAGS_JSON_NULL: return "-";
-    case PAGS_JSON_ARRAY:
-    case PAGS_JSON_OBJECT: break;
-  }
-  return "...";
-}
-
-void pags_spoken_members(const pags_json_value *parent, const char *but, char *text, size_t size) {
-  size_t used = 0;
-  text[0] = 0;
-  for (const pags_json_value *v = parent->first; v && used < size; v = v->next) {
-    char number[PAGS_DOUBLE_TEXT];
-    if (!v->key || !but || strcmp(v->key, but) != 0)
-      used += (size_t)snprintf(text + used, size - used, "%s%s%s%s", used ? ", " : "", v->key ? v->key : "",
-                               v->key ? " " : "", pags_spoken_value(v, number));
-  }
-}
-
-/* Prints an array of JSON objects, one line each, beginning with the object's "id". */
-static void list_notes(pags_report *report, const pags_json_value *array) {
-  char text[1000];
-  pags_report_line(report, array->key, "%s", "");
-  report->indent += 2;
-  for (const pags_json_value *v = array->first; v; v = v->next) {
-    const pags_json_value *id = pags_json_member(v, "id");
-    pags_spoken_members(v, "id", text, sizeof text);
-    pags_report_named(report, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
-  }
-  report->indent -= 2;
-}
-
-static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
-  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
-  if (!scene->notes)
-    return PAGS_OK;
-  PAGS_TRY(pags_json_parse_text("modelled", scene->notes, strlen(scene->notes), &json));
-  pags_report_line(report, "modelled", "%s", "");
-  report->indent += 2;
-
-  /* Print the trainer's notes, whatever their keys: the trainer alone decides what it notes. */
-  for (const pags_json_value *v = pags_json_root(json)->first; v; v = v->next) {
-    char text[1000];
-    if (v->type == PAGS_JSON_OBJECT) {
-      pags_spoken_members(v, NULL, text, sizeof text);
-      pags_report_line(report, v->key, "%s", text);
-    } else if (v->type == PAGS_JSON_ARRAY && v->first && v->first->type == PAGS_JSON_OBJECT) {
-      list_notes(report, v);
-    } else if (v->type == PAGS_JSON_ARRAY) {
-      for (const pags_json_value *e = v->first; e; e = e->next)
-        pags_report_line(report, e == v->first ? v->key : "", "%s", pags_spoken_value(e, text));
-    } else {
-      pags_report_line(report, v->key, "%s", pags_spoken_value(v, text));
-    }
-  }
-  report->indent -= 2;
-  pags_json_put_raw(&report->json, "modelled", scene->notes);
-  return PAGS_OK;
 }
 
 /* ---- Memory and priorities ---- */
@@ -461,6 +398,7 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const pags_s
   }
   if (scene.object_count && options->objects)
     PAGS_TRY(list_objects(report, &scene));
-  PAGS_TRY(put_modelled(report, &scene));
+  if (scene.notes)
+    PAGS_TRY(pags_decisions_put(report, scene.notes, pags_dir_exists(path) ? path : NULL));
   return options->memory ? put_memory(report, options->tasks, &scene) : PAGS_OK;
 }

@@ -2,6 +2,7 @@
 /* pags info: recognises a file or folder by its content (data set, scene, splat file, camera, path, checkpoint,
  * image) and reports what it holds. */
 #include "cli/measure/info.h"
+#include "cli/measure/decisions.h"
 #include "cli/verbs/verbs.h"
 
 #include <errno.h>
@@ -137,6 +138,7 @@ static pags_result describe_dataset(pags_report *report, info_arguments *argumen
       pags_report_sentence(report, pags_dataset_note(dataset, i));
     pags_report_end_list(report);
   }
+  PAGS_TRY(pags_decisions_put_ahead(report, dataset));
   if (arguments->overlay)
     PAGS_TRY(pags_overlay(dataset, arguments->overlay, &arguments->session, report));
   return arguments->sheet ? pags_sheet(dataset, arguments->sheet, &arguments->session, report) : PAGS_OK;

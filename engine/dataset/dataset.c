@@ -467,6 +467,13 @@ pags_image_alpha pags_dataset_image_alpha(const pags_dataset *dataset) {
   return dataset->image_alpha;
 }
 
+int64_t pags_dataset_alpha_count(const pags_dataset *dataset) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < dataset->parsed.count; i++)
+    count += !dataset->parsed.views[i].missing && dataset->parsed.views[i].picture.alpha;
+  return count;
+}
+
 void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const float **xyz, const uint8_t **rgb,
                          int *to_match) {
   *count = dataset->point_count;

@@ -127,9 +127,12 @@ pags_result pags_stage_raster_backward(pags_frame *frame, const pags_picture_gra
                             "gradient slots"));
   *slots = c.written;
   PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, tiles_backward, &c));
+  const double t1 = pags_clock_ms();
   if (frame->has_sky && gradient->sky)
     PAGS_TRY(pags_frame_sky_backward(frame, gradient));
-  frame->stats.ms_raster_backward = pags_clock_ms() - t0;
+  const double t2 = pags_clock_ms();
+  frame->stats.ms_sky_backward = t2 - t1;
+  frame->stats.ms_raster_backward = t2 - t0;
   return PAGS_OK;
 }
 

@@ -5,7 +5,7 @@
 #include <pags/frame.h>
 #include <string.h>
 
-enum { TIMES = 9, COUNTS = 20 };
+enum { TIMES = 10, COUNTS = 20 };
 
 /* pags_frame_stats as two arrays. */
 typedef struct flat_stats {

@@ -215,6 +215,12 @@ typedef struct holdout_record {
   int64_t items;
 } holdout_record;
 
+/* Payload of section TEST: the test of exposures, if there was one. */
+typedef struct test_record {
+  pags_holdout_test exposures;
+  pags_costs costs;
+} test_record;
+
 /* Nothing if there was no test. */
 static void put_holdout(section_writer *w, const char tag[4], const pags_holdout_test *holdout, const void *parts,
                         int64_t items, size_t each) {
@@ -317,6 +323,8 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
   put_holdout(w, "CAMS", &s->cameras.holdout, s->cameras.items, pags_camera_poses_items(&s->cameras),
               sizeof *s->cameras.items);
   put_holdout(w, "LITE", &s->photometry.holdout, s->photometry.parts, s->photometry.count, sizeof *s->photometry.parts);
+  if (s->exposures.holdout.state != PAGS_HOLDOUT_NONE)
+    put_whole(w, "TEST", &(test_record){s->exposures.holdout, s->costs}, sizeof(test_record));
   if (s->nonfinite.count > 0)
     put_whole(w, "BADR", &(pags_left_out){s->nonfinite.count, s->nonfinite.first}, sizeof(pags_left_out));
   put_kernels(w, s);
@@ -617,6 +625,19 @@ static pags_result get_photometry(section_reader *r, const pags_dataset *dataset
   return PAGS_OK;
 }
 
+static pags_result get_test(section_reader *r, pags_train_state *s) {
+  test_record record;
+  PAGS_TRY(get_record(r, "TEST", &record, sizeof record));
+  const int64_t state = record.exposures.state;
+  const bool kept = state == PAGS_HOLDOUT_RUNNING || state == PAGS_HOLDOUT_PASSED;
+  if (kept != (s->exposures.count > 0) || (!kept && state != PAGS_HOLDOUT_FAILED) ||
+      !(record.costs.uncovered >= 0.0 && record.costs.uncovered <= 1.0))
+    return out_of_range(r, "TEST");
+  s->exposures.holdout = record.exposures;
+  s->costs = record.costs;
+  return PAGS_OK;
+}
+
 static pags_result get_nonfinite(section_reader *r, pags_train_state *s) {
   pags_left_out record;
   PAGS_TRY(get_record(r, "BADR", &record, sizeof record));
@@ -693,6 +714,8 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
     PAGS_TRY(get_cameras(r, dataset, &s->cameras));
   if (follows(r, "LITE"))
     PAGS_TRY(get_photometry(r, dataset, &s->photometry));
+  if (follows(r, "TEST"))
+    PAGS_TRY(get_test(r, s));
   if (follows(r, "BADR"))
     PAGS_TRY(get_nonfinite(r, s));
   if (follows(r, "KERN"))

@@ -245,8 +245,8 @@ pags_train_config pags_config_resolve(const pags_train_config *config, bool driv
     c.priority.critical_growth = c.priority.critical_weight;
   if (c.priority.dropout < 0)
     c.priority.dropout = paper;
-  if (c.exposure.exposure < 0)
-    c.exposure.exposure = driving || !baseline;
+  if (c.exposure.exposure < 0 && baseline)
+    c.exposure.exposure = driving;
   if (c.cameras.camera_poses < 0)
     c.cameras.camera_poses = driving && !baseline;
   if (c.cameras.light < 0)

@@ -4,16 +4,11 @@
 
 #include <math.h>
 
-#include "base/log.h"
 #include "base/memory.h"
 #include "maths/maths.h"
 
 /* The learning rate at the schedule's end as a share of that at its beginning; log-linear between. */
 static const double final_share = 0.1;
-
-/* Exposures of a static set that change mid grey by less, as the root of the mean square over photographs and channels,
- * are dropped. */
-static const double least_spread = 0.01; /* two and a half of 255 levels */
 
 static int64_t camera_of(const pags_dataset *dataset, int64_t view) {
   int sensor = pags_dataset_view(dataset, view)->sensor;
@@ -36,7 +31,7 @@ pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset 
 
 void pags_exposures_destroy(pags_exposures *exposures) {
   free(exposures->items);
-  *exposures = (pags_exposures){0};
+  *exposures = (pags_exposures){.holdout = exposures->holdout};
 }
 
 void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]) {
@@ -115,28 +110,4 @@ bool pags_exposures_update(pags_exposures *exposures, const pags_dataset *datase
     for (int k = 0; k < 6; k++)
       exposures->items[i].value[k] -= mean[k] / (double)(training > 0 ? training : 1) - exposures->mean[k];
   return moved;
-}
-
-void pags_exposures_decide(pags_exposures *exposures, const pags_dataset *dataset, const pags_schedule *schedule,
-                           int64_t step) {
-  if (exposures->count == 0 || pags_dataset_fps(dataset) > 0 || step != (schedule->length + 2) / 3)
-    return;
-  double sum = 0, value[6];
-  int64_t training = 0;
-  for (int64_t i = 0; i < exposures->count; i++) {
-    if (pags_dataset_view(dataset, i)->test)
-      continue;
-    training++;
-    pags_exposures_value(exposures, dataset, i, value);
-    for (int k = 0; k < 3; k++) {
-      const double change = 0.5 * (value[k] - 1) + value[3 + k];
-      sum += change * change;
-    }
-  }
-  const double spread = sqrt(sum / (double)(3 * (training > 0 ? training : 1)));
-  const bool kept = spread >= least_spread;
-  pags_log_message(PAGS_LOG_INFO, "exposures of %lld photographs change mid grey by %.2f %%: %s", (long long)training,
-                   100 * spread, kept ? "they are fitted" : "too little to be modelled");
-  if (!kept)
-    pags_exposures_destroy(exposures);
 }

@@ -5,8 +5,7 @@
  * than the photographs of one camera do. After every step, the means over all training photographs are set back to
  * where they were, gain 1 and offset 0, so that the scene keeps its colours.
  *
- * A static set has exposures only if its photographs call for them: after a third of the run, those that differ by
- * less than a just visible step are dropped. */
+ * They must pass a holdout test (holdout_test.h), unless the configuration asks for them. */
 #ifndef PAGS_TRAIN_EXPOSURE_H
 #define PAGS_TRAIN_EXPOSURE_H
 
@@ -17,6 +16,7 @@
 #include <pags/tasks.h>
 
 #include "train/adam.h"
+#include "train/holdout_test.h"
 #include "train/schedule.h"
 
 typedef struct pags_exposure {
@@ -25,6 +25,7 @@ typedef struct pags_exposure {
 } pags_exposure;
 
 typedef struct pags_exposures {
+  pags_holdout_test holdout;
   int64_t count;        /* views of the data set; 0: exposure isn't modelled */
   int64_t sensors;      /* cameras of the rig, indexed by camera number + 1 (number -1: unknown) */
   pags_exposure *items; /* parts of the `count` views, from 1 and 0 (held-out views stay there), then those of the
@@ -34,6 +35,7 @@ typedef struct pags_exposures {
 } pags_exposures;
 
 pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset);
+/* Frees the exposures; the result of the test stays. */
 void pags_exposures_destroy(pags_exposures *exposures);
 
 /* Writes the exposure of a training view to `value`: gains, then offsets. */
@@ -52,10 +54,5 @@ void pags_exposures_between(const pags_exposures *exposures, const pags_dataset 
  * to `mean`. Returns false if the gradient isn't finite; then no part takes a step. */
 bool pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
                            const double gradient[6], const pags_schedule *schedule, int64_t step);
-
-/* In a static set, after a third of the run: drops exposures that differ too little to matter, and logs what was
- * decided. Does nothing at other steps and for driving sets. */
-void pags_exposures_decide(pags_exposures *exposures, const pags_dataset *dataset, const pags_schedule *schedule,
-                           int64_t step);
 
 #endif

@@ -6,10 +6,11 @@
 #include "cluster/shares.h"
 #include "threads/record.h"
 
-/* Mean square of picture - photograph, both within 0..1, over the pixels that count; NaN if none does. */
-static double mean_square(const pags_picture *picture, const pags_photo *photo, const pags_camera *camera,
-                          const pags_scene_view *view) {
-  double sum = 0;
+/* Compares a picture with its photograph, both within 0..1, over the pixels that count. */
+static void compare(const pags_picture *picture, const pags_photo *photo, const pags_camera *camera,
+                    pags_measured_view *out) {
+  const pags_scene_view *const view = &out->shown;
+  double sum = 0, uncovered = 0;
   int64_t counted = 0;
   for (int y = 0; y < picture->height; y++) {
     double row = 0;
@@ -18,6 +19,7 @@ static double mean_square(const pags_picture *picture, const pags_photo *photo, 
       if (photo->mask && photo->mask[at] == 0)
         continue;
       counted++;
+      uncovered += (double)picture->transmittance[(int64_t)y * picture->stride + x];
       const double bright =
           pags_photometric_vignetting(&view->photometric, pags_photometric_radius2(camera, x + 0.5, y + 0.5));
       for (int c = 0; c < 3; c++) {
@@ -30,18 +32,18 @@ static double mean_square(const pags_picture *picture, const pags_photo *photo, 
     }
     sum += row;
   }
-  return counted > 0 ? sum / (3 * (double)counted) : (double)NAN;
+  out->psnr = counted > 0 ? pags_psnr(sum / (3 * (double)counted)) : (double)NAN;
+  out->uncovered = uncovered / (double)counted;
 }
 
-/* Draws this rank's view of the round and compares it with its photograph, exposed as `exposed` says. */
-static pags_result measure(pags_trainer *t, int64_t step, const pags_frame_options *options,
-                           const pags_scene_view *exposed, double *psnr) {
+/* Draws this rank's view of the round and compares it with its photograph. */
+static pags_result measure(pags_trainer *t, int64_t step, const pags_frame_options *options, pags_measured_view *out) {
   const pags_step_view *const own = t->round + t->shared.rank;
   pags_picture picture;
   pags_photo photo;
   PAGS_TRY(pags_photo_cache_get(t->cache, own->view, 1, &photo));
   PAGS_TRY(pags_round_draw(t, step, options, &picture));
-  *psnr = pags_psnr(mean_square(&picture, &photo, &own->camera, exposed));
+  compare(&picture, &photo, &own->camera, out);
   return PAGS_OK;
 }
 
@@ -51,15 +53,17 @@ static pags_result measure_round(pags_trainer *t, pags_measured_view *views, int
   const pags_frame_options options = pags_view_render_options(t, step);
   pags_transport *const transport = t->shared.transport;
   const int rank = t->shared.rank;
-  double own = (double)NAN, all[PAGS_RANKS_MOST];
+  double all[PAGS_RANKS_MOST][2];
   for (int i = 0; i < count; i++)
     t->round[i] = (pags_step_view){.view = views[i].view, .camera = views[i].shown.camera};
   PAGS_TRY(pags_round_project(t, step, count, &options));
-  PAGS_TRY(
-      pags_transport_agree(transport, rank < count ? measure(t, step, &options, &views[rank].shown, &own) : PAGS_OK));
-  PAGS_TRY(pags_share_all(transport, &own, sizeof own, all));
-  for (int i = 0; i < count; i++)
-    views[i].psnr = all[i];
+  pags_measured_view *const own = views + (rank < count ? rank : 0);
+  PAGS_TRY(pags_transport_agree(transport, rank < count ? measure(t, step, &options, own) : PAGS_OK));
+  PAGS_TRY(pags_share_all(transport, (double[]){own->psnr, own->uncovered}, sizeof *all, all));
+  for (int i = 0; i < count; i++) {
+    views[i].psnr = all[i][0];
+    views[i].uncovered = all[i][1];
+  }
   return PAGS_OK;
 }
 

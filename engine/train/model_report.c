@@ -43,27 +43,115 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
   pags_json_end_object(w);
 }
 
-/* Whether something passed its holdout test, and its gain. */
-static void put_holdout_test(pags_json_writer *w, const pags_holdout_test *test) {
-  pags_json_put_string(w, "why",
-                       test->state == PAGS_HOLDOUT_RUNNING  ? "the holdout test is running"
-                       : test->state == PAGS_HOLDOUT_PASSED ? "photographs kept out are drawn better"
-                                                            : "photographs kept out are not drawn better");
-  if (isfinite(test->gain)) {
+/* ---- Decisions ---- */
+
+/* The reason by a test. The poses of a capture are looked at even if they aren't corrected. */
+static const char *why_tested(pags_train_decision part, const pags_holdout_test *test, bool asked) {
+  static const char *const reasons[][2] = {
+      [PAGS_DECISION_EXPOSURE] = {"photographs differ in exposure", "photographs hardly differ in exposure"},
+      [PAGS_DECISION_POSES] = {"photographs kept out are drawn better", "photographs kept out are not drawn better"},
+      [PAGS_DECISION_LIGHT] = {"photographs kept out are drawn better", "photographs kept out are not drawn better"}};
+  return test->state == PAGS_HOLDOUT_RUNNING       ? "the holdout test is running"
+         : isnan(test->gain)                       ? "too few photographs for a holdout test"
+         : !asked && pags_holdout_pays(test, true) ? "poses look inexact; camera_poses=1 corrects them"
+                                                   : reasons[part][test->state == PAGS_HOLDOUT_FAILED];
+}
+
+/* Begins the entry of a part: whether it is modelled, why, and the bytes that it takes in the scene folder, or that
+ * leaving it out saves. */
+static void begin(pags_json_writer *w, const char *key, bool modelled, const char *why, int64_t bytes) {
+  pags_json_begin_object(w, key);
+  pags_json_put_bool(w, "modelled", modelled);
+  pags_json_put_string(w, "why", why);
+  pags_json_put_integer(w, modelled ? "bytes" : "bytes_saved", bytes);
+}
+
+/* Begins the entry of a correction, with the result of its holdout test. `untested`: the reason without a test. */
+static pags_result begin_correction(pags_json_writer *w, pags_train_decision part, const pags_dataset *dataset,
+                                    const pags_train_state *s, const pags_scene *scene, bool modelled,
+                                    const pags_holdout_test *test, const char *untested) {
+  int64_t bytes = s->costs.saved[part];
+  if (modelled)
+    PAGS_TRY(pags_decision_bytes(part, dataset, scene, &bytes));
+  begin(w, pags_decision_name(part), modelled,
+        test->state == PAGS_HOLDOUT_NONE
+            ? untested
+            : why_tested(part, test, part != PAGS_DECISION_POSES || s->schedule.config.cameras.camera_poses),
+        bytes);
+  if (test->state != PAGS_HOLDOUT_NONE && isfinite(test->gain)) {
     pags_json_put_number(w, "gain_db", test->gain);
     pags_json_put_number(w, "standard_error_db", test->uncertain);
+    pags_json_put_number(w, "least_gain_db", pags_holdout_least_gain(pags_dataset_fps(dataset) <= 0.0));
   }
+  return PAGS_OK;
+}
+
+/* The sky: that of driving sets by the share of the photographs' pixels that it has. Others have none; what it would
+ * show is drawn by Gaussians, or shows the background: `uncovered`, of the photographs of a holdout test. */
+static void put_sky(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
+  const bool driving = pags_dataset_fps(dataset) > 0.0, modelled = s->sky.sky.size > 0;
+  const bool cut_out =
+      pags_dataset_alpha_count(dataset) > 0 && pags_dataset_image_alpha(dataset) == PAGS_ALPHA_COMPOSITE;
+  const pags_sky sky = {.size = modelled ? s->sky.sky.size : driving ? pags_sky_fit_size(dataset) : 0};
+  begin(w, "sky", modelled,
+        !driving                      ? cut_out ? "photographs are transparent there and show the background colour"
+                                                : "captures have no sky labels; Gaussians show what is far"
+        : !s->schedule.config.sky.sky ? "switched off"
+        : s->sky.fixed                ? "it is that of the whole recording"
+        : modelled                    ? "training photographs show it"
+                                      : "less than a thousandth of the training pixels shows it",
+        sky.size > 0 ? (int64_t)pags_sky_file_size(&sky) : 0);
+  if (modelled)
+    pags_json_put_integer(w, "texels", sky.size);
+  if (driving)
+    pags_json_put_number(w, "share_of_pixels", s->sky_share);
+  else if (s->costs.uncovered > 0.0)
+    pags_json_put_number(w, "share_of_background", s->costs.uncovered);
+  pags_json_end_object(w);
+}
+
+static pags_result put_exposure(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s,
+                                const pags_scene *scene) {
+  PAGS_TRY(begin_correction(w, PAGS_DECISION_EXPOSURE, dataset, s, scene, s->exposures.count > 0, &s->exposures.holdout,
+                            s->exposures.count == 0       ? "switched off"
+                            : pags_dataset_block(dataset) ? "the blocks of a recording have one mean exposure"
+                                                          : "switched on"));
+  pags_json_end_object(w);
+  return PAGS_OK;
+}
+
+/* Up to which degree colours depend on the view. */
+static void put_sh(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s,
+                   const pags_scene *scene) {
+  const int degree = s->schedule.config.color.sh_degree;
+  const bool driving = pags_dataset_fps(dataset) > 0.0;
+  int64_t terms = 0, all = 0;
+  for (int64_t i = 0; i < scene->model_count; i++) {
+    const pags_gaussians *g = &scene->models[i].gaussians;
+    terms += g->count * (pags_plane_count(g->sh_degree) - pags_plane_count(0));
+    all += g->count * (pags_plane_count(3) - pags_plane_count(0));
+  }
+  begin(w, "sh", degree > 0,
+        degree == 0 && s->one_colour ? "the photographs have one colour"
+        : degree == 1 && driving     ? "a road is passed once, in one direction"
+        : degree == 3 && !driving    ? "captures see a thing from all sides"
+                                     : "as asked for",
+        4 * (degree > 0 ? terms : all));
+  pags_json_put_integer(w, "degree", degree);
+  if (degree > 0)
+    pags_json_put_integer(w, "bytes_saved", 4 * (all - terms));
+  pags_json_end_object(w);
 }
 
 /* Whether camera poses are corrected, what that brought on photographs kept out, and how far they moved. */
-static void put_cameras(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
+static pags_result put_cameras(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s,
+                               const pags_scene *scene) {
   const pags_camera_poses *p = &s->cameras;
   double metres = 0.0, radians = 0.0;
-  if (p->holdout.state == PAGS_HOLDOUT_NONE)
-    return;
-  pags_json_begin_object(w, "camera_poses");
-  pags_json_put_bool(w, "corrected", p->count > 0);
-  put_holdout_test(w, &p->holdout);
+  PAGS_TRY(begin_correction(w, PAGS_DECISION_POSES, dataset, s, scene, p->count > 0, &p->holdout,
+                            pags_dataset_fps(dataset) <= 0.0 ? "captures keep their poses; camera_poses=1 corrects them"
+                            : pags_dataset_block(dataset)    ? "the blocks of a recording keep its poses"
+                                                             : "switched off"));
   for (int64_t i = 0; i < p->count; i++) {
     const pags_camera camera = pags_camera_poses_view(p, dataset, i);
     double correction[6];
@@ -82,33 +170,21 @@ static void put_cameras(pags_json_writer *w, const pags_dataset *dataset, const 
     pags_json_end_array(w);
   }
   pags_json_end_object(w);
+  return PAGS_OK;
 }
 
-/* Whether the sky is modelled, at which resolution, and why. */
-static void put_sky(pags_json_writer *w, const pags_train_state *s) {
-  pags_json_begin_object(w, "sky");
-  pags_json_put_bool(w, "modelled", s->sky.sky.size > 0);
-  pags_json_put_integer(w, "texels", s->sky.sky.size);
-  pags_json_put_number(w, "share_of_pixels", s->sky_share);
-  pags_json_put_string(w, "why",
-                       !s->schedule.config.sky.sky ? "switched off"
-                       : s->sky.fixed              ? "it is that of the whole recording"
-                       : s->sky.sky.size > 0       ? "training photographs show it"
-                                                   : "less than a thousandth of the training pixels shows it");
+static pags_result put_light(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s,
+                             const pags_scene *scene) {
+  PAGS_TRY(begin_correction(w, PAGS_DECISION_LIGHT, dataset, s, scene, s->photometry.count > 0, &s->photometry.holdout,
+                            pags_dataset_fps(dataset) <= 0.0 ? "only the cameras of a rig are calibrated"
+                            : pags_dataset_block(dataset)    ? "the blocks of a recording keep its light"
+                                                             : "switched off"));
   pags_json_end_object(w);
+  return PAGS_OK;
 }
 
-/* What is modelled of a driving set. */
+/* What only driving sets have. */
 static void put_drive(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
-  put_sky(w, s);
-  pags_json_put_bool(w, "exposure", s->exposures.count > 0);
-  put_cameras(w, dataset, s);
-  if (s->photometry.holdout.state != PAGS_HOLDOUT_NONE) {
-    pags_json_begin_object(w, "light");
-    pags_json_put_bool(w, "fitted", s->photometry.count > 0);
-    put_holdout_test(w, &s->photometry.holdout);
-    pags_json_end_object(w);
-  }
   pags_json_put_bool(w, "track_optimisation", s->schedule.config.objects.tracks);
   pags_json_put_integer(w, "lidar_points", s->lidar_points);
   pags_json_begin_array(w, "objects");
@@ -121,24 +197,17 @@ static void put_drive(pags_json_writer *w, const pags_dataset *dataset, const pa
   pags_json_end_array(w);
 }
 
-pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *s, char **text) {
+pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *s, const pags_scene *scene,
+                                    char **text) {
   PAGS_AUTO(pags_json_writer_destroy) pags_json_writer w = {0};
   pags_json_begin_object(&w, NULL);
+  put_sky(&w, dataset, s);
+  PAGS_TRY(put_exposure(&w, dataset, s, scene));
+  put_sh(&w, dataset, s, scene);
+  PAGS_TRY(put_cameras(&w, dataset, s, scene));
+  PAGS_TRY(put_light(&w, dataset, s, scene));
   if (pags_dataset_fps(dataset) > 0.0)
     put_drive(&w, dataset, s);
-  else {
-    /* Up to which degree colours depend on the view. */
-    const int degree = s->schedule.config.color.sh_degree;
-    pags_json_begin_object(&w, "colour");
-    pags_json_put_integer(&w, "sh_degree", degree);
-    pags_json_put_string(&w, "why",
-                         degree == 0 && s->one_colour ? "the photographs have one colour"
-                         : degree == 3                ? "captures see a thing from all sides"
-                                                      : "as asked for");
-    pags_json_end_object(&w);
-    pags_json_put_bool(&w, "exposure", s->exposures.count > 0);
-    put_cameras(&w, dataset, s);
-  }
   pags_json_end_object(&w);
   PAGS_TRY(pags_json_writer_finish(&w));
   *text = pags_take(&w.data);

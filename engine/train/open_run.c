@@ -79,6 +79,16 @@ static pags_result add_models(pags_trainer *t, const pags_train_config *config, 
   return PAGS_OK;
 }
 
+/* Exposures are tested unless the user asks for them. */
+static pags_result start_exposures(pags_trainer *t, const pags_train_config *config) {
+  if (!config->exposure.exposure)
+    return PAGS_OK;
+  PAGS_TRY(pags_exposures_create(&t->state.exposures, t->dataset));
+  if (config->exposure.exposure < 0)
+    t->state.exposures.holdout = pags_holdout_test_begin();
+  return PAGS_OK;
+}
+
 static pags_result start_static(pags_trainer *t, const pags_train_config *config, const first_model *only) {
   pags_train_state *const s = &t->state;
   if (config->cameras.light)
@@ -94,7 +104,7 @@ static pags_result start_static(pags_trainer *t, const pags_train_config *config
   else if (config->cameras.camera_poses)
     PAGS_TRY(pags_camera_poses_create(&s->cameras, t->dataset));
   PAGS_TRY(add_models(t, config, only, 1));
-  return config->exposure.exposure ? pags_exposures_create(&s->exposures, t->dataset) : PAGS_OK;
+  return start_exposures(t, config);
 }
 
 /* ---- Driving sets ---- */
@@ -181,8 +191,7 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
   const pags_block *block = pags_dataset_block(t->dataset);
   if (config->sky.sky && !(block && block->whole))
     PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));
-  if (config->exposure.exposure)
-    PAGS_TRY(pags_exposures_create(&s->exposures, t->dataset));
+  PAGS_TRY(start_exposures(t, config));
   if (config->cameras.camera_poses)
     PAGS_TRY(pags_camera_poses_create(&s->cameras, t->dataset));
   if (config->cameras.light)
@@ -247,6 +256,8 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   pags_train_config asked = *config;
   if (asked.schedule.half_until < 0) /* the run has decided it, or will */
     asked.schedule.half_until = s->schedule.config.schedule.half_until;
+  if (asked.exposure.exposure < 0) /* before exposures were tested, they were 0 or 1 */
+    asked.exposure.exposure = s->schedule.config.exposure.exposure;
   const char *field = pags_config_difference(&asked, &s->schedule.config);
   if (fingerprint != t->fingerprint || s->schedule.views != t->view_count) {
     PAGS_AUTOFREE char *text = pags_other_views(t->output.folder, t->dataset);

@@ -204,6 +204,15 @@ pags_result pags_output_report(const pags_output *output, const pags_train_resul
   pags_json_put_number(&w, "backward", r->ms_backward);
   pags_json_put_number(&w, "density", r->ms_density);
   pags_json_end_object(&w);
+  pags_json_begin_object(&w, "decisions");
+  for (int k = 0; k < PAGS_DECISIONS; k++) {
+    pags_json_begin_object(&w, pags_decision_name((pags_train_decision)k));
+    pags_json_put_number(&w, "seconds", r->decision_seconds[k]);
+    pags_json_put_integer(&w, "steps", r->decision_steps[k]);
+    pags_json_put_number(&w, "test_seconds", r->decision_test_seconds[k]);
+    pags_json_end_object(&w);
+  }
+  pags_json_end_object(&w);
 
   /* The machine: threads, vector kernels and version. */
   const pags_kernels *kernels = pags_kernels_get(NULL);

@@ -85,11 +85,14 @@ typedef struct pags_trainer {
   int64_t shared_nonfinite;       /* state.nonfinite.count at the begin of the step */
   struct pags_step_view *round;   /* [ranks]: the views of a round */
   pags_lidar_planes lidar_planes; /* of the data set; empty without lidar_pull and lidar_lay */
+  int64_t done[PAGS_DECISIONS];   /* steps of this process that trained a part that a run decides about */
   bool counted;                   /* a pixel of a photograph has counted */
   bool measuring;                 /* a timing probe; gradients are computed but nothing is updated */
   pags_train_traffic traffic;     /* with several ranks: of the views that this one has drawn */
   struct {
     pags_stage_time wait, forward, loss, backward, density; /* summed over the steps of this process */
+    pags_stage_time tests[PAGS_DECISIONS];                  /* holdout tests of parts that a run decides about */
+    pags_stage_time of[PAGS_DECISIONS];                     /* of parts that a run decides about, contained in these */
   } ms;
 } pags_trainer;
 

@@ -15,7 +15,7 @@ static const double least_share = 1e-3;
 static const double first_rate = 0.01;  /* learning rate of texels at the first step */
 static const double final_share = 0.01; /* the learning rate's final share */
 
-static int choose_size(const pags_dataset *dataset) {
+int pags_sky_fit_size(const pags_dataset *dataset) {
   double focal = 0.0;
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++)
     focal = fmax(focal, pags_dataset_view(dataset, i)->camera.fx);
@@ -31,7 +31,7 @@ uint64_t pags_sky_fit_bytes(int size) {
 }
 
 uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset) {
-  return pags_sky_fit_bytes(choose_size(dataset));
+  return pags_sky_fit_bytes(pags_sky_fit_size(dataset));
 }
 
 pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos,
@@ -59,7 +59,7 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
   *share = all > 0 ? (double)sky / (double)all : 0.0;
   if (*share < least_share)
     return PAGS_OK;
-  PAGS_TRY(pags_sky_fit_prepare(fit, choose_size(dataset)));
+  PAGS_TRY(pags_sky_fit_prepare(fit, pags_sky_fit_size(dataset)));
   const int64_t floats = 18 * (int64_t)fit->sky.size * fit->sky.size;
   for (int64_t i = 0; i < floats; i++)
     fit->sky.texels[i] = (float)(colour[i % 3] / (double)sky);

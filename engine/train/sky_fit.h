@@ -36,6 +36,8 @@ typedef struct pags_sky_fit {
  * colour of the pixels labelled sky. `share` receives the sky's share of pixels. */
 pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos,
                                 double *share);
+/* Returns the size that the data set's sky has if there is one. */
+int pags_sky_fit_size(const pags_dataset *dataset);
 /* Returns the bytes that a sky of `size` takes in training; pags_sky_fit_most_bytes those of the data set's sky if it
  * has one. */
 uint64_t pags_sky_fit_bytes(int size);

@@ -72,6 +72,7 @@ typedef struct pags_measured_view {
   int64_t view;          /* of the data set */
   pags_scene_view shown; /* camera, which may differ from the data set's, and exposure */
   double psnr;           /* dB, the result; NaN if no pixel counts */
+  double uncovered;      /* mean transmittance of the Gaussians, the result; NaN if no pixel counts */
 } pags_measured_view;
 
 /* Collective: measures the views, which are the same at all ranks. Errors of photographs. */
@@ -83,11 +84,23 @@ pags_result pags_held_out_measure(pags_trainer *trainer);
 /* ---- Holdout tests: holdout_decision.c ---- */
 
 /* Returns whether a step skips the training photographs reserved for the tests. */
-bool pags_holdout_tests_active(const pags_train_state *state, int64_t step);
+bool pags_holdout_tests_active(const pags_trainer *trainer, int64_t step);
 /* At the step of the test: renders holdout photographs with and without the corrections, first of the camera poses,
- * then of vignetting and response curves. A correction stays if it brings 0.3 dB and more than twice the standard
- * error; otherwise it is discarded. Does nothing at other steps. Errors of photographs. */
+ * then of vignetting and response curves, last of exposures. A correction stays if it brings pags_holdout_least_gain
+ * and more than twice the standard error; otherwise it is discarded. Does nothing at other steps. Errors of
+ * photographs. */
 pags_result pags_holdout_tests_decide(pags_trainer *trainer);
+
+/* ---- Costs of what a run decides: decisions.c ---- */
+
+/* Takes a correction from a view of the scene: its exposure, the correction of its pose, or its light. */
+void pags_decision_leave_out(pags_train_decision part, const pags_dataset *dataset, int64_t index,
+                             pags_scene_view *view);
+/* Measures the bytes that a correction takes in the views of scene.json. PAGS_ERROR_MEMORY. */
+pags_result pags_decision_bytes(pags_train_decision part, const pags_dataset *dataset, const pags_scene *scene,
+                                int64_t *bytes);
+/* Key of the decision in scene.json and report.json: "sky", "exposure", "camera_poses", "light". */
+const char *pags_decision_name(pags_train_decision part);
 
 /* ---- Colours that vary over time: color_over_time.c ---- */
 
@@ -99,9 +112,10 @@ pags_result pags_color_over_time_decide(pags_trainer *trainer);
 
 /* ---- Report: model_report.c ---- */
 
-/* Writes the member "modelled" of scene.json, as JSON: which parts the run models and why (sky, exposure, tracks, each
- * object). The caller frees `text`. */
-pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *state, char **text);
+/* Writes the member "modelled" of scene.json, as JSON: which parts the run models and why, and what they take of
+ * `scene`, the rest of which is complete. The caller frees `text`. */
+pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *state, const pags_scene *scene,
+                                    char **text);
 
 /* ---- Time and memory of a run, before it is run: estimate.c ---- */
 

@@ -3,6 +3,8 @@
 #ifndef PAGS_TRAIN_STATE_H
 #define PAGS_TRAIN_STATE_H
 
+#include <pags/train.h>
+
 #include "train/camera_poses.h"
 #include "train/exposure.h"
 #include "train/model.h"
@@ -18,6 +20,12 @@ enum { PAGS_KERNEL_NAME = 8 };
 typedef struct pags_kernel_names {
   char of[2][PAGS_KERNEL_NAME];
 } pags_kernel_names;
+
+/* What was measured for the report when corrections were tested. */
+typedef struct pags_costs {
+  int64_t saved[PAGS_DECISIONS]; /* bytes in scene.json of corrections that were discarded */
+  double uncovered;              /* of a static set: light that comes from behind all Gaussians, 0..1; 0: unknown */
+} pags_costs;
 
 typedef struct pags_train_state {
   pags_schedule schedule;
@@ -37,8 +45,9 @@ typedef struct pags_train_state {
   pags_exposures exposures;   /* count 0: exposure isn't modelled */
   pags_camera_poses cameras;  /* count 0: poses are as recorded */
   pags_photometry photometry; /* count 0: no vignettes and response curves */
-  pags_nonfinite nonfinite;   /* updates skipped because a number wasn't finite */
-  pags_kernel_names kernels;  /* of the processes before this one */
+  pags_costs costs;
+  pags_nonfinite nonfinite;  /* updates skipped because a number wasn't finite */
+  pags_kernel_names kernels; /* of the processes before this one */
 } pags_train_state;
 
 /* Creates the state of a run of `stop` steps, without models but with room for `models` of them. */

@@ -226,11 +226,16 @@ static pags_result compare(pags_trainer *t, pags_step_view *v, const pags_compar
     return pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, how, gradient, &v->result.loss);
   const pags_photometric light = pags_photometry_of_sensor(p, pags_dataset_view(t->dataset, v->view)->sensor);
   pags_picture picture = v->picture;
+  pags_stage_time clock = pags_stage_now();
   PAGS_TRY(pags_photometry_apply(t->tasks, &light, &v->camera, &v->picture, shown));
   for (int c = 0; c < 3; c++)
     picture.rgb[c] = shown[c];
+  pags_stage_lap(&clock, &t->ms.of[PAGS_DECISION_LIGHT]);
   PAGS_TRY(pags_photometric_loss_evaluate(t->tasks, &picture, &v->photo, how, gradient, &v->result.loss));
-  return pags_photometry_back(t->tasks, &light, &v->camera, &v->picture, gradient, &v->result.by_light);
+  clock = pags_stage_now();
+  PAGS_TRY(pags_photometry_back(t->tasks, &light, &v->camera, &v->picture, gradient, &v->result.by_light));
+  pags_stage_lap(&clock, &t->ms.of[PAGS_DECISION_LIGHT]);
+  return PAGS_OK;
 }
 
 /* Evaluates all loss terms and writes dLoss/d(picture) to the planes. `gradient` receives the planes; those of T and
@@ -258,9 +263,12 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   PAGS_TRY(prepare(t, v, gradient, &how));
   PAGS_TRY(compare(t, v, &how));
 
-  if (sky)
+  pags_stage_time clock = pags_stage_now();
+  if (sky) {
     PAGS_TRY(pags_driving_loss_sky(t->tasks, &v->picture, &v->photo, c->losses.sky_weight, p->plane[GRADIENT_T],
                                    &v->result.terms.sky));
+    pags_stage_lap(&clock, &t->ms.of[PAGS_DECISION_SKY]);
+  }
   if (depth)
     PAGS_TRY(pags_driving_loss_depth(t->tasks, &v->picture, &v->photo, p->depth[v->view].samples,
                                      p->depth[v->view].count, v->level, c->losses.depth_weight, c->losses.depth_share,
@@ -298,8 +306,11 @@ static void keep_rest(pags_trainer *t, const pags_step_view *v) {
     const int64_t model = t->render.drawn[i].model, keyframe = t->render.drawn[i].keyframe;
     const pags_train_model *m = &t->state.models[model];
     const double(*const pose)[6] = (const double(*)[6])t->render.models[model].pose;
-    if (t->state.cameras.count > 0)
+    if (t->state.cameras.count > 0) {
+      pags_stage_time clock = pags_stage_now();
       add_by_world(pose, m->clusters.count, t->render.parts[i].world_from_model, &photograph->by_world);
+      pags_stage_lap(&clock, &t->ms.of[PAGS_DECISION_POSES]);
+    }
     const bool own = m->gaussians.count > 0 || (m->total == 0 && t->shared.rank == 0);
     if (!own || m->object < 0 || keyframe < 0)
       continue;
@@ -490,6 +501,7 @@ pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *view
   if (s->config.priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING && s->prunes > 0 &&
       step <= s->prune_step[s->prunes - 1])
     PAGS_TRY(add_scores(t, views, count));
+  t->ms.of[PAGS_DECISION_SKY].wall += pags_frame_stats_get(t->render.frame)->ms_sky_backward;
   pags_stage_lap(&clock, &t->ms.backward);
   return PAGS_OK;
 }
@@ -541,10 +553,12 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
                                  &(finish_job){t, i, step}));
   if (shares(t))
     PAGS_TRY(pags_shared_step_rest(t));
+  pags_stage_time part = pags_stage_now();
   if (s->batch > 1 && state->sky.sky.size > 0 && !state->sky.fixed)
     PAGS_TRY(pags_sky_fit_finish(&state->sky, s, step, t->tasks));
   if (shares(t))
     PAGS_TRY(pags_sky_parts_spread(&t->sky_parts, t->shared.transport, &state->sky));
+  pags_stage_lap(&part, &t->ms.of[PAGS_DECISION_SKY]);
   for (int64_t i = 0; s->config.objects.tracks && step > s->tracks_from && i < r->pose_count; i++)
     if (!pags_track_poses_update(&state->tracks, r->poses[i].object, r->poses[i].keyframe, r->poses[i].by_pose, s,
                                  step))
@@ -554,18 +568,25 @@ pags_result pags_train_finish(pags_trainer *t, int64_t step) {
     const int64_t view = r->photographs[i].view;
     double by_world[6];
     pags_exact_sum_value(&r->photographs[i].by_world, by_world);
+    part = pags_stage_now();
     if (state->exposures.count > 0 &&
         !pags_exposures_update(&state->exposures, t->dataset, view, r->photographs[i].by_exposure, s, step))
       note(t, step, -1, view, PAGS_NONFINITE_EXPOSURE);
+    pags_stage_lap(&part, &t->ms.of[PAGS_DECISION_EXPOSURE]);
     if (corrects && state->cameras.count > 0 &&
         !pags_camera_poses_update(&state->cameras, t->dataset, view, by_world, s, step))
       note(t, step, -1, view, PAGS_NONFINITE_CAMERA);
+    pags_stage_lap(&part, &t->ms.of[PAGS_DECISION_POSES]);
     if (corrects && state->photometry.count > 0 &&
         !pags_photometry_update(&state->photometry, pags_dataset_view(t->dataset, view)->sensor,
                                 &r->photographs[i].by_light, s, step))
       note(t, step, -1, view, PAGS_NONFINITE_EXPOSURE);
+    pags_stage_lap(&part, &t->ms.of[PAGS_DECISION_LIGHT]);
   }
-  pags_exposures_decide(&state->exposures, t->dataset, s, step);
+  t->done[PAGS_DECISION_SKY] += state->sky.sky.size > 0;
+  t->done[PAGS_DECISION_EXPOSURE] += state->exposures.count > 0;
+  t->done[PAGS_DECISION_POSES] += state->cameras.count > 0;
+  t->done[PAGS_DECISION_LIGHT] += state->photometry.count > 0;
   r->count = r->pose_count = 0;
   pags_stage_lap(&clock, &t->ms.backward);
   return PAGS_OK;

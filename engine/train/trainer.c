@@ -350,6 +350,11 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   r->ms_density = t->ms.density.wall * per_step;
   r->ms_processor =
       per_step * (t->ms.forward.processor + t->ms.loss.processor + t->ms.backward.processor + t->ms.density.processor);
+  for (int k = 0; k < PAGS_DECISIONS; k++) {
+    r->decision_seconds[k] = 1e-3 * t->ms.of[k].wall;
+    r->decision_steps[k] = t->done[k];
+    r->decision_test_seconds[k] = 1e-3 * t->ms.tests[k].wall;
+  }
   r->traffic = t->traffic;
   r->seconds_watched = 1e-3 * t->watched_ms;
 
@@ -408,6 +413,7 @@ static pags_result prepare(pags_trainer *t, const pags_train_config *asked, pags
   if (pags_dataset_block(t->dataset)) {
     config->cameras.camera_poses = config->cameras.camera_poses > 0;
     config->cameras.light = config->cameras.light > 0;
+    config->exposure.exposure = config->exposure.exposure != 0;
   }
   *config = pags_config_resolve(config, driving);
   PAGS_TRY(pags_train_config_check(config)); /* chosen values can contradict those that were set */

@@ -84,8 +84,7 @@ void pags_views_largest(const pags_trainer *t, int *width, int *height) {
  * next one is seen. */
 static int64_t view_of(const pags_trainer *t, int64_t photograph) {
   int64_t index = t->order[(photograph - 1) - t->order_epoch * t->view_count];
-  if (pags_holdout_tests_active(&t->state, pags_schedule_steps(&t->state.schedule, photograph)) &&
-      pags_is_holdout_view(index))
+  if (pags_holdout_tests_active(t, pags_schedule_steps(&t->state.schedule, photograph)) && pags_is_holdout_view(index))
     index = (index + 1) % t->view_count;
   return t->views[index];
 }

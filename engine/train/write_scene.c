@@ -182,7 +182,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
     return pags_out_of_memory("the description of a scene");
 
   PAGS_TRY(list_models(state, d));
-  return pags_model_report_write(dataset, state, &scene->notes);
+  return pags_model_report_write(dataset, state, scene, &scene->notes);
 }
 
 pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, bool by_degree,

@@ -193,6 +193,9 @@ PAGS_API int64_t pags_dataset_missing(const pags_dataset *dataset);
 PAGS_API const char *pags_dataset_image_folder(const pags_dataset *dataset);
 PAGS_API pags_image_alpha pags_dataset_image_alpha(const pags_dataset *dataset);
 
+/* Returns the number of views whose photographs have an alpha channel, whatever image_alpha makes of it. */
+PAGS_API int64_t pags_dataset_alpha_count(const pags_dataset *dataset);
+
 /* ---- Driving sets ---- */
 
 /* The functions of this section return zero or NULL for static sets, except for pags_box_outline and

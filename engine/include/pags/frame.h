@@ -171,6 +171,7 @@ typedef struct pags_frame_stats {
   double ms_cull, ms_project, ms_shade, ms_sort, ms_bin, ms_raster; /* forward stages */
   /* Backward pass through the rasteriser, and through shade and project with the time of the receiver. */
   double ms_raster_backward, ms_project_backward;
+  double ms_sky_backward;            /* of the sky's texels, contained in ms_raster_backward */
   double ms_occlude;                 /* of Early-Z: sorting clusters, testing them, updating the saturation */
   int64_t gaussians;                 /* Gaussians in all parts */
   int64_t in_view;                   /* members of the clusters in view */

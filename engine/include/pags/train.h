@@ -441,6 +441,15 @@ PAGS_API pags_result pags_train_moment_save(pags_train_moment *moment);
 
 /* ---- Training ---- */
 
+/* Parts of a model that a run decides about (member "modelled" of scene.json, docs/scene-folder.md). */
+typedef enum pags_train_decision {
+  PAGS_DECISION_SKY,
+  PAGS_DECISION_EXPOSURE,
+  PAGS_DECISION_POSES, /* corrections of camera poses */
+  PAGS_DECISION_LIGHT, /* vignettes and response curves */
+  PAGS_DECISIONS
+} pags_train_decision;
+
 /* What the photographs that a rank has drawn took of other ranks. */
 typedef struct pags_train_traffic {
   int64_t views, splats;           /* photographs; splats drawn in them, of all ranks */
@@ -466,6 +475,12 @@ typedef struct pags_train_result {
    * density control. */
   double ms_wait, ms_forward, ms_loss, ms_backward, ms_density;
   double ms_processor; /* of the calling thread's processor time a step, without waiting for photographs and ranks */
+  /* Of this process: the number of steps that trained each part; the seconds that passed in them with what this part
+   * alone needs: for the sky its loss and backward pass, for the others their gradients and updates, except the sums of
+   * poses over a cluster's rows, which are part of the backward pass of Gaussians; and the seconds of its holdout
+   * test. */
+  int64_t decision_steps[PAGS_DECISIONS];
+  double decision_seconds[PAGS_DECISIONS], decision_test_seconds[PAGS_DECISIONS];
   pags_train_traffic traffic; /* of this rank; zero if it is alone */
   double seconds_watched;     /* time spent in callbacks, which `seconds` leaves out */
   double estimated_seconds;   /* with options.estimate: time of the whole run */
