@@ -233,7 +233,7 @@ const pags_train_field pags_fields[] = {
 
     SWITCH(sky, sky, 1, "Model the sky as a cube map."),
 
-    AUTO_SWITCH(exposure, exposure, "1; presets plain and paper 0 on static sets",
+    AUTO_SWITCH(exposure, exposure, "keep if photographs improve; presets plain and paper 1 on driving sets, else 0",
                 "Fit a gain and an offset for each photograph."),
     NUMBER(exposure, exposure_rate, 3e-3, 0, 1, "per step", "Learning rate of exposures; decays to a tenth."),
 

@@ -154,7 +154,7 @@ static pags_result end(pags_trainer *t, pags_train_decision part, const char *na
   const double count = gains.count;
   test->gain = count > 1 ? gains.sum / count : (double)NAN;
   test->uncertain = count > 1 ? sqrt(fmax(gains.squares / count - test->gain * test->gain, 0.0) / (count - 1)) : 0.0;
-  const bool pays = pags_holdout_pays(test, capture);
+  const bool pays = pags_holdout_pays(test, part, capture);
   *kept = pays && running;
   test->state = *kept ? PAGS_HOLDOUT_PASSED : PAGS_HOLDOUT_FAILED;
   if (running && !*kept)

@@ -45,9 +45,11 @@ static inline double pags_holdout_least_gain(bool capture) {
   return capture ? 0.6 : 0.3;
 }
 
-/* Whether the gain is large enough, and larger than the noise. */
-static inline bool pags_holdout_pays(const pags_holdout_test *test, bool capture) {
-  return test->gain >= pags_holdout_least_gain(capture) && test->gain > 2.0 * test->uncertain;
+/* Whether the gain is large enough, and larger than the noise: than two standard errors, with exposures than one, since
+ * photographs that are exposed as the mean gain nothing. */
+static inline bool pags_holdout_pays(const pags_holdout_test *test, pags_train_decision part, bool capture) {
+  const double errors = part == PAGS_DECISION_EXPOSURE ? 1.0 : 2.0;
+  return test->gain >= pags_holdout_least_gain(capture) && test->gain > errors * test->uncertain;
 }
 
 /* Whether the training view `index`, by its place among the training views, is reserved for the test. */

@@ -51,10 +51,10 @@ static const char *why_tested(pags_train_decision part, const pags_holdout_test 
       [PAGS_DECISION_EXPOSURE] = {"photographs differ in exposure", "photographs hardly differ in exposure"},
       [PAGS_DECISION_POSES] = {"photographs kept out are drawn better", "photographs kept out are not drawn better"},
       [PAGS_DECISION_LIGHT] = {"photographs kept out are drawn better", "photographs kept out are not drawn better"}};
-  return test->state == PAGS_HOLDOUT_RUNNING       ? "the holdout test is running"
-         : isnan(test->gain)                       ? "too few photographs for a holdout test"
-         : !asked && pags_holdout_pays(test, true) ? "poses look inexact; camera_poses=1 corrects them"
-                                                   : reasons[part][test->state == PAGS_HOLDOUT_FAILED];
+  return test->state == PAGS_HOLDOUT_RUNNING             ? "the holdout test is running"
+         : isnan(test->gain)                             ? "too few photographs for a holdout test"
+         : !asked && pags_holdout_pays(test, part, true) ? "poses look inexact; camera_poses=1 corrects them"
+                                                         : reasons[part][test->state == PAGS_HOLDOUT_FAILED];
 }
 
 /* Begins the entry of a part: whether it is modelled, why, and the bytes that it takes in the scene folder, or that

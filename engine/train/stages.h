@@ -86,9 +86,8 @@ pags_result pags_held_out_measure(pags_trainer *trainer);
 /* Returns whether a step skips the training photographs reserved for the tests. */
 bool pags_holdout_tests_active(const pags_trainer *trainer, int64_t step);
 /* At the step of the test: renders holdout photographs with and without the corrections, first of the camera poses,
- * then of vignetting and response curves, last of exposures. A correction stays if it brings pags_holdout_least_gain
- * and more than twice the standard error; otherwise it is discarded. Does nothing at other steps. Errors of
- * photographs. */
+ * then of vignetting and response curves, last of exposures. A correction stays if it pays (pags_holdout_pays);
+ * otherwise it is discarded. Does nothing at other steps. Errors of photographs. */
 pags_result pags_holdout_tests_decide(pags_trainer *trainer);
 
 /* ---- Costs of what a run decides: decisions.c ---- */

@@ -2,6 +2,7 @@
 """Tests corrections of camera poses, vignettes, response curves and rolling shutters. A street whose cameras have
 faults is trained and evaluated. Any number of threads and a resumed run give the same bits."""
 
+import itertools
 import json
 import math
 import os
@@ -43,9 +44,9 @@ class Cameras(Case):
         """Corrections are switched on automatically and bring the cameras nearer to the truth. eval uses them and the
         recorded data set."""
         modelled = load(self.scene, "scene.json")["modelled"]["camera_poses"]
-        self.assertTrue(modelled["corrected"], modelled)
+        self.assertTrue(modelled["modelled"], modelled)
         self.assertGreater(modelled["gain_db"], 0.3)
-        self.assertTrue(load(self.scene, "scene.json")["modelled"]["light"]["fitted"])
+        self.assertTrue(load(self.scene, "scene.json")["modelled"]["light"]["modelled"])
         self.assertIn("camera poses", self.succeeds("info", self.scene).stdout)
         self.succeeds("eval", self.scene, "--json", self.path("eval.json"))
         result = load(self.path("eval.json"))
@@ -109,7 +110,7 @@ class Cameras(Case):
             done = self.succeeds("train", data, "-o", scene, *size, *TRAIN[2:])
             self.assertIn("light is left out", done.stdout + done.stderr)
             modelled = load(scene, "scene.json")["modelled"]["camera_poses"]
-            self.assertEqual(modelled["corrected"], angle > 0, modelled)
+            self.assertEqual(modelled["modelled"], angle > 0, modelled)
             corrected = ["correction" in view for view in load(scene, "scene.json")["cameras"] if not view["test"]]
             self.assertEqual(corrected, [angle > 0] * len(corrected))
             self.succeeds("eval", scene, "--fit-poses", "--json", self.path("eval.json"))
@@ -149,11 +150,30 @@ class Cameras(Case):
         self.succeeds("synth", "street", "-o", clean, *STREET)
         self.succeeds("train", clean, "-o", scene, *TRAIN)
         modelled = load(scene, "scene.json")["modelled"]["camera_poses"]
-        self.assertFalse(modelled["corrected"], modelled)
-        self.assertFalse(load(scene, "scene.json")["modelled"]["light"]["fitted"])
-        self.assertNotIn("correction", load(scene, "scene.json")["cameras"][0])
+        self.assertFalse(modelled["modelled"], modelled)
+        for part in ("light", "exposure"):
+            entry = load(scene, "scene.json")["modelled"][part]
+            self.assertFalse(entry["modelled"], entry)
+            self.assertGreater(entry["bytes_saved"], 0, part)
+        self.assertFalse({"correction", "gain", "vignette"} & set(load(scene, "scene.json")["cameras"][0]))
         self.succeeds("eval", scene, "--json", self.path("eval.json"))
         self.assertLess(load(self.path("eval.json"))["cameras"]["train"]["corrected"]["metres"], 1e-4)
+
+        # If photographs get darker along the drive, exposures are kept.
+        for frame, camera in itertools.product(range(20), range(3)):
+            name = os.path.join(clean, "images", f"{frame:03d}_{camera}.png")
+            width, height, _, _, data = fixtures.read_png(name)
+            darker = bytes(int((1 - 0.03 * frame) * value) for value in data)
+            fixtures.write(name, fixtures.png_bytes(width, height, darker))
+        only = ["--set", "camera_poses=0", "--set", "light=0", "--set", "exposure_rate=0.02"]
+        small = ["--iterations", 900, "--max-gaussians", 8000]
+        self.succeeds("train", clean, "-o", scene, "--overwrite", *small, *only)
+        described = load(scene, "scene.json")
+        entry = described["modelled"]["exposure"]
+        self.assertTrue(entry["modelled"] and entry["gain_db"] > 0.3 and entry["bytes"] > 0, entry)
+        gains = {view["frame"]: view["gain"][1] for view in described["cameras"] if view["sensor"] == 0}
+        self.assertLess(gains[19], gains[0] - 0.2)
+        self.assertRegex(self.succeeds("info", scene).stdout, r"(?m)^  exposure +yes +\+\d.* limit 0\.3\)")
 
 
 if __name__ == "__main__":

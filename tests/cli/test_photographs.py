@@ -247,7 +247,7 @@ class Photographs(fixtures.Case):
         more = ["-n", 4, "--preview-every", 2, "--log-every", 1, "--random-points", 200]
         self.succeeds("train", self.set, "-o", self.path("scene"), *more)
         scene = json.loads(fixtures.read(self.path("scene", "scene.json")))
-        self.assertEqual((scene["models"][0]["sh_degree"], scene["modelled"]["colour"]["sh_degree"]), (0, 0))
+        self.assertEqual((scene["models"][0]["sh_degree"], scene["modelled"]["sh"]["degree"]), (0, 0))
         lines = [json.loads(line) for line in fixtures.read(self.path("scene", "log.jsonl")).splitlines()]
         self.assertNotIn(
             None, [line[key] for line in lines for key in ("psnr", "view_psnr", "held_out_psnr") if key in line]
@@ -713,7 +713,7 @@ class Photographs(fixtures.Case):
 
     def exposed(self, change):
         """Trains on photographs that are alternately brighter and darker by `change`. Returns the PSNR with and without
-        fitted exposures, and the message about exposures."""
+        fitted exposures, and the scene.json with them."""
         for i in range(VIEWS):
             factor = 1 + change if i % 2 else 1 - change
             pixels = bytes(min(255, round(v * factor)) for v in self.pixels[i])
@@ -723,20 +723,70 @@ class Photographs(fixtures.Case):
         said = [
             line
             for line in self.succeeds("train", self.set, *more).stdout.splitlines()
-            if line.startswith("exposures of")
+            if line.startswith("exposures:")
         ]
+        self.assertEqual(len(said), 1, said)
+        with open(f"{scene}/scene.json") as file:
+            decided = json.load(file)
         fitted = self.eval()["train"]["psnr"]
         self.succeeds("train", self.set, *more, "--no-exposure", "--quiet")
-        self.assertEqual(len(said), 1, said)
-        return fitted, self.eval()["train"]["psnr"], said[0]
+        return fitted, self.eval()["train"]["psnr"], decided
 
     def test_exposures(self):
-        fitted, without, said = self.exposed(0.15)
-        self.assertIn("they are fitted", said)
+        """Exposures are kept if the photographs need them. scene.json has their gain and bytes."""
+        fitted, without, scene = self.exposed(0.15)
+        entry = scene["modelled"]["exposure"]
+        self.assertTrue(entry["modelled"], entry)
+        self.assertGreater(entry["gain_db"], max(entry["least_gain_db"], entry["standard_error_db"]))
         self.assertGreater(fitted, without + 1)
-        fitted, without, said = self.exposed(0)
-        self.assertIn("too little to be modelled", said)
+
+        # Its bytes are those of the gains and offsets in scene.json.
+        bare = [{k: v for k, v in view.items() if k not in ("gain", "offset")} for view in scene["cameras"]]
+        digits = sum(len(repr(x)) for view in scene["cameras"] for k in ("gain", "offset") for x in view.get(k, []))
+        self.assertNotEqual(bare, scene["cameras"])
+        self.assertGreater(entry["bytes"], 0.8 * digits)
+        self.assertLess(entry["bytes"], os.path.getsize(self.path("scene", "scene.json")))
+
+        fitted, without, scene = self.exposed(0)
+        entry = scene["modelled"]["exposure"]
+        self.assertFalse(entry["modelled"], entry)
+        self.assertLess(entry["gain_db"], entry["least_gain_db"])
+        self.assertGreater(entry["bytes_saved"], 0)
+        self.assertFalse(any("gain" in view for view in scene["cameras"]))
         self.assertLess(abs(fitted - without), 1)
+
+    def test_forced_exposures(self):
+        """With 0 or 1 nothing is tested."""
+        for value in (0, 1):
+            done = self.train("--set", f"exposure={value}", "--overwrite", steps=60)
+            with open(self.path("scene", "scene.json")) as file:
+                entry = json.load(file)["modelled"]["exposure"]
+            self.assertEqual((entry["modelled"], "gain_db" in entry), (bool(value), False), done)
+
+    def test_decisions_are_told(self):
+        """info and the report show each decision with its reason and figures, and its time from report.json."""
+        parts = ["sky", "exposure", "sh", "camera poses", "light"]
+        text = self.succeeds("info", self.set).stdout
+        for part, answer in zip(parts, ["no", "open", "degree 3", "no", "no"]):
+            self.assertRegex(text, rf"(?m)^  {part} +{answer} ")
+        self.train("--overwrite", steps=1000)
+        facts = json.loads(self.succeeds("info", self.path("scene"), "--json", "-").stdout)
+        text = self.succeeds("info", self.path("scene")).stdout
+        with open(self.path("scene", "report.html"), encoding="utf-8") as file:
+            page = file.read()
+        for part in parts:
+            entry = facts["modelled"][part.replace(" ", "_")]
+            self.assertIsInstance(entry["modelled"], bool)
+            self.assertRegex(text, rf"(?m)^  {part} +(yes|no|degree \d) .*{entry['why']}")
+            self.assertIn(entry["why"], page)
+        self.assertTrue(0 < facts["modelled"]["sky"]["share_of_background"] < 1)
+        self.assertTrue(math.isfinite(facts["modelled"]["camera_poses"]["gain_db"]))
+        self.assertEqual(facts["modelled"]["sh"]["bytes"], 180 * facts["gaussians"])
+        times = facts["modelled_times"]["exposure"]
+        self.assertTrue(times["steps"] >= 300 and times["seconds"] > 0 and times["test_seconds"] > 0, times)
+        os.remove(self.path("scene", "report.json"))
+        facts = json.loads(self.succeeds("info", self.path("scene"), "--json", "-").stdout)
+        self.assertNotIn("modelled_times", facts)
 
     def test_held_out_exposures(self):
         """A held-out photograph gets the mean exposure of its neighbours. If it has only one neighbour, it gets the

@@ -254,11 +254,12 @@ typedef struct pags_train_sky {
   double sky_rate; /* per step, of texels, falling to a hundredth */
 } pags_train_sky;
 
-/* The exposures of photographs. A static set keeps them if after a third of the run they change mid grey by 1 % or
- * more; a driving set keeps them always. */
+/* The exposures of photographs. */
 typedef struct pags_train_exposure {
-  /* 1: a gain and an offset per channel are fitted, sums of a camera's and a photograph's; auto: 1, but 0 on static
-   * sets with presets PLAIN and PAPER. */
+  /* 1: a gain and an offset per channel are fitted, sums of a camera's and a photograph's. Auto: likewise, but they are
+   * tested after 0.3 of the schedule: on driving sets as camera_poses, on static sets on up to 32 training photographs,
+   * which must gain 0.6 dB, since the exposure of another photograph tells nothing there. With presets PLAIN and PAPER
+   * auto is 1 on driving sets and 0 on static sets; on blocks 1. */
   int exposure;
   double exposure_rate; /* per step, of gains and offsets, falling to a tenth */
 } pags_train_exposure;

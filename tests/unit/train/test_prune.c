@@ -75,7 +75,8 @@ static void automatic_choices_follow_the_data(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default(), c;
   c = pags_config_resolve(&config, false);
-  assert_true(c.density.scale_reset < 1 && c.picture.alpha_min > 0 && c.color.sh_degree == 3 && c.exposure.exposure);
+  assert_true(c.density.scale_reset < 1 && c.picture.alpha_min > 0 && c.color.sh_degree == 3 &&
+              c.exposure.exposure == PAGS_FIELD_AUTO);
   c = pags_config_resolve(&config, true);
   assert_true(c.density.scale_reset < 1 && c.color.sh_degree == 1);
   config.density.strategy = PAGS_STRATEGY_MCMC;
