@@ -44,9 +44,11 @@ static void put_measured(const pags_json_value *note, pags_decision_row *out) {
                behind = number_of(note, "share_of_background"), alpha = number_of(note, "photographs_with_alpha");
   char *const text = out->measured;
   const size_t size = sizeof out->measured;
-  if (isfinite(gain))
-    snprintf(text, size, "%+.2f dB (error %.2f, limit %.2g)", gain, number_of(note, "standard_error_db"),
-             number_of(note, "least_gain_db"));
+  const double error = number_of(note, "standard_error_db"), limit = number_of(note, "least_gain_db");
+  if (isfinite(gain) && isfinite(error))
+    snprintf(text, size, "%+.2f dB (error %.2f, limit %.2g)", gain, error, limit);
+  else if (isfinite(gain))
+    snprintf(text, size, "%+.2f dB", gain);
   else if (isfinite(sky))
     snprintf(text, size, "%.3g %% of pixels", 100 * sky);
   else if (isfinite(behind))
