@@ -281,7 +281,8 @@ static int by_score(const void *a, const void *b) {
 }
 
 /* The first prune of the paper removes the 60 % with the lowest alpha S_sem + (1 - alpha) S_grad, wherever they are,
- * and looks at no photograph. */
+ * and looks at no photograph. Every fifth Gaussian has had no gradient, and some of these are critical enough to
+ * stay. */
 static void prunes_remove_the_lowest_sums(void **unused) {
   (void)unused;
   run r;
@@ -299,7 +300,7 @@ static void prunes_remove_the_lowest_sums(void **unused) {
       uint32_t bits[4];
       pags_rng_u32x4(7, 0, (uint64_t)at, bits);
       pags_plane(&s->models[m].gaussians, PAGS_SH)[i] = (float)at; /* recognises the row afterwards */
-      s->models[m].gaussians.s_sem[i] = (float)(bits[0] >> 8) * 0x1p-24f;
+      s->models[m].gaussians.s_sem[i] = (at % 5 ? 0 : 0.9f) + (float)(bits[0] >> 8) * 0.1f * 0x1p-24f;
       s->models[m].density.squared[i] = at % 5 ? expf(20 * (float)(bits[1] >> 8) * 0x1p-24f) : 0;
       raw[at] = (double)s->models[m].density.squared[i];
       rows[at].score = 0.4 * (double)s->models[m].gaussians.s_sem[i];
