@@ -102,7 +102,7 @@ typedef struct pags_projection {
   const pags_scan *scan; /* NULL: all pixels are read at once */
 } pags_projection;
 
-enum { PAGS_SLOT_FLOATS = 12 }; /* partial gradient of one (Gaussian, tile) pair; the last two are 0 */
+enum { PAGS_SLOT_FLOATS = 12 }; /* partial gradient of one (Gaussian, tile) pair; the last is 0 */
 enum {                          /* the layout of a slot: sums over the pair's pixels; s = dL/d(exponent), base 2 */
        PAGS_SLOT_S,
        PAGS_SLOT_SU,
@@ -113,7 +113,8 @@ enum {                          /* the layout of a slot: sums over the pair's pi
        PAGS_SLOT_R,
        PAGS_SLOT_G,
        PAGS_SLOT_B,
-       PAGS_SLOT_Z
+       PAGS_SLOT_Z,
+       PAGS_SLOT_SQUARED /* as PAGS_SCORE_SQUARED of score.c; 0 if not wanted */
 };
 
 /* One entry of a tile's list: the index of the splat, and either the splat's key, by which the list is sorted, or the
@@ -194,6 +195,7 @@ typedef struct pags_raster_back {
   const float *rgb_gradient[3];
   const float *transmittance_gradient; /* NULL: zero */
   const float *depth_gradient;         /* NULL: zero */
+  const float *counted;                /* weights of the pixels in PAGS_SLOT_SQUARED; NULL: not wanted */
   /* The tile that the same worker processes next, to be prefetched. */
   int64_t next_count;                  /* its entries, which follow these */
   const float *next[PAGS_BACK_PLANES]; /* planes at the tile's top left pixel, NULL: none */

@@ -13,8 +13,28 @@
  * the 0.99 cap the true derivative is 0: nothing flows to shape and opacity there (as in gsplat; INRIA lets it
  * through).
  *
+ * On demand the squared derivatives of the pixels' colour by each splat, the score of score.c, are summed along the
+ * way.
+ *
  * Splats are the outer loop, so the twelve sums live in registers and are folded once per (splat, tile). */
 #include "blend.h"
+
+typedef struct backward_score { /* of the squared derivatives */
+  vf behind[PAGS_TILE_BLOCKS];  /* as that of drawn_tile, of the sum of the channels in place of dL/dC . C */
+  vf counted[PAGS_TILE_BLOCKS]; /* weights of the pixels */
+} backward_score;
+
+V_INLINE void backward_load_score(backward_score *score, const drawn_tile *tile, const pags_raster_back *in) {
+  for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
+    const int64_t at = block_at(in->tile.stride, b);
+    const vm inside = v_gt(tile->t[b], v_zero());
+    vf behind = v_zero();
+    for (int c = 0; c < 3; c++)
+      behind = v_add(behind, v_load_4x4(in->tile.rgb[c] + at, in->tile.stride));
+    score->behind[b] = v_maskz(inside, behind);
+    score->counted[b] = v_maskz(inside, v_load_4x4(in->counted + at, in->tile.stride));
+  }
+}
 
 V_INLINE void backward_load(drawn_tile *tile, const pags_raster_back *in, bool depth) {
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
@@ -47,8 +67,9 @@ V_INLINE backward_cover backward_alpha(const drawn_tile *tile, const pags_splat 
   return c;
 }
 
+/* `score`: NULL: not wanted. */
 V_INLINE void backward_step(drawn_tile *tile, const pags_splat *s, const backward_cover *cover, int b, bool depth,
-                            vf *sum) {
+                            backward_score *score, vf *sum) {
   const vf u = cover->u, v = cover->v, alpha = cover->alpha;
   const vf t = tile->t[b], next = v_fnma(t, alpha, t);
   const vm goes_on = v_ge(next, v_set(PAGS_T_STOP));
@@ -77,14 +98,24 @@ V_INLINE void backward_step(drawn_tile *tile, const pags_splat *s, const backwar
   sum[PAGS_SLOT_B] = v_fma(w, tile->g[2][b], sum[PAGS_SLOT_B]);
   if (depth)
     sum[PAGS_SLOT_Z] = v_fma(w, tile->g[3][b], sum[PAGS_SLOT_Z]);
+  if (score) { /* where alpha is capped, its derivative counts as 1 here (score.c) */
+    const vf light = v_set(s->r + s->g + s->b), rest = v_fnma(w, light, score->behind[b]);
+    const vf by_alpha = v_sub(v_mul(t, light), v_div(rest, v_sub(v_set(1.0f), alpha)));
+    const vf counted = v_maskz(m_and(goes_on, v_gt(alpha, v_zero())), score->counted[b]);
+    score->behind[b] = v_maskz(goes_on, rest);
+    sum[PAGS_SLOT_SQUARED] = v_fma(v_mul(by_alpha, by_alpha), counted, sum[PAGS_SLOT_SQUARED]);
+  }
 }
 
 enum { BACKWARD_SOON = 8, BACKWARD_LATER = 16 }; /* how many splats ahead is prefetched */
 
-V_INLINE void backward_all(const pags_raster_back *in, bool depth) {
+V_INLINE void backward_all(const pags_raster_back *in, bool depth, bool scored) {
   drawn_tile tile;
+  backward_score of_tile, *const score = scored ? &of_tile : NULL;
   const int64_t count = in->tile.count + in->next_count;
   backward_load(&tile, in, depth);
+  if (scored)
+    backward_load_score(score, &tile, in);
   for (int64_t i = 0; i < in->tile.count; i++) {
     /* Prefetches, for a splat BACKWARD_LATER entries ahead, the index of its first slot; for one BACKWARD_SOON entries
      * ahead, the slot itself and the splat. They are scattered in memory. */
@@ -118,18 +149,26 @@ V_INLINE void backward_all(const pags_raster_back *in, bool depth) {
     for (blocks &= blocks - 1; blocks; blocks &= blocks - 1) {
       const int next = __builtin_ctz(blocks);
       const backward_cover next_cover = backward_alpha(&tile, s, next);
-      backward_step(&tile, s, &cover, b, depth, sum);
+      backward_step(&tile, s, &cover, b, depth, score, sum);
       cover = next_cover;
       b = next;
     }
-    backward_step(&tile, s, &cover, b, depth, sum);
+    backward_step(&tile, s, &cover, b, depth, score, sum);
+    if (scored) {
+      const vf opacity = v_exp2(v_set(s->log2_opacity), 5);
+      sum[PAGS_SLOT_SQUARED] = v_mul(sum[PAGS_SLOT_SQUARED], v_mul(opacity, opacity));
+    }
     v_store12(slot, v_sum12(sum));
   }
 }
 
 void KERNEL(raster_backward)(const pags_raster_back *in) {
-  if (in->depth_gradient)
-    backward_all(in, true);
+  if (in->counted && in->depth_gradient)
+    backward_all(in, true, true);
+  else if (in->counted)
+    backward_all(in, false, true);
+  else if (in->depth_gradient)
+    backward_all(in, true, false);
   else
-    backward_all(in, false);
+    backward_all(in, false, false);
 }

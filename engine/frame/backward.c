@@ -28,7 +28,7 @@ typedef struct backward_context {
   atomic_llong bad_rows;
 } backward_context;
 
-enum { SCRATCH_PLANES = PAGS_MAX_PLANES + 2 };
+enum { SCRATCH_PLANES = PAGS_MAX_PLANES + 3 };
 enum { TILES_AT_A_TIME = 4 }; /* a worker's block of tiles, as in raster.c */
 
 static const float *at_tile(const float *plane, int64_t at) {
@@ -45,7 +45,8 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
     pags_raster_back in = {.tile = frame_drawn_tile(f, tile, c->written),
                            .transmittance = frame_plane(f, PLANE_T) + at,
                            .depth_sum = frame_plane(f, PLANE_DEPTH_SUM) + at,
-                           .transmittance_gradient = at_tile(c->gradient->transmittance, at)};
+                           .transmittance_gradient = at_tile(c->gradient->transmittance, at),
+                           .counted = at_tile(c->gradient->counted, at)};
     /* Depth gradients are sparse, since they come from LiDAR points; tiles whose pixels all have 0 take the faster
      * kernel without depth, which gives the same bits. */
     const float *const depth = at_tile(c->gradient->depth_sum, at);
@@ -71,6 +72,18 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
         in.next[k] = at_tile(planes[k], frame_tile_offset(f, tile + 1));
     }
     f->kernels->raster_backward(&in);
+  }
+}
+
+/* Adds up the squared derivatives in a cluster's slots, in the order of their tiles; `out` receives one float per
+ * member. */
+static void add_squares(const view_cluster *v, const frame_members *members, const float *slots, float *out) {
+  for (int k = 0; k < v->count; k++) {
+    const float *slot = slots + members->slot_start[k] * PAGS_SLOT_FLOATS + PAGS_SLOT_SQUARED;
+    const uint32_t tiles = members->keys[k] != UINT32_MAX ? members->splats[k].tiles : 0;
+    out[k] = tiles > 0 ? *slot : 0.0f;
+    for (uint32_t i = 1; i < tiles; i++)
+      out[k] += slot[i * PAGS_SLOT_FLOATS];
   }
 }
 
@@ -100,6 +113,9 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
                                   members.keys, members.splats, members.slot_start, c->slots, &rows);
     if (bad)
       atomic_fetch_add(&c->bad_rows, bad);
+    float *const squared = f->options.squared ? extra + 2 * stride : NULL;
+    if (squared)
+      add_squares(v, &members, c->slots, squared);
     for (int k = 0; k < v->count; k++)
       drawn[k] = members.keys[k] != UINT32_MAX && members.splats[k].tiles > 0;
     const pags_cluster_gradient out = {.part = v->part,
@@ -110,6 +126,7 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
                                        .planes = planes,
                                        .data = scratch,
                                        .mean2d = rows.mean2d,
+                                       .squared = squared,
                                        .radius = rows.radius,
                                        .drawn = drawn,
                                        .bad = bad_planes};

@@ -213,11 +213,3 @@ pags_result pags_score_pass_set_s_sem(pags_trainer *t, pags_score_pass_kind kind
   pags_score_pass_write_s_sem(&t->state, &scores);
   return PAGS_OK;
 }
-
-void pags_score_pass_add_squares(void *user, const pags_cluster_score *c, int worker) {
-  pags_trainer *t = user;
-  pags_train_model *m = &t->state.models[t->render.drawn[c->part].model];
-  (void)worker;
-  for (int i = 0; !t->measuring && i < c->count; i++)
-    m->density.squared[c->first + i] += (float)c->squared[i];
-}

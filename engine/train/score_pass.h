@@ -47,8 +47,4 @@ void pags_score_pass_write_s_sem(pags_train_state *state, const pags_score_pass 
  * The parameters of all rows must be current. */
 pags_result pags_score_pass_set_s_sem(pags_trainer *trainer, pags_score_pass_kind kind);
 
-/* With S_grad from training: the receiver that adds a step's squared derivatives to density.squared, if the step
- * counts; `user` is the trainer. Call after the frame's backward pass. */
-void pags_score_pass_add_squares(void *user, const pags_cluster_score *score, int worker);
-
 #endif

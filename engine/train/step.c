@@ -16,13 +16,12 @@
 #include "base/parallel.h"
 #include "threads/record.h"
 #include "train/mcmc.h"
-#include "train/score_pass.h"
 
 enum { MOST_SAMPLES = 16384 };
 /* The object opacity term is evaluated for one of OBJECTS_EVERY photographs: its picture changes slowly, and it costs a
  * tenth of a step. */
 enum { OBJECTS_EVERY = 4, FINISH_GRAIN = 8 };
-enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, ZEROS, ONES, SHOWN, PLANES = SHOWN + 3 };
+enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, ZEROS, ONES, MASKED, SHOWN, PLANES = SHOWN + 3 };
 
 /* ---- Memory ---- */
 
@@ -82,9 +81,10 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   pags_gradient_store_add(&p->models[model].held, g->cluster, p->photograph, g->data, g->planes * g->stride);
 }
 
-/* Receiver of the backward pass: adds the densify statistics of a cluster and does an Adam step on its Gaussians, or
- * with several photographs a step adds up their gradients for finish_blocks. A cluster in view none of whose Gaussians
- * was drawn is skipped and its step stays pending: whether a cluster was in view must not change a bit. */
+/* Receiver of the backward pass: adds the densify statistics and squared derivatives of a cluster and does an Adam step
+ * on its Gaussians, or with several photographs a step adds up their gradients for finish_blocks. A cluster in view
+ * none of whose Gaussians was drawn is skipped and its step stays pending: whether a cluster was in view must not
+ * change a bit. */
 static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   const pags_render_context *c = user;
   pags_view_render *p = &c->trainer->render;
@@ -103,6 +103,8 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     m->density.gradient[g->first + i] += g->mean2d[i];
     m->density.seen[g->first + i]++;
   }
+  for (int i = 0; g->squared && i < g->count; i++)
+    m->density.squared[g->first + i] += g->squared[i];
 
   const bool alone = m->schedule.batch == 1;
   const float *const held = pags_gradient_store_find(&p->models[model].held, g->cluster, p->photograph);
@@ -238,6 +240,21 @@ static pags_result compare(pags_trainer *t, pags_step_view *v, const pags_compar
   return PAGS_OK;
 }
 
+/* Whether the step adds to S_grad of a prune to come. */
+static bool adds_squares(const pags_trainer *t, int64_t step) {
+  const pags_schedule *const s = &t->state.schedule;
+  return s->config.priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING && s->prunes > 0 &&
+         step <= s->prune_step[s->prunes - 1];
+}
+
+/* Returns a plane that is 1 at the pixels that the photograph's mask leaves, and 0 at others. */
+static const float *masked_pixels(const pags_view_render *p, const pags_photo *photo) {
+  float *const plane = p->plane[MASKED];
+  for (int64_t i = 0; photo->mask && i < (int64_t)photo->stride * photo->height; i++)
+    plane[i] = photo->mask[i] ? 1.0f : 0.0f;
+  return photo->mask ? plane : p->plane[ONES];
+}
+
 /* Evaluates all loss terms and writes dLoss/d(picture) to the planes. `gradient` receives the planes; those of T and
  * sum(w z) are NULL if no term has a gradient by them. */
 static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags_picture_gradient *gradient) {
@@ -253,7 +270,8 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
       .ssim_weight = t->state.schedule.config.losses.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
   if (t->state.exposures.count > 0)
     pags_exposures_value(&t->state.exposures, t->dataset, v->view, how.exposure);
-  *gradient = (pags_picture_gradient){.rgb = {p->plane[0], p->plane[1], p->plane[2]}};
+  *gradient = (pags_picture_gradient){.rgb = {p->plane[0], p->plane[1], p->plane[2]},
+                                      .counted = adds_squares(t, step) ? masked_pixels(p, &v->photo) : NULL};
   int sky = t->state.sky.sky.size > 0 && v->photo.labels && c->losses.sky_weight > 0.0;
   int depth = v->picture.depth_sum && p->depth[v->view].count > 0;
   if (sky || depth)
@@ -341,6 +359,7 @@ static pags_result project_views(pags_trainer *t, int64_t step, pags_step_view *
     PAGS_TRY(pags_view_render_prepare(t, step));
     pags_frame_options options = pags_view_render_options(t, step);
     options.keep_for_backward = 1;
+    options.squared = adds_squares(t, step);
     PAGS_TRY(pags_shared_views_project(&t->shared, i, t->render.frame, t->render.parts, t->render.part_count,
                                        &views[i].camera, &options, pags_view_render_touch, &context));
   }
@@ -363,6 +382,7 @@ static pags_result draw_view(pags_trainer *t, int64_t step, pags_step_view *v, p
   PAGS_TRY(compose(t, v));
   pags_frame_options options = pags_view_render_options(t, step);
   options.keep_for_backward = 1;
+  options.squared = adds_squares(t, step);
   options.depth_sum = samples->count > 0;
   if (shares(t))
     PAGS_TRY(
@@ -438,33 +458,6 @@ static pags_result view_backward(pags_trainer *t, int64_t step, int i, pags_step
   return PAGS_OK;
 }
 
-/* For prunes that rank Gaussians by the pictures of training's own steps: scores this rank's view, of which the pixels
- * count that the photograph's mask leaves, and takes the scores of each view to this rank's Gaussians. The scores
- * travel in the memory of the sums, and the mask lies in that of a gradient, after these have been used. */
-static pags_result add_scores(pags_trainer *t, pags_step_view *views, int count) {
-  pags_shared_views *const shared = &t->shared;
-  pags_result mine = PAGS_OK;
-  if (shared->rank < count) {
-    const pags_photo *const photo = &views[shared->rank].photo;
-    float *const masked = t->render.plane[GRADIENT];
-    for (int64_t i = 0; photo->mask && i < (int64_t)photo->stride * photo->height; i++)
-      masked[i] = photo->mask[i] ? 1.0f : 0.0f;
-    const pags_score_planes planes = {.counted = photo->mask ? masked : t->render.plane[ONES],
-                                      .critical = t->render.plane[ZEROS]};
-    if (!shares(t))
-      return pags_frame_scores(t->render.frame, &planes, pags_score_pass_add_squares, t);
-    mine = pags_shared_views_scores(shared, t->render.frame, &planes);
-  }
-  PAGS_TRY(pags_transport_agree(shared->transport, mine));
-  PAGS_TRY(pags_shared_views_return_scores(shared));
-  for (int i = 0; mine == PAGS_OK && i < count; i++) {
-    mine = compose(t, views + i);
-    if (mine == PAGS_OK)
-      mine = pags_shared_views_receive_scores(shared, i, pags_score_pass_add_squares, t);
-  }
-  return pags_transport_agree(shared->transport, mine);
-}
-
 pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *views, int count) {
   pags_shared_views *const shared = &t->shared;
   uint8_t objects[PAGS_RANKS_MOST] = {0};
@@ -497,10 +490,6 @@ pags_result pags_train_round(pags_trainer *t, int64_t step, pags_step_view *view
   PAGS_TRY(pags_transport_agree(shared->transport, mine));
   if (shares(t) && !t->measuring)
     pags_shared_views_count(shared, &t->traffic);
-  const pags_schedule *const s = &t->state.schedule;
-  if (s->config.priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING && s->prunes > 0 &&
-      step <= s->prune_step[s->prunes - 1])
-    PAGS_TRY(add_scores(t, views, count));
   t->ms.of[PAGS_DECISION_SKY].wall += pags_frame_stats_get(t->render.frame)->ms_sky_backward;
   pags_stage_lap(&clock, &t->ms.backward);
   return PAGS_OK;

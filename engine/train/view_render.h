@@ -10,7 +10,7 @@
 
 struct pags_trainer;
 
-enum { PAGS_RENDER_PLANES = 10 };
+enum { PAGS_RENDER_PLANES = 11 };
 
 /* The floats of a cluster's gradients by all planes, Fourier terms included. */
 static inline int64_t pags_row_floats(const pags_train_config *config) {
@@ -52,8 +52,8 @@ typedef struct pags_view_render {
   int part_count;
   int64_t photograph;               /* number in the run of the one that training sees now */
   pags_model_room *models;          /* one per model */
-  float *plane[PAGS_RENDER_PLANES]; /* gradients by R, G, B, T, sum(w z); zeros; ones; R, G, B as the
-                                       camera shows them (photometry.h) */
+  float *plane[PAGS_RENDER_PLANES]; /* gradients by R, G, B, T, sum(w z); zeros; ones; pixels that the mask leaves; R,
+                                       G, B as the camera shows them (photometry.h) */
   float *rows;                      /* per worker: gradients of a cluster, pags_row_floats */
   uint8_t *emphasis;                /* 1 where the training view is critical, else 0; as long as a plane */
   int64_t plane_floats;             /* floats allocated per plane */

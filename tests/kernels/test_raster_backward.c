@@ -8,7 +8,7 @@
 #include <string.h>
 
 typedef struct choice {
-  bool transmittance, depth;
+  bool transmittance, depth, counted;
 } choice;
 
 static pags_raster_back arguments(const tile *t, choice c, float *slots) {
@@ -22,6 +22,8 @@ static pags_raster_back arguments(const tile *t, choice c, float *slots) {
     in.depth_sum = t->plane[4];
     in.depth_gradient = t->gradient[4];
   }
+  if (c.counted)
+    in.counted = t->gradient[3];
   return in;
 }
 
@@ -39,6 +41,18 @@ typedef struct step { /* one splat blended into a pixel */
   double alpha, t; /* transmittance in front */
   bool capped;
 } step;
+
+/* Adds the squared derivative of the pixel's colour by one step to its slot's sum. `light`: the colour that the splats
+ * behind and the background add to the pixel; `total`: the pixel's colour. The cap on alpha counts as absent. */
+static void add_square(tile_sums *s, const tile *t, const pags_splat *g, const step *at, int i, double light,
+                       double total) {
+  const double counted = (double)t->gradient[3][i], own = (double)g->r + (double)g->g + (double)g->b;
+  const double opacity = exp2((double)g->log2_opacity);
+  const double slope = opacity * (at->t * own - light / (1.0 - at->alpha));
+  const double size = opacity * (at->t * (fabs((double)g->r) + fabs((double)g->g) + fabs((double)g->b)) +
+                                 (fabs(light) + 0.01 * total) / (1.0 - at->alpha));
+  tile_add(s, PAGS_SLOT_SQUARED, counted * slope * slope, fabs(counted) * size * size);
+}
 
 /* Adds the gradients of one step to its slot's sums. `total`: magnitude to which a float sum of all terms dL/dC . C
  * is rounded. */
@@ -101,8 +115,16 @@ static tile_sums *backward_plainly(const tile *t, choice c, bool fused) {
       total += (j < 3 || (j == 3 ? c.transmittance : c.depth))
                    ? fabs((double)t->gradient[j][i] * (double)t->plane[j][i])
                    : 0.0;
+    double light = 0.0, all_light = 0.0;
+    for (int j = 0; j < 3; j++) {
+      light += (double)tile_background[j] * left;
+      all_light += fabs((double)t->plane[j][i]);
+    }
     while (n-- > 0) {
       const pags_splat *const g = t->splats + t->entries[steps[n].entry].splat;
+      if (c.counted)
+        add_square(all + steps[n].entry, t, g, steps + n, i, light, all_light);
+      light += steps[n].alpha * steps[n].t * ((double)g->r + (double)g->g + (double)g->b);
       add_step(all + steps[n].entry, t, c, g, steps + n, i, behind, total, px, py);
       const double w = steps[n].alpha * steps[n].t, colour[3] = {(double)g->r, (double)g->g, (double)g->b};
       for (int j = 0; j < 3; j++)
@@ -118,8 +140,8 @@ static void test_plainly(const pags_kernels *k) {
   static const int counts[] = {0, 1, 2, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256, 257, 500};
   const splat_mix *const mixes[] = {&splats_translucent, &splats_opaque, &splats_awkward};
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
-    for (int which = 0; which < 4; which++) {
-      const choice c = {which & 1, which & 2};
+    for (int which = 0; which < 8; which++) {
+      const choice c = {which & 1, which & 2, which & 4};
       tile t = tile_make(counts[n], mixes[check_below(3)], check_below(2));
       tile_draw(k, &t);
       const float *const slots = backward(k, &t, c);
@@ -131,7 +153,7 @@ static void test_plainly(const pags_kernels *k) {
 
 static void test_scalar(const pags_kernels *k) {
   for (int round = 0; round < 16; round++) {
-    const choice c = {round & 1, round & 2};
+    const choice c = {round & 1, round & 2, round & 4};
     tile t = tile_make(300, round & 8 ? &splats_awkward : &splats_opaque, round & 1);
     tile_draw(k, &t);
     const float *const got = backward(k, &t, c), *const want = backward(&pags_kernels_scalar, &t, c);
@@ -147,9 +169,9 @@ static void test_bench(const pags_kernels *k) {
   tile t = tile_make(256, &usual, false);
   tile_draw(k, &t);
   float *const slots = CHECK_NEW(float, t.slot_count *PAGS_SLOT_FLOATS);
-  static const choice choices[] = {{false, false}, {true, true}};
-  static const char *const names[] = {"raster_backward, colour", "raster_backward, depth"};
-  for (int i = 0; i < 2; i++) {
+  static const choice choices[] = {{false, false, false}, {true, true, false}, {false, false, true}};
+  static const char *const names[] = {"raster_backward, colour", "raster_backward, depth", "raster_backward, squares"};
+  for (int i = 0; i < 3; i++) {
     const pags_raster_back in = arguments(&t, choices[i], slots);
     CHECK_BENCH(names[i], tile_lanes(&t), "lane") k->raster_backward(&in);
   }

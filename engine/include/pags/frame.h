@@ -115,7 +115,8 @@ typedef struct pags_frame_options {
                             extra_channels. Only with keep_for_backward. Default 0 */
   int count_pairs;       /* 1: fill pairs_evaluated and pairs_blended (costs a few per cent). Default 0 */
   int keep_for_backward; /* 1: keep the data for pags_frame_backward and pags_frame_scores. Default 0 */
-  int keep_for_passes;   /* 1: keep the data for pags_frame_passes (pags/passes.h). Default 0 */
+  int squared; /* 1: pags_frame_backward also computes the scores `squared`. Only with keep_for_backward. Default 0 */
+  int keep_for_passes; /* 1: keep the data for pags_frame_passes (pags/passes.h). Default 0 */
   /* 1: rgb becomes gain * rgb + offset per channel, as a camera with that exposure shows the scene
    * (pags_scene_exposure). Not with keep_for_backward. Default 0. */
   int exposed;
@@ -242,6 +243,8 @@ typedef void pags_sky_receive_fn(void *user, const pags_sky_gradient *gradient, 
  * additional rows are not used but must be readable. A NULL plane means zeros; rgb must be given. */
 typedef struct pags_picture_gradient {
   const float *rgb[3];
+  const float
+      *counted; /* with the option `squared`: weight of each pixel in that score, 0..1; NULL: the scores are 0 */
   const float *transmittance;
   const float *depth_sum;   /* dL/d sum(w z), not dL/d(depth), the quotient; needs extra_channels or depth_sum */
   pags_sky_receive_fn *sky; /* receives the gradient of the sky; NULL: not wanted */
@@ -261,6 +264,7 @@ typedef struct pags_cluster_gradient {
    * of SH coefficients is with respect to those that were drawn, the part's `sh` if it has them. */
   const float *data;
   const float *mean2d;  /* |dL/d(projected mean)| in NDC: the gradient per pixel times W/2, H/2; 0 if not drawn */
+  const float *squared; /* as `squared` of pags_cluster_score; NULL without the option `squared` */
   const float *radius;  /* 3 sigma along the larger axis of the 2D covariance, px; 0 if not drawn */
   const uint8_t *drawn; /* 1: the member passed the projection and touches at least one tile */
   /* 0, or 1 + the index of the first plane whose gradient wasn't finite; all gradients of such a member are set
