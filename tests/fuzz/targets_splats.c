@@ -56,14 +56,23 @@ static void seed_ply(void) {
   pags_gaussians_destroy(&g);
 }
 
-static const char *const ply_words[] = {"element vertex ", "element chunk ",
-                                        "property float ", "property double ",
-                                        "property uchar ", "property list uchar int ",
-                                        "end_header\n",    "format ascii 1.0\n",
-                                        "s_sem",           "object_id",
-                                        "f_dc_t1_0",       "f_rest_0",
-                                        "packed_position", "comment SplatRenderMode: mip",
-                                        "rot_3",           NULL};
+static const char *const ply_words[] = {"element vertex ",
+                                        "element chunk ",
+                                        "property float ",
+                                        "property double ",
+                                        "property uchar ",
+                                        "property list uchar int ",
+                                        "end_header\n",
+                                        "format ascii 1.0\n",
+                                        "s_sem",
+                                        "object_id",
+                                        "f_dc_t1_0",
+                                        "f_sh1_t1_0",
+                                        "f_rest_0",
+                                        "packed_position",
+                                        "comment SplatRenderMode: mip",
+                                        "rot_3",
+                                        NULL};
 static const fuzz_target ply = {.name = "ply", .seeds = seed_ply, .run = run_ply, .words = ply_words};
 
 static void seed_compressed(void) {
