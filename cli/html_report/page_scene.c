@@ -49,11 +49,14 @@ static void put_decisions(pags_html *html, const pags_json_value *notes, const p
 /* All else that training noted, whatever keys it has, but for the objects, which have a table of their own. */
 static void put_notes(pags_html *html, const pags_json_value *notes) {
   char text[1000];
-  pags_decision_row row;
-  pags_html_begin_table(html, "subject|model and reason");
+  bool begun = false;
   for (const pags_json_value *v = notes->first; v; v = v->next) {
+    pags_decision_row row;
     if (!strcmp(v->key, "objects") || pags_decision_read(notes, v, NULL, &row))
       continue;
+    if (!begun)
+      pags_html_begin_table(html, "subject|model and reason");
+    begun = true;
     if (v->type == PAGS_JSON_ARRAY) {
       for (const pags_json_value *e = v->first; e; e = e->next)
         put_note(html, e == v->first ? v->key : "", pags_spoken_value(e, text));
@@ -64,7 +67,8 @@ static void put_notes(pags_html *html, const pags_json_value *notes) {
       put_note(html, v->key, pags_spoken_value(v, text));
     }
   }
-  pags_html_end_table(html);
+  if (begun)
+    pags_html_end_table(html);
 }
 
 void pags_page_modelled(pags_html *html, const pags_report_run *runs, int count) {

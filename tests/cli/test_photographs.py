@@ -774,6 +774,7 @@ class Photographs(fixtures.Case):
         text = self.succeeds("info", self.path("scene")).stdout
         with open(self.path("scene", "report.html"), encoding="utf-8") as file:
             page = file.read()
+        self.assertNotIn("<tbody>\n</tbody>", page)
         for part in parts:
             entry = facts["modelled"][part.replace(" ", "_")]
             self.assertIsInstance(entry["modelled"], bool)
