@@ -32,7 +32,7 @@ for n in $counts; do
   echo "many_cores: $n of $cores cores" >&2
   pinned="taskset -c 0-$((n - 1))"
   rm -rf "$out/scene-$n"
-  $pinned "$binaries/pags" train "$data" -o "$out/scene-$n" --iterations "$steps" --preview-every 0 --threads "$n" --quiet
+  $pinned "$binaries/pags" train "$data" -o "$out/scene-$n" --iterations "$steps" --set sh_loss=0 --preview-every 0 --threads "$n" --quiet
   $pinned "$binaries/pags-bench" render "$out/scene-$n" --frames 12 --sizes 960x540,1920x1080 --modes off,lossless --threads "$n" --quiet \
     --json "$out/frames-$n.json"
   cmp "$out/scene-1/background.ply" "$out/scene-$n/background.ply"

@@ -3,8 +3,8 @@
 """size_tables.py pandaset|street SCENE: prints the quantile tables of engine/synth/size_tables.h, computed from the
 sizes and opacities of the Gaussians of a trained street.
 
-pandaset: SCENE is the result of `pags train pandaset-002 --iterations 10000` (regions ground and fronts). street: the
-result of `pags train` on `pags synth street` (region things). Regions are boxes (u, d, z) in metres: u along the
+pandaset: SCENE is the result of `pags train pandaset-002 --iterations 10000 --set sh_loss=0`, which keeps the
+background in one file (regions ground and fronts). street: the same on `pags synth street` (region things). Regions are boxes (u, d, z) in metres: u along the
 street, d to the left of the ego vehicle; in pandaset-002's world the street runs at 45 degrees. Standard library
 only.
 """

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """prepare.py DATASET SCENE OUT: writes what a GPU trainer needs of a driving set, from a scene that PAGS trained on it for a few steps at
-half size (`pags train DATASET --downscale 2 -n 10 -o SCENE`): cameras with their split (cameras.json), photographs at half size (images/),
+half size (`pags train DATASET --downscale 2 -n 10 --set sh_loss=0 -o SCENE`): cameras with their split (cameras.json), photographs at half size (images/),
 masks of moving objects (masks/), and PAGS' initial points with colours (start.npz). Requires numpy and Pillow."""
 
 import json

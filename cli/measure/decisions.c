@@ -235,7 +235,7 @@ pags_result pags_decisions_put_ahead(pags_report *report, const pags_dataset *da
   snprintf(gain, sizeof gain, "yes if photographs%s gain %g dB, at 30 %% of the steps",
            driving ? " kept out of training" : "", pags_holdout_least_gain(!driving));
   put(&w, "exposure", block ? YES : OPEN, block ? "the blocks of a recording have one mean exposure" : gain);
-  begin(&w, "sh", YES, driving ? "a road is passed once, in one direction" : "0 if the photographs have one colour");
+  begin(&w, "sh", OPEN, "at most this degree, as photographs need; 0 if they have one colour");
   pags_json_put_integer(&w, "degree", config.color.sh_degree);
   pags_json_end_object(&w);
   put(&w, "camera_poses", driving && !block ? OPEN : NO,

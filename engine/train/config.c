@@ -109,12 +109,16 @@ static pags_result set_retired(const char *name, const char *text) {
                  {"scale_reset_every", 3000},
                  {"scale_reset_from", 6000},
                  {"scale_reset_until", 21000},
+                 {"sh_error", 0},
                  {"sky_rate", 0.01},
                  {"split_divisor", 1.6}};
   for (size_t i = 0; i < sizeof retired / sizeof retired[0]; i++)
     if (strcmp(name, retired[i].name) == 0) {
       char *end;
       const bool same = strtod(text, &end) == retired[i].value && end != text && !*end;
+      if (!same && strcmp(name, "sh_error") == 0)
+        return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                         "sh_error is now sh_loss: a loss of PSNR in dB instead of an error in 255ths; got '%s'", text);
       return same ? PAGS_OK
                   : pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: always %g since PAGS 0.2, got '%s'", name, retired[i].value,
                               text);
@@ -251,6 +255,8 @@ pags_train_config pags_config_resolve(const pags_train_config *config, bool driv
     c.cameras.camera_poses = driving && !baseline;
   if (c.cameras.light < 0)
     c.cameras.light = driving && !baseline;
+  if (c.size_limit.sh_loss < 0 && c.size_limit.target_size > 0)
+    c.size_limit.sh_loss = 0;
   take_preset(&c);
   return c;
 }
@@ -304,7 +310,8 @@ const char *pags_config_difference(const pags_train_config *a, const pags_train_
   for (int i = 0; i < pags_field_count; i++) {
     char left[VALUE_TEXT], right[VALUE_TEXT];
     if (pags_fields[i].offset == offsetof(pags_train_config, schedule.iterations) ||
-        pags_fields[i].offset == offsetof(pags_train_config, schedule.schedule_iterations))
+        pags_fields[i].offset == offsetof(pags_train_config, schedule.schedule_iterations) ||
+        pags_fields[i].offset == offsetof(pags_train_config, size_limit.sh_loss))
       continue;
     print_value(a, &pags_fields[i], left);
     print_value(b, &pags_fields[i], right);

@@ -160,9 +160,9 @@ const pags_train_field pags_fields[] = {
            "Limit on Gaussians; preset paper applies it at the last prune. 0: none, but 1000000 with strategy mcmc."),
     NUMBER(size_limit, target_size, 0, 0, 1e9, "MB",
            "Maximum size of scene.json, models and sky together; 0: no limit."),
-    NUMBER(size_limit, sh_error, 0, 0, 255, "255ths",
-           "Maximum colour error, as seen from training views, when the SH degree of each finished Gaussian is "
-           "reduced; 0: off."),
+    PRESET(size_limit, sh_loss, 0.05, 0.05, 0, 0, "; 0 with target_size", 0, 10, "dB",
+           "Maximum loss of PSNR on training photographs when the SH degrees of the finished scene are reduced; 0: "
+           "off."),
 
     NUMBER(priority, alpha, 0.4, 0, 1, "1",
            "Weight of semantics in the pruning score; the rest is the gradient score."),

@@ -5,7 +5,7 @@
 #include "base/json.h"
 #include "base/vec3.h"
 
-static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t object) {
+static void put_object(pags_json_writer *w, const pags_train_state *s, const pags_scene *scene, int64_t object) {
   const pags_object *o = &s->tracks.objects[object];
   const bool asked = s->schedule.config.objects.objects;
   int64_t model = -1;
@@ -37,6 +37,7 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
     pags_json_put_number(w, "mean_shift_metres", keyframes > 0 ? metres / (double)keyframes : 0.0);
     pags_json_put_number(w, "mean_turn_degrees", keyframes > 0 ? radians / (double)keyframes * 57.29577951308232 : 0.0);
 
+    pags_json_put_integer(w, "sh_degree", scene->models[scene->objects[object].model].gaussians.sh_degree);
     pags_json_put_bool(w, "fourier", m->gaussians.fourier != NULL);
     pags_json_put_number(w, "fourier_promised_db", m->fourier_gain); /* null before it is decided */
   }
@@ -120,26 +121,33 @@ static pags_result put_exposure(pags_json_writer *w, const pags_dataset *dataset
   return PAGS_OK;
 }
 
-/* Up to which degree colours depend on the view. */
-static void put_sh(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s,
-                   const pags_scene *scene) {
-  const int degree = s->schedule.config.color.sh_degree;
-  const bool driving = pags_dataset_fps(dataset) > 0.0;
+/* Up to which SH degree colours depend on the view, and what that is worth. Bytes are saved compared with the degree of
+ * training for all Gaussians; with that of a capture, if the photographs have one colour. */
+static void put_sh(pags_json_writer *w, const pags_train_state *s, const pags_scene *scene) {
+  const int trained = s->schedule.config.color.sh_degree;
+  const bool one_colour = trained == 0 && s->one_colour;
+  int degree = 0;
   int64_t terms = 0, all = 0;
   for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_gaussians *g = &scene->models[i].gaussians;
+    degree = g->sh_degree > degree ? g->sh_degree : degree;
     terms += g->count * (pags_plane_count(g->sh_degree) - pags_plane_count(0));
-    all += g->count * (pags_plane_count(3) - pags_plane_count(0));
+    all += g->count * (pags_plane_count(one_colour ? 3 : trained) - pags_plane_count(0));
   }
   begin(w, "sh", degree > 0,
-        degree == 0 && s->one_colour ? "the photographs have one colour"
-        : degree == 1 && driving     ? "a road is passed once, in one direction"
-        : degree == 3 && !driving    ? "captures see a thing from all sides"
-                                     : "as asked for",
+        one_colour     ? "the photographs have one colour"
+        : trained == 0 ? "switched off"
+        : !s->sh.made  ? "all Gaussians keep the degree of training"
+        : degree == 0  ? "training photographs are drawn as well without"
+                       : "training photographs are drawn better",
         4 * (degree > 0 ? terms : all));
   pags_json_put_integer(w, "degree", degree);
   if (degree > 0)
     pags_json_put_integer(w, "bytes_saved", 4 * (all - terms));
+  if (s->sh.made) {
+    pags_json_put_number(w, "gain_db", s->sh.gain);
+    pags_json_put_number(w, "loss_db", s->sh.loss);
+  }
   pags_json_end_object(w);
 }
 
@@ -184,12 +192,13 @@ static pags_result put_light(pags_json_writer *w, const pags_dataset *dataset, c
 }
 
 /* What only driving sets have. */
-static void put_drive(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
+static void put_drive(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s,
+                      const pags_scene *scene) {
   pags_json_put_bool(w, "track_optimisation", s->schedule.config.objects.tracks);
   pags_json_put_integer(w, "lidar_points", s->lidar_points);
   pags_json_begin_array(w, "objects");
   for (int64_t i = 0; i < s->tracks.count; i++)
-    put_object(w, s, i);
+    put_object(w, s, scene, i);
   pags_json_end_array(w);
   pags_json_begin_array(w, "data");
   for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
@@ -203,11 +212,11 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
   pags_json_begin_object(&w, NULL);
   put_sky(&w, dataset, s);
   PAGS_TRY(put_exposure(&w, dataset, s, scene));
-  put_sh(&w, dataset, s, scene);
+  put_sh(&w, s, scene);
   PAGS_TRY(put_cameras(&w, dataset, s, scene));
   PAGS_TRY(put_light(&w, dataset, s, scene));
   if (pags_dataset_fps(dataset) > 0.0)
-    put_drive(&w, dataset, s);
+    put_drive(&w, dataset, s, scene);
   pags_json_end_object(&w);
   PAGS_TRY(pags_json_writer_finish(&w));
   *text = pags_take(&w.data);

@@ -18,7 +18,7 @@ pags_result pags_train_moment_compose(pags_train_moment *moment, pags_compositio
   for (int64_t i = 0; clusters && i < models; i++)
     clusters[i] = &t->state.models[i].clusters;
   if (result == PAGS_OK)
-    result = pags_output_describe(t->dataset, &t->state, false, &t->described);
+    result = pags_output_describe(t->dataset, &t->state, &t->described);
   if (result == PAGS_OK)
     result = pags_composition_borrow(pags_described_scene(t->described), clusters, out);
   if (result != PAGS_OK)

@@ -253,6 +253,7 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   const pags_schedule *d = &s->schedule;
   if (d->config.schedule.preset == PAGS_PRESET_PAPER && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
     s->schedule.config.size_limit.max_gaussians = config->size_limit.max_gaussians;
+  s->schedule.config.size_limit.sh_loss = config->size_limit.sh_loss; /* applied at the end, to the scene alone */
   pags_train_config asked = *config;
   if (asked.schedule.half_until < 0) /* the run has decided it, or will */
     asked.schedule.half_until = s->schedule.config.schedule.half_until;

@@ -48,8 +48,8 @@ pags_result pags_output_log(pags_output *output, const pags_log_value *values, i
 pags_result pags_output_preview(const pags_output *output, int64_t step, const pags_picture *picture,
                                 const pags_photo *photo);
 
-/* Writes scene.json, its PLYs and the sky; no Adam steps may be pending. With the setting sh_error > 0, the background
- * gets one PLY for each SH degree that its Gaussians need, and an object's PLY has the highest degree that one of its
+/* Writes scene.json, its PLYs and the sky; no Adam steps may be pending. Once the SH degrees are chosen, the background
+ * gets one PLY for each degree that its Gaussians need, and an object's PLY has the highest degree that one of its
  * Gaussians needs. */
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state);
 /* Lists the data set's views in scene->views, which the caller frees, with the current exposures, and sets the
@@ -57,9 +57,8 @@ pags_result pags_output_scene(const pags_output *output, const pags_dataset *dat
 pags_result pags_output_list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene);
 /* The current scene of a run, which borrows the run's Gaussians, and its clusters by model. */
 typedef struct pags_described pags_described;
-/* With `by_degree` PLYs have only the SH degrees that their Gaussians need. *out must be destroyed on failure, too. */
-pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, bool by_degree,
-                                 pags_described **out);
+/* *out must be destroyed on failure, too. */
+pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, pags_described **out);
 const pags_scene *pags_described_scene(const pags_described *described);
 void pags_described_destroy(pags_described *described); /* NULL is allowed */
 PAGS_DEFINE_AUTO(pags_described, pags_described_destroy)

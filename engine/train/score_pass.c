@@ -204,12 +204,11 @@ void pags_score_pass_write_s_sem(pags_train_state *s, const pags_score_pass *sco
   }
 }
 
-pags_result pags_score_pass_set_s_sem(pags_trainer *t, pags_score_pass_kind kind) {
+pags_result pags_score_pass_set_s_sem(pags_trainer *t) {
   PAGS_AUTO(pags_score_pass_destroy) pags_score_pass scores = {0};
-  const pags_s_sem asked = kind == PAGS_SCORE_PASS_PAPER ? PAGS_S_SEM_OVERLAP : PAGS_S_SEM_PASS;
-  if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.priority.s_sem != asked)
+  if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.priority.s_sem != PAGS_S_SEM_OVERLAP)
     return PAGS_OK;
-  PAGS_TRY(pags_score_pass_measure(t, kind, &scores));
+  PAGS_TRY(pags_score_pass_measure(t, PAGS_SCORE_PASS_PAPER, &scores));
   pags_score_pass_write_s_sem(&t->state, &scores);
   return PAGS_OK;
 }

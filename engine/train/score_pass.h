@@ -42,9 +42,8 @@ bool pags_score_pass_has_labels(const pags_dataset *dataset);
 
 /* Sets S_sem of all rows that were seen. Does nothing if the data set has no labels. */
 void pags_score_pass_write_s_sem(pags_train_state *state, const pags_score_pass *scores);
-/* Collective: measures and sets S_sem of all Gaussians, by a pass of the kind PAPER before the first step and of the
- * kind WHOLE for the finished scene. Does nothing unless the data set has labels and the configuration asks for it.
- * The parameters of all rows must be current. */
-pags_result pags_score_pass_set_s_sem(pags_trainer *trainer, pags_score_pass_kind kind);
+/* Collective: measures and sets S_sem of all Gaussians before the first step, by a pass of the kind PAPER. Does nothing
+ * unless the data set has labels and the configuration asks for it. */
+pags_result pags_score_pass_set_s_sem(pags_trainer *trainer);
 
 #endif

@@ -27,6 +27,13 @@ typedef struct pags_costs {
   double uncovered;              /* of a static set: light that comes from behind all Gaussians, 0..1; 0: unknown */
 } pags_costs;
 
+/* The SH degrees of the finished scene (sh_trim.h). */
+typedef struct pags_sh_choice {
+  bool made;
+  int64_t rows[4], saved; /* Gaussians by degree, of all ranks; bytes that the scene has less */
+  double gain, loss;      /* PSNR of training photographs, dB: with SH against none; lost by what was removed */
+} pags_sh_choice;
+
 typedef struct pags_train_state {
   pags_schedule schedule;
   int64_t stop;     /* last step to do; larger than schedule.length after --resume --iterations */
@@ -46,6 +53,7 @@ typedef struct pags_train_state {
   pags_camera_poses cameras;  /* count 0: poses are as recorded */
   pags_photometry photometry; /* count 0: no vignettes and response curves */
   pags_costs costs;
+  pags_sh_choice sh;         /* of a run that has ended */
   pags_nonfinite nonfinite;  /* updates skipped because a number wasn't finite */
   pags_kernel_names kernels; /* of the processes before this one */
 } pags_train_state;

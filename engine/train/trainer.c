@@ -284,10 +284,23 @@ static pags_result loop(pags_trainer *t, run_clock *clock) {
 
 /* ---- The end of a run ---- */
 
+/* Collective: sets S_sem and the SH degrees of the finished scene, which both need the weights of its Gaussians. */
+static pags_result finish_scene(pags_trainer *t) {
+  PAGS_AUTO(pags_score_pass_destroy) pags_score_pass scores = {0};
+  const pags_train_config *const c = &t->state.schedule.config;
+  const bool labels = pags_score_pass_has_labels(t->dataset) && c->priority.s_sem == PAGS_S_SEM_PASS;
+  const bool trims = c->size_limit.sh_loss > 0.0 && c->color.sh_degree > 0;
+  if (!labels && !trims)
+    return PAGS_OK;
+  PAGS_TRY(pags_score_pass_measure(t, PAGS_SCORE_PASS_WHOLE, &scores));
+  if (labels)
+    pags_score_pass_write_s_sem(&t->state, &scores);
+  return trims ? pags_sh_trim(t, scores.drawn) : PAGS_OK;
+}
+
 /* Writes the results of a run. */
 static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
   pags_train_state *s = &t->state;
-  PAGS_TRY(pags_sh_trim(t));
 
   /* A scene must hold finite numbers only; its reader would refuse it otherwise. */
   int64_t dropped = 0;
@@ -376,7 +389,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   PAGS_TRY(pags_shards_save_whole(t->output.checkpoint, t->options->transport, s, t->fingerprint));
   pags_tasks_mark(t->tasks, "scene", "settle");
   if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that will be resumed doesn't spend time on it */
-    PAGS_TRY(pags_score_pass_set_s_sem(t, PAGS_SCORE_PASS_WHOLE));
+    PAGS_TRY(finish_scene(t));
   PAGS_TRY(pags_share_run_end(t));
   r->peak_rss_bytes = pags_port_peak_memory();
   return writes ? write_end(t, r, &clock) : PAGS_OK;
@@ -438,7 +451,7 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   if (!found)
     PAGS_TRY(pags_size_limit_start(t->dataset, &t->state, t->tasks));
   if (!found && !o->estimate)
-    PAGS_TRY(pags_score_pass_set_s_sem(t, PAGS_SCORE_PASS_PAPER));
+    PAGS_TRY(pags_score_pass_set_s_sem(t));
   result->resumed = found;
   pags_result mine = PAGS_OK;
   if (config.density.lidar_pull > 0.0 || config.density.lidar_lay > 0.0)

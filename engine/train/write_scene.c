@@ -13,8 +13,7 @@
 struct pags_described {
   pags_scene scene;
   char config[PAGS_CONFIG_TEXT];
-  bool by_degree;          /* PLYs have only the SH degrees that their Gaussians need */
-  pags_gaussians parts[4]; /* with by_degree: the background's Gaussians, by degree */
+  pags_gaussians parts[4]; /* once SH degrees are chosen: the background's Gaussians, by degree */
 };
 
 /* ---- Views and models ---- */
@@ -80,7 +79,7 @@ static pags_result add_background(const pags_train_state *state, pags_described 
   static const char *const files[] = {"background-sh0.ply", "background-sh1.ply", "background-sh2.ply"};
   const pags_gaussians *g = &state->models[0].gaussians;
   int count = 0;
-  if (!d->by_degree)
+  if (!state->sh.made)
     return add_model(&d->scene, "background", "background.ply", g);
 
   /* Split the background's rows by the degree they need, highest first, since all rows of a PLY have the same
@@ -114,7 +113,7 @@ static pags_result list_models(const pags_train_state *state, pags_described *d)
   for (int64_t i = 1; i < state->model_count; i++) {
     const pags_train_model *m = &state->models[i];
     pags_gaussians g = m->gaussians;
-    int highest = d->by_degree ? 0 : g.sh_degree;
+    int highest = state->sh.made ? 0 : g.sh_degree;
     for (int64_t row = 0; row < g.count && highest < g.sh_degree; row++) {
       const int degree = pags_gaussians_row_degree(&g, row);
       highest = degree > highest ? degree : highest;
@@ -185,11 +184,9 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
   return pags_model_report_write(dataset, state, scene, &scene->notes);
 }
 
-pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, bool by_degree,
-                                 pags_described **out) {
+pags_result pags_output_describe(const pags_dataset *dataset, const pags_train_state *state, pags_described **out) {
   *out = calloc(1, sizeof **out);
   PAGS_CHECK_MEMORY(*out, "the description of a scene");
-  (*out)->by_degree = by_degree;
   return describe(dataset, state, *out);
 }
 
@@ -199,13 +196,13 @@ const pags_scene *pags_described_scene(const pags_described *d) {
 
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
   PAGS_AUTO(pags_described_destroy_auto) pags_described *d = NULL;
-  PAGS_TRY(pags_output_describe(dataset, state, state->schedule.config.size_limit.sh_error > 0.0, &d));
+  PAGS_TRY(pags_output_describe(dataset, state, &d));
   return pags_scene_write(output->folder, &d->scene);
 }
 
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes) {
   PAGS_AUTO(pags_described_destroy_auto) pags_described *d = NULL;
-  PAGS_TRY(pags_output_describe(dataset, state, false, &d));
+  PAGS_TRY(pags_output_describe(dataset, state, &d));
   d->scene.dataset = d->scene.colmap = d->scene.image_folder =
       NULL; /* paths must not decide how many Gaussians a run has */
   for (int64_t i = 0; i < d->scene.model_count; i++)

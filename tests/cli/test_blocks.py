@@ -254,8 +254,7 @@ class Merge(Case):
             self.assertEqual(read(self.path("out1", name)), read(self.path("out4", name)), name)
 
     def test_degrees_of_colour(self):
-        """With sh_error, the background is several files, one for each degree of colour. Merging keeps rows of one
-        degree together."""
+        """A trained background is several files, one for each SH degree. Merging keeps rows of one degree together."""
         path = os.path.join(self.blocks, "001", "scene", "background.ply")
         plain = read(path)
         head, body = plain.split(b"end_header\n", 1)

@@ -258,7 +258,16 @@ class Photographs(fixtures.Case):
         )
         self.train()
         scene = json.loads(fixtures.read(self.path("scene", "scene.json")))
-        self.assertEqual(scene["models"][0]["sh_degree"], 3)
+        self.assertEqual(scene["config"]["sh_degree"], 3)
+
+    def test_white_photographs(self):
+        """A capture that shows nothing but white has no SH."""
+        for i in range(VIEWS):
+            write(f"{self.set}/images/{i:03d}.png", fixtures.png_bytes(WIDTH, HEIGHT, b"\xff" * 3 * WIDTH * HEIGHT))
+        self.train()
+        scene = json.loads(fixtures.read(self.path("scene", "scene.json")))
+        self.assertEqual([model["sh_degree"] for model in scene["models"]], [0])
+        self.assertEqual(scene["modelled"]["sh"]["degree"], 0)
 
     # ---- Colours ----
 
@@ -782,7 +791,14 @@ class Photographs(fixtures.Case):
             self.assertIn(entry["why"], page)
         self.assertTrue(0 < facts["modelled"]["sky"]["share_of_background"] < 1)
         self.assertTrue(math.isfinite(facts["modelled"]["camera_poses"]["gain_db"]))
-        self.assertEqual(facts["modelled"]["sh"]["bytes"], 180 * facts["gaussians"])
+        sh = facts["modelled"]["sh"]
+        terms = {0: 0, 1: 36, 2: 96, 3: 180}  # bytes per Gaussian
+        stored = sum(terms[model["sh_degree"]] * model["gaussians"] for model in facts["models"])
+        self.assertEqual(sh["degree"], max(model["sh_degree"] for model in facts["models"]))
+        self.assertEqual(
+            sh["bytes_saved" if sh["degree"] == 0 else "bytes"], stored if sh["degree"] else 180 * facts["gaussians"]
+        )
+        self.assertTrue(sh["loss_db"] <= 0.05 and sh["loss_db"] <= sh["gain_db"], sh)
         times = facts["modelled_times"]["exposure"]
         self.assertTrue(times["steps"] >= 300 and times["seconds"] > 0 and times["test_seconds"] > 0, times)
         os.remove(self.path("scene", "report.json"))

@@ -180,9 +180,9 @@ typedef struct pags_train_size_limit {
    * it. With preset PAPER the run may have more until the last prune, which keeps those with the highest scores. */
   int64_t max_gaussians;
   double target_size; /* MB (10^6 bytes): limit on scene.json, models and sky together, as files; 0: none */
-  /* In 255ths: each Gaussian of the finished scene keeps the lowest SH degree that changes its colour by at most
-   * this, in every direction from which a training view sees it; 0: all keep their degree. */
-  double sh_error;
+  /* dB: the finished scene keeps, per Gaussian of the background and per object, the SH degrees with the fewest bytes
+   * that lower the PSNR of training photographs by at most this; 0: all keep their degree; -1: by preset. */
+  double sh_loss;
 } pags_train_size_limit;
 
 /* Scores, pruning by score, and adaptive stochastic dropout (docs/priority.md). */

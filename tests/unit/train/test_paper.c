@@ -152,7 +152,7 @@ static void s_sem_is_the_mean_overlap_with_the_masks(void **unused) {
     assert_non_null(before[m]);
     memcpy(before[m], s->models[m].gaussians.s_sem, (size_t)s->models[m].gaussians.count * sizeof(float));
   }
-  assert_int_equal(pags_score_pass_set_s_sem(&r.trainer, PAGS_SCORE_PASS_PAPER), PAGS_OK);
+  assert_int_equal(pags_score_pass_set_s_sem(&r.trainer), PAGS_OK);
   for (int64_t m = 0; m < s->model_count; m++) {
     const pags_gaussians *const g = &s->models[m].gaussians;
     for (int64_t row = 0; row < g->count; row += g->count / 12 + 1) {
@@ -191,7 +191,7 @@ static void s_sem_is_measured_once_and_inherited(void **unused) {
   assert_int_equal(pags_train(&config, &options, &result), PAGS_OK);
   assert_int_equal(pags_scene_load(scratch("once"), &scene), PAGS_OK);
   begin(&r, &config);
-  assert_int_equal(pags_score_pass_set_s_sem(&r.trainer, PAGS_SCORE_PASS_PAPER), PAGS_OK);
+  assert_int_equal(pags_score_pass_set_s_sem(&r.trainer), PAGS_OK);
   for (int64_t m = 0; m < scene.model_count; m++) {
     pags_gaussians *const g = &scene.models[m].gaussians, *const start = &r.trainer.state.models[m].gaussians;
     pags_sort_floats(start->s_sem, start->count);
