@@ -50,11 +50,8 @@ CHANGES = {
     "preset": "--preset",
     "beta": "--set dropout_beta",
     "gamma": "--set dropout_gamma",
-    "hybrid": "--set hybrid",
     "critical-weight": "--critical-weight",
-    "s-sem": "--set s_sem",
-    "s-grad": "--set s_grad",
-    "s-grad-from": "--set s_grad_from",
+    "score": "--set score",
 }
 # How a row is rendered; the training is that of the row's other parts.
 RENDERED = {"pdr": ("--early-z", "paper"), "paper-order": ("--order", "paper")}

@@ -173,7 +173,8 @@ static void complete_rows(void) {
 /* Suggests the replacement of a removed option: --densify-from, an option before --set existed, gives "--set
  * densify_from=N". Returns false if no field has that name. */
 static bool replacement(const char *name, char *text, size_t size) {
-  static const char *const renamed[][2] = {{"position_rate", "position_rate_begin"}, {"near", "near_plane"}};
+  static const char *const renamed[][2] = {
+      {"position_rate", "position_rate_begin"}, {"near", "near_plane"}, {"hybrid", "score"}};
   const bool off = strncmp(name, "no-", 3) == 0;
   char plain[80];
   snprintf(plain, sizeof plain, "%s", off ? name + 3 : name);

@@ -91,8 +91,24 @@ static void print_value(const pags_train_config *config, const pags_train_field 
 
 /* ---- Checking, setting and resolving ---- */
 
+/* Sets one of the fields that `score` has replaced: the values that make up SCORE_DEFAULT choose it. */
+static pags_result set_part_of_score(pags_train_config *config, const char *name, const char *text) {
+  static const char *const parts[][2] = {
+      {"hybrid", "product"}, {"s_sem", "pass"}, {"s_grad", "rank"}, {"s_grad_from", "pass"}};
+  for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++)
+    if (strcmp(name, parts[i][0]) == 0) {
+      if (strcmp(text, parts[i][1]) != 0)
+        return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: part of score=default|paper since PAGS 0.2, got '%s'", name,
+                         text);
+      if (strcmp(name, "s_grad") != 0) /* both definitions rank */
+        config->priority.score = PAGS_SCORE_DEFAULT;
+      return PAGS_OK;
+    }
+  return pags_fail(PAGS_ERROR_ARGUMENT, "unknown training field '%s'", name);
+}
+
 /* Sets a field that no longer exists: checkpoints and command lines may still name it with its constant value. */
-static pags_result set_retired(const char *name, const char *text) {
+static pags_result set_retired(pags_train_config *config, const char *name, const char *text) {
   static const struct {
     const char *name;
     double value;
@@ -123,7 +139,7 @@ static pags_result set_retired(const char *name, const char *text) {
                   : pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: always %g since PAGS 0.2, got '%s'", name, retired[i].value,
                               text);
     }
-  return pags_fail(PAGS_ERROR_ARGUMENT, "unknown training field '%s'", name);
+  return set_part_of_score(config, name, text);
 }
 
 pags_result pags_train_config_check(const pags_train_config *config) {
@@ -165,7 +181,7 @@ pags_result pags_train_config_check(const pags_train_config *config) {
 pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *text) {
   const pags_train_field *f = pags_train_field_find(name);
   if (!f)
-    return set_retired(name, text);
+    return set_retired(config, name, text);
   void *p = (char *)config + f->offset;
   char *end = NULL;
   if (f->type == PAGS_FIELD_CHOICE) {
@@ -237,12 +253,8 @@ pags_train_config pags_config_resolve(const pags_train_config *config, bool driv
     c.priority.prunes = 0;
   if (c.picture.alpha_min < 0 && (mcmc || c.picture.antialiased))
     c.picture.alpha_min = 0;
-  if (c.priority.hybrid == PAGS_HYBRID_AUTO)
-    c.priority.hybrid = paper ? PAGS_HYBRID_SUM : PAGS_HYBRID_PRODUCT;
-  if (c.priority.s_sem == PAGS_S_SEM_AUTO)
-    c.priority.s_sem = paper ? PAGS_S_SEM_OVERLAP : PAGS_S_SEM_PASS;
-  if (c.priority.s_grad_from == PAGS_S_GRAD_FROM_AUTO)
-    c.priority.s_grad_from = paper ? PAGS_S_GRAD_FROM_TRAINING : PAGS_S_GRAD_FROM_PASS;
+  if (c.priority.score == PAGS_SCORE_AUTO)
+    c.priority.score = paper ? PAGS_SCORE_PAPER : PAGS_SCORE_DEFAULT;
   if (c.priority.critical_weight < 0)
     c.priority.critical_weight = baseline ? 1 : 1 + 2.5 * c.priority.alpha;
   if (c.priority.critical_growth < 0)

@@ -104,9 +104,9 @@ pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
   /* A scored view costs as much as a step: drawing it is a step's forward half, and summing each Gaussian's
    * contribution goes through the (Gaussian, pixel) pairs like the backward half. Prunes score at half size, where
    * there are fewer pairs but as many Gaussians: those views count half. At the end one rank scores alone. */
-  const bool at_end = (pags_score_pass_has_labels(t->dataset) && d->config.priority.s_sem == PAGS_S_SEM_PASS) ||
+  const bool at_end = (pags_score_pass_has_labels(t->dataset) && d->config.priority.score == PAGS_SCORE_DEFAULT) ||
                       (d->config.size_limit.sh_loss > 0.0 && d->config.color.sh_degree > 0);
-  const double at_prunes = pags_prune_measures(&d->config) ? 0.5 * d->prunes : 0.0;
+  const double at_prunes = d->config.priority.score == PAGS_SCORE_DEFAULT ? 0.5 * d->prunes : 0.0;
   out->scoring_seconds = (at_prunes + (at_end ? t->ranks : 0)) * (double)t->view_count * full / 1e3;
 
   /* Memory: that of training at the size of the largest view, of the image cache and of the sky. */

@@ -166,9 +166,10 @@ const pags_train_field pags_fields[] = {
 
     NUMBER(priority, alpha, 0.4, 0, 1, "1",
            "Weight of semantics in the pruning score; the rest is the gradient score."),
-    CHOICE(priority, hybrid, PAGS_HYBRID_AUTO, PAGS_HYBRID_PRODUCT, "auto|sum|product",
-           "Pruning score from S_sem and S_grad. sum: alpha S_sem + (1 - alpha) S_grad; product: (1 - alpha + alpha "
-           "S_sem) S_grad; auto: product, with preset paper sum."),
+    CHOICE(
+        priority, score, PAGS_SCORE_AUTO, PAGS_SCORE_PAPER, "auto|default|paper",
+        "Pruning score. default: (1 - alpha + alpha S_sem) S_grad, of a pass before each prune; paper: alpha S_sem + "
+        "(1 - alpha) S_grad, of the start and of training's own steps; auto: default, with preset paper paper."),
     AUTO(priority, critical_weight, 1, 100, "times", "1 + 2.5 alpha; presets plain and paper 1",
          "Loss weight of pixels that show vehicles or people."),
     AUTO(priority, critical_growth, 1, 100, "times", "as critical_weight",
@@ -183,15 +184,6 @@ const pags_train_field pags_fields[] = {
            "Share of the Gaussians that each later prune by score removes."),
     PRESET(priority, prune_floor, 500, 500, 500, 0, "", 0, MOST_COUNT, "Gaussians",
            "Minimum number of Gaussians per object, below which no prune by score applies."),
-    CHOICE(priority, s_sem, PAGS_S_SEM_AUTO, PAGS_S_SEM_OVERLAP, "auto|pass|init|overlap",
-           "Source of S_sem, the share of a Gaussian that shows vehicles or people. pass: its visible part, before "
-           "each prune; init: that of its initial point; overlap: with hidden parts, once at the start; auto: pass, "
-           "with preset paper overlap."),
-    CHOICE(priority, s_grad, PAGS_S_GRAD_RANK, PAGS_S_GRAD_LOG, "rank|minmax|log",
-           "Normalisation of gradient scores to 0..1."),
-    CHOICE(priority, s_grad_from, PAGS_S_GRAD_FROM_AUTO, PAGS_S_GRAD_FROM_TRAINING, "auto|pass|training",
-           "Source of gradient scores. pass: a pass over the training views before each prune; training: the steps "
-           "since the last prune; auto: pass, with preset paper training."),
     AUTO_SWITCH(priority, dropout, "0; preset paper 1",
                 "Drop random Gaussians in each step, with lower probability for a high semantic score."),
     NUMBER(priority, dropout_beta, 0.5, 0, 1, "1",

@@ -25,7 +25,7 @@ static void *extend(void *column, int64_t rows, int64_t capacity) {
 
 static pags_result reserve_density(const pags_train_model *model, pags_density *density) {
   const pags_train_priority *const priority = &model->schedule.config.priority;
-  const bool with_squared = priority->prunes > 0 && priority->s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
+  const bool with_squared = priority->prunes > 0 && priority->score == PAGS_SCORE_PAPER;
   const int64_t rows = density->capacity, capacity = model->gaussians.stride;
   if (capacity <= rows)
     return PAGS_OK;

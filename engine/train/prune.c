@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pruning by score. The paper ranks all Gaussians by S_hybrid and removes the lowest; two ways to compute it are
- * offered:
+/* Pruning by score: all Gaussians are ranked by S_hybrid, and the lowest are removed. There are two definitions:
  *
- *     sum      S_hybrid = alpha S_sem + (1 - alpha) S_grad (the paper's)
- *     product  S_hybrid = (1 - alpha + alpha S_sem) S_grad
+ *     default  S_hybrid = (1 - alpha + alpha S_sem) S_grad
+ *     paper    S_hybrid = alpha S_sem + (1 - alpha) S_grad
  *
  * S_sem lies in 0..1; S_grad is heavy-tailed over many powers of ten, but its percentile rank is spread evenly over
  * 0..1, so that alpha is the true weight of the two. With the sum, Gaussians that show nothing critical score up to 1
@@ -78,46 +77,15 @@ static pags_result rank_rows(pags_transport *transport, const pags_key *keys, in
   return pags_order_move(transport, &order, out, placed, true);
 }
 
-/* The values at three places of the order of all rows; 0 where there is no such place. */
-static pags_result values_at(pags_transport *transport, const pags_key *keys, int64_t count, int64_t all,
-                             const int64_t positions[3], double values[3]) {
-  PAGS_AUTOFREE pags_key *sorted = malloc((size_t)(count + 1) * sizeof *sorted);
-  pags_key found[3];
-  if (sorted)
-    memcpy(sorted, keys, (size_t)count * sizeof *keys);
-  PAGS_TRY(pags_transport_agree(
-      transport, sorted ? pags_keys_sort(sorted, count) : pags_out_of_memory("%lld Gaussians", (long long)count)));
-  PAGS_TRY(pags_order_find(transport, sorted, count, positions, 3, found));
-  for (int k = 0; k < 3; k++)
-    values[k] = positions[k] >= 0 && positions[k] < all ? pags_double_of_key(found[k].high) : 0.0;
-  return PAGS_OK;
-}
-
-pags_result pags_prune_normalise(pags_transport *transport, const uint32_t *numbers, pags_s_grad kind,
-                                 const double *raw, int64_t count, float *out) {
+pags_result pags_prune_rank(pags_transport *transport, const uint32_t *numbers, const double *raw, int64_t count,
+                            float *out) {
   PAGS_AUTOFREE pags_key *keys = malloc((size_t)(count + 1) * sizeof *keys);
-  int64_t sums[2] = {count, 0}; /* rows; rows of value 0 */
+  int64_t all = count;
   PAGS_TRY(pags_transport_agree(transport, keys ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count)));
-  for (int64_t i = 0; i < count; i++) {
-    keys[i] = (pags_key){pags_key_of_double(raw[i] > 0.0 ? raw[i] : 0.0), number_of(numbers, i)}; /* NaN counts as 0 */
-    sums[1] += !(raw[i] > 0.0);
-  }
-  PAGS_TRY(pags_share_sum(transport, sums, 2));
-  const int64_t all = sums[0], zeros = sums[1];
-  if (kind == PAGS_S_GRAD_RANK)
-    return rank_rows(transport, keys, count, all, out);
-  double values[3] = {0.0}; /* the least, the median of those over 0, the largest */
-  const int64_t positions[3] = {0, zeros + (all - zeros) / 2, all > 0 ? all - 1 : 0};
-  PAGS_TRY(values_at(transport, keys, count, all, positions, values));
-  const double median = zeros < all ? values[1] : 1.0, range = values[2] - values[0];
-  const double most = all > zeros ? pags_log1p(values[2] / median) : 1.0;
-  for (int64_t i = 0; i < count; i++) {
-    const double value = pags_double_of_key(keys[i].high);
-    out[i] = kind == PAGS_S_GRAD_LOG ? (float)(pags_log1p(value / median) / most)
-             : range > 0.0           ? (float)((value - values[0]) / range)
-                                     : 0.0f;
-  }
-  return PAGS_OK;
+  for (int64_t i = 0; i < count; i++) /* NaN counts as 0 */
+    keys[i] = (pags_key){pags_key_of_double(raw[i] > 0.0 ? raw[i] : 0.0), number_of(numbers, i)};
+  PAGS_TRY(pags_share_sum(transport, &all, 1));
+  return rank_rows(transport, keys, count, all, out);
 }
 
 /* ---- Choosing rows ---- */
@@ -233,8 +201,9 @@ static void destroy_lists(row_lists *l) {
 }
 
 double pags_prune_hybrid(const pags_train_config *c, double s_sem, double s_grad) {
-  return c->priority.hybrid == PAGS_HYBRID_PRODUCT ? (1.0 - c->priority.alpha + c->priority.alpha * s_sem) * s_grad
-                                                   : c->priority.alpha * s_sem + (1.0 - c->priority.alpha) * s_grad;
+  const double alpha = c->priority.alpha;
+  return c->priority.score == PAGS_SCORE_PAPER ? alpha * s_sem + (1.0 - alpha) * s_grad
+                                               : (1.0 - alpha + alpha * s_sem) * s_grad;
 }
 
 /* Computes S_hybrid and the group (object) of all rows of all models. `scores`: of the pass, if there was one. */
@@ -244,12 +213,12 @@ static pags_result score_rows(const pags_train_state *s, const pags_score_pass *
   for (int64_t i = 0; i < s->model_count; i++) {
     for (int64_t row = 0; row < s->models[i].gaussians.count; row++, at++) {
       l->number[at] = (uint32_t)(before + s->models[i].first_row + row);
-      l->raw[at] = c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING ? (double)s->models[i].density.squared[row]
-                                                                        : scores->squared[at];
+      l->raw[at] =
+          c->priority.score == PAGS_SCORE_PAPER ? (double)s->models[i].density.squared[row] : scores->squared[at];
     }
     before += s->models[i].total;
   }
-  PAGS_TRY(pags_prune_normalise(pags_model_transport(s->models), l->number, c->priority.s_grad, l->raw, at, l->score));
+  PAGS_TRY(pags_prune_rank(pags_model_transport(s->models), l->number, l->raw, at, l->score));
   at = 0;
   for (int64_t i = 0; i < s->model_count; i++) {
     const pags_train_model *m = &s->models[i];
@@ -307,21 +276,17 @@ static pags_result target_of(const pags_trainer *t, int index, int64_t count, in
   return PAGS_OK;
 }
 
-bool pags_prune_measures(const pags_train_config *config) {
-  return config->priority.s_sem == PAGS_S_SEM_PASS || config->priority.s_grad_from == PAGS_S_GRAD_FROM_PASS;
-}
-
 pags_result pags_prune(pags_trainer *t, int index) {
   pags_train_state *s = &t->state;
   PAGS_AUTO(pags_score_pass_destroy) pags_score_pass scores = {0};
   int64_t dropped = 0, at = 0, count = 0;
   pags_tasks_mark(t->tasks, "prune", "scores");
   const int64_t before = pags_state_gaussian_count(s);
-  if (pags_prune_measures(&s->schedule.config))
+  if (s->schedule.config.priority.score == PAGS_SCORE_DEFAULT) {
     PAGS_TRY(pags_score_pass_measure(t, PAGS_SCORE_PASS_ROUGH, &scores));
-  pags_tasks_mark(t->tasks, NULL, "choose");
-  if (s->schedule.config.priority.s_sem == PAGS_S_SEM_PASS)
     pags_score_pass_write_s_sem(s, &scores);
+  }
+  pags_tasks_mark(t->tasks, NULL, "choose");
   for (int64_t i = 0; i < s->model_count; i++)
     count += s->models[i].gaussians.count;
   const size_t room = (size_t)(count > 0 ? count : 1);

@@ -10,18 +10,14 @@
  * Gaussians with the lowest, sorts the rest. */
 pags_result pags_prune(pags_trainer *trainer, int index);
 
-/* Returns whether prunes need a pass over the training views. The paper's don't: its S_sem is known from the start, and
- * S_grad adds up while the steps run. */
-bool pags_prune_measures(const pags_train_config *config);
-
 /* Returns the number of Gaussians that prune number `index` leaves of `count`. */
 int64_t pags_prune_target(const pags_schedule *schedule, int index, int64_t count);
 
-/* Normalises raw scores >= 0 to 0..1 in `out`. RANK: the share of the other scores that are lower (equal scores don't
- * count as lower). MINMAX: linear. LOG: log(1 + x / m), m the median of the scores over 0, then linear. The rows are
- * those of all ranks of `transport`, in the order of their numbers; NULL, NULL: this rank's alone. */
-pags_result pags_prune_normalise(pags_transport *transport, const uint32_t *numbers, pags_s_grad kind,
-                                 const double *raw, int64_t count, float *out);
+/* Replaces raw scores >= 0 (NaN and less count as 0) by their percentile rank, 0..1, in `out`: the share of the other
+ * scores that are lower; equal scores don't count as lower. The rows are those of all ranks of `transport`, in the
+ * order of their numbers; NULL, NULL: this rank's alone. */
+pags_result pags_prune_rank(pags_transport *transport, const uint32_t *numbers, const double *raw, int64_t count,
+                            float *out);
 
 /* Returns S_hybrid, in 0..1, of both scores, by a resolved configuration (pags_config_resolve). */
 double pags_prune_hybrid(const pags_train_config *config, double s_sem, double s_grad);

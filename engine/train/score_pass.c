@@ -206,7 +206,7 @@ void pags_score_pass_write_s_sem(pags_train_state *s, const pags_score_pass *sco
 
 pags_result pags_score_pass_set_s_sem(pags_trainer *t) {
   PAGS_AUTO(pags_score_pass_destroy) pags_score_pass scores = {0};
-  if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.priority.s_sem != PAGS_S_SEM_OVERLAP)
+  if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.priority.score != PAGS_SCORE_PAPER)
     return PAGS_OK;
   PAGS_TRY(pags_score_pass_measure(t, PAGS_SCORE_PASS_PAPER, &scores));
   pags_score_pass_write_s_sem(&t->state, &scores);

@@ -243,8 +243,7 @@ static pags_result compare(pags_trainer *t, pags_step_view *v, const pags_compar
 /* Whether the step adds to S_grad of a prune to come. */
 static bool adds_squares(const pags_trainer *t, int64_t step) {
   const pags_schedule *const s = &t->state.schedule;
-  return s->config.priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING && s->prunes > 0 &&
-         step <= s->prune_step[s->prunes - 1];
+  return s->config.priority.score == PAGS_SCORE_PAPER && s->prunes > 0 && step <= s->prune_step[s->prunes - 1];
 }
 
 /* Returns a plane that is 1 at the pixels that the photograph's mask leaves, and 0 at others. */

@@ -288,7 +288,7 @@ static pags_result loop(pags_trainer *t, run_clock *clock) {
 static pags_result finish_scene(pags_trainer *t) {
   PAGS_AUTO(pags_score_pass_destroy) pags_score_pass scores = {0};
   const pags_train_config *const c = &t->state.schedule.config;
-  const bool labels = pags_score_pass_has_labels(t->dataset) && c->priority.s_sem == PAGS_S_SEM_PASS;
+  const bool labels = pags_score_pass_has_labels(t->dataset) && c->priority.score == PAGS_SCORE_DEFAULT;
   const bool trims = c->size_limit.sh_loss > 0.0 && c->color.sh_degree > 0;
   if (!labels && !trims)
     return PAGS_OK;

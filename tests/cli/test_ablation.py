@@ -240,8 +240,8 @@ class Ablation(DataCase):
             ("alpha=0.2", "--preset paper --alpha 0.2 --prune-rate 0.6/0.3 --set dropout=1 --set dropout_beta=0.5"),
             ("sp+sd", "--preset paper --alpha 0 --set dropout=1 --set dropout_beta=0"),
             (
-                "sd+beta=0.1+s-sem=init+no-fourier",
-                "--preset plain --set dropout=1 --set dropout_beta=0.1 --set s_sem=init --set fourier=0",
+                "sd+beta=0.1+score=default+no-fourier",
+                "--preset plain --set dropout=1 --set dropout_beta=0.1 --set score=default --set fourier=0",
             ),
             ("fast+rate=40/20+no-sky", "--preset fast --prune-rate 0.4/0.2 --no-sky"),
             ("sh=2+--sh-degree=1+--mcmc", "--sh-degree 1 --mcmc"),

@@ -169,7 +169,7 @@ class Usage(Case):
             (["--rolling-shutter"], "--set rolling_shutter=1"),
             (["--near=1"], "--set near_plane=N"),
             (["--position-rate", "1"], "--set position_rate_begin=N"),
-            (["--hybrid", "sum"], "--set hybrid=auto|sum|product"),
+            (["--hybrid", "sum"], "--set score=auto|default|paper"),
         ]:
             said = self.refused(["train", "x", "-o", "y", *flag])
             self.assertEqual(said, f"pags train: {flag[0].split('=')[0]} is now {form}")

@@ -223,8 +223,7 @@ static void with_other_settings(void **unused) {
   config.schedule.iterations = PHOTOGRAPHS / 2;
   config.size_limit.target_size = 1.8;
   config.objects.fourier = PAGS_FOURIER_ALL;
-  config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
-  config.priority.s_sem = PAGS_S_SEM_OVERLAP;
+  config.priority.score = PAGS_SCORE_PAPER;
   config.density.lidar_pull = config.density.lidar_lay = 0.1;
   ranks_change_no_bit(&config, "other", 2);
 }

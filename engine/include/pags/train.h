@@ -35,39 +35,22 @@ typedef enum pags_preset {
 } pags_preset;
 enum { PAGS_PRESETS = PAGS_PRESET_PAPER + 1 };
 
-/* The score S_hybrid of a Gaussian, as a function of its semantic score S_sem and its gradient score S_grad, both
- * in 0..1. */
-typedef enum pags_hybrid {
-  PAGS_HYBRID_AUTO, /* PRODUCT, with preset PAPER SUM */
-  PAGS_HYBRID_SUM,  /* alpha S_sem + (1 - alpha) S_grad, the paper's */
-  /* (1 - alpha + alpha S_sem) S_grad: to be kept, a Gaussian that isn't critical needs 1 / (1 - alpha) times the
-   * S_grad of a critical one. */
-  PAGS_HYBRID_PRODUCT
-} pags_hybrid;
-
-/* How S_sem is found: the share of a Gaussian that shows something critical. Copies by clone and split inherit it. */
-typedef enum pags_s_sem {
-  PAGS_S_SEM_AUTO,   /* PASS, with preset PAPER OVERLAP */
-  PAGS_S_SEM_PASS,   /* by the Gaussian's blending weights (alpha T) in the pixels of the training photographs,
-                        measured anew before each prune and at the end */
-  PAGS_S_SEM_INIT,   /* of the points that the Gaussians start from; never measured */
-  PAGS_S_SEM_OVERLAP /* the paper's: once, before the first step; the mean, over the labelled views that show the
-                        Gaussian, of the critical share of its alpha, as if nothing were hidden */
-} pags_s_sem;
-
-/* How the raw gradient scores are mapped to S_grad in 0..1: to their percentile rank; linearly from their minimum
- * and maximum; or by a logarithm. */
-typedef enum pags_s_grad { PAGS_S_GRAD_RANK, PAGS_S_GRAD_MINMAX, PAGS_S_GRAD_LOG } pags_s_grad;
-
-/* Where the raw gradient scores come from: the squared derivatives of the pixels' colour by the projected Gaussian's
- * value (Speedy-Splat, Hanson et al. 2025), summed over the pixels of some views. */
-typedef enum pags_s_grad_from {
-  PAGS_S_GRAD_FROM_AUTO, /* PASS, with preset PAPER TRAINING */
-  PAGS_S_GRAD_FROM_PASS, /* a pass over the training views before each prune */
-  /* The pictures of training's own steps since the last prune, as they were drawn: at their size, and without the
-   * Gaussians that dropout left out. */
-  PAGS_S_GRAD_FROM_TRAINING
-} pags_s_grad_from;
+/* How prunes score a Gaussian: S_hybrid combines a semantic score S_sem, 0..1, the share of the Gaussian that shows
+ * something critical, and a gradient score S_grad, 0..1, the percentile rank of the squared derivatives of the pixels'
+ * colour by the projected Gaussian's value (Speedy-Splat, Hanson et al. 2025), summed over pixels. Copies by clone and
+ * split inherit S_sem. Measured against each other in docs/lab/paper.md. */
+typedef enum pags_score {
+  PAGS_SCORE_AUTO, /* DEFAULT, with preset PAPER PAPER */
+  /* S_hybrid = (1 - alpha + alpha S_sem) S_grad: to be kept, a Gaussian that isn't critical needs 1 / (1 - alpha) times
+   * the S_grad of a critical one. A pass over the training views before each prune measures both. S_sem: by the
+   * Gaussian's blending weights (alpha T), measured once more at the end. */
+  PAGS_SCORE_DEFAULT,
+  /* The paper's, S_hybrid = alpha S_sem + (1 - alpha) S_grad. S_sem: once, before the first step; the mean, over the
+   * labelled views that show the Gaussian, of the critical share of its alpha, as if nothing were hidden. S_grad: of
+   * the training's own steps since the last prune, as they were drawn: at their size, and without the Gaussians that
+   * dropout left out. */
+  PAGS_SCORE_PAPER
+} pags_score;
 
 /* The structs below hold every constant of the training. Their fields are listed in one table,
  * engine/train/fields.c, with name, type, default, range, unit and text; `pags train --fields` prints it, and
@@ -188,23 +171,20 @@ typedef struct pags_train_size_limit {
 /* Scores, pruning by score, and adaptive stochastic dropout (docs/priority.md). */
 typedef struct pags_train_priority {
   double alpha;           /* 0..1: share of semantics in S_hybrid and in the weight of critical pixels */
-  pags_hybrid hybrid;     /* the formula of S_hybrid */
+  pags_score score;       /* how S_hybrid is found */
   double critical_weight; /* weight of a critical pixel in the photometric loss, other pixels having 1;
                              auto: 1 + 2.5 alpha, with presets PLAIN and PAPER 1 */
   /* Weight of critical content in densify: the mean gradient of a Gaussian is multiplied by
    *     (1 + (critical_growth - 1) s_sem) / (1 + (critical_weight - 1) s_sem)
    * auto: as critical_weight. */
   double critical_growth;
-  int prunes;                   /* number of prunes by S_hybrid, 0..8; must be 0 or auto with strategy MCMC */
-  int64_t prune_from;           /* steps of 30 000: the first prune */
-  int64_t prune_every;          /* steps of 30 000 from one prune to the next */
-  double prune_early;           /* fraction removed at each prune before densify_until */
-  double prune_late;            /* fraction removed at each later prune */
-  int64_t prune_floor;          /* no object is pruned below this number of Gaussians; auto: 500, with PAPER 0 */
-  pags_s_sem s_sem;             /* how S_sem is found */
-  pags_s_grad s_grad;           /* how S_grad is mapped to 0..1 */
-  pags_s_grad_from s_grad_from; /* where S_grad comes from */
-  int dropout;                  /* 1: each step leaves Gaussians out at random; auto: 1 with preset PAPER */
+  int prunes;          /* number of prunes by S_hybrid, 0..8; must be 0 or auto with strategy MCMC */
+  int64_t prune_from;  /* steps of 30 000: the first prune */
+  int64_t prune_every; /* steps of 30 000 from one prune to the next */
+  double prune_early;  /* fraction removed at each prune before densify_until */
+  double prune_late;   /* fraction removed at each later prune */
+  int64_t prune_floor; /* no object is pruned below this number of Gaussians; auto: 500, with PAPER 0 */
+  int dropout;         /* 1: each step leaves Gaussians out at random; auto: 1 with preset PAPER */
   /* The probability that a Gaussian is left out of a step is
    *     (1 - dropout_beta S_sem) dropout_gamma step / steps
    * where dropout_beta, 0..1, is how much semantic priority protects from dropout, and dropout_gamma is the

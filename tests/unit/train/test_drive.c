@@ -159,17 +159,14 @@ static void pruning_changes_no_bit_of_a_resumed_run(void **unused) {
   config.priority.prune_from = 10000;
   config.priority.prune_every = 5000;
   config.priority.prune_floor = 20;
-  config.priority.s_sem = PAGS_S_SEM_PASS;
-  config.priority.s_grad_from = PAGS_S_GRAD_FROM_PASS;
+  config.priority.score = PAGS_SCORE_DEFAULT;
   config.size_limit.max_gaussians = 1500;
   pruned_runs_go_on(&config, "pass");
   pags_scene scene;
   assert_int_equal(pags_scene_load(scratch("pass_whole"), &scene), PAGS_OK);
   assert_int_equal(pags_scene_gaussian_count(&scene), 1500);
   pags_scene_destroy(&scene);
-  config.priority.s_grad_from = PAGS_S_GRAD_FROM_AUTO; /* the paper's */
-  config.priority.s_sem = PAGS_S_SEM_AUTO;
-  config.priority.s_grad = PAGS_S_GRAD_LOG;
+  config.priority.score = PAGS_SCORE_AUTO; /* the paper's */
   pruned_runs_go_on(&config, "training");
   config = quick();
   config.schedule.preset = PAGS_PRESET_DEFAULT;

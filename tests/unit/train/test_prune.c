@@ -56,7 +56,7 @@ static void prune_steps_match_the_paper(void **unused) {
   assert_int_equal(pags_schedule_prune(&s, 45000), 7);
   assert_int_equal(pags_schedule_prune(&s, 45001), -1);
   assert_int_equal(s.config.priority.prune_floor, 0);
-  assert_true(s.config.priority.critical_weight == 1.0 && s.config.priority.hybrid == PAGS_HYBRID_SUM);
+  assert_true(s.config.priority.critical_weight == 1.0 && s.config.priority.score == PAGS_SCORE_PAPER);
   assert_true(s.config.priority.dropout == 1 && s.config.picture.alpha_min == 0 && s.config.density.scale_reset == 1);
 }
 
@@ -66,7 +66,7 @@ static void default_prunes_begin_earlier_and_remove_less(void **unused) {
   assert_true(s.prunes > 0 && s.prune_step[0] < 10000);
   assert_true(s.densify_until < plain.densify_until);
   assert_true(s.prune_rate[0] < 0.6);
-  assert_true(s.config.priority.critical_weight == 2.0 && s.config.priority.hybrid == PAGS_HYBRID_PRODUCT);
+  assert_true(s.config.priority.critical_weight == 2.0 && s.config.priority.score == PAGS_SCORE_DEFAULT);
   assert_true(plain.config.priority.critical_weight == 1.0);
 }
 
@@ -167,41 +167,35 @@ static void resets_wait_for_a_near_prune(void **unused) {
     assert_int_equal(pags_schedule_is_reset(&s, step), step % 3000 == 0 && step < 25000);
 }
 
-static void scores_are_scaled_to_0_to_1(void **unused) {
+static void scores_become_percentile_ranks(void **unused) {
   (void)unused;
   const double raw[6] = {0, 4, 0, 1e6, 4, 1};
   float out[6];
-  assert_int_equal(pags_prune_normalise(NULL, NULL, PAGS_S_GRAD_RANK, raw, 6, out), PAGS_OK);
+  assert_int_equal(pags_prune_rank(NULL, NULL, raw, 6, out), PAGS_OK);
   const float ranks[6] = {0, 0.6f, 0, 1, 0.6f, 0.4f};
   for (int i = 0; i < 6; i++)
     assert_true(fabsf(out[i] - ranks[i]) < 1e-6f);
-  assert_int_equal(pags_prune_normalise(NULL, NULL, PAGS_S_GRAD_MINMAX, raw, 6, out), PAGS_OK);
-  assert_true(out[0] == 0 && fabsf(out[1] - 4e-6f) < 1e-9f && out[3] == 1);
-  assert_int_equal(pags_prune_normalise(NULL, NULL, PAGS_S_GRAD_LOG, raw, 6, out), PAGS_OK);
-  assert_true(out[0] == 0 && out[3] == 1 && fabs((double)out[1] - log(2) / log1p(250000)) < 1e-6);
   const double odd[2] = {(double)NAN, -1}; /* values that aren't valid count as 0 */
-  for (int kind = PAGS_S_GRAD_RANK; kind <= PAGS_S_GRAD_LOG; kind++) {
-    assert_int_equal(pags_prune_normalise(NULL, NULL, (pags_s_grad)kind, odd, 2, out), PAGS_OK);
-    assert_true(out[0] == 0 && out[1] == 0);
-    assert_int_equal(pags_prune_normalise(NULL, NULL, (pags_s_grad)kind, odd, 0, out), PAGS_OK);
-  }
+  assert_int_equal(pags_prune_rank(NULL, NULL, odd, 2, out), PAGS_OK);
+  assert_true(out[0] == 0 && out[1] == 0);
+  assert_int_equal(pags_prune_rank(NULL, NULL, odd, 0, out), PAGS_OK);
 }
 
 /* With an alpha of 0.4 for the semantic score: in the sum a critical Gaussian keeps 0.4 even with a gradient score of
  * 0; in the product it needs a gradient score as well. */
-static void scores_combine_by_sum_or_product(void **unused) {
+static void scores_combine_by_product_or_sum(void **unused) {
   (void)unused;
   pags_train_config c = pags_train_config_default();
-  c.priority.hybrid = PAGS_HYBRID_SUM;
+  c.priority.score = PAGS_SCORE_PAPER;
   assert_true(fabs(pags_prune_hybrid(&c, 1.0, 0.0) - 0.4) < 1e-15);
   assert_true(fabs(pags_prune_hybrid(&c, 0.25, 0.5) - 0.4) < 1e-15);
-  c.priority.hybrid = PAGS_HYBRID_PRODUCT;
+  c.priority.score = PAGS_SCORE_DEFAULT;
   assert_true(pags_prune_hybrid(&c, 1.0, 0.0) == 0.0);
   assert_true(fabs(pags_prune_hybrid(&c, 1.0, 0.6) - pags_prune_hybrid(&c, 0.0, 1.0)) < 1e-15);
   assert_true(fabs(pags_prune_hybrid(&c, 0.5, 0.5) - 0.4) < 1e-15);
   c.priority.alpha = 0.0;
-  for (int kind = PAGS_HYBRID_SUM; kind <= PAGS_HYBRID_PRODUCT; kind++) {
-    c.priority.hybrid = (pags_hybrid)kind;
+  for (int kind = PAGS_SCORE_DEFAULT; kind <= PAGS_SCORE_PAPER; kind++) {
+    c.priority.score = (pags_score)kind;
     assert_true(pags_prune_hybrid(&c, 1.0, 0.3) == 0.3 && pags_prune_hybrid(&c, 0.0, 0.3) == 0.3);
   }
 }
@@ -293,7 +287,7 @@ static void rows_keep_their_scores(void **unused) {
   pags_tasks *tasks = pags_tasks_create(1);
   pags_train_config config = pags_train_config_default();
   config.color.sh_degree = 0;
-  config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
+  config.priority.score = PAGS_SCORE_PAPER;
   pags_schedule schedule = pags_schedule_make(&config, 10.0, 4);
   assert_int_equal(pags_state_create(&s, &schedule, 30000, 1), PAGS_OK);
   assert_int_equal(pags_gaussians_create(&g, 40, 0), PAGS_OK);
@@ -348,8 +342,31 @@ static void mcmc_keeps_its_count(void **unused) {
   assert_int_equal(pags_train_config_set(&config, "prunes", "auto"), PAGS_OK);
   assert_int_equal(pags_train_config_set(&config, "preset", "paper"), PAGS_OK);
   assert_int_not_equal(pags_train_config_check(&config), PAGS_OK);
-  assert_int_not_equal(pags_train_config_set(&config, "s_grad", "median"), PAGS_OK);
-  assert_non_null(strstr(pags_error_message(), "s_grad: expected one of rank|minmax|log, got 'median'"));
+  assert_int_not_equal(pags_train_config_set(&config, "score", "median"), PAGS_OK);
+  assert_non_null(strstr(pags_error_message(), "score: expected one of auto|default|paper, got 'median'"));
+}
+
+/* The four fields that `score` has replaced choose the default's score by its values; others are refused. */
+static void former_fields_of_the_score_name_it(void **unused) {
+  (void)unused;
+  static const char *const others[][2] = {
+      {"hybrid", "sum"}, {"s_sem", "init"}, {"s_grad", "log"}, {"s_grad_from", "training"}};
+  static const char *const same[][2] = {{"hybrid", "product"}, {"s_sem", "pass"}, {"s_grad_from", "pass"}};
+  for (size_t i = 0; i < 4; i++) {
+    pags_train_config config = pags_train_config_default();
+    assert_int_equal(pags_train_config_set(&config, others[i][0], others[i][1]), PAGS_ERROR_UNSUPPORTED);
+    assert_non_null(strstr(pags_error_message(), "score=default|paper"));
+    assert_int_equal(config.priority.score, PAGS_SCORE_AUTO);
+  }
+  for (size_t i = 0; i < 3; i++) {
+    pags_train_config config = pags_train_config_default();
+    config.schedule.preset = PAGS_PRESET_PAPER;
+    assert_int_equal(pags_train_config_set(&config, same[i][0], same[i][1]), PAGS_OK);
+    assert_int_equal(pags_config_resolve(&config, true).priority.score, PAGS_SCORE_DEFAULT);
+  }
+  pags_train_config config = pags_train_config_default();
+  assert_int_equal(pags_train_config_set(&config, "s_grad", "rank"), PAGS_OK);
+  assert_int_equal(config.priority.score, PAGS_SCORE_AUTO);
 }
 
 /* The names of removed presets are refused with the options that replace them. */
@@ -369,16 +386,17 @@ int main(void) {
       cmocka_unit_test(automatic_choices_follow_the_data),
       cmocka_unit_test(the_critical_weight_follows_alpha),
       cmocka_unit_test(values_below_the_range_are_refused),
-      cmocka_unit_test(scores_combine_by_sum_or_product),
+      cmocka_unit_test(scores_combine_by_product_or_sum),
       cmocka_unit_test(prune_steps_scale_and_avoid_the_last_step),
       cmocka_unit_test(resets_wait_for_a_near_prune),
-      cmocka_unit_test(scores_are_scaled_to_0_to_1),
+      cmocka_unit_test(scores_become_percentile_ranks),
       cmocka_unit_test(lowest_scores_are_pruned_above_the_floors),
       cmocka_unit_test(ties_are_broken_at_random),
       cmocka_unit_test(the_bound_holds_at_the_last_prune),
       cmocka_unit_test(rows_keep_their_scores),
       cmocka_unit_test(a_limit_is_kept_full),
       cmocka_unit_test(mcmc_keeps_its_count),
+      cmocka_unit_test(former_fields_of_the_score_name_it),
       cmocka_unit_test(removed_presets_name_replacements),
   };
   return cmocka_run_group_tests_name("prune", tests, NULL, NULL);

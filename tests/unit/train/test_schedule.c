@@ -246,13 +246,11 @@ static void an_old_configuration_is_read(void **unused) {
   /* Values that the older version had already resolved when it wrote the file. */
   expected.objects.fourier = PAGS_FOURIER_BY_GAIN;
   expected.density.densify_until = 12000;
-  expected.priority.hybrid = PAGS_HYBRID_PRODUCT;
+  expected.priority.score = PAGS_SCORE_DEFAULT;
   expected.priority.critical_weight = expected.priority.critical_growth = 3.0;
   expected.priority.prune_early = 0.5;
   expected.priority.prune_late = 0.2;
   expected.priority.prune_floor = 500;
-  expected.priority.s_sem = PAGS_S_SEM_PASS;
-  expected.priority.s_grad_from = PAGS_S_GRAD_FROM_PASS;
   expected.priority.dropout = 0;
   expected.schedule.half_until = 0.2;
   expected.losses.ssim_weight = 0.2;
