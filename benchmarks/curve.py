@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""curve.py: speed against error, as a table, a picture and JSON (docs/pags-bench.md).
+"""curve.py: speed against error, as a table, a picture and JSON (docs/speed-against-error.md).
 
 frame: time of a frame against PSNR to the exact frame and to the photographs, by drawing mode and time limit, for a
 scene or several. training: time of training against PSNR on held-out photographs, by preset and number of steps."""
@@ -25,15 +25,15 @@ from ablation_tables import cell, markdown_table, write
 HERE = os.path.dirname(os.path.abspath(__file__))
 CAMERAS = "set:camera_poses=1+set:light=1"  # presets plain and paper don't correct the cameras otherwise
 PROBE_STEPS = 100
-LEVELS = "level of time limits"
+BOUNDED = "error bound (bounded=EPS)"
 # Drawing modes and limits by what they change: title, pattern of the names, what labels call the rest of a name.
 FAMILIES = [
     ("full quality", r"off|lossless", {}),
     ("exp of degree 3", r"exp3", {"exp3": ""}),
-    ("error bound (bounded=EPS)", r"bounded(?:=(.*))?", {"bounded": "1/255"}),
+    (BOUNDED, r"bounded(?:=(.*))?", {"bounded": "1/255"}),
     ("Early-Z of the paper", r"paper.*", {"paper": "by depth", "paper-order": "paper's order"}),
     ("SH degree at most", r"sh(\d)", {}),
-    (LEVELS, r"level (.*)", {}),
+    ("level of time limits", r"level (.*)", {}),
     ("time limit", r"limit (.*)", {}),
 ]
 EXACT, PHOTO = "PSNR to the exact frame, dB", "PSNR to held-out photographs, dB"
@@ -118,11 +118,13 @@ def label_points(axes, groups):
     """Labels the points; the figure must have been laid out, so that their places are known."""
     from matplotlib.transforms import Bbox
 
-    taken = [
-        Bbox.from_extents(x - 4, y - 4, x + 4, y + 4)
-        for line in axes.get_lines()
-        for x, y in axes.transData.transform(line.get_xydata())
-    ]
+    taken = []
+    for line in axes.get_lines():
+        at = [tuple(xy) for xy in axes.transData.transform(line.get_xydata())]
+        taken += [Bbox.from_extents(x - 4, y - 4, x + 4, y + 4) for x, y in at]
+        for (x0, y0), (x1, y1) in zip(at, at[1:]):  # what lies on the line between two points
+            steps = [k / 32 for k in range(1, 32)]
+            taken += [Bbox.from_bounds(x0 + (x1 - x0) * t, y0 + (y1 - y0) * t, 1, 1) for t in steps]
     for index, points in enumerate(groups.values()):
         for x, y, _, text in points:
             if text and y is not None:
@@ -225,9 +227,9 @@ def frame_curve(given, rest):
         groups = {}
         for scene in scenes:
             families = groups_of(scene["points"], "psnr_photo")
-            points = [p[:3] for name in (FAMILIES[0][0], LEVELS) for p in families.get(name, [])]
+            points = [p[:3] for name in (FAMILIES[0][0], BOUNDED) for p in families.get(name, [])]
             groups[f"_{scene['name']}"] = [(*p, "" if k else scene["name"]) for k, p in enumerate(points)]
-        panels.append(("Scenes: full quality and levels of time limits", "milliseconds per frame", PHOTO, groups))
+        panels.append(("Scenes: full quality and error bounds", "milliseconds per frame", PHOTO, groups))
     title = (
         f"{first['name']}: {first['gaussians']} Gaussians, {first['width']}x{first['height']}, "
         f"{first['threads']} thread{'s' if first['threads'] > 1 else ''} of {results['machine'].split(', ')[0]}"
@@ -257,7 +259,13 @@ def estimate(given, child, left, trainings, states, options):
         report = os.path.join(folder, "train.json")
         words = ["train", given.dataset, "-o", os.path.join(folder, "scene"), "-n", PROBE_STEPS, "--json", report, "-q"]
         words += ["--preview-every", 0, "--checkpoint-every", 0, "--threads", given.threads]
-        child.run([given.pags, *words, *options])
+        with open(os.path.join(folder, "errors"), "w+", encoding="utf-8") as errors:
+            try:
+                child.run([given.pags, *words, *options], stderr=errors)
+            finally:
+                errors.seek(0)
+                stopped = "curve.py: interrupted; nothing was trained yet\n"
+                print(stopped if child.stopped else errors.read(), end="", file=sys.stderr)
         found = read_json(report)
     start = max(0, found["seconds"] - PROBE_STEPS / found["iterations_per_second"])
     return left / found["iterations_per_second"] + trainings * start
@@ -315,7 +323,7 @@ def training_curve(given, rest):
     spent = [sum(state[key] for state in states) for key in ("seconds", "cpu_seconds")]
     results = {"machine": machine(), "seconds": spent[0], "cpu_seconds": spent[1], "rows": rows}
     write(f"{given.output}.json", json.dumps(results, indent=1) + "\n")
-    dataset = os.path.basename(os.path.normpath(given.dataset))
+    dataset = "/".join(os.path.abspath(given.dataset).split("/")[-2:])
     took = f"{duration(spent[0])} of training, {duration(spent[1])} of processor time"
     page = (
         f"# Training time against error on {dataset}\n\n{results['machine']}; {took}. PSNR in dB on held-out photographs; "
@@ -334,7 +342,7 @@ def training_curve(given, rest):
                 groups[name] = points
         if groups:
             panels.append((title, "seconds of processor time", PHOTO, groups))
-    drawn = save_picture(f"{given.output}.svg", panels, f"{dataset}: {results['machine'].split(', ')[0]}")
+    drawn = save_picture(f"{given.output}.svg", panels, f"Training on {dataset}, {results['machine'].split(', ')[0]}")
     print(f"{given.output}.json, .md{', .svg' if drawn else ''}: {took}; {duration(time.monotonic() - began)} now")
 
 
