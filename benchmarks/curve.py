@@ -77,17 +77,18 @@ class Child:
 
 
 def place_label(axes, text, at, colour, taken):
-    """Writes a label next to a point where it covers no other label and no point; `taken`: boxes in pixels."""
+    """Writes a label next to a point where it covers no other label, line or point, if there is such a place; `taken`: boxes in pixels."""
     renderer = axes.figure.canvas.get_renderer()
     sides = [(7, 0, "left", "center"), (-7, 0, "right", "center"), (0, 7, "center", "bottom"), (0, -7, "center", "top")]
-    for distance in (1, 1.7, 2.6, 3.6):
+    for distance in (1, 1.6, 2.2):  # further away it would be another point's label
         for dx, dy, horizontal, vertical in sides:
             offset = (distance * dx, distance * dy)
             note = axes.annotate(
                 text, at, offset, textcoords="offset points", ha=horizontal, va=vertical, fontsize=8, color=colour
             )
             box = note.get_window_extent(renderer)
-            if box.x0 >= axes.bbox.x0 and box.x1 <= axes.bbox.x1 and not any(box.overlaps(other) for other in taken):
+            inside = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 and box.y1 <= axes.bbox.y1
+            if inside and not any(box.overlaps(other) for other in taken):
                 taken.append(box)
                 return
             note.remove()
@@ -200,6 +201,28 @@ def scene_table(scene):
     )
 
 
+def draw_frames(path, results):
+    """The first scene's curves, and with several scenes the best modes of each. Returns whether it could be drawn."""
+    scenes, panels = results["scenes"], []
+    first = scenes[0]
+    for title, key, y in [("Error of drawing", "psnr_exact", EXACT), ("Error of the scene", "psnr_photo", PHOTO)]:
+        groups = groups_of(first["points"], key)
+        if groups:
+            panels.append((title, "milliseconds per frame", y, groups))
+    if len(scenes) > 1 and len(panels) > 1:
+        groups = {}
+        for scene in scenes:
+            families = groups_of(scene["points"], "psnr_photo")
+            points = [p[:3] for name in (FAMILIES[0][0], BOUNDED) for p in families.get(name, [])]
+            groups[f"_{scene['name']}"] = [(*p, "" if k else scene["name"]) for k, p in enumerate(points)]
+        panels.append(("Scenes: full quality and error bounds", "milliseconds per frame", PHOTO, groups))
+    title = (
+        f"{first['name']}: {first['gaussians']} Gaussians, {first['width']}x{first['height']}, "
+        f"{first['threads']} thread{'s' if first['threads'] > 1 else ''} of {results['machine'].split(', ')[0]}"
+    )
+    return save_picture(path, panels, title)
+
+
 def frame_curve(given, rest):
     child, scenes, began = Child(), [], time.monotonic()
     for text in given.scenes:
@@ -218,23 +241,7 @@ def frame_curve(given, rest):
     )
     write(f"{given.output}.md", page + "".join(map(scene_table, scenes)))
 
-    first, panels = scenes[0], []
-    for title, key, y in [("Error of drawing", "psnr_exact", EXACT), ("Error of the scene", "psnr_photo", PHOTO)]:
-        groups = groups_of(first["points"], key)
-        if groups:
-            panels.append((title, "milliseconds per frame", y, groups))
-    if len(scenes) > 1 and len(panels) > 1:
-        groups = {}
-        for scene in scenes:
-            families = groups_of(scene["points"], "psnr_photo")
-            points = [p[:3] for name in (FAMILIES[0][0], BOUNDED) for p in families.get(name, [])]
-            groups[f"_{scene['name']}"] = [(*p, "" if k else scene["name"]) for k, p in enumerate(points)]
-        panels.append(("Scenes: full quality and error bounds", "milliseconds per frame", PHOTO, groups))
-    title = (
-        f"{first['name']}: {first['gaussians']} Gaussians, {first['width']}x{first['height']}, "
-        f"{first['threads']} thread{'s' if first['threads'] > 1 else ''} of {results['machine'].split(', ')[0]}"
-    )
-    drawn = save_picture(f"{given.output}.svg", panels, title)
+    drawn = draw_frames(f"{given.output}.svg", results)
     print(f"{given.output}.json, .md{', .svg' if drawn else ''}: {duration(seconds)}")
 
 
