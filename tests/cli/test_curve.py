@@ -154,7 +154,7 @@ class Frames(Case):
         told = json.loads(read(self.path("t.json")))
         self.assertEqual([scene["name"] for scene in told["scenes"]], ["first", "scene"])
         names = [point["point"] for point in told["scenes"][0]["points"]]
-        for name in ["off", "lossless", "paper-order", "exp3", "sh0", "limit 100%"]:
+        for name in ["off", "lossless", "paper-order", "exp3", "limit 100%"]:
             self.assertIn(name, names)
         table = read(self.path("t.md")).decode()
         self.assertEqual(table.count("\n| `off` |"), 2)
