@@ -316,7 +316,7 @@ static pags_result put_harmonics(packer *p) {
  * above predict, left + above - above left, where there are any. */
 static pags_result put_sky(packer *p, const pags_sky *sky) {
   const int64_t size = sky ? sky->size : 0, area = size * size;
-  PAGS_AUTOFREE float *values = malloc((size_t)(18 * area + 1) * sizeof *values);
+  PAGS_AUTOFREE float *values = calloc((size_t)(18 * area + 1), sizeof *values);
   PAGS_CHECK_MEMORY(values, "a sky");
   for (int64_t i = 0; i < 18 * area; i++) {
     const int64_t plane = i / area;
