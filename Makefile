@@ -14,6 +14,10 @@ addon_test = python3 tests/addon/run_blender.py $(1) "$(CURDIR)/build/pags" "$(C
 # Checks that take hours, or programs that make setup does not install: make check does not run them.
 NOT_CHECKED := $(filter-out blender common,$(basename $(notdir $(wildcard scripts/check/*.sh))))
 
+ifneq ($(shell command -v ninja),) # a build folder keeps the tool it was made for
+export CMAKE_GENERATOR ?= Ninja
+endif
+
 all: ## Build pags, pags-bench, libpags.so, the Python module and the add-on's zip in build/ (no tests).
 	cmake --preset release
 	cmake --build --preset release --parallel $(JOBS)

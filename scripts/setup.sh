@@ -4,7 +4,7 @@
 # or these and Embree (demo). Requires no root where nothing is missing.
 set -u
 
-min="gcc libc6-dev make cmake pkg-config zlib1g-dev libzstd-dev libpng-dev libjpeg62-turbo-dev libopenexr-dev libcmocka-dev python3"
+min="gcc libc6-dev make cmake ninja-build pkg-config zlib1g-dev libzstd-dev libpng-dev libjpeg62-turbo-dev libopenexr-dev libcmocka-dev python3"
 case ${1:-all} in
   min) needed="$min python3-venv" wanted="" ;;
   demo) needed="$min libembree-dev" wanted="" ;;
@@ -25,8 +25,8 @@ esac
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "setup: not a Debian system. Please install:"
-  echo "  for make, make quick: a C17 compiler (gcc 12 or clang 14 or later), CMake 3.24, make, pkg-config, zlib and zstd with their static"
-  echo "    libraries, libpng 1.6, libjpeg-turbo 2, OpenEXR 3.1 or later, cmocka, Python 3"
+  echo "  for make, make quick: a C17 compiler (gcc 12 or clang 14 or later), CMake 3.24, make (ninja if wanted), pkg-config, zlib and zstd with their"
+  echo "    static libraries, libpng 1.6, libjpeg-turbo 2, OpenEXR 3.1 or later, cmocka, Python 3"
   [ "${1:-all}" = min ] || echo "  for make demo: Embree 3 or 4"
   [ "${1:-all}" != all ] || cat <<'END'
   for the other parts of the program, which are left out where a library is missing: a C++17 compiler; OpenImageIO 2.4 to 3; libwebp with its
