@@ -97,10 +97,10 @@ static pags_result set_part_of_score(pags_train_config *config, const char *name
       {"hybrid", "product"}, {"s_sem", "pass"}, {"s_grad", "rank"}, {"s_grad_from", "pass"}};
   for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++)
     if (strcmp(name, parts[i][0]) == 0) {
-      if (strcmp(text, parts[i][1]) != 0)
-        return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: part of score=default|paper since PAGS 0.2, got '%s'", name,
-                         text);
-      if (strcmp(name, "s_grad") != 0) /* both definitions rank */
+      const bool is_auto = strcmp(text, "auto") == 0 && strcmp(name, "s_grad") != 0;
+      if (!is_auto && strcmp(text, parts[i][1]) != 0)
+        return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s is now score=auto|default|paper, got '%s'", name, text);
+      if (!is_auto && strcmp(name, "s_grad") != 0) /* both definitions rank */
         config->priority.score = PAGS_SCORE_DEFAULT;
       return PAGS_OK;
     }

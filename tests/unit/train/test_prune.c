@@ -355,7 +355,7 @@ static void former_fields_of_the_score_name_it(void **unused) {
   for (size_t i = 0; i < 4; i++) {
     pags_train_config config = pags_train_config_default();
     assert_int_equal(pags_train_config_set(&config, others[i][0], others[i][1]), PAGS_ERROR_UNSUPPORTED);
-    assert_non_null(strstr(pags_error_message(), "score=default|paper"));
+    assert_non_null(strstr(pags_error_message(), "score=auto|default|paper"));
     assert_int_equal(config.priority.score, PAGS_SCORE_AUTO);
   }
   for (size_t i = 0; i < 3; i++) {
