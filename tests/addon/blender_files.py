@@ -59,7 +59,7 @@ class Files(BlenderCase):
     def test_a_scene_of_a_newer_version_is_refused(self):
         record = json.loads(fixtures.read(self.path("scene", "scene.json")))
         self.write("scene/scene.json", json.dumps({**record, "version": 7}))
-        self.raises(["scene.json", "version is 7", "up to 1"], bpy.ops.import_scene.pags, filepath=self.path("scene"))
+        self.raises(["scene.json", "version is 7", "up to 2"], bpy.ops.import_scene.pags, filepath=self.path("scene"))
         self.assertEqual(len(self.scene.objects), 0)
 
     def test_characters_beyond_ascii(self):
