@@ -82,6 +82,15 @@ static inline vf v_fnma(vf x, vf y, vf z) {
 }
 #endif
 
+#if !defined(PAGS_ISA_AVX512)
+static inline vm v_ge_and(vm m, vf x, vf y) {
+  return m_and(m, v_ge(x, y));
+}
+#endif
+static inline vf v_zero(void) {
+  return v_set(0.0f);
+}
+
 /* Loads four rows of four floats, `stride` floats apart. */
 static inline vf v_load_4x4(const float *p, int64_t stride) {
   return v_load_fours(p, p + stride, p + 2 * stride, p + 3 * stride);

@@ -12,15 +12,19 @@ typedef struct vm {
   __m256 a, b;
 } vm; /* all ones or all zeros per lane */
 
-#define V_EACH2(op, x, y) ((vf){op((x).a, (y).a), op((x).b, (y).b)})
-#define I_EACH2(op, x, y) ((vi){op((x).a, (y).a), op((x).b, (y).b)})
+/* Define the functions of vec.h that are one instruction for either half of x, or of x and y. */
+#define V_UNARY(result, name, operand, instruction)      \
+  static inline result name(operand x) {                 \
+    return (result){instruction(x.a), instruction(x.b)}; \
+  }
+#define V_BINARY(result, name, operand, instruction)               \
+  static inline result name(operand x, operand y) {                \
+    return (result){instruction(x.a, y.a), instruction(x.b, y.b)}; \
+  }
 
 static inline vf v_set(float x) {
   const __m256 s = _mm256_set1_ps(x);
   return (vf){s, s};
-}
-static inline vf v_zero(void) {
-  return v_set(0.0f);
 }
 static inline vf v_load(const float *p) {
   return (vf){_mm256_loadu_ps(p), _mm256_loadu_ps(p + 8)};
@@ -29,27 +33,13 @@ static inline void v_store(float *p, vf x) {
   _mm256_storeu_ps(p, x.a);
   _mm256_storeu_ps(p + 8, x.b);
 }
-static inline vf v_add(vf x, vf y) {
-  return V_EACH2(_mm256_add_ps, x, y);
-}
-static inline vf v_sub(vf x, vf y) {
-  return V_EACH2(_mm256_sub_ps, x, y);
-}
-static inline vf v_mul(vf x, vf y) {
-  return V_EACH2(_mm256_mul_ps, x, y);
-}
-static inline vf v_div(vf x, vf y) {
-  return V_EACH2(_mm256_div_ps, x, y);
-}
-static inline vf v_sqrt(vf x) {
-  return (vf){_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)};
-}
-static inline vf v_min(vf x, vf y) {
-  return V_EACH2(_mm256_min_ps, x, y);
-}
-static inline vf v_max(vf x, vf y) {
-  return V_EACH2(_mm256_max_ps, x, y);
-}
+V_BINARY(vf, v_add, vf, _mm256_add_ps)
+V_BINARY(vf, v_sub, vf, _mm256_sub_ps)
+V_BINARY(vf, v_mul, vf, _mm256_mul_ps)
+V_BINARY(vf, v_div, vf, _mm256_div_ps)
+V_UNARY(vf, v_sqrt, vf, _mm256_sqrt_ps)
+V_BINARY(vf, v_min, vf, _mm256_min_ps)
+V_BINARY(vf, v_max, vf, _mm256_max_ps)
 #if defined(PAGS_FUSED)
 static inline vf v_fma(vf x, vf y, vf z) {
   return (vf){_mm256_fmadd_ps(x.a, y.a, z.a), _mm256_fmadd_ps(x.b, y.b, z.b)};
@@ -67,30 +57,18 @@ static inline vf v_minus_abs(vf x) {
   return (vf){_mm256_or_ps(x.a, s), _mm256_or_ps(x.b, s)};
 }
 
-#define M_COMPARE(x, y, how) ((vm){_mm256_cmp_ps((x).a, (y).a, how), _mm256_cmp_ps((x).b, (y).b, how)})
-static inline vm v_lt(vf x, vf y) {
-  return M_COMPARE(x, y, _CMP_LT_OQ);
-}
-static inline vm v_le(vf x, vf y) {
-  return M_COMPARE(x, y, _CMP_LE_OQ);
-}
-static inline vm v_gt(vf x, vf y) {
-  return M_COMPARE(x, y, _CMP_GT_OQ);
-}
-static inline vm v_ge(vf x, vf y) {
-  return M_COMPARE(x, y, _CMP_GE_OQ);
-}
-static inline vm m_and(vm x, vm y) {
-  return (vm){_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)};
-}
-static inline vm m_or(vm x, vm y) {
-  return (vm){_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b)};
-}
+#define V_COMPARE(name, how)                                                 \
+  static inline vm name(vf x, vf y) {                                        \
+    return (vm){_mm256_cmp_ps(x.a, y.a, how), _mm256_cmp_ps(x.b, y.b, how)}; \
+  }
+V_COMPARE(v_lt, _CMP_LT_OQ)
+V_COMPARE(v_le, _CMP_LE_OQ)
+V_COMPARE(v_gt, _CMP_GT_OQ)
+V_COMPARE(v_ge, _CMP_GE_OQ)
+V_BINARY(vm, m_and, vm, _mm256_and_ps)
+V_BINARY(vm, m_or, vm, _mm256_or_ps)
 static inline vm m_andnot(vm x, vm y) {
   return (vm){_mm256_andnot_ps(y.a, x.a), _mm256_andnot_ps(y.b, x.b)};
-}
-static inline vm v_ge_and(vm m, vf x, vf y) {
-  return m_and(m, v_ge(x, y));
 }
 static inline unsigned m_bits(vm x) {
   return (unsigned)_mm256_movemask_ps(x.a) | (unsigned)_mm256_movemask_ps(x.b) << 8;
@@ -120,35 +98,19 @@ static inline void i_store(int32_t *p, vi x) {
   _mm256_storeu_si256((__m256i *)(void *)p, x.a);
   _mm256_storeu_si256((__m256i *)(void *)(p + 8), x.b);
 }
-static inline vi i_add(vi x, vi y) {
-  return I_EACH2(_mm256_add_epi32, x, y);
-}
-static inline vi i_mul(vi x, vi y) {
-  return I_EACH2(_mm256_mullo_epi32, x, y);
-}
-static inline vi i_and(vi x, vi y) {
-  return I_EACH2(_mm256_and_si256, x, y);
-}
-static inline vi i_or(vi x, vi y) {
-  return I_EACH2(_mm256_or_si256, x, y);
-}
-static inline vi v_bits(vf x) {
-  return (vi){_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)};
-}
-static inline vf v_from_bits(vi x) {
-  return (vf){_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b)};
-}
+V_BINARY(vi, i_add, vi, _mm256_add_epi32)
+V_BINARY(vi, i_mul, vi, _mm256_mullo_epi32)
+V_BINARY(vi, i_and, vi, _mm256_and_si256)
+V_BINARY(vi, i_or, vi, _mm256_or_si256)
+V_UNARY(vi, v_bits, vf, _mm256_castps_si256)
+V_UNARY(vf, v_from_bits, vi, _mm256_castsi256_ps)
 static inline vi i_select(vm m, vi yes, vi no) {
   return v_bits(v_select(m, v_from_bits(yes), v_from_bits(no)));
 }
 #define i_shl(x, n) ((vi){_mm256_slli_epi32((x).a, n), _mm256_slli_epi32((x).b, n)})
 #define i_shr(x, n) ((vi){_mm256_srli_epi32((x).a, n), _mm256_srli_epi32((x).b, n)})
-static inline vi v_to_i(vf x) {
-  return (vi){_mm256_cvtps_epi32(x.a), _mm256_cvtps_epi32(x.b)};
-}
-static inline vf i_to_v(vi x) {
-  return (vf){_mm256_cvtepi32_ps(x.a), _mm256_cvtepi32_ps(x.b)};
-}
+V_UNARY(vi, v_to_i, vf, _mm256_cvtps_epi32)
+V_UNARY(vf, i_to_v, vi, _mm256_cvtepi32_ps)
 
 static inline vf v_load_u8(const uint8_t *p) {
   const __m128i bytes = _mm_loadu_si128((const __m128i *)(const void *)p);

@@ -6,39 +6,34 @@ typedef __m512 vf;
 typedef __m512i vi;
 typedef __mmask16 vm;
 
-static inline vf v_set(float x) {
-  return _mm512_set1_ps(x);
-}
-static inline vf v_zero(void) {
-  return _mm512_setzero_ps();
-}
+/* Define the functions of vec.h that are one instruction. */
+#define V_UNARY(result, name, operand, instruction) \
+  static inline result name(operand a) {            \
+    return instruction(a);                          \
+  }
+#define V_BINARY(result, name, operand, instruction) \
+  static inline result name(operand a, operand b) {  \
+    return instruction(a, b);                        \
+  }
+#define V_COMPARE(name, how)              \
+  static inline vm name(vf a, vf b) {     \
+    return _mm512_cmp_ps_mask(a, b, how); \
+  }
+
+V_UNARY(vf, v_set, float, _mm512_set1_ps)
 static inline vf v_load(const float *p) {
   return _mm512_loadu_ps(p);
 }
 static inline void v_store(float *p, vf a) {
   _mm512_storeu_ps(p, a);
 }
-static inline vf v_add(vf a, vf b) {
-  return _mm512_add_ps(a, b);
-}
-static inline vf v_sub(vf a, vf b) {
-  return _mm512_sub_ps(a, b);
-}
-static inline vf v_mul(vf a, vf b) {
-  return _mm512_mul_ps(a, b);
-}
-static inline vf v_div(vf a, vf b) {
-  return _mm512_div_ps(a, b);
-}
-static inline vf v_sqrt(vf a) {
-  return _mm512_sqrt_ps(a);
-}
-static inline vf v_min(vf a, vf b) {
-  return _mm512_min_ps(a, b);
-}
-static inline vf v_max(vf a, vf b) {
-  return _mm512_max_ps(a, b);
-}
+V_BINARY(vf, v_add, vf, _mm512_add_ps)
+V_BINARY(vf, v_sub, vf, _mm512_sub_ps)
+V_BINARY(vf, v_mul, vf, _mm512_mul_ps)
+V_BINARY(vf, v_div, vf, _mm512_div_ps)
+V_UNARY(vf, v_sqrt, vf, _mm512_sqrt_ps)
+V_BINARY(vf, v_min, vf, _mm512_min_ps)
+V_BINARY(vf, v_max, vf, _mm512_max_ps)
 #if defined(PAGS_FUSED)
 static inline vf v_fma(vf a, vf b, vf c) {
   return _mm512_fmadd_ps(a, b, c);
@@ -47,25 +42,15 @@ static inline vf v_fnma(vf a, vf b, vf c) {
   return _mm512_fnmadd_ps(a, b, c);
 }
 #endif
-static inline vf v_abs(vf a) {
-  return _mm512_abs_ps(a);
-}
+V_UNARY(vf, v_abs, vf, _mm512_abs_ps)
 static inline vf v_minus_abs(vf a) {
   return _mm512_or_ps(a, _mm512_set1_ps(-0.0f));
 }
 
-static inline vm v_lt(vf a, vf b) {
-  return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ);
-}
-static inline vm v_le(vf a, vf b) {
-  return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ);
-}
-static inline vm v_gt(vf a, vf b) {
-  return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ);
-}
-static inline vm v_ge(vf a, vf b) {
-  return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ);
-}
+V_COMPARE(v_lt, _CMP_LT_OQ)
+V_COMPARE(v_le, _CMP_LE_OQ)
+V_COMPARE(v_gt, _CMP_GT_OQ)
+V_COMPARE(v_ge, _CMP_GE_OQ)
 static inline vm v_ge_and(vm m, vf a, vf b) {
   return _mm512_mask_cmp_ps_mask(m, a, b, _CMP_GE_OQ);
 }
@@ -91,44 +76,26 @@ static inline vf v_maskz(vm m, vf a) {
   return _mm512_maskz_mov_ps(m, a);
 }
 
-static inline vi i_set(int32_t x) {
-  return _mm512_set1_epi32(x);
-}
+V_UNARY(vi, i_set, int32_t, _mm512_set1_epi32)
 static inline vi i_load(const int32_t *p) {
   return _mm512_loadu_si512(p);
 }
 static inline void i_store(int32_t *p, vi a) {
   _mm512_storeu_si512(p, a);
 }
-static inline vi i_add(vi a, vi b) {
-  return _mm512_add_epi32(a, b);
-}
-static inline vi i_mul(vi a, vi b) {
-  return _mm512_mullo_epi32(a, b);
-}
-static inline vi i_and(vi a, vi b) {
-  return _mm512_and_si512(a, b);
-}
-static inline vi i_or(vi a, vi b) {
-  return _mm512_or_si512(a, b);
-}
+V_BINARY(vi, i_add, vi, _mm512_add_epi32)
+V_BINARY(vi, i_mul, vi, _mm512_mullo_epi32)
+V_BINARY(vi, i_and, vi, _mm512_and_si512)
+V_BINARY(vi, i_or, vi, _mm512_or_si512)
 static inline vi i_select(vm m, vi yes, vi no) {
   return _mm512_mask_blend_epi32(m, no, yes);
 }
 #define i_shl(a, n) _mm512_slli_epi32(a, n)
 #define i_shr(a, n) _mm512_srli_epi32(a, n)
-static inline vi v_bits(vf a) {
-  return _mm512_castps_si512(a);
-}
-static inline vf v_from_bits(vi a) {
-  return _mm512_castsi512_ps(a);
-}
-static inline vi v_to_i(vf a) {
-  return _mm512_cvtps_epi32(a);
-}
-static inline vf i_to_v(vi a) {
-  return _mm512_cvtepi32_ps(a);
-}
+V_UNARY(vi, v_bits, vf, _mm512_castps_si512)
+V_UNARY(vf, v_from_bits, vi, _mm512_castsi512_ps)
+V_UNARY(vi, v_to_i, vf, _mm512_cvtps_epi32)
+V_UNARY(vf, i_to_v, vi, _mm512_cvtepi32_ps)
 
 static inline vf v_load_u8(const uint8_t *p) {
   return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)(const void *)p)));

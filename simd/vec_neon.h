@@ -18,11 +18,18 @@ typedef struct vm {
     out.r[k] = (expression);     \
   return out
 
+/* Define the functions of vec.h that compute each quarter of their result from that of x, or of x and y. */
+#define V_UNARY(result, name, operand, expression) \
+  static inline result name(operand x) {           \
+    V_DO(result, expression);                      \
+  }
+#define V_BINARY(result, name, operand, expression) \
+  static inline result name(operand x, operand y) { \
+    V_DO(result, expression);                       \
+  }
+
 static inline vf v_set(float x) {
   V_DO(vf, vdupq_n_f32(x));
-}
-static inline vf v_zero(void) {
-  return v_set(0.0f);
 }
 static inline vf v_load(const float *p) {
   V_DO(vf, vld1q_f32(p + 4 * k));
@@ -31,28 +38,14 @@ static inline void v_store(float *p, vf x) {
   for (int k = 0; k < 4; k++)
     vst1q_f32(p + 4 * k, x.r[k]);
 }
-static inline vf v_add(vf x, vf y) {
-  V_DO(vf, vaddq_f32(x.r[k], y.r[k]));
-}
-static inline vf v_sub(vf x, vf y) {
-  V_DO(vf, vsubq_f32(x.r[k], y.r[k]));
-}
-static inline vf v_mul(vf x, vf y) {
-  V_DO(vf, vmulq_f32(x.r[k], y.r[k]));
-}
-static inline vf v_div(vf x, vf y) {
-  V_DO(vf, vdivq_f32(x.r[k], y.r[k]));
-}
-static inline vf v_sqrt(vf x) {
-  V_DO(vf, vsqrtq_f32(x.r[k]));
-}
+V_BINARY(vf, v_add, vf, vaddq_f32(x.r[k], y.r[k]))
+V_BINARY(vf, v_sub, vf, vsubq_f32(x.r[k], y.r[k]))
+V_BINARY(vf, v_mul, vf, vmulq_f32(x.r[k], y.r[k]))
+V_BINARY(vf, v_div, vf, vdivq_f32(x.r[k], y.r[k]))
+V_UNARY(vf, v_sqrt, vf, vsqrtq_f32(x.r[k]))
 /* By comparison and selection, since vminq and vminnmq treat NaN in other ways than vec.h defines. */
-static inline vf v_min(vf x, vf y) {
-  V_DO(vf, vbslq_f32(vcltq_f32(x.r[k], y.r[k]), x.r[k], y.r[k]));
-}
-static inline vf v_max(vf x, vf y) {
-  V_DO(vf, vbslq_f32(vcgtq_f32(x.r[k], y.r[k]), x.r[k], y.r[k]));
-}
+V_BINARY(vf, v_min, vf, vbslq_f32(vcltq_f32(x.r[k], y.r[k]), x.r[k], y.r[k]))
+V_BINARY(vf, v_max, vf, vbslq_f32(vcgtq_f32(x.r[k], y.r[k]), x.r[k], y.r[k]))
 #if defined(PAGS_FUSED)
 static inline vf v_fma(vf x, vf y, vf z) {
   V_DO(vf, vfmaq_f32(z.r[k], x.r[k], y.r[k]));
@@ -61,37 +54,16 @@ static inline vf v_fnma(vf x, vf y, vf z) {
   V_DO(vf, vfmsq_f32(z.r[k], x.r[k], y.r[k]));
 }
 #endif
-static inline vf v_abs(vf x) {
-  V_DO(vf, vabsq_f32(x.r[k]));
-}
-static inline vf v_minus_abs(vf x) {
-  V_DO(vf, vreinterpretq_f32_u32(vorrq_u32(vreinterpretq_u32_f32(x.r[k]), vdupq_n_u32(0x80000000u))));
-}
+V_UNARY(vf, v_abs, vf, vabsq_f32(x.r[k]))
+V_UNARY(vf, v_minus_abs, vf, vreinterpretq_f32_u32(vorrq_u32(vreinterpretq_u32_f32(x.r[k]), vdupq_n_u32(0x80000000u))))
 
-static inline vm v_lt(vf x, vf y) {
-  V_DO(vm, vcltq_f32(x.r[k], y.r[k]));
-}
-static inline vm v_le(vf x, vf y) {
-  V_DO(vm, vcleq_f32(x.r[k], y.r[k]));
-}
-static inline vm v_gt(vf x, vf y) {
-  V_DO(vm, vcgtq_f32(x.r[k], y.r[k]));
-}
-static inline vm v_ge(vf x, vf y) {
-  V_DO(vm, vcgeq_f32(x.r[k], y.r[k]));
-}
-static inline vm m_and(vm x, vm y) {
-  V_DO(vm, vandq_u32(x.r[k], y.r[k]));
-}
-static inline vm m_or(vm x, vm y) {
-  V_DO(vm, vorrq_u32(x.r[k], y.r[k]));
-}
-static inline vm m_andnot(vm x, vm y) {
-  V_DO(vm, vbicq_u32(x.r[k], y.r[k]));
-}
-static inline vm v_ge_and(vm m, vf x, vf y) {
-  return m_and(m, v_ge(x, y));
-}
+V_BINARY(vm, v_lt, vf, vcltq_f32(x.r[k], y.r[k]))
+V_BINARY(vm, v_le, vf, vcleq_f32(x.r[k], y.r[k]))
+V_BINARY(vm, v_gt, vf, vcgtq_f32(x.r[k], y.r[k]))
+V_BINARY(vm, v_ge, vf, vcgeq_f32(x.r[k], y.r[k]))
+V_BINARY(vm, m_and, vm, vandq_u32(x.r[k], y.r[k]))
+V_BINARY(vm, m_or, vm, vorrq_u32(x.r[k], y.r[k]))
+V_BINARY(vm, m_andnot, vm, vbicq_u32(x.r[k], y.r[k]))
 static inline unsigned m_bits(vm x) {
   static const uint32_t weights[4] = {1, 2, 4, 8};
   const uint32x4_t w = vld1q_u32(weights);
@@ -122,18 +94,10 @@ static inline void i_store(int32_t *p, vi x) {
   for (int k = 0; k < 4; k++)
     vst1q_s32(p + 4 * k, x.r[k]);
 }
-static inline vi i_add(vi x, vi y) {
-  V_DO(vi, vaddq_s32(x.r[k], y.r[k]));
-}
-static inline vi i_mul(vi x, vi y) {
-  V_DO(vi, vmulq_s32(x.r[k], y.r[k]));
-}
-static inline vi i_and(vi x, vi y) {
-  V_DO(vi, vandq_s32(x.r[k], y.r[k]));
-}
-static inline vi i_or(vi x, vi y) {
-  V_DO(vi, vorrq_s32(x.r[k], y.r[k]));
-}
+V_BINARY(vi, i_add, vi, vaddq_s32(x.r[k], y.r[k]))
+V_BINARY(vi, i_mul, vi, vmulq_s32(x.r[k], y.r[k]))
+V_BINARY(vi, i_and, vi, vandq_s32(x.r[k], y.r[k]))
+V_BINARY(vi, i_or, vi, vorrq_s32(x.r[k], y.r[k]))
 static inline vi i_select(vm m, vi yes, vi no) {
   V_DO(vi, vbslq_s32(m.r[k], yes.r[k], no.r[k]));
 }
@@ -143,18 +107,10 @@ static inline vi i_shl(vi x, int n) {
 static inline vi i_shr(vi x, int n) {
   V_DO(vi, vreinterpretq_s32_u32(vshlq_u32(vreinterpretq_u32_s32(x.r[k]), vdupq_n_s32(-n))));
 }
-static inline vi v_bits(vf x) {
-  V_DO(vi, vreinterpretq_s32_f32(x.r[k]));
-}
-static inline vf v_from_bits(vi x) {
-  V_DO(vf, vreinterpretq_f32_s32(x.r[k]));
-}
-static inline vi v_to_i(vf x) {
-  V_DO(vi, vcvtnq_s32_f32(x.r[k]));
-}
-static inline vf i_to_v(vi x) {
-  V_DO(vf, vcvtq_f32_s32(x.r[k]));
-}
+V_UNARY(vi, v_bits, vf, vreinterpretq_s32_f32(x.r[k]))
+V_UNARY(vf, v_from_bits, vi, vreinterpretq_f32_s32(x.r[k]))
+V_UNARY(vi, v_to_i, vf, vcvtnq_s32_f32(x.r[k]))
+V_UNARY(vf, i_to_v, vi, vcvtq_f32_s32(x.r[k]))
 
 static inline vf v_load_u8(const uint8_t *p) {
   const uint8x16_t bytes = vld1q_u8(p);

@@ -20,25 +20,28 @@ typedef struct vm {
 
 /* Computes the quarters k = 0, ..., 3 of a vector. Written out, because gcc unrolls loops too late to keep the quarters
  * in registers. */
+#define V_QUARTER(number, expression) \
+  {                                   \
+    enum { k = number };              \
+    out.q[k] = (expression);          \
+  }
 #define V_DO(result, expression) \
   result out;                    \
-  {                              \
-    enum { k = 0 };              \
-    out.q[k] = (expression);     \
-  }                              \
-  {                              \
-    enum { k = 1 };              \
-    out.q[k] = (expression);     \
-  }                              \
-  {                              \
-    enum { k = 2 };              \
-    out.q[k] = (expression);     \
-  }                              \
-  {                              \
-    enum { k = 3 };              \
-    out.q[k] = (expression);     \
-  }                              \
+  V_QUARTER(0, expression)       \
+  V_QUARTER(1, expression)       \
+  V_QUARTER(2, expression)       \
+  V_QUARTER(3, expression)       \
   return out
+
+/* Define the functions of vec.h that compute each quarter of their result from that of x, or of x and y. */
+#define V_UNARY(result, name, operand, expression) \
+  static inline result name(operand x) {           \
+    V_DO(result, expression);                      \
+  }
+#define V_BINARY(result, name, operand, expression) \
+  static inline result name(operand x, operand y) { \
+    V_DO(result, expression);                       \
+  }
 
 static inline v_f4 v_f4_load(const float *p) {
   return *(const v_f4_in_memory *)p;
@@ -63,9 +66,6 @@ static inline vf v_set(float x) {
   const v_f4 all = {x, x, x, x};
   V_DO(vf, all);
 }
-static inline vf v_zero(void) {
-  return v_set(0.0f);
-}
 static inline vf v_load(const float *p) {
   V_DO(vf, v_f4_load(p + 4 * k));
 }
@@ -73,64 +73,25 @@ static inline void v_store(float *p, vf x) {
   for (int k = 0; k < 4; k++)
     v_f4_store(p + 4 * k, x.q[k]);
 }
-static inline vf v_add(vf x, vf y) {
-  V_DO(vf, x.q[k] + y.q[k]);
-}
-static inline vf v_sub(vf x, vf y) {
-  V_DO(vf, x.q[k] - y.q[k]);
-}
-static inline vf v_mul(vf x, vf y) {
-  V_DO(vf, x.q[k] * y.q[k]);
-}
-static inline vf v_div(vf x, vf y) {
-  V_DO(vf, x.q[k] / y.q[k]);
-}
-static inline vf v_sqrt(vf x) {
-  V_DO(vf, ((v_f4){sqrtf(x.q[k][0]), sqrtf(x.q[k][1]), sqrtf(x.q[k][2]), sqrtf(x.q[k][3])}));
-}
-static inline vf v_min(vf x, vf y) {
-  V_DO(vf, v_f4_select((v_u4)(x.q[k] < y.q[k]), x.q[k], y.q[k]));
-}
-static inline vf v_max(vf x, vf y) {
-  V_DO(vf, v_f4_select((v_u4)(x.q[k] > y.q[k]), x.q[k], y.q[k]));
-}
-static inline vi v_bits(vf x) {
-  V_DO(vi, (v_u4)x.q[k]);
-}
-static inline vf v_from_bits(vi x) {
-  V_DO(vf, (v_f4)x.q[k]);
-}
-static inline vf v_abs(vf x) {
-  V_DO(vf, (v_f4)((v_u4)x.q[k] & 0x7FFFFFFFu));
-}
-static inline vf v_minus_abs(vf x) {
-  V_DO(vf, (v_f4)((v_u4)x.q[k] | 0x80000000u));
-}
+V_BINARY(vf, v_add, vf, x.q[k] + y.q[k])
+V_BINARY(vf, v_sub, vf, x.q[k] - y.q[k])
+V_BINARY(vf, v_mul, vf, x.q[k] * y.q[k])
+V_BINARY(vf, v_div, vf, x.q[k] / y.q[k])
+V_UNARY(vf, v_sqrt, vf, ((v_f4){sqrtf(x.q[k][0]), sqrtf(x.q[k][1]), sqrtf(x.q[k][2]), sqrtf(x.q[k][3])}))
+V_BINARY(vf, v_min, vf, v_f4_select((v_u4)(x.q[k] < y.q[k]), x.q[k], y.q[k]))
+V_BINARY(vf, v_max, vf, v_f4_select((v_u4)(x.q[k] > y.q[k]), x.q[k], y.q[k]))
+V_UNARY(vi, v_bits, vf, (v_u4)x.q[k])
+V_UNARY(vf, v_from_bits, vi, (v_f4)x.q[k])
+V_UNARY(vf, v_abs, vf, (v_f4)((v_u4)x.q[k] & 0x7FFFFFFFu))
+V_UNARY(vf, v_minus_abs, vf, (v_f4)((v_u4)x.q[k] | 0x80000000u))
 
-static inline vm v_lt(vf x, vf y) {
-  V_DO(vm, (v_u4)(x.q[k] < y.q[k]));
-}
-static inline vm v_le(vf x, vf y) {
-  V_DO(vm, (v_u4)(x.q[k] <= y.q[k]));
-}
-static inline vm v_gt(vf x, vf y) {
-  V_DO(vm, (v_u4)(x.q[k] > y.q[k]));
-}
-static inline vm v_ge(vf x, vf y) {
-  V_DO(vm, (v_u4)(x.q[k] >= y.q[k]));
-}
-static inline vm m_and(vm x, vm y) {
-  V_DO(vm, x.q[k] & y.q[k]);
-}
-static inline vm m_or(vm x, vm y) {
-  V_DO(vm, x.q[k] | y.q[k]);
-}
-static inline vm m_andnot(vm x, vm y) {
-  V_DO(vm, x.q[k] & ~y.q[k]);
-}
-static inline vm v_ge_and(vm m, vf x, vf y) {
-  return m_and(m, v_ge(x, y));
-}
+V_BINARY(vm, v_lt, vf, (v_u4)(x.q[k] < y.q[k]))
+V_BINARY(vm, v_le, vf, (v_u4)(x.q[k] <= y.q[k]))
+V_BINARY(vm, v_gt, vf, (v_u4)(x.q[k] > y.q[k]))
+V_BINARY(vm, v_ge, vf, (v_u4)(x.q[k] >= y.q[k]))
+V_BINARY(vm, m_and, vm, x.q[k] & y.q[k])
+V_BINARY(vm, m_or, vm, x.q[k] | y.q[k])
+V_BINARY(vm, m_andnot, vm, x.q[k] & ~y.q[k])
 /* The bits that stand for the lanes of quarter k in a mask. */
 static inline v_u4 v_bits_of_quarter(int k) {
   const v_u4 bits = {1u << 4 * k, 2u << 4 * k, 4u << 4 * k, 8u << 4 * k};
@@ -158,18 +119,10 @@ static inline void i_store(int32_t *p, vi x) {
   for (int k = 0; k < 4; k++)
     *(v_u4_in_memory *)(p + 4 * k) = x.q[k];
 }
-static inline vi i_add(vi x, vi y) {
-  V_DO(vi, x.q[k] + y.q[k]);
-}
-static inline vi i_mul(vi x, vi y) {
-  V_DO(vi, x.q[k] * y.q[k]);
-}
-static inline vi i_and(vi x, vi y) {
-  V_DO(vi, x.q[k] & y.q[k]);
-}
-static inline vi i_or(vi x, vi y) {
-  V_DO(vi, x.q[k] | y.q[k]);
-}
+V_BINARY(vi, i_add, vi, x.q[k] + y.q[k])
+V_BINARY(vi, i_mul, vi, x.q[k] * y.q[k])
+V_BINARY(vi, i_and, vi, x.q[k] & y.q[k])
+V_BINARY(vi, i_or, vi, x.q[k] | y.q[k])
 static inline vi i_select(vm m, vi yes, vi no) {
   V_DO(vi, (yes.q[k] & m.q[k]) | (no.q[k] & ~m.q[k]));
 }
@@ -189,12 +142,8 @@ static inline v_u4 v_f4_to_i(v_f4 x) {
   const v_i4 i = {(int32_t)lrintf(x[0]), (int32_t)lrintf(x[1]), (int32_t)lrintf(x[2]), (int32_t)lrintf(x[3])};
   return (v_u4)i;
 }
-static inline vi v_to_i(vf x) {
-  V_DO(vi, v_f4_to_i(x.q[k]));
-}
-static inline vf i_to_v(vi x) {
-  V_DO(vf, __builtin_convertvector((v_i4)x.q[k], v_f4));
-}
+V_UNARY(vi, v_to_i, vf, v_f4_to_i(x.q[k]))
+V_UNARY(vf, i_to_v, vi, __builtin_convertvector((v_i4)x.q[k], v_f4))
 
 static inline v_f4 v_f4_of_u8(const uint8_t *p) {
   return (v_f4){(float)p[0], (float)p[1], (float)p[2], (float)p[3]};
@@ -266,7 +215,7 @@ static inline float v_sum(vf x) {
   return (four[0] + four[2]) + (four[1] + four[3]);
 }
 static inline vf v_sum12(const vf a[12]) {
-  vf out = v_zero();
+  vf out = v_set(0.0f);
   for (int k = 0; k < 12; k++)
     out.q[k >> 2][k & 3] = v_sum(a[k]);
   return out;
