@@ -10,8 +10,7 @@
 #define TWO_PI 6.283185307179586
 
 int pags_street_mesh(pags_street *street) {
-  if (!pags_grow(&street->meshes, street->mesh_count + 1, &street->mesh_capacity, sizeof *street->meshes))
-    street->failed = true;
+  street->failed |= !pags_grow(&street->meshes, street->mesh_count + 1, &street->mesh_capacity, sizeof *street->meshes);
   if (street->failed)
     return 0;
   street->meshes[street->mesh_count] = (pags_mesh){0};
@@ -19,9 +18,8 @@ int pags_street_mesh(pags_street *street) {
 }
 
 int pags_street_place(pags_street *street, int mesh, int actor, float x, float y, float z, float yaw, float scale) {
-  if (!pags_grow(&street->placements, street->placement_count + 1, &street->placement_capacity,
-                 sizeof *street->placements))
-    street->failed = true;
+  street->failed |= !pags_grow(&street->placements, street->placement_count + 1, &street->placement_capacity,
+                               sizeof *street->placements);
   if (street->failed)
     return 0;
   const float c = scale * pags_cosf(yaw), s = scale * pags_sinf(yaw);
@@ -31,8 +29,8 @@ int pags_street_place(pags_street *street, int mesh, int actor, float x, float y
 }
 
 int pags_street_actor(pags_street *street, const pags_actor *actor) {
-  if (!pags_grow(&street->actors, street->actor_count + 1, &street->actor_capacity, sizeof *street->actors))
-    street->failed = true;
+  street->failed |=
+      !pags_grow(&street->actors, street->actor_count + 1, &street->actor_capacity, sizeof *street->actors);
   if (street->failed)
     return 0;
   street->actors[street->actor_count] = *actor;

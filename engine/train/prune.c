@@ -61,10 +61,16 @@ static pags_result lowest_of_first(pags_transport *transport, const pags_spread_
   return PAGS_OK;
 }
 
-/* The share of the other rows with lower values. */
-static pags_result rank_rows(pags_transport *transport, const pags_key *keys, int64_t count, int64_t all, float *out) {
+/* A row's rank is the share of the other rows with lower values. */
+pags_result pags_prune_rank(pags_transport *transport, const uint32_t *numbers, const double *raw, int64_t count,
+                            float *out) {
+  PAGS_AUTOFREE pags_key *keys = malloc((size_t)(count + 1) * sizeof *keys);
   PAGS_AUTO(pags_order_destroy) pags_spread_order order = {0};
-  int64_t lower = 0;
+  int64_t all = count, lower = 0;
+  PAGS_TRY(pags_transport_agree(transport, keys ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count)));
+  for (int64_t i = 0; i < count; i++) /* NaN counts as 0 */
+    keys[i] = (pags_key){pags_key_of_double(raw[i] > 0.0 ? raw[i] : 0.0), number_of(numbers, i)};
+  PAGS_TRY(pags_share_sum(transport, &all, 1));
   PAGS_TRY(pags_order_create_even(transport, keys, count, &order));
   PAGS_TRY(lowest_of_first(transport, &order, &lower));
   PAGS_AUTOFREE float *placed = malloc((size_t)(order.count + 1) * sizeof *placed);
@@ -75,17 +81,6 @@ static pags_result rank_rows(pags_transport *transport, const pags_key *keys, in
     placed[i] = all > 1 ? (float)((double)lower / (double)(all - 1)) : 0.0f;
   }
   return pags_order_move(transport, &order, out, placed, true);
-}
-
-pags_result pags_prune_rank(pags_transport *transport, const uint32_t *numbers, const double *raw, int64_t count,
-                            float *out) {
-  PAGS_AUTOFREE pags_key *keys = malloc((size_t)(count + 1) * sizeof *keys);
-  int64_t all = count;
-  PAGS_TRY(pags_transport_agree(transport, keys ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count)));
-  for (int64_t i = 0; i < count; i++) /* NaN counts as 0 */
-    keys[i] = (pags_key){pags_key_of_double(raw[i] > 0.0 ? raw[i] : 0.0), number_of(numbers, i)};
-  PAGS_TRY(pags_share_sum(transport, &all, 1));
-  return rank_rows(transport, keys, count, all, out);
 }
 
 /* ---- Choosing rows ---- */
