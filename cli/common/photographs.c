@@ -36,8 +36,8 @@ static pags_result scene_downscale(const pags_scene *scene, const pags_dataset *
   if (index < 0 && given && !pags_dir_exists(pags_dataset_path(dataset)))
     index = 0; /* another part of the capture, by the same camera */
   if (index < 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: has no photograph '%s', which the scene was trained on",
-                     pags_dataset_path(dataset), scene->views[0].name);
+    return pags_fail_at(pags_dataset_path(dataset), "has no photograph '%s', which the scene was trained on",
+                        scene->views[0].name);
   double quotient = pags_dataset_view(dataset, index)->camera.fx / scene->views[mine].camera.fx;
   double rounded = floor(quotient * 1e6 + 0.5) / 1e6;
   *out = rounded < 1 ? 1 : rounded;
@@ -117,13 +117,13 @@ static pags_result choose_views(const pags_scene *scene, bool given, pags_photog
       const bool missing = find_dataset_view(dataset, scene->views[i].name) < 0;
       lacking += missing;
       if (missing && !file)
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', which the scene was trained on, is missing", path,
-                         scene->views[i].name);
+        return pags_fail_at(path, "the photograph '%s', which the scene was trained on, is missing",
+                            scene->views[i].name);
     }
   if (lacking)
     pags_log_message(PAGS_LOG_INFO, "%s: %lld of the scene's %lld views are not in it and not compared", path,
                      (long long)lacking, (long long)scene->view_count);
-  return photographs->count ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: has no views", path);
+  return photographs->count ? PAGS_OK : pags_fail_at(path, "has no views");
 }
 
 pags_dataset_options pags_photographs_options(const pags_scene *scene, const char *dataset,

@@ -25,8 +25,8 @@ typedef struct shifting {
 static pags_result check_size(const char *path, const pags_image *image, const pags_camera *camera) {
   if (image->width == camera->width && image->height == camera->height)
     return PAGS_OK;
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: is %dx%d, expected %dx%d as in path.json", path, image->width, image->height,
-                   camera->width, camera->height);
+  return pags_fail_at(path, "is %dx%d, expected %dx%d as in path.json", image->width, image->height, camera->width,
+                      camera->height);
 }
 
 /* Loads a true picture as F32 in [0, 1], shrunk to the size of `small` by area means as training photographs are. */
@@ -136,8 +136,7 @@ pags_result pags_shifted_views_measure(const char *dataset, double downscale, pa
   memset(out, 0, sizeof *out);
   PAGS_CHECK_MEMORY(shifts, NULL);
   if (!pags_dir_exists(shifts))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: has no pictures from shifted cameras, expected a folder truth/shift",
-                     dataset);
+    return pags_fail_at(dataset, "has no pictures from shifted cameras, expected a folder truth/shift");
   PAGS_TRY(pags_dir_list_read(shifts, &list));
   out->items = calloc((size_t)list.count + 1, sizeof *out->items);
   PAGS_CHECK_MEMORY(out->items, NULL);

@@ -295,7 +295,7 @@ static pags_result read_head(const char *path, unsigned char head[17], size_t *g
   *got = fread(head, 1, 16, file);
   if (ferror(file))
     return pags_fail(PAGS_ERROR_IO, "%s: can't be read", path);
-  return *got ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: is empty", path);
+  return *got ? PAGS_OK : pags_fail_at(path, "is empty");
 }
 
 static pags_result describe(pags_report *report, info_arguments *arguments, const char *path) {

@@ -272,8 +272,8 @@ static pags_result draw_view(pags_renderer *renderer, const pags_view_look *look
   int count;
   const pags_camera camera = view->camera;
   if (camera.width != width || camera.height != height)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph has %dx%d pixels, its camera %dx%d", view->name, width,
-                     height, camera.width, camera.height);
+    return pags_fail_at(view->name, "the photograph has %dx%d pixels, its camera %dx%d", width, height, camera.width,
+                        camera.height);
   PAGS_TRY(compose(renderer, look, camera.time, &count));
   options.photometric = view->photometric;
   pags_frame_options_expose(&options, view->gain, view->offset);

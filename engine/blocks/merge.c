@@ -269,7 +269,7 @@ static pags_result take_block(merger *m, int block) {
   PAGS_AUTOFREE bool *of_object = calloc((size_t)scene.model_count + 1, sizeof *of_object);
   PAGS_CHECK_MEMORY(of_object, "%lld models", (long long)scene.model_count);
   if (scene.object_count != m->trained.heads[block].object_count)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: changed while it was read", m->trained.folders[block]);
+    return pags_fail_at(m->trained.folders[block], "changed while it was read");
   for (int64_t i = 0; i < scene.object_count; i++) {
     const int64_t j = m->numbers[block][i], model = scene.objects[i].model;
     if (model < 0)

@@ -23,8 +23,8 @@ void pags_trained_destroy(pags_trained *trained) {
 /* Checks that the block of a scene is block b of this split. */
 static pags_result check_block(const pags_blocks *split, int b, const char *folder, const pags_scene *head) {
   if (!head->block)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: trained on %s, not on a block; expected block %d of %s, trained by itself",
-                     folder, head->dataset ? head->dataset : "an unknown data set", b, split->recording);
+    return pags_fail_at(folder, "trained on %s, not on a block; expected block %d of %s, trained by itself",
+                        head->dataset ? head->dataset : "an unknown data set", b, split->recording);
   PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
   const char *id = "";
   int64_t number = -1;
@@ -32,18 +32,17 @@ static pags_result check_block(const pags_blocks *split, int b, const char *fold
   PAGS_TRY(pags_json_string(json, pags_json_root(json), "split", &id));
   PAGS_TRY(pags_json_integer(json, pags_json_root(json), "number", 0, INT32_MAX, &number));
   if (strcmp(id, split->id) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: trained on a block of another split (%.16s, here it is %s); train this split's block %d",
-                     folder, id, split->id, b);
+    return pags_fail_at(folder,
+                        "trained on a block of another split (%.16s, here it is %s); train this split's block %d", id,
+                        split->id, b);
   if (number != b)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the scene of block %lld; expected that of block %d", folder,
-                     (long long)number, b);
+    return pags_fail_at(folder, "the scene of block %lld; expected that of block %d", (long long)number, b);
   return PAGS_OK;
 }
 
 static pags_result parse_config(const char *folder, const pags_scene *head, pags_json **json) {
   if (!head->config)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: its scene.json has no training configuration ('config')", folder);
+    return pags_fail_at(folder, "its scene.json has no training configuration ('config')");
   return pags_json_parse_text(folder, head->config, strlen(head->config), json);
 }
 
@@ -59,10 +58,9 @@ static pags_result compare_configs(const char *const folders[2], const pags_json
     if (strcmp(v->key, "half_until") == 0 ||
         (length == other_length && memcmp(v->source_begin, other->source_begin, (size_t)length) == 0))
       continue;
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: trained with %s %.*s, but %s with %.*s; train all blocks with the same options", folders[1],
-                     v->key, other ? other_length : 4, other ? other->source_begin : "none", folders[0], length,
-                     v->source_begin);
+    return pags_fail_at(folders[1], "trained with %s %.*s, but %s with %.*s; train all blocks with the same options",
+                        v->key, other ? other_length : 4, other ? other->source_begin : "none", folders[0], length,
+                        v->source_begin);
   }
   return PAGS_OK;
 }
@@ -93,8 +91,8 @@ static pags_result compare_with_first(const pags_trained *trained, int b) {
   PAGS_TRY(parse_config(folders[1], head, &config));
   PAGS_TRY(pags_json_integer(config, pags_json_root(config), "iterations", 1, INT64_MAX, &iterations));
   if (head->iterations < iterations)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: stopped after step %lld of %lld; go on with the same command and --resume",
-                     folders[1], (long long)head->iterations, (long long)iterations);
+    return pags_fail_at(folders[1], "stopped after step %lld of %lld; go on with the same command and --resume",
+                        (long long)head->iterations, (long long)iterations);
   PAGS_TRY(compare_configs(folders, (const pags_json *const[]){first, config}));
   return compare_sizes(folders, &trained->heads[0], head);
 }

@@ -94,8 +94,8 @@ pags_result pags_other_files_check(const char *folder, const char *extension, co
   }
   if (!other)
     return PAGS_OK;
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: has %s, but no file that ends in %s, which %s are read from; convert or unpack them, or move "
-                   "the folder elsewhere to import without %s",
-                   folder, other, extension, what, what);
+  return pags_fail_at(folder,
+                      "has %s, but no file that ends in %s, which %s are read from; convert or unpack them, or move "
+                      "the folder elsewhere to import without %s",
+                      other, extension, what, what);
 }

@@ -74,10 +74,10 @@ static pags_result read_oxts(importer *im, double first[PAGS_KITTI_OXTS]) {
     PAGS_AUTOFREE char *path = pags_kitti_oxts_path(&im->tree, t < 0 ? 0 : im->tree.first + t);
     PAGS_TRY(path ? pags_kitti_table_read(path, PAGS_KITTI_OXTS, &table) : no_memory(im));
     if (raw && table.rows != 1)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected one line, found %lld", path, (long long)table.rows);
+      return pags_fail_at(path, "expected one line, found %lld", (long long)table.rows);
     if (!raw && table.rows < im->tree.frames)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a line for each of %lld frames, found %lld", path,
-                       (long long)im->tree.frames, (long long)table.rows);
+      return pags_fail_at(path, "expected a line for each of %lld frames, found %lld", (long long)im->tree.frames,
+                          (long long)table.rows);
     memcpy(t < 0 ? first : im->oxts + t * PAGS_KITTI_OXTS, table.values, size);
     if (!raw)
       memcpy(im->oxts, table.values + im->tree.first * PAGS_KITTI_OXTS, (size_t)im->count * size);
@@ -105,8 +105,8 @@ static pags_result compute_poses(importer *im) {
     for (int i = 3; i < 12; i += 4) {
       pose[i] -= origin[i];
       if (!isfinite(pose[i]))
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: the position of frame %lld is not finite (latitude %g)", im->tree.root,
-                         (long long)(im->tree.first + t), im->oxts[t * PAGS_KITTI_OXTS + PAGS_OXTS_LAT]);
+        return pags_fail_at(im->tree.root, "the position of frame %lld is not finite (latitude %g)",
+                            (long long)(im->tree.first + t), im->oxts[t * PAGS_KITTI_OXTS + PAGS_OXTS_LAT]);
     }
   }
   return PAGS_OK;
@@ -165,8 +165,8 @@ static pags_result read_times(const importer *im, const char *name, bool sweeps,
       lost += isnan(all[t]) ? 1 : 0;
     const int64_t known = count - lost, first = fill_times(all, count);
     if (count < im->tree.frames || (lost && known < 2))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a time for each of %lld frames, found %lld", path,
-                       (long long)im->tree.frames, (long long)known);
+      return pags_fail_at(path, "expected a time for each of %lld frames, found %lld", (long long)im->tree.frames,
+                          (long long)known);
     if (lost)
       PAGS_WARN("%s: %lld of %lld times are empty lines and were filled in; the first is frame %lld's", path,
                 (long long)lost, (long long)count, (long long)first);
@@ -257,16 +257,16 @@ static pags_result find_form(importer *im) {
     PAGS_WARN("%s: %lld of %lld sweeps are empty files and are left out; the first is %s", im->tree.root,
               (long long)empty.count, (long long)im->count, empty.first);
   if (!first)
-    return !empty.count ? PAGS_OK
-                        : pags_fail(PAGS_ERROR_FORMAT,
-                                    "%s: %lld sweeps in these frames, but all are empty files; the first is %s",
-                                    im->tree.root, (long long)empty.count, empty.first);
+    return !empty.count
+               ? PAGS_OK
+               : pags_fail_at(im->tree.root, "%lld sweeps in these frames, but all are empty files; the first is %s",
+                              (long long)empty.count, empty.first);
   PAGS_TRY(pags_kitti_form_find(first, &im->form));
   if (last) {
     pags_kitti_form other;
     PAGS_TRY(pags_kitti_form_find(last, &other));
     if (other.columns != im->form.columns || other.width != im->form.width || other.scale != im->form.scale)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: has rows of another form than %s", last, first);
+      return pags_fail_at(last, "has rows of another form than %s", first);
   }
   if (!pags_kitti_form_is_usual(&im->form))
     PAGS_WARN("%s: taken for rows of %d %s in %s, as all other sweeps; KITTI's have 4 floats in metres", first,
@@ -282,15 +282,15 @@ static pags_result check_size(const importer *im, const pags_layout_camera *came
   const double *size = im->calib.size[camera->number + 2];
   const double x = camera->intrinsics[2] / camera->width, y = camera->intrinsics[3] / camera->height;
   if (size[0] > 0 && (fabs(size[0] - camera->width) > 0.5 || fabs(size[1] - camera->height) > 0.5))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: has %d x %d pixels, expected %g x %g as S_rect_%02d of the calibration says; the original "
-                     "pictures are needed",
-                     path, camera->width, camera->height, size[0], size[1], camera->number + 2);
+    return pags_fail_at(path,
+                        "has %d x %d pixels, expected %g x %g as S_rect_%02d of the calibration says; the original "
+                        "pictures are needed",
+                        camera->width, camera->height, size[0], size[1], camera->number + 2);
   if (!(x > 0.25 && x < 0.75 && y > 0.1 && y < 0.9))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: has %d x %d pixels, but the calibration's principal point is %.1f, %.1f, far from its "
-                     "middle; pictures that were resized or cut need the original ones",
-                     path, camera->width, camera->height, camera->intrinsics[2], camera->intrinsics[3]);
+    return pags_fail_at(path,
+                        "has %d x %d pixels, but the calibration's principal point is %.1f, %.1f, far from its "
+                        "middle; pictures that were resized or cut need the original ones",
+                        camera->width, camera->height, camera->intrinsics[2], camera->intrinsics[3]);
   return PAGS_OK;
 }
 
@@ -375,8 +375,8 @@ static pags_result put_image(const importer *im, int64_t t, int c) {
   int width = 0, height = 0;
   PAGS_TRY(path ? pags_image_size(path, &width, &height) : no_memory(im));
   if (width != camera->width || height != camera->height)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: has %d x %d pixels, the first photograph of this camera %d x %d", path,
-                     width, height, camera->width, camera->height);
+    return pags_fail_at(path, "has %d x %d pixels, the first photograph of this camera %d x %d", width, height,
+                        camera->width, camera->height);
   PAGS_TRY(pags_layout_copy_image(&im->layout, t, camera->number, path));
   if (!im->tree.has_labels)
     return PAGS_OK;

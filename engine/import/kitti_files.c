@@ -38,8 +38,7 @@ static pags_result open_lines(const char *path, lines *out) {
   PAGS_TRY(pags_file_read(path, &bytes, &size));
   const uint8_t *zero = memchr(bytes, 0, size);
   if (zero)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected text, found a zero byte at byte %lld", path,
-                     (long long)(zero - bytes));
+    return pags_fail_at(path, "expected text, found a zero byte at byte %lld", (long long)(zero - bytes));
   char *text = pags_take(&bytes);
   const bool marked = size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3); /* a byte order mark, as some editors write it */
   *out = (lines){.path = path, .text = text, .at = text + (marked ? 3 : 0), .end = text + size};
@@ -375,7 +374,7 @@ static pags_result read_entries(const char *path, entry *entries, int count) {
   }
   for (int i = 0; i < count; i++)
     if (!entries[i].optional && !entries[i].line)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a line '%s:'", path, entries[i].name);
+      return pags_fail_at(path, "expected a line '%s:'", entries[i].name);
   return PAGS_OK;
 }
 

@@ -72,24 +72,23 @@ pags_result pags_kitti_form_find(const char *path, pags_kitti_form *out) {
       continue;
     *out = *form;
     if (!far && rows >= LEAST && near == 0)
-      return pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: no point lies within 15 m of the LiDAR; expected its own axes (x forward, y left, z up), "
-                       "not those of the world",
-                       path);
+      return pags_fail_at(path,
+                          "no point lies within 15 m of the LiDAR; expected its own axes (x forward, y left, z up), "
+                          "not those of the world");
     if (!far)
       return PAGS_OK;
     out->scale = 0.001;
     if (plausible_share(form, bytes, rows, 1000 * reach, &range, &near) >= 0.95 && range > 15e3)
       return PAGS_OK;
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: 95 of 100 points lie up to %g away; expected metres (up to %g) in the LiDAR's own axes, not "
-                     "those of the world",
-                     path, range, reach);
+    return pags_fail_at(path,
+                        "95 of 100 points lie up to %g away; expected metres (up to %g) in the LiDAR's own axes, not "
+                        "those of the world",
+                        range, reach);
   }
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: expected rows of x y z reflectance, 4 floats (16 bytes), found %zu bytes that are neither this "
-                   "nor 3 or 5 columns nor doubles within a LiDAR's reach",
-                   path, size);
+  return pags_fail_at(path,
+                      "expected rows of x y z reflectance, 4 floats (16 bytes), found %zu bytes that are neither this "
+                      "nor 3 or 5 columns nor doubles within a LiDAR's reach",
+                      size);
 }
 
 bool pags_kitti_form_is_usual(const pags_kitti_form *form) {
@@ -103,8 +102,8 @@ pags_result pags_kitti_points_read(const char *path, const pags_kitti_form *form
   *xyzr = NULL;
   PAGS_TRY(pags_file_read(path, &bytes, &size));
   if (size % row_bytes(form))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected rows of %d %s (%zu bytes), found %zu bytes", path, form->columns,
-                     form->width == 8 ? "doubles" : "floats", row_bytes(form), size);
+    return pags_fail_at(path, "expected rows of %d %s (%zu bytes), found %zu bytes", form->columns,
+                        form->width == 8 ? "doubles" : "floats", row_bytes(form), size);
   const size_t rows = size / row_bytes(form);
   float *values = *xyzr = malloc(rows ? rows * 4 * sizeof *values : 1);
   PAGS_CHECK_MEMORY(values, "%s: its points", path);

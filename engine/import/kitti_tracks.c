@@ -77,10 +77,10 @@ static pags_result choose_rows(const char *path, const pags_kitti_labels *labels
       pags_tally_add(&scores, "%g in line %d", row->score, row->line);
   }
   if (flat.count && !*count)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: %lld boxes in these frames, but none has a height, width, length and place in space; the "
-                     "first is a %s; move the file elsewhere to import without boxes",
-                     path, (long long)flat.count, flat.first);
+    return pags_fail_at(path,
+                        "%lld boxes in these frames, but none has a height, width, length and place in space; the "
+                        "first is a %s; move the file elsewhere to import without boxes",
+                        (long long)flat.count, flat.first);
   pags_account_leave_out(span->account, "boxes", &late, "past the last photograph, frame %lld",
                          (long long)span->total - 1);
   pags_account_leave_out(span->account, "boxes", &flat, "no height, width, length or place in space");
@@ -283,9 +283,9 @@ pags_result pags_kitti_tracks_from_tracklets(const char *path, const pags_kitti_
     PAGS_WARN("%s: %lld of %lld tracklets are left out, having no poses or no size; the first is %s", path,
               (long long)empty.count, (long long)tracklets->count, empty.first);
   if (flat == tracklets->count && flat)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: %lld tracklets, but none has a size; the first is %s; move the file elsewhere to import "
-                     "without boxes",
-                     path, (long long)flat, empty.first);
+    return pags_fail_at(path,
+                        "%lld tracklets, but none has a size; the first is %s; move the file elsewhere to import "
+                        "without boxes",
+                        (long long)flat, empty.first);
   return PAGS_OK;
 }

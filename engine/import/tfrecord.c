@@ -85,8 +85,8 @@ static pags_result read_bytes(pags_tfrecord *reader, uint8_t *bytes, size_t size
 }
 
 static pags_result damaged(const pags_tfrecord *reader, const char *what) {
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: record %lld at byte %llu: %s", reader->path, (long long)reader->number,
-                   (unsigned long long)reader->offset, what);
+  return pags_fail_at(reader->path, "record %lld at byte %llu: %s", (long long)reader->number,
+                      (unsigned long long)reader->offset, what);
 }
 
 /* Reads a record's header. The length of the data is accepted only if its CRC is right and it fits into the file. */

@@ -80,13 +80,12 @@ static pags_result read_camera(importer *im, const pags_waymo_frame *frame, int 
   const int number = im->numbers[index], name = number + 1;
   const Pags__Waymo__CameraCalibration *c = pags_waymo_camera(frame, name);
   if (!c)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: no calibration of camera %d (%s)", where, number,
-                     pags_waymo_camera_name(name));
+    return pags_fail_at(where, "no calibration of camera %d (%s)", number, pags_waymo_camera_name(name));
   if (c->n_intrinsic != 9)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: camera %d has %zu intrinsics, expected 9", where, number, c->n_intrinsic);
+    return pags_fail_at(where, "camera %d has %zu intrinsics, expected 9", number, c->n_intrinsic);
   if (c->width < 1 || c->height < 1 || (int64_t)c->width * c->height > MOST_PHOTO_PIXELS)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: camera %d has %d x %d pixels, expected at most %d in all", where, number,
-                     c->width, c->height, MOST_PHOTO_PIXELS);
+    return pags_fail_at(where, "camera %d has %d x %d pixels, expected at most %d in all", number, c->width, c->height,
+                        MOST_PHOTO_PIXELS);
   static const char *const shutters[] = {NULL,  "top_to_bottom", "left_to_right", "bottom_to_top", "right_to_left",
                                          "none"};
   const int shutter = c->rolling_shutter_direction;
@@ -100,7 +99,7 @@ static pags_result read_camera(importer *im, const pags_waymo_frame *frame, int 
   for (int i = 0; i < 9; i++) {
     camera->intrinsics[i] = c->intrinsic[i];
     if (!isfinite(c->intrinsic[i]) || (i < 2 && !(c->intrinsic[i] > 0)))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: intrinsic %d of camera %d is %g", where, i, number, c->intrinsic[i]);
+      return pags_fail_at(where, "intrinsic %d of camera %d is %g", i, number, c->intrinsic[i]);
   }
   double ego_from_waymo[12];
   PAGS_TRY(pags_waymo_transform(c->extrinsic, where, "extrinsic of a camera", ego_from_waymo));
@@ -164,10 +163,10 @@ static pags_result read_image(importer *im, const pags_waymo_frame *message, int
   const Pags__Waymo__CameraImage *image = pags_waymo_image(message, camera->number + 1);
   bool labelled;
   if (!image || image->image.len < 4)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: no photograph of camera %d (%s); --cameras and --frames choose others",
-                     where, camera->number, camera->name);
+    return pags_fail_at(where, "no photograph of camera %d (%s); --cameras and --frames choose others", camera->number,
+                        camera->name);
   if (image->image.data[0] != 0xff || image->image.data[1] != 0xd8)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph of camera %d is no JPEG", where, camera->number);
+    return pags_fail_at(where, "the photograph of camera %d is no JPEG", camera->number);
   const int64_t photo = frame * im->info.camera_count + index;
   double *pose = im->camera_poses + 12 * photo, ego[12];
   PAGS_TRY(read_exposure(image, where, &im->exposures[photo]));
@@ -186,12 +185,11 @@ static pags_result read_frame(importer *im, const pags_waymo_frame *message, int
   double *pose = im->ego_poses + 12 * frame;
   const char *name = message->context && message->context->name ? message->context->name : "";
   if (strncmp(name, im->context, sizeof im->context - 1) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: belongs to segment '%.200s', the file begins with '%s'", where, name,
-                     im->context);
+    return pags_fail_at(where, "belongs to segment '%.200s', the file begins with '%s'", name, im->context);
   im->times[frame] = (double)message->timestamp_micros * 1e-6;
   if (frame && !(im->times[frame] > im->times[frame - 1]))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: its time is %.6f s, not after the %.6f s of the frame before", where,
-                     im->times[frame], im->times[frame - 1]);
+    return pags_fail_at(where, "its time is %.6f s, not after the %.6f s of the frame before", im->times[frame],
+                        im->times[frame - 1]);
   PAGS_TRY(pags_waymo_transform(message->pose, where, "pose of the frame", pose));
   PAGS_TRY(pags_layout_put_ego_pose(&im->layout, frame, pose));
   for (int c = 0; c < im->info.camera_count; c++)
@@ -227,8 +225,7 @@ static pags_result count_records(const char *source, int64_t *count) {
     if (end)
       break;
   }
-  return *count ? PAGS_OK
-                : pags_fail(PAGS_ERROR_FORMAT, "%s: expected a TFRecord file of Waymo frames, found no record", source);
+  return *count ? PAGS_OK : pags_fail_at(source, "expected a TFRecord file of Waymo frames, found no record");
 }
 
 /* Begins the import with the first frame, whose calibration applies to the whole segment. */
@@ -377,9 +374,8 @@ static pags_result finish(importer *im) {
     PAGS_TRY(pags_layout_put_instances(&im->layout, im->tracks, im->track_count));
     PAGS_TRY(put_masks(im));
   } else if (im->boxes.unusable.count)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: %lld boxes, but none has an id, a size and finite numbers; the first is %s", im->source,
-                     (long long)im->boxes.unusable.count, im->boxes.unusable.first);
+    return pags_fail_at(im->source, "%lld boxes, but none has an id, a size and finite numbers; the first is %s",
+                        (long long)im->boxes.unusable.count, im->boxes.unusable.first);
   else {
     PAGS_TRY(drop_folder(im, "instances"));
     PAGS_TRY(drop_folder(im, "dynamic_masks"));

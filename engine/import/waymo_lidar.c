@@ -64,11 +64,10 @@ static pags_result find_angles(lidar *l, int rows, int columns) {
   forget_angles(l);
   const size_t beams = l->calibration->n_beam_inclinations;
   if (beams && beams != (size_t)rows)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s has %zu beam inclinations, its range image %d rows", l->where,
-                     l->name, beams, rows);
+    return pags_fail_at(l->where, "LiDAR %s has %zu beam inclinations, its range image %d rows", l->name, beams, rows);
   for (int i = 0; i < rows; i++)
     if (!isfinite(beam(l->calibration, i, rows)))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s: beam inclination %d isn't finite", l->where, l->name, i);
+      return pags_fail_at(l->where, "LiDAR %s: beam inclination %d isn't finite", l->name, i);
   l->inclination = malloc((size_t)rows * 2 * sizeof *l->inclination);
   l->azimuth = malloc((size_t)columns * 2 * sizeof *l->azimuth);
   PAGS_CHECK_MEMORY(l->inclination && l->azimuth, "%s", l->where);
@@ -128,8 +127,8 @@ static pags_result decode_return(lidar *l, const Pags__Waymo__RangeImage *image,
   PAGS_TRY(pags_waymo_unpack_matrix(&image->range_image_compressed, RANGE_DEPTH, l->where, what, &matrix));
   const int rows = matrix->shape->dims[0], columns = matrix->shape->dims[1];
   if (l->poses && (l->poses->shape->dims[0] != rows || l->poses->shape->dims[1] != columns))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s: poses of %d x %d pixels for a range image of %d x %d", l->where,
-                     l->name, l->poses->shape->dims[0], l->poses->shape->dims[1], rows, columns);
+    return pags_fail_at(l->where, "LiDAR %s: poses of %d x %d pixels for a range image of %d x %d", l->name,
+                        l->poses->shape->dims[0], l->poses->shape->dims[1], rows, columns);
   PAGS_TRY(find_angles(l, rows, columns));
   const int64_t needed = points->count + (int64_t)rows * columns; /* no overflow: a matrix has at most 2^24 values */
   if (needed > MOST_PIXELS)
@@ -157,7 +156,7 @@ static pags_result begin_lidar(lidar *l, const pags_waymo_frame *frame, int name
     snprintf(l->name, sizeof l->name, "number %d", name);
   l->calibration = pags_waymo_lidar_calibration(frame, name);
   if (!l->calibration)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: LiDAR %s has a range image and no calibration", l->where, l->name);
+    return pags_fail_at(l->where, "LiDAR %s has a range image and no calibration", l->name);
   PAGS_TRY(pags_waymo_transform(l->calibration->extrinsic, l->where, "extrinsic of a LiDAR", l->vehicle_from_lidar));
   PAGS_TRY(pags_waymo_transform(frame->pose, l->where, "pose of the frame", world_from_frame));
   pags_rigid_inverse(world_from_frame, l->frame_from_world);

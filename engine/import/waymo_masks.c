@@ -164,8 +164,8 @@ pags_result pags_waymo_put_semantic(const pags_layout *layout, const Pags__Waymo
                      pags_layout_has(layout, "sky_masks", frame, number, ".png")))
     return PAGS_OK;
   if (label->panoptic_label_divisor < 1)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: panoptic label of camera %d: divisor %d, expected at least 1", where,
-                     number, label->panoptic_label_divisor);
+    return pags_fail_at(where, "panoptic label of camera %d: divisor %d, expected at least 1", number,
+                        label->panoptic_label_divisor);
   PAGS_TRY(pags_layout_put_file(layout, "panoptic", frame, number, ".png", label->panoptic_label.data,
                                 label->panoptic_label.len));
   PAGS_AUTO(pags_image_destroy) pags_image panoptic = {0};
@@ -176,8 +176,8 @@ pags_result pags_waymo_put_semantic(const pags_layout *layout, const Pags__Waymo
   PAGS_TRY(pags_image_load(path, PAGS_U16, 1, &panoptic));
   const int width = panoptic.width, height = panoptic.height;
   if (width != camera->width || height != camera->height)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: panoptic label of camera %d: %d x %d pixels, expected %d x %d", where,
-                     number, width, height, camera->width, camera->height);
+    return pags_fail_at(where, "panoptic label of camera %d: %d x %d pixels, expected %d x %d", number, width, height,
+                        camera->width, camera->height);
   const size_t pixels = (size_t)width * (size_t)height;
   const uint16_t *labels = panoptic.data;
   PAGS_AUTOFREE uint8_t *plane = malloc(pixels);

@@ -50,7 +50,7 @@ static pags_result unpack(const ProtobufCMessageDescriptor *type, const uint8_t 
   if (b.exceeded)
     return pags_fail(PAGS_ERROR_LIMIT, "%s: %s of %zu bytes has more parts than 64 MiB and eight times its size hold",
                      where, what, size);
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: %zu bytes are no Waymo Open v1 %s", where, size, what);
+  return pags_fail_at(where, "%zu bytes are no Waymo Open v1 %s", size, what);
 }
 
 pags_result pags_waymo_unpack_frame(const void *bytes, size_t size, const char *where, pags_waymo_frame **out) {
@@ -100,9 +100,9 @@ static pags_result inflate_all(const ProtobufCBinaryData *stream, const char *wh
       return PAGS_OK;
     PAGS_CHECK_MEMORY(state != Z_MEM_ERROR, "%s: %s", where, what);
     if (state != Z_OK && state != Z_BUF_ERROR)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s can't be inflated: %s", where, what, z.msg ? z.msg : "zlib error");
+      return pags_fail_at(where, "%s can't be inflated: %s", what, z.msg ? z.msg : "zlib error");
     if (z.avail_out)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s can't be inflated: its end is missing", where, what);
+      return pags_fail_at(where, "%s can't be inflated: its end is missing", what);
     if (capacity >= BUDGET)
       return pags_fail(PAGS_ERROR_LIMIT, "%s: %s is larger than 64 MiB", where, what);
   }
@@ -111,11 +111,10 @@ static pags_result inflate_all(const ProtobufCBinaryData *stream, const char *wh
 static pags_result check_shape(const pags_waymo_matrix *m, int depth, const char *where, const char *what) {
   const Pags__Waymo__Shape *s = m->shape;
   if (!s || s->n_dims != 3 || s->dims[2] != depth || s->dims[0] < 1 || s->dims[1] < 1)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: expected a shape of rows x columns x %d", where, what, depth);
+    return pags_fail_at(where, "%s: expected a shape of rows x columns x %d", what, depth);
   const uint64_t values = (uint64_t)s->dims[0] * (uint64_t)s->dims[1]; /* less than 2^62, so no overflow */
   if (m->n_data % (size_t)depth || values != m->n_data / (size_t)depth)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: %zu values, expected %d x %d x %d", where, what, m->n_data, s->dims[0],
-                     s->dims[1], depth);
+    return pags_fail_at(where, "%s: %zu values, expected %d x %d x %d", what, m->n_data, s->dims[0], s->dims[1], depth);
   return PAGS_OK;
 }
 
@@ -140,19 +139,19 @@ pags_result pags_waymo_transform(const Pags__Waymo__Transform *transform, const 
                                  double out[12]) {
   assert(where && what && out);
   if (!transform || transform->n_transform != 16)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: %zu numbers, expected the 16 of a 4x4", where, what,
-                     transform ? transform->n_transform : 0);
+    return pags_fail_at(where, "%s: %zu numbers, expected the 16 of a 4x4", what,
+                        transform ? transform->n_transform : 0);
   const double *m = transform->transform;
   for (int i = 0; i < 16; i++)
     if (!isfinite(m[i]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: number %d isn't finite", where, what, i);
+      return pags_fail_at(where, "%s: number %d isn't finite", what, i);
   memcpy(out, m, 12 * sizeof *out);
   double error = 0, across[3]; /* the largest absolute entry of R R^T - I; a row of the adjoint */
   for (int i = 0; i < 9; i++)
     error = fmax(error, fabs(pags_dot3(m + 4 * (i / 3), m + 4 * (i % 3)) - (i / 3 == i % 3)));
   pags_cross3(m + 4, m + 8, across);
   if (!(error <= 1e-3) || pags_dot3(m, across) < 0 || m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: expected a rotation and a translation", where, what);
+    return pags_fail_at(where, "%s: expected a rotation and a translation", what);
   return PAGS_OK;
 }
 

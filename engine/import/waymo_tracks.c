@@ -113,8 +113,7 @@ static int64_t group(pags_waymo_boxes *boxes) {
 static pags_result make_track(const pags_waymo_box *boxes, int64_t count, const char *where, pags_layout_track *track) {
   for (int64_t i = 1; i < count; i++)
     if (boxes[i].frame == boxes[i - 1].frame)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: frame %lld has two boxes of id '%s'", where, (long long)boxes[i].frame,
-                       boxes[i].id);
+      return pags_fail_at(where, "frame %lld has two boxes of id '%s'", (long long)boxes[i].frame, boxes[i].id);
   pags_object *object = &track->object;
   object->id =
       boxes->renamed ? pags_text_format("%s-%s", boxes->id, class_name(boxes->type)) : pags_text_copy(boxes->id);
