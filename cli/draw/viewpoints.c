@@ -115,8 +115,7 @@ pags_result pags_shutter_choose(pags_shutter_choice choice, const pags_scene *sc
   for (int64_t i = 0; i < scene->view_count; i++)
     if (pags_camera_rolls(&scene->views[i].camera))
       return roll_along(&scene->views[i].camera.shutter, viewpoints);
-  return pags_fail(
-      PAGS_ERROR_ARGUMENT,
-      "--shutter rolling: neither the cameras nor the scene's views have a rolling shutter; expected cameras "
-      "with rolling_shutter (docs/lenses.md), or --shutter global");
+  return pags_fail(PAGS_ERROR_ARGUMENT,
+                   "--shutter rolling: neither the cameras nor the scene's views have a rolling shutter; expected "
+                   "cameras with rolling_shutter (docs/lenses.md), or --shutter global");
 }

@@ -142,9 +142,8 @@ static void put_object_table(pags_html *html, const pags_report_run *run) {
   for (int64_t o = 0; o < count; o++)
     order[o] = (ranked){o, run->contents.of_object[o]};
   pags_sort(order, count, sizeof *order, compare_ranked);
-  pags_html_begin_table(html,
-                        "object|class|#Gaussians|critical|model and reason|#moved by training, m|#turned, degrees|"
-                        "#seen, s");
+  pags_html_begin_table(
+      html, "object|class|#Gaussians|critical|model and reason|#moved by training, m|#turned, degrees|#seen, s");
   for (int64_t i = 0; i < count && i < MOST; i++) {
     const pags_scene_object *object = &run->scene->objects[order[i].object];
     const pags_object *record = &object->record;
@@ -152,8 +151,8 @@ static void put_object_table(pags_html *html, const pags_report_run *run) {
     const char *const why = pags_page_string(note, "why");
     pags_html_put(
         html,
-        "<tr><td><bdi>%s</bdi></td><td><bdi>%s</bdi></td><td class=\"n\">%s</td><td>%s</td><td><bdi>%s</bdi></td>"
-        "<td class=\"n\">%s</td><td class=\"n\">%s</td><td class=\"n\">%.1f to %.1f</td></tr>\n",
+        "<tr><td><bdi>%s</bdi></td><td><bdi>%s</bdi></td><td class=\"n\">%s</td><td>%s</td><td><bdi>%s</bdi></td><td "
+        "class=\"n\">%s</td><td class=\"n\">%s</td><td class=\"n\">%.1f to %.1f</td></tr>\n",
         pags_html_text(html, record->id), pags_html_text(html, record->class_name),
         pags_html_count(html, order[i].gaussians), object->critical ? "yes" : "no",
         pags_html_text(html, why              ? why
@@ -166,10 +165,10 @@ static void put_object_table(pags_html *html, const pags_report_run *run) {
   }
   pags_html_end_table(html);
   if (count > MOST)
-    pags_html_put(html,
-                  "<p>%lld objects with fewer Gaussians aren't listed; <code>pags info SCENE --objects</code> lists "
-                  "all.</p>\n",
-                  (long long)(count - MOST));
+    pags_html_put(
+        html,
+        "<p>%lld objects with fewer Gaussians aren't listed; <code>pags info SCENE --objects</code> lists all.</p>\n",
+        (long long)(count - MOST));
 }
 
 void pags_page_objects(pags_html *html, const pags_report_run *runs, int count) {
@@ -183,9 +182,8 @@ void pags_page_objects(pags_html *html, const pags_report_run *runs, int count) 
   if (!runs[0].scene->object_count && !runs[count - 1].scene->object_count)
     return;
   pags_html_put(html, "<h2>Classes and objects</h2>\n");
-  pags_html_begin_table(html,
-                        "class|#objects|#critical|#moving|#models of their own|#Gaussians|#PSNR of those that "
-                        "move, dB");
+  pags_html_begin_table(
+      html, "class|#objects|#critical|#moving|#models of their own|#Gaussians|#PSNR of those that move, dB");
   for (int c = 0; c < 4; c++)
     for (int k = 0; k < count; k++)
       put_class(html, &runs[k], classes[c].category, count == 2 ? (char)('A' + k) : 0, classes[c].region);

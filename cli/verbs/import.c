@@ -227,8 +227,8 @@ static pags_result import_by_python(const import_arguments *arguments, const cha
   pags_port_set_environment("PAGS_RECORDINGS_FOR", "pags");
   pags_port_become(call.words);
   return pags_fail(PAGS_ERROR_UNSUPPORTED,
-                   "importing %s needs Python: %s can't be started; install Python 3.9 or later and "
-                   "its packages numpy, pillow, pandas and pyarrow",
+                   "importing %s needs Python: %s can't be started; install Python 3.9 or later and its packages "
+                   "numpy, pillow, pandas and pyarrow",
                    kind, call.words[0]);
 }
 
@@ -238,10 +238,10 @@ static int check(void *user, const pags_parsed *parsed) {
   const import_arguments *arguments = user;
   const struct kind *kind = find_kind(parsed->positionals[0]);
   if (!kind)
-    return pags_usage_error(parsed->verb,
-                            "KIND: expected kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or "
-                            "photos, got '%s'",
-                            parsed->positionals[0]);
+    return pags_usage_error(
+        parsed->verb,
+        "KIND: expected kitti, waymo, argoverse2, nuscenes, pandaset, waymo2, kitti360, ncore or photos, got '%s'",
+        parsed->positionals[0]);
   if (arguments->pictures && strcmp(kind->name, "photos"))
     return pags_usage_error(parsed->verb, "--pictures: only for KIND photos");
   if (arguments->options.sequence && kind->import == pags_import_waymo)
@@ -273,15 +273,13 @@ static const pags_verb verb = {
     .about =
         "Convert a recording, or photographs without cameras, to a data set that 'pags train' reads. Photographs are "
         "copied unchanged. An interrupted import resumes when the same command is run again.",
-    .positionals =
-        {{"KIND",
-          "kitti: tracking benchmark, or synchronised raw recording; waymo: segment of the Open Dataset v1; "
-          "argoverse2: log "
-          "of the sensor data set; nuscenes: scene of v1.0; pandaset: sequence; waymo2: segment of the Open Dataset v2 "
-          "(parquet); kitti360: drive; ncore: sequence of NCore v4; photos: photographs without cameras, or a video "
-          "(COLMAP "
-          "finds the cameras). All except kitti and waymo run the Python package in tools/recordings."},
-         {"RAW", "Folder of the recording, Waymo's .tfrecord file, or video."}},
+    .positionals = {{"KIND",
+                     "kitti: tracking benchmark, or synchronised raw recording; waymo: segment of the Open Dataset v1; "
+                     "argoverse2: log of the sensor data set; nuscenes: scene of v1.0; pandaset: sequence; waymo2: "
+                     "segment of the Open Dataset v2 (parquet); kitti360: drive; ncore: sequence of NCore v4; photos: "
+                     "photographs without cameras, or a video (COLMAP finds the cameras). All except kitti and waymo "
+                     "run the Python package in tools/recordings."},
+                    {"RAW", "Folder of the recording, Waymo's .tfrecord file, or video."}},
     .options = options,
     .check = check,
     .run = run};

@@ -62,12 +62,11 @@ typedef enum info_kind { INFO_SCENE, INFO_DATASET, INFO_OTHER } info_kind;
 /* Refuses options for other kinds of input. */
 static pags_result check_effect(const info_arguments *arguments, const char *path, info_kind kind) {
   static const char *const kinds[] = {"a scene or splat file", "a data set", "such a file"};
-  const pags_option_rule rules[] = {
-      {"memory objects up axes", kind == INFO_SCENE, "scenes and splat files"},
-      {"overlay sheet downscale split-every colmap allow-missing undistort image-folder image-alpha kind "
-       "cameras frames holdout-camera ego-mask critical sfm",
-       kind == INFO_DATASET, "data sets"},
-      {0}};
+  const pags_option_rule rules[] = {{"memory objects up axes", kind == INFO_SCENE, "scenes and splat files"},
+                                    {"overlay sheet downscale split-every colmap allow-missing undistort image-folder "
+                                     "image-alpha kind cameras frames holdout-camera ego-mask critical sfm",
+                                     kind == INFO_DATASET, "data sets"},
+                                    {0}};
   char names[256];
   const pags_option_rule *idle = pags_option_idle(arguments->parsed, rules, names, sizeof names);
   if (!idle)

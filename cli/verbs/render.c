@@ -459,13 +459,12 @@ static pags_result run_render(void *user, const pags_parsed *parsed) {
   char of_ranks[32] = "";
   if (pags_ranks())
     snprintf(of_ranks, sizeof of_ranks, "%d ranks of ", pags_transport_ranks(pags_ranks()));
-  pags_say(
-      session,
-      "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
-      "%.2f) on %s%d %s\n",
-      arguments->output, (long long)run.done, run.done == 1 ? "frame" : "frames", (long long)count, total_ms(&mean),
-      mean.ms_cull, mean.ms_project, mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, of_ranks, threads,
-      threads == 1 ? "thread" : "threads");
+  pags_say(session,
+           "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, "
+           "raster %.2f) on %s%d %s\n",
+           arguments->output, (long long)run.done, run.done == 1 ? "frame" : "frames", (long long)count,
+           total_ms(&mean), mean.ms_cull, mean.ms_project, mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster,
+           of_ranks, threads, threads == 1 ? "thread" : "threads");
   if (run.report)
     pags_deadline_report_print(&run.deadline, session);
   const double bytes = (double)pags_composition_bytes(run.composition);
@@ -495,11 +494,10 @@ static int check(void *user, const pags_parsed *parsed) {
     return pags_usage_error(verb, "--bits: expected 8 or 16, got '%d'", arguments->bits);
   char unknown[80];
   if (!pags_channels_parse(arguments->channel_list, &arguments->channels, unknown, sizeof unknown))
-    return pags_usage_error(
-        verb,
-        "--channel: expected color, alpha, depth, id, object, priority, normal, heat, crypto-object, crypto-class, "
-        "expected-normal, motion, count or overdraw, got '%s'",
-        unknown);
+    return pags_usage_error(verb,
+                            "--channel: expected color, alpha, depth, id, object, priority, normal, heat, "
+                            "crypto-object, crypto-class, expected-normal, motion, count or overdraw, got '%s'",
+                            unknown);
   pags_frame_options early_z;
   if (pags_early_z_parse(arguments->early_z, &early_z) != PAGS_OK)
     return pags_usage_error(verb, "--%s", pags_error_message());
@@ -511,10 +509,9 @@ static int check(void *user, const pags_parsed *parsed) {
                             "--budget-ms: requires one process, since the quality of a frame depends on the times of "
                             "earlier frames; mpirun started several");
   if (arguments->channels & PAGS_CHANNELS_PASSES && (budget || paper))
-    return pags_usage_error(
-        verb,
-        "--channel crypto-object, crypto-class, expected-normal, motion, count and overdraw exclude --budget-ms and "
-        "--early-z paper");
+    return pags_usage_error(verb,
+                            "--channel crypto-object, crypto-class, expected-normal, motion, count and overdraw "
+                            "exclude --budget-ms and --early-z paper");
   if (arguments->channels >> PAGS_CHANNEL_MOTION & 1 && (split || arguments->camera))
     return pags_usage_error(verb, "--channel motion: requires consecutive pictures: expected --path instead of %s",
                             arguments->camera ? "--camera" : "--split");

@@ -71,14 +71,13 @@ static bool add_header(struct lws *wsi, const char *name, const char *value, uns
 /* Sends the headers and starts sending the body. Returns 0, or 1 to close the connection. */
 static int answer(const pags_server *server, struct lws *wsi, connection *c, unsigned status, const char *type,
                   const void *body, size_t size, bool set_cookie) {
-  static const char *const extra[][2] = {
-      {"content-security-policy:",
-       "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri 'none'; form-action 'none'; "
-       "frame-ancestors 'none'"},
-      {"x-content-type-options:", "nosniff"},
-      {"referrer-policy:", "no-referrer"},
-      {"cross-origin-resource-policy:", "same-origin"},
-      {"cache-control:", "no-store"}};
+  static const char *const extra[][2] = {{"content-security-policy:",
+                                          "default-src 'self'; img-src 'self' blob:; object-src 'none'; base-uri "
+                                          "'none'; form-action 'none'; frame-ancestors 'none'"},
+                                         {"x-content-type-options:", "nosniff"},
+                                         {"referrer-policy:", "no-referrer"},
+                                         {"cross-origin-resource-policy:", "same-origin"},
+                                         {"cache-control:", "no-store"}};
   unsigned char buffer[LWS_PRE + 2048], *const start = buffer + LWS_PRE,
                                                *at = start, *const end = buffer + sizeof buffer;
   char cookie[PAGS_ACCESS_TOKEN + 96];
@@ -107,8 +106,7 @@ static int serve(const pags_server *server, struct lws *wsi, connection *c) {
   char path[64], token[PAGS_ACCESS_TOKEN + 8];
   if (!has_accepted_host(server, wsi))
     return refuse(server, wsi, c, HTTP_STATUS_FORBIDDEN,
-                  "This host name isn't accepted. Open the address that pags printed, or start it with "
-                  "--host NAME.\n");
+                  "This host name isn't accepted. Open the address that pags printed, or start it with --host NAME.\n");
   if (lws_hdr_total_length(wsi, WSI_TOKEN_GET_URI) <= 0)
     return refuse(server, wsi, c, HTTP_STATUS_METHOD_NOT_ALLOWED, "Only GET is served.\n");
   if (!header(wsi, WSI_TOKEN_GET_URI, path, sizeof path))
@@ -302,8 +300,8 @@ static pags_result open_port(pags_server *server) {
   server->port = server->host ? lws_get_vhost_listen_port(server->host) : 0;
   if (server->port <= 0)
     return pags_fail(PAGS_ERROR_IO,
-                     "%s:%d: can't listen there: the port is taken, or the address isn't one of this machine; "
-                     "--port 0 takes a free port",
+                     "%s:%d: can't listen there: the port is taken, or the address isn't one of this machine; --port 0 "
+                     "takes a free port",
                      settings->bind, settings->port);
   return PAGS_OK;
 }

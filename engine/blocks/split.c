@@ -91,11 +91,10 @@ static pags_result check_and_name(const pags_dataset *dataset, pags_blocks *spli
       training += !view->test && view->frame >= range->own_first && view->frame <= range->own_last;
     }
     if (training == 0)
-      return pags_fail(
-          PAGS_ERROR_ARGUMENT,
-          "%s: block %d of %d would begin %.1f m along the drive and have no photograph of its own to train "
-          "on; expected longer blocks than %.1f m",
-          pags_dataset_path(dataset), b, split->count, split->block * b, split->block);
+      return pags_fail(PAGS_ERROR_ARGUMENT,
+                       "%s: block %d of %d would begin %.1f m along the drive and have no photograph of its own to "
+                       "train on; expected longer blocks than %.1f m",
+                       pags_dataset_path(dataset), b, split->count, split->block * b, split->block);
     hash = pags_hash_bytes(hash, range, sizeof *range);
   }
   snprintf(split->id, sizeof split->id, "%08x%08x", (unsigned)(hash >> 32), (unsigned)(hash & 0xffffffffu));

@@ -116,8 +116,7 @@ static pags_result check_present(const pags_blocks *split, const char *folder, c
     return PAGS_OK;
   return pags_fail(
       PAGS_ERROR_FORMAT,
-      "%s: %d of %d blocks aren't trained, the first is %03d; expected a scene in %s (pags train %s/%03d -o "
-      "%s)",
+      "%s: %d of %d blocks aren't trained, the first is %03d; expected a scene in %s (pags train %s/%03d -o %s)",
       folder, lacking, split->count, first, trained->folders[first], folder, first, trained->folders[first]);
 }
 

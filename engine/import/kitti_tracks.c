@@ -86,13 +86,11 @@ static pags_result choose_rows(const char *path, const pags_kitti_labels *labels
   pags_account_leave_out(span->account, "boxes", &flat, "no height, width, length or place in space");
   if (late.count)
     PAGS_WARN(
-        "%s: %lld of %lld labels are left out, as there are photographs of frames 0 to %lld only; the first is "
-        "a %s",
+        "%s: %lld of %lld labels are left out, as there are photographs of frames 0 to %lld only; the first is a %s",
         path, (long long)late.count, (long long)labels->count, (long long)span->total - 1, late.first);
   if (flat.count)
     PAGS_WARN(
-        "%s: %lld of %lld labels are left out, having no height, width, length or place in space; the first is "
-        "a %s",
+        "%s: %lld of %lld labels are left out, having no height, width, length or place in space; the first is a %s",
         path, (long long)flat.count, (long long)labels->count, flat.first);
   if (scores.count)
     PAGS_WARN("%s: the scores of %lld labels are ignored, all boxes count alike; the first is %s", path,
@@ -221,8 +219,8 @@ pags_result pags_kitti_tracks_from_labels(const char *path, const pags_kitti_lab
   }
   if (split.count)
     PAGS_WARN(
-        "%s: %lld track numbers belong to things of several classes, each of which became an object of its own; "
-        "the first is %s",
+        "%s: %lld track numbers belong to things of several classes, each of which became an object of its own; the "
+        "first is %s",
         path, (long long)split.count, split.first);
   if (mixed.count)
     PAGS_WARN("%s: the class of %lld tracks changes, each got the class of most of its labels; the first is %s", path,
@@ -276,16 +274,14 @@ pags_result pags_kitti_tracks_from_tracklets(const char *path, const pags_kitti_
   pags_account_leave_out(span->account, "tracklets", &empty, "no poses or no size");
   if (late.count)
     PAGS_WARN(
-        "%s: the boxes of %lld of %lld tracklets past frame %lld, the last photograph's, are left out; the first "
-        "is %s",
+        "%s: the boxes of %lld of %lld tracklets past frame %lld, the last photograph's, are left out; the first is %s",
         path, (long long)late.count, (long long)tracklets->count, (long long)span->total - 1, late.first);
   if (empty.count)
     PAGS_WARN("%s: %lld of %lld tracklets are left out, having no poses or no size; the first is %s", path,
               (long long)empty.count, (long long)tracklets->count, empty.first);
   if (flat == tracklets->count && flat)
-    return pags_fail_at(path,
-                        "%lld tracklets, but none has a size; the first is %s; move the file elsewhere to import "
-                        "without boxes",
-                        (long long)flat, empty.first);
+    return pags_fail_at(
+        path, "%lld tracklets, but none has a size; the first is %s; move the file elsewhere to import without boxes",
+        (long long)flat, empty.first);
   return PAGS_OK;
 }

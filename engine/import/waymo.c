@@ -337,8 +337,8 @@ static void log_findings(importer *im) {
   const pags_leaps leaps = pags_find_leaps((const double(*)[12])im->ego_poses, im->times, im->info.frame_count);
   if (leaps.count)
     PAGS_WARN(
-        "%s: %lld of %lld steps between poses leap; the first is from frame %lld to %lld, %.2f m and %.1f degrees "
-        "off in %.2f s",
+        "%s: %lld of %lld steps between poses leap; the first is from frame %lld to %lld, %.2f m and %.1f degrees off "
+        "in %.2f s",
         im->source, (long long)leaps.count, frames - 1, (long long)leaps.first, (long long)leaps.first + 1,
         leaps.metres, leaps.degrees, leaps.seconds);
   const pags_tally dark = {.count = im->sweeps ? frames - im->sweeps : 0};
@@ -357,8 +357,7 @@ static void log_findings(importer *im) {
               (long long)im->boxes.unusable.count, im->boxes.unusable.first);
   if (im->boxes.renamed.count)
     PAGS_WARN(
-        "%s: %lld ids belong to things of several classes, each of which became an object of its own; the first "
-        "is %s",
+        "%s: %lld ids belong to things of several classes, each of which became an object of its own; the first is %s",
         im->source, (long long)im->boxes.renamed.count, im->boxes.renamed.first);
   pags_log_message(PAGS_LOG_INFO, "%s: %lld of %lld photographs have panoptic labels", im->source,
                    (long long)im->labelled, frames * im->info.camera_count);
