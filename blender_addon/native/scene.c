@@ -15,8 +15,6 @@
 
 enum { ROWS = PAGS_PACKED_ROWS }; /* rows read at a time: the size of a packed cluster */
 
-static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-
 native_scene *native_scene_create(PyTypeObject *type) {
   native_scene *self = native_allocate(type);
   if (!self || native_lock_create(&self->lock))
@@ -148,9 +146,8 @@ static void fill_sizes(const pags_part *part, float *size_of) {
 
 /* The parts of an object (-1: of the background), in the frame of the object. */
 static pags_result parts_of(native_scene *scene, int64_t object, const pags_part **parts, int *count) {
-  pags_placement placement = {.object = object};
+  pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   const double *origin = pags_composition_scene(scene->composition)->origin;
-  memcpy(placement.world_from_object, identity, sizeof identity);
   if (object >= 0)
     pags_pose_place(placement.world_from_object, origin); /* cancels the composition's shift to the origin */
   return pags_compose_placed(scene->composition, (double)NAN, &placement, 1, parts, count);
@@ -410,11 +407,10 @@ static PyObject *scene_repr(PyObject *object) {
   "A scene ready for drawing: of arrays, or by load(path) of files.\n\n"                                               \
   "means [n][3] (metres, relative to origin), quats [n][4] (w, x, y, z, of any length), scales [n][3] (ln sigma, not " \
   "sigma), opacities [n] (logits), sh [n][k][3] (spherical harmonics, k of 1, 4, 9 or 16: colour = 0.5 + 0.2821 "      \
-  "sh[0] "                                                                                                             \
-  "+ ..., sRGB), priorities [n] (0 to 1). Arrays are numpy's, anything else with the buffer protocol, or nested "      \
-  "lists; they are copied. antialiased: as Mip-Splatting. alpha_min: the least alpha that is drawn, 0: 1/255. origin " \
-  "None: 0; if the means lose digits as floats and most lie beyond 4096 m along an axis, whole metres, taken off "     \
-  "them."
+  "sh[0] + ..., sRGB), priorities [n] (0 to 1). Arrays are numpy's, anything else with the buffer protocol, or "       \
+  "nested lists; they are copied. antialiased: as Mip-Splatting. alpha_min: the least alpha that is drawn, 0: 1/255. " \
+  "origin None: 0; if the means lose digits as floats and most lie beyond 4096 m along an axis, whole metres, taken "  \
+  "off them."
 
 static PyGetSetDef scene_getset[] = {
     {"info", scene_info, NULL,

@@ -6,7 +6,7 @@
 #include <math.h>
 #include "base/memory.h"
 #include "base/sort.h"
-#include "cli/draw/vectors.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 
 enum { PATH_FPS = 30 };
@@ -37,24 +37,20 @@ static void slerp(const double a[4], const double b[4], double t, double out[4])
 static pags_camera between(const pags_camera *const *keyframes, int64_t count, int64_t at, double t) {
   const pags_camera *a = keyframes[at], *b = keyframes[at + 1];
   pags_camera camera = *keyframes[0];
-  double ra[9], rb[9], r[9], qa[4], qb[4], q[4];
+  double ra[9], rb[9], r[9], p[3], qa[4], qb[4], q[4];
   t = fmin(fmax(t, 0), 1);
-  for (int row = 0; row < 3; row++)
-    for (int c = 0; c < 3; c++) {
-      ra[3 * row + c] = a->world_from_camera[4 * row + c];
-      rb[3 * row + c] = b->world_from_camera[4 * row + c];
-    }
+  pags_pose_rotation(a->world_from_camera, ra);
+  pags_pose_rotation(b->world_from_camera, rb);
   pags_quaternion_from_rotation(ra, qa);
   pags_quaternion_from_rotation(rb, qb);
   slerp(qa, qb, t, q);
   pags_rotation_from_quaternion(q, r);
-  for (int c = 0; c < 3; c++)
-    pags_camera_set_column(&camera, c, (pags_vec3){r[c], r[3 + c], r[6 + c]});
   const double *const before = keyframes[at > 0 ? at - 1 : 0]->world_from_camera;
   const double *const behind = keyframes[at + 2 < count ? at + 2 : at + 1]->world_from_camera;
-  for (int k = 3; k < 12; k += 4)
-    camera.world_from_camera[k] =
-        catmull_rom(before[k], a->world_from_camera[k], b->world_from_camera[k], behind[k], t);
+  for (int k = 0; k < 3; k++)
+    p[k] = catmull_rom(before[4 * k + 3], a->world_from_camera[4 * k + 3], b->world_from_camera[4 * k + 3],
+                       behind[4 * k + 3], t);
+  pags_pose_make(r, p, camera.world_from_camera);
   camera.time = a->time + t * (b->time - a->time);
   return camera;
 }
@@ -82,9 +78,8 @@ pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_c
                      (long long)count);
   PAGS_TRY(pags_camera_path_create(frames, out));
   for (int64_t i = 1; i < count; i++)
-    reached[i] = reached[i - 1] + fmax(pags_vec_length(pags_vec_sub(pags_camera_column(keyframes[i], 3),
-                                                                    pags_camera_column(keyframes[i - 1], 3))),
-                                       1e-9);
+    reached[i] = reached[i - 1] +
+                 fmax(pags_pose_distance(keyframes[i]->world_from_camera, keyframes[i - 1]->world_from_camera), 1e-9);
   for (int64_t i = 0; i < frames; i++) {
     const double way = frames > 1 ? reached[count - 1] * (double)i / (double)(frames - 1) : 0;
     while (at + 2 < count && reached[at + 1] < way)
@@ -160,8 +155,8 @@ pags_result pags_camera_path_drive(const pags_scene *scene, int64_t frames, doub
 
 void pags_camera_path_shift(pags_camera_path *path, double metres) {
   for (int64_t i = 0; i < path->count; i++) {
-    pags_camera *camera = &path->cameras[i];
-    pags_camera_set_column(
-        camera, 3, pags_vec_add(pags_camera_column(camera, 3), pags_vec_scale(pags_camera_column(camera, 0), metres)));
+    double *const pose = path->cameras[i].world_from_camera;
+    for (int k = 0; k < 3; k++)
+      pose[4 * k + 3] += pose[4 * k] * metres;
   }
 }

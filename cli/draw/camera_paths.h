@@ -17,6 +17,9 @@
  * forces outside or inside. The camera avoids solid cells. */
 pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags_stand stand, pags_camera_path *out);
 
+/* The mean of the cameras' up axes, a unit vector, if they agree; else the up axis of the scene. */
+void pags_cameras_up(const pags_scene *scene, double out[3]);
+
 /* Lists the cameras of the training views, unchanged; may be none. */
 pags_result pags_camera_path_views(const pags_scene *scene, pags_camera_path *out);
 

@@ -3,10 +3,10 @@
  * the objects.json of pictures (docs/render.md). */
 #include "cli/draw/camera_paths.h"
 #include "cli/draw/picture.h"
-#include "cli/draw/vectors.h"
 
 #include <math.h>
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "scene/object.h"
 #include "scene/scene_json.h"
 
@@ -18,13 +18,12 @@ pags_result pags_view_start_find(const pags_scene *scene, pags_view_start *out) 
   const bool drive = pags_scene_is_drive(scene) && pags_camera_path_drive(scene, 0, 0, &path) == PAGS_OK;
   if (!drive)
     PAGS_TRY(pags_camera_path_orbit(scene, FRAMES, PAGS_STAND_AUTO, &path));
-  const pags_vec3 up = scene->up == PAGS_UP_Z ? (pags_vec3){0, 0, 1} : pags_cameras_up(scene);
-  *out = (pags_view_start){.camera = path.cameras[0], .up = {up.x, up.y, up.z}, .distance = AHEAD};
-  if (!drive) {
-    /* The distance between opposite cameras of an orbit is twice its radius. */
-    const pags_vec3 a = pags_camera_column(&path.cameras[0], 3), b = pags_camera_column(&path.cameras[FRAMES / 2], 3);
-    out->distance = fmax(0.5 * pags_vec_length(pags_vec_sub(a, b)), 1e-3);
-  }
+  const pags_camera *const first = path.cameras;
+  *out = (pags_view_start){.camera = *first, .up = {0, 0, 1}, .distance = AHEAD};
+  if (scene->up != PAGS_UP_Z)
+    pags_cameras_up(scene, out->up);
+  if (!drive) /* the distance between opposite cameras of an orbit is twice its radius */
+    out->distance = fmax(0.5 * pags_pose_distance(first->world_from_camera, first[FRAMES / 2].world_from_camera), 1e-3);
   return PAGS_OK;
 }
 
@@ -118,8 +117,7 @@ pags_result pags_view_describe(const pags_composition *composition, const pags_v
 /* ---- objects.json ---- */
 
 pags_result pags_object_table_write(const pags_scene *scene, const char *folder) {
-  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {0};
-  pags_json_writer_init(&writer, 2);
+  PAGS_AUTO(pags_json_writer_destroy) pags_json_writer writer = {.indent = 2};
   pags_json_begin_object(&writer, NULL);
   pags_json_put_integer(&writer, "version", 1);
   pags_json_put_string(&writer, "channel", "object");

@@ -8,7 +8,6 @@
 #include "base/sort.h"
 #include "base/vec3.h"
 #include "cli/draw/camera_paths.h"
-#include "cli/draw/vectors.h"
 #include "maths/maths.h"
 #include "scene/survey.h"
 
@@ -19,23 +18,73 @@ static const double pi = 3.14159265358979323846;
 static const double closed =
     1; /* room cells per solid cell: a lower ratio is a street or a corner, which is better seen from outside */
 
+/* ---- Vectors by value, and columns of a camera's pose ---- */
+
+typedef struct vec3 {
+  double x, y, z;
+} vec3;
+
+static vec3 vec_add(vec3 a, vec3 b) {
+  return (vec3){a.x + b.x, a.y + b.y, a.z + b.z};
+}
+static vec3 vec_scale(vec3 a, double s) {
+  return (vec3){a.x * s, a.y * s, a.z * s};
+}
+static vec3 vec_sub(vec3 a, vec3 b) {
+  return (vec3){a.x - b.x, a.y - b.y, a.z - b.z};
+}
+static double vec_dot(vec3 a, vec3 b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+static double vec_length(vec3 a) {
+  return sqrt(vec_dot(a, a));
+}
+static vec3 vec_cross(vec3 a, vec3 b) {
+  return (vec3){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+static vec3 vec_normalized(vec3 a) {
+  double l = vec_length(a);
+  return l > 0 ? vec_scale(a, 1 / l) : a;
+}
+
+/* Returns column `c` of world_from_camera: 0 right, 1 down, 2 forward, 3 position. */
+static vec3 column_of(const pags_camera *camera, int c) {
+  const double *m = camera->world_from_camera;
+  return (vec3){m[c], m[4 + c], m[8 + c]};
+}
+
+static void set_column(pags_camera *camera, int c, vec3 v) {
+  double *m = camera->world_from_camera;
+  m[c] = v.x;
+  m[4 + c] = v.y;
+  m[8 + c] = v.z;
+}
+
+/* ---- Orbits ---- */
+
 /* An orbit's geometry and lens. */
 typedef struct orbit {
-  pags_vec3 centre, up, u, v;                /* u, v: axes of the horizontal plane */
+  vec3 centre, up, u, v;                     /* u, v: axes of the horizontal plane */
   double radius[AZIMUTHS], height[AZIMUTHS]; /* horizontal distance of the eye from the centre; height above it */
   double middle_angle, half_arc;             /* of the azimuths covered; half_arc = pi: a full turn */
   pags_camera lens;
 } orbit;
 
-static pags_vec3 scene_up(const pags_scene *scene) {
-  return scene->up == PAGS_UP_Z ? (pags_vec3){0, 0, 1} : (pags_vec3){0, scene->up == PAGS_UP_Y ? 1 : -1, 0};
+static vec3 scene_up(const pags_scene *scene) {
+  return scene->up == PAGS_UP_Z ? (vec3){0, 0, 1} : (vec3){0, scene->up == PAGS_UP_Y ? 1 : -1, 0};
 }
 
-pags_vec3 pags_cameras_up(const pags_scene *scene) {
-  pags_vec3 sum = {0, 0, 0};
+/* The mean of the cameras' up axes if they agree; else the up axis of the scene. */
+static vec3 cameras_up(const pags_scene *scene) {
+  vec3 sum = {0, 0, 0};
   for (int64_t i = 0; i < scene->view_count; i++)
-    sum = pags_vec_sub(sum, pags_camera_column(&scene->views[i].camera, 1));
-  return pags_vec_length(sum) > 0.3 * (double)scene->view_count ? pags_vec_normalized(sum) : scene_up(scene);
+    sum = vec_sub(sum, column_of(&scene->views[i].camera, 1));
+  return vec_length(sum) > 0.3 * (double)scene->view_count ? vec_normalized(sum) : scene_up(scene);
+}
+
+void pags_cameras_up(const pags_scene *scene, double out[3]) {
+  const vec3 up = cameras_up(scene);
+  pags_copy3((const double[3]){up.x, up.y, up.z}, out);
 }
 
 static pags_camera default_lens(double focal) {
@@ -48,10 +97,10 @@ static pags_camera default_lens(double focal) {
                        .time = (double)NAN};
 }
 
-static void stand_up(orbit *o, pags_vec3 up) {
+static void stand_up(orbit *o, vec3 up) {
   o->up = up;
-  o->u = pags_vec_normalized(pags_vec_cross(up, fabs(up.x) < 0.9 ? (pags_vec3){1, 0, 0} : (pags_vec3){0, 1, 0}));
-  o->v = pags_vec_cross(up, o->u);
+  o->u = vec_normalized(vec_cross(up, fabs(up.x) < 0.9 ? (vec3){1, 0, 0} : (vec3){0, 1, 0}));
+  o->v = vec_cross(up, o->u);
 }
 
 /* ---- The eye ---- */
@@ -64,23 +113,23 @@ static double at_azimuth(const double values[AZIMUTHS], double angle) {
   return (1 - t) * values[i] + t * values[(i + 1) % AZIMUTHS];
 }
 
-static pags_vec3 eye_at(const orbit *o, double angle, double radius, double height) {
-  const pags_vec3 across = pags_vec_add(pags_vec_scale(o->u, pags_cos(angle)), pags_vec_scale(o->v, pags_sin(angle)));
-  return pags_vec_add(o->centre, pags_vec_add(pags_vec_scale(across, radius), pags_vec_scale(o->up, height)));
+static vec3 eye_at(const orbit *o, double angle, double radius, double height) {
+  const vec3 across = vec_add(vec_scale(o->u, pags_cos(angle)), vec_scale(o->v, pags_sin(angle)));
+  return vec_add(o->centre, vec_add(vec_scale(across, radius), vec_scale(o->up, height)));
 }
 
 /* Orients a camera from `eye` towards the centre, with its picture as upright as possible. */
-static void look_from(const orbit *o, pags_vec3 eye, pags_camera *camera) {
-  const pags_vec3 forward = pags_vec_normalized(pags_vec_sub(o->centre, eye));
-  pags_vec3 right = pags_vec_cross(forward, o->up);
-  if (pags_vec_length(right) < 1e-6) /* looking straight up or down: any right axis will do */
-    right = pags_vec_cross(forward, fabs(forward.x) < 0.9 ? (pags_vec3){1, 0, 0} : (pags_vec3){0, 1, 0});
-  right = pags_vec_normalized(right);
+static void look_from(const orbit *o, vec3 eye, pags_camera *camera) {
+  const vec3 forward = vec_normalized(vec_sub(o->centre, eye));
+  vec3 right = vec_cross(forward, o->up);
+  if (vec_length(right) < 1e-6) /* looking straight up or down: any right axis will do */
+    right = vec_cross(forward, fabs(forward.x) < 0.9 ? (vec3){1, 0, 0} : (vec3){0, 1, 0});
+  right = vec_normalized(right);
   *camera = o->lens;
-  pags_camera_set_column(camera, 0, right);
-  pags_camera_set_column(camera, 1, pags_vec_cross(forward, right));
-  pags_camera_set_column(camera, 2, forward);
-  pags_camera_set_column(camera, 3, eye);
+  set_column(camera, 0, right);
+  set_column(camera, 1, vec_cross(forward, right));
+  set_column(camera, 2, forward);
+  set_column(camera, 3, eye);
 }
 
 /* Smooths distances along the circle without increasing any: minimum over the neighbours, then mean of the minima. */
@@ -99,11 +148,11 @@ static void smooth_down(double values[AZIMUTHS]) {
 }
 
 /* A point of the survey, which is relative to the scene's origin, in absolute coordinates. */
-static pags_vec3 from_origin(const pags_scene *scene, double x, double y, double z) {
-  return (pags_vec3){x + scene->origin[0], y + scene->origin[1], z + scene->origin[2]};
+static vec3 from_origin(const pags_scene *scene, double x, double y, double z) {
+  return (vec3){x + scene->origin[0], y + scene->origin[1], z + scene->origin[2]};
 }
 
-static int cell_of(const pags_scene *scene, const pags_survey *survey, pags_vec3 p) {
+static int cell_of(const pags_scene *scene, const pags_survey *survey, vec3 p) {
   const double own[3] = {p.x - scene->origin[0], p.y - scene->origin[1], p.z - scene->origin[2]};
   return pags_survey_cell(survey, own);
 }
@@ -111,16 +160,15 @@ static int cell_of(const pags_scene *scene, const pags_survey *survey, pags_vec3
 /* ---- Without photographs ---- */
 
 /* Whether all corners of the box show, with some margin, from all azimuths at this distance. */
-static bool shows_box(const orbit *o, const pags_vec3 corners[8], double radius, double slope) {
+static bool shows_box(const orbit *o, const vec3 corners[8], double radius, double slope) {
   for (int a = 0; a < AZIMUTHS; a += 3) {
     pags_camera camera;
     look_from(o, eye_at(o, 2 * pi * a / AZIMUTHS, radius, slope * radius), &camera);
     for (int i = 0; i < 8; i++) {
-      const pags_vec3 p = pags_vec_sub(corners[i], pags_camera_column(&camera, 3));
-      const double z = pags_vec_dot(p, pags_camera_column(&camera, 2)), margin = 0.94;
-      if (!(z > 0.05 * radius) ||
-          fabs(pags_vec_dot(p, pags_camera_column(&camera, 0))) * camera.fx > margin * camera.cx * z ||
-          fabs(pags_vec_dot(p, pags_camera_column(&camera, 1))) * camera.fy > margin * camera.cy * z)
+      const vec3 p = vec_sub(corners[i], column_of(&camera, 3));
+      const double z = vec_dot(p, column_of(&camera, 2)), margin = 0.94;
+      if (!(z > 0.05 * radius) || fabs(vec_dot(p, column_of(&camera, 0))) * camera.fx > margin * camera.cx * z ||
+          fabs(vec_dot(p, column_of(&camera, 1))) * camera.fy > margin * camera.cy * z)
         return false;
     }
   }
@@ -131,12 +179,12 @@ static bool shows_box(const orbit *o, const pags_vec3 corners[8], double radius,
 static void orbit_of_box(const pags_scene *scene, const pags_survey *survey, orbit *o) {
   static const double slope = 0.25; /* looking a little down */
   const double *lo = survey->lo, *hi = survey->hi;
-  pags_vec3 corners[8];
+  vec3 corners[8];
   for (int i = 0; i < 8; i++)
     corners[i] = from_origin(scene, i & 1 ? hi[0] : lo[0], i & 2 ? hi[1] : lo[1], i & 4 ? hi[2] : lo[2]);
-  const double diagonal = fmax(pags_vec_length(pags_vec_sub(corners[7], corners[0])), 1e-3);
+  const double diagonal = fmax(vec_length(vec_sub(corners[7], corners[0])), 1e-3);
   double near = 0.3 * diagonal, far = 8 * diagonal;
-  o->centre = pags_vec_scale(pags_vec_add(corners[0], corners[7]), 0.5);
+  o->centre = vec_scale(vec_add(corners[0], corners[7]), 0.5);
   o->lens = default_lens(OBJECT_FOCAL);
   for (int i = 0; i < 24; i++) {
     const double between = 0.5 * (near + far);
@@ -182,38 +230,36 @@ static void orbit_of_room(const pags_scene *scene, const pags_survey *survey, or
 
 /* Solves the symmetric 3x3 system a x = b by Cramer's rule; returns false if the determinant is nearly 0 relative to
  * the trace. */
-static bool solve3(const double a[6], pags_vec3 b, pags_vec3 *x) { /* a: xx xy xz yy yz zz */
-  pags_vec3 r0 = {a[0], a[1], a[2]}, r1 = {a[1], a[3], a[4]}, r2 = {a[2], a[4], a[5]};
-  double determinant = pags_vec_dot(r0, pags_vec_cross(r1, r2)), trace = (a[0] + a[3] + a[5]) / 3;
+static bool solve3(const double a[6], vec3 b, vec3 *x) { /* a: xx xy xz yy yz zz */
+  vec3 r0 = {a[0], a[1], a[2]}, r1 = {a[1], a[3], a[4]}, r2 = {a[2], a[4], a[5]};
+  double determinant = vec_dot(r0, vec_cross(r1, r2)), trace = (a[0] + a[3] + a[5]) / 3;
   if (!(fabs(determinant) > 1e-4 * trace * trace * trace))
     return false;
-  pags_vec3 sum = pags_vec_add(
-      pags_vec_add(pags_vec_scale(pags_vec_cross(r1, r2), b.x), pags_vec_scale(pags_vec_cross(r2, r0), b.y)),
-      pags_vec_scale(pags_vec_cross(r0, r1), b.z));
-  *x = pags_vec_scale(sum, 1 / determinant);
+  vec3 sum = vec_add(vec_add(vec_scale(vec_cross(r1, r2), b.x), vec_scale(vec_cross(r2, r0), b.y)),
+                     vec_scale(vec_cross(r0, r1), b.z));
+  *x = vec_scale(sum, 1 / determinant);
   return true;
 }
 
 /* Finds the point with the least sum of squared distances to the views' optical axes: sum (I - d d') (x - p) = 0.
  * Returns false if the axes are nearly parallel or the point isn't in front of most cameras. */
-static bool nearest_to_axes(const pags_scene *scene, pags_vec3 *out) {
+static bool nearest_to_axes(const pags_scene *scene, vec3 *out) {
   double a[6] = {0};
-  pags_vec3 b = {0, 0, 0}, base = pags_camera_column(&scene->views[0].camera, 3);
+  vec3 b = {0, 0, 0}, base = column_of(&scene->views[0].camera, 3);
   int64_t ahead = 0;
   for (int64_t i = 0; i < scene->view_count; i++) {
-    pags_vec3 d = pags_camera_column(&scene->views[i].camera, 2),
-              p = pags_vec_sub(pags_camera_column(&scene->views[i].camera, 3), base);
+    vec3 d = column_of(&scene->views[i].camera, 2), p = vec_sub(column_of(&scene->views[i].camera, 3), base);
     double m[6] = {1 - d.x * d.x, -d.x * d.y, -d.x * d.z, 1 - d.y * d.y, -d.y * d.z, 1 - d.z * d.z};
     for (int k = 0; k < 6; k++)
       a[k] += m[k];
-    b = pags_vec_add(b, pags_vec_sub(p, pags_vec_scale(d, pags_vec_dot(d, p))));
+    b = vec_add(b, vec_sub(p, vec_scale(d, vec_dot(d, p))));
   }
   if (!solve3(a, b, out))
     return false;
-  *out = pags_vec_add(*out, base);
+  *out = vec_add(*out, base);
   for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_camera *camera = &scene->views[i].camera;
-    ahead += pags_vec_dot(pags_vec_sub(*out, pags_camera_column(camera, 3)), pags_camera_column(camera, 2)) > 0;
+    ahead += vec_dot(vec_sub(*out, column_of(camera, 3)), column_of(camera, 2)) > 0;
   }
   /* for cameras that look outwards, the point nearest to their axes lies behind them */
   return ahead * 10 >= scene->view_count * 8;
@@ -257,12 +303,12 @@ static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *su
   double *const heights = radii + count, *const angles = heights + count;
   if (!nearest_to_axes(scene, &o->centre))
     o->centre = from_origin(scene, survey->middle[0], survey->middle[1], survey->middle[2]);
-  stand_up(o, pags_cameras_up(scene));
+  stand_up(o, cameras_up(scene));
   for (size_t i = 0; i < count; i++) {
-    const pags_vec3 offset = pags_vec_sub(pags_camera_column(&scene->views[i].camera, 3), o->centre);
-    heights[i] = pags_vec_dot(offset, o->up);
-    radii[i] = pags_hypot(pags_vec_dot(offset, o->u), pags_vec_dot(offset, o->v));
-    angles[i] = pags_atan2(pags_vec_dot(offset, o->v), pags_vec_dot(offset, o->u));
+    const vec3 offset = vec_sub(column_of(&scene->views[i].camera, 3), o->centre);
+    heights[i] = vec_dot(offset, o->up);
+    radii[i] = pags_hypot(vec_dot(offset, o->u), vec_dot(offset, o->v));
+    angles[i] = pags_atan2(vec_dot(offset, o->v), vec_dot(offset, o->u));
   }
   follow_cameras(angles, radii, heights, scene->view_count, o);
   find_arc(angles, scene->view_count, o);
@@ -272,8 +318,8 @@ static pags_result orbit_of_views(const pags_scene *scene, const pags_survey *su
   /* Moves the camera towards the centre where it would be inside something solid. */
   for (int a = 0; a < AZIMUTHS; a++)
     for (int k = 0; k < 40; k++) {
-      const pags_vec3 eye = eye_at(o, 2 * pi * a / AZIMUTHS, o->radius[a], o->height[a]);
-      const pags_vec3 beyond = eye_at(o, 2 * pi * a / AZIMUTHS, o->radius[a] + 2 * survey->step, o->height[a]);
+      const vec3 eye = eye_at(o, 2 * pi * a / AZIMUTHS, o->radius[a], o->height[a]);
+      const vec3 beyond = eye_at(o, 2 * pi * a / AZIMUTHS, o->radius[a] + 2 * survey->step, o->height[a]);
       if (cell_of(scene, survey, eye) != PAGS_CELL_SOLID && cell_of(scene, survey, beyond) != PAGS_CELL_SOLID)
         break;
       o->radius[a] *= 0.96;
@@ -308,14 +354,13 @@ static pags_result orbit_of_near_views(const pags_scene *scene, const pags_surve
  * mean camera position, nearer where something is in the way. */
 static void orbit_of_drive(const pags_scene *scene, const pags_survey *survey, orbit *o) {
   enum { AHEAD = 6, RADIUS = 14, HEIGHT = 9 }; /* metres; low enough to show the sides that the cameras saw */
-  const pags_vec3 base = pags_camera_column(&scene->views[0].camera, 3);
-  pags_vec3 sum = {0, 0, 0};
+  const vec3 base = column_of(&scene->views[0].camera, 3);
+  vec3 sum = {0, 0, 0};
   for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_camera *camera = &scene->views[i].camera;
-    sum = pags_vec_add(sum, pags_vec_add(pags_vec_sub(pags_camera_column(camera, 3), base),
-                                         pags_vec_scale(pags_camera_column(camera, 2), AHEAD)));
+    sum = vec_add(sum, vec_add(vec_sub(column_of(camera, 3), base), vec_scale(column_of(camera, 2), AHEAD)));
   }
-  o->centre = pags_vec_add(base, pags_vec_scale(sum, 1.0 / (double)scene->view_count));
+  o->centre = vec_add(base, vec_scale(sum, 1.0 / (double)scene->view_count));
   o->lens = scene->views[0].camera;
   o->lens.lens = (pags_lens_model){0}; /* pictures of an orbit are pinholes' */
   for (int a = 0; a < AZIMUTHS; a++) {
