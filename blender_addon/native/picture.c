@@ -4,13 +4,12 @@
 #include "blender_addon/native/native.h"
 
 #include <math.h>
-#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include <pags/deadline.h>
-#include <pags/tasks.h>
 
+#include "base/parallel.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
 
@@ -252,8 +251,7 @@ pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, c
   }
   for (int i = 0; i < TABLE + 2; i++)
     f.decoder.table[i] = decode_exactly((float)i / TABLE);
-  return pags_parallel_for(tasks, layout->height, ROWS, fill_rows, &f) ? PAGS_OK
-                                                                       : pags_fail(PAGS_CANCELLED, "cancelled");
+  return pags_parallel_run(tasks, layout->height, ROWS, fill_rows, &f);
 }
 
 void native_planes_free(native_planes *planes) {

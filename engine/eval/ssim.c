@@ -98,37 +98,39 @@ static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
     }
 }
 
-static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
+static pags_result run(const pags_image *a, const pags_image *b, const pags_metric_pixels *pixels, pags_tasks *tasks,
+                       double *ssim) {
+  ssim_job job = {.a = a->data, .b = b->data, .width = a->width, .height = a->height, .pixels = *pixels};
   /* The Gaussian window of sigma 1.5 in one dimension, normalised. */
   double sum = 0.0;
   for (int i = 0; i < TAPS; i++) {
     double d = i - RADIUS;
-    job->window[i] = pags_exp(-d * d / (2.0 * 1.5 * 1.5));
-    sum += job->window[i];
+    job.window[i] = pags_exp(-d * d / (2.0 * 1.5 * 1.5));
+    sum += job.window[i];
   }
   for (int i = 0; i < TAPS; i++)
-    job->window[i] /= sum;
+    job.window[i] /= sum;
 
-  const int regions = job->pixels.count;
-  job->scratch_stride = 2 * MOMENTS * ((int64_t)job->width + 2 * RADIUS);
-  PAGS_AUTOFREE double *scratch = calloc((size_t)(job->scratch_stride * pags_tasks_workers(tasks)), sizeof *scratch);
-  PAGS_AUTOFREE double *row_sum = calloc((size_t)job->height * (size_t)regions, sizeof *row_sum);
-  PAGS_CHECK_MEMORY(scratch && row_sum, "SSIM: a picture of %dx%d", job->width, job->height);
-  job->scratch = scratch;
-  job->row_sum = row_sum;
-  if (!pags_parallel_for(tasks, job->height, 8, ssim_rows, job))
+  const int regions = job.pixels.count;
+  job.scratch_stride = 2 * MOMENTS * ((int64_t)job.width + 2 * RADIUS);
+  PAGS_AUTOFREE double *scratch = calloc((size_t)(job.scratch_stride * pags_tasks_workers(tasks)), sizeof *scratch);
+  PAGS_AUTOFREE double *row_sum = calloc((size_t)job.height * (size_t)regions, sizeof *row_sum);
+  PAGS_CHECK_MEMORY(scratch && row_sum, "SSIM: a picture of %dx%d", job.width, job.height);
+  job.scratch = scratch;
+  job.row_sum = row_sum;
+  if (!pags_parallel_for(tasks, job.height, 8, ssim_rows, &job))
     return pags_fail(PAGS_CANCELLED, "SSIM: cancelled");
 
   /* ssim[r] = mean of the SSIM map over region r and the channels; NaN for an empty region. */
   int64_t counted[MOST_REGIONS] = {0};
-  for (int64_t i = 0; i < (int64_t)job->width * job->height; i++) {
-    unsigned bits = pags_metric_regions(&job->pixels, i);
+  for (int64_t i = 0; i < (int64_t)job.width * job.height; i++) {
+    unsigned bits = pags_metric_regions(&job.pixels, i);
     for (int r = 0; bits; r++, bits >>= 1)
       counted[r] += bits & 1;
   }
   for (int r = 0; r < regions; r++) {
     sum = 0.0;
-    for (int y = 0; y < job->height; y++)
+    for (int y = 0; y < job.height; y++)
       sum += row_sum[(int64_t)y * regions + r];
     ssim[r] = counted[r] ? sum / (3.0 * (double)counted[r]) : NAN;
   }
@@ -138,20 +140,14 @@ static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
 pags_result pags_eval_ssim(const pags_image *a, const pags_image *b, const uint8_t *mask, pags_tasks *tasks,
                            double *ssim) {
   PAGS_TRY(pags_metric_check(a, b, "SSIM"));
-  ssim_job job = {
-      .a = a->data, .b = b->data, .width = a->width, .height = a->height, .pixels = {.mask = mask, .count = 1}};
-  return run(&job, tasks, ssim);
+  return run(a, b, &(pags_metric_pixels){.mask = mask, .count = 1}, tasks, ssim);
 }
 
 pags_result pags_eval_regions(const pags_image *a, const pags_image *b, const uint16_t *regions, int count,
                               pags_tasks *tasks, double *psnr, double *ssim) {
   assert(count >= 1 && count <= MOST_REGIONS);
   PAGS_TRY(pags_metric_check(a, b, "PSNR and SSIM"));
-  ssim_job job = {.a = a->data,
-                  .b = b->data,
-                  .width = a->width,
-                  .height = a->height,
-                  .pixels = {.regions = regions, .count = count}};
-  pags_metric_psnr(a, b, &job.pixels, psnr);
-  return run(&job, tasks, ssim);
+  const pags_metric_pixels pixels = {.regions = regions, .count = count};
+  pags_metric_psnr(a, b, &pixels, psnr);
+  return run(a, b, &pixels, tasks, ssim);
 }

@@ -11,6 +11,7 @@
 
 #include "base/file.h"
 #include "base/memory.h"
+#include "base/parallel.h"
 #include "scene/lens.h"
 
 /* ---- Lenses ---- */
@@ -110,10 +111,8 @@ static pags_result map_pixels(const pags_lens *lens, const char *where, pags_tas
   out->lens = (pags_layout_lens){.width = lens->width, .height = lens->height, .source = out->source};
   map_job job = {.lens = lens, .pinhole = c, .columns = columns, .lattice = lattice, .source = out->source};
   PAGS_CHECK_MEMORY(out->source && lattice, "%s", where);
-  return pags_parallel_for(tasks, (int64_t)columns * rows, columns, map_lattice, &job) &&
-                 pags_parallel_for(tasks, lens->height, 16, map_rows, &job)
-             ? PAGS_OK
-             : pags_fail(PAGS_CANCELLED, "cancelled");
+  PAGS_TRY(pags_parallel_run(tasks, (int64_t)columns * rows, columns, map_lattice, &job));
+  return pags_parallel_run(tasks, lens->height, 16, map_rows, &job);
 }
 
 pags_result pags_waymo_lens_make(const pags_layout_camera *camera, const char *where, pags_tasks *tasks,
