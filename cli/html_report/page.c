@@ -7,6 +7,8 @@
 #include <string.h>
 #include <time.h>
 
+#include "cli/measure/decisions.h"
+
 #include <report_style.h> /* made of page.css */
 
 /* A is blue, B is orange and dashed, for colour-blind readers and prints. The policy refuses anything that isn't in the
@@ -92,7 +94,7 @@ static const char *letter_of(int count, int number) {
 
 /* States how the training ended, and what is unknown. */
 static void put_state(pags_html *html, const pags_run_log *log, const char *letter) {
-  const double bad = pags_page_number(log->facts, "bad_rows");
+  const double bad = pags_spoken_number(log->facts, "bad_rows");
   const char *first = pags_page_string(log->facts, "first_bad_row");
   if (pags_page_flag(log->facts, "finished", false))
     pags_html_put(html,
@@ -131,13 +133,13 @@ void pags_page_figures(pags_html *html, const pags_report_run *runs, int count) 
     const double nothing = (double)NAN;
     const double known[FIGURES] = {measured ? run->views.mean.mean.psnr[PAGS_REGION_WHOLE] : nothing,
                                    measured ? run->views.mean.mean.ssim[PAGS_REGION_WHOLE] : nothing,
-                                   pags_page_number(run->log.facts, "psnr"),
+                                   pags_spoken_number(run->log.facts, "psnr"),
                                    k < count ? (double)run->contents.gaussians : nothing,
                                    k < count ? run->contents.bytes : nothing,
                                    k < count && run->scene->iterations > 0 ? (double)run->scene->iterations : nothing,
-                                   pags_page_number(run->log.facts, "seconds"),
-                                   pags_page_number(run->log.facts, "iterations_per_second"),
-                                   pags_page_number(run->log.facts, "peak_rss_bytes")};
+                                   pags_spoken_number(run->log.facts, "seconds"),
+                                   pags_spoken_number(run->log.facts, "iterations_per_second"),
+                                   pags_spoken_number(run->log.facts, "peak_rss_bytes")};
     memcpy(values[k], known, sizeof known);
     if (k < count)
       put_state(html, &run->log, letter_of(count, k));

@@ -55,8 +55,7 @@ typedef struct pags_run_log {
 pags_result pags_run_log_read(const char *folder, pags_run_log *out);
 void pags_run_log_destroy(pags_run_log *log); /* a zeroed struct is allowed */
 
-/* Members of a JSON object that may be NULL: NaN, NULL or false without one of that type. */
-double pags_page_number(const pags_json_value *object, const char *key);
+/* Members of a JSON object that may be NULL: NULL or false without one of that type. Numbers: pags_spoken_number. */
 const char *pags_page_string(const pags_json_value *object, const char *key);
 bool pags_page_flag(const pags_json_value *object, const char *key, bool wanted);
 

@@ -158,8 +158,8 @@ static void put_object_table(pags_html *html, const pags_report_run *run) {
         pags_html_text(html, why              ? why
                              : record->moving ? "moves"
                                               : "parked"),
-        pags_html_number(html, 3, pags_page_number(note, "mean_shift_metres")),
-        pags_html_number(html, 2, pags_page_number(note, "mean_turn_degrees")),
+        pags_html_number(html, 3, pags_spoken_number(note, "mean_shift_metres")),
+        pags_html_number(html, 2, pags_spoken_number(note, "mean_turn_degrees")),
         record->keyframes[0].time - run->scene->time_begin,
         record->keyframes[record->keyframe_count - 1].time - run->scene->time_begin);
   }
@@ -233,11 +233,9 @@ static void put_stages(pags_html *html, const pags_report_run *runs, int count) 
   enum { STAGES = sizeof stages / sizeof stages[0] };
   double ms[STAGES][2], sum[2] = {0, 0};
   for (int k = 0; k < count; k++) {
-    const pags_json_value *const facts = runs[k].log.facts, *of_stages = NULL;
-    if (facts)
-      of_stages = pags_json_member(facts, "ms_per_step");
+    const pags_json_value *const of_stages = pags_json_member(runs[k].log.facts, "ms_per_step");
     for (int i = 0; i < STAGES; i++) {
-      ms[i][k] = pags_page_number(of_stages, stages[i][0]);
+      ms[i][k] = pags_spoken_number(of_stages, stages[i][0]);
       sum[k] += isfinite(ms[i][k]) ? ms[i][k] : 0;
     }
   }
@@ -270,7 +268,7 @@ static void put_fact(pags_html *html, const char *name, const char *value) {
 static void put_origin(pags_html *html, const pags_report_run *run) {
   const pags_json_value *const facts = run->log.facts;
   const char *const command = pags_page_string(facts, "command_line");
-  const double threads = pags_page_number(facts, "threads");
+  const double threads = pags_spoken_number(facts, "threads");
   char text[64];
   if (command)
     pags_html_put(html, "<pre>%s</pre>\n", pags_html_text(html, command));
@@ -292,7 +290,7 @@ static void put_settings(pags_html *html, const pags_report_run *runs, int count
   const pags_json_value *const there = count == 2 && runs[1].config ? pags_json_root(runs[1].config) : NULL;
   pags_html_begin_table(html, count == 2 ? "setting|A|B" : "setting|value");
   for (const pags_json_value *v = pags_json_root(runs[0].config)->first; v; v = v->next) {
-    const pags_json_value *const other = there ? pags_json_member(there, v->key) : NULL;
+    const pags_json_value *const other = pags_json_member(there, v->key);
     const char *const of_a = pags_spoken_value(v, a), *const of_b = other ? pags_spoken_value(other, b) : "-";
     if (differing && !strcmp(of_a, of_b))
       continue;

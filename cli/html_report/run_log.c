@@ -8,6 +8,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "cli/measure/decisions.h"
 #include "cli/measure/info.h"
 #include "maths/maths.h"
 
@@ -71,24 +72,14 @@ const pags_log_curve pags_log_curves[PAGS_LOG_CURVES] = {
     {"gaussians", "Gaussians", "Gaussians", true},
 };
 
-static const pags_json_value *member(const pags_json_value *object, const char *key, pags_json_type type) {
-  const pags_json_value *value = object ? pags_json_member(object, key) : NULL;
-  return value && value->type == type ? value : NULL;
-}
-
-double pags_page_number(const pags_json_value *object, const char *key) {
-  const pags_json_value *value = member(object, key, PAGS_JSON_NUMBER);
-  return value ? value->number : (double)NAN;
-}
-
 const char *pags_page_string(const pags_json_value *object, const char *key) {
-  const pags_json_value *value = member(object, key, PAGS_JSON_STRING);
-  return value ? value->text : NULL;
+  const pags_json_value *value = pags_json_member(object, key);
+  return value && value->type == PAGS_JSON_STRING ? value->text : NULL;
 }
 
 bool pags_page_flag(const pags_json_value *object, const char *key, bool wanted) {
-  const pags_json_value *value = member(object, key, PAGS_JSON_BOOL);
-  return value && value->boolean == wanted;
+  const pags_json_value *value = pags_json_member(object, key);
+  return value && value->type == PAGS_JSON_BOOL && value->boolean == wanted;
 }
 
 static pags_result read_line(pags_run_log *log, const char *path, const char *line, size_t size) {
@@ -98,12 +89,12 @@ static pags_result read_line(pags_run_log *log, const char *path, const char *li
   if (result == PAGS_ERROR_MEMORY)
     return result;
   const pags_json_value *root = json ? pags_json_root(json) : NULL;
-  const double step = pags_page_number(root, "step");
+  const double step = pags_spoken_number(root, "step");
   log->unread += isnan(step);
   if (isnan(step))
     return PAGS_OK;
   for (int k = 0; k < PAGS_LOG_CURVES; k++) {
-    const double value = pags_page_number(root, pags_log_curves[k].key);
+    const double value = pags_spoken_number(root, pags_log_curves[k].key);
     pags_curve *const curve = &log->curves[k];
     if (isnan(value))
       continue;

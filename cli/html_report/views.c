@@ -135,8 +135,7 @@ static pags_result encode(const pags_image *from, const uint8_t (*tint)[3], pags
                           pags_view_picture which) {
   const double step = from->width > PICTURE_WIDTH ? (double)from->width / PICTURE_WIDTH : 1;
   const double height = floor(from->height / step + 0.5);
-  PAGS_AUTO(pags_image_destroy) pags_image small = {0};
-  PAGS_AUTO(pags_image_destroy) pags_image colored = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image small = {0}, colored = {0};
   PAGS_TRY(pags_image_create(&small, (int)(from->width / step + 0.5), height < 1 ? 1 : (int)height, from->channels,
                              PAGS_U8));
   view->width = small.width;

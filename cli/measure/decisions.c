@@ -34,17 +34,18 @@ void pags_spoken_members(const pags_json_value *parent, const char *but, char *t
 
 /* ---- The columns of a decision ---- */
 
-static double number_of(const pags_json_value *object, const char *key) {
-  const pags_json_value *const v = object && object->type == PAGS_JSON_OBJECT ? pags_json_member(object, key) : NULL;
+double pags_spoken_number(const pags_json_value *object, const char *key) {
+  const pags_json_value *const v = pags_json_member(object, key);
   return v && v->type == PAGS_JSON_NUMBER ? v->number : (double)NAN;
 }
 
 static void put_measured(const pags_json_value *note, pags_decision_row *out) {
-  const double gain = number_of(note, "gain_db"), sky = number_of(note, "share_of_pixels"),
-               behind = number_of(note, "share_of_background"), alpha = number_of(note, "photographs_with_alpha");
+  const double gain = pags_spoken_number(note, "gain_db"), sky = pags_spoken_number(note, "share_of_pixels"),
+               behind = pags_spoken_number(note, "share_of_background"),
+               alpha = pags_spoken_number(note, "photographs_with_alpha");
   char *const text = out->measured;
   const size_t size = sizeof out->measured;
-  const double error = number_of(note, "standard_error_db"), limit = number_of(note, "least_gain_db");
+  const double error = pags_spoken_number(note, "standard_error_db"), limit = pags_spoken_number(note, "least_gain_db");
   if (isfinite(gain) && isfinite(error))
     snprintf(text, size, "%+.2f dB (error %.2f, limit %.2g)", gain, error, limit);
   else if (isfinite(gain))
@@ -60,7 +61,7 @@ static void put_measured(const pags_json_value *note, pags_decision_row *out) {
 }
 
 static void put_bytes(const pags_json_value *note, pags_decision_row *out) {
-  const double takes = number_of(note, "bytes"), saves = number_of(note, "bytes_saved");
+  const double takes = pags_spoken_number(note, "bytes"), saves = pags_spoken_number(note, "bytes_saved");
   char a[32], b[32];
   pags_format_bytes(takes, a, sizeof a);
   pags_format_bytes(saves, b, sizeof b);
@@ -73,10 +74,9 @@ static void put_bytes(const pags_json_value *note, pags_decision_row *out) {
 
 /* The time spent on the part and on its test; a step's time is saved once the part is left out. */
 static void put_time(const char *part, const pags_json_value *report, bool modelled, pags_decision_row *out) {
-  const pags_json_value *const all = report ? pags_json_member(report, "decisions") : NULL;
-  const pags_json_value *const own = all && all->type == PAGS_JSON_OBJECT ? pags_json_member(all, part) : NULL;
-  const double seconds = number_of(own, "seconds"), test = number_of(own, "test_seconds"),
-               steps = number_of(own, "steps");
+  const pags_json_value *const own = pags_json_member(pags_json_member(report, "decisions"), part);
+  const double seconds = pags_spoken_number(own, "seconds"), test = pags_spoken_number(own, "test_seconds"),
+               steps = pags_spoken_number(own, "steps");
   int used = 0;
   if (steps > 0 && modelled)
     used = snprintf(out->time, sizeof out->time, "%.2g ms a step, %.2g s", 1e3 * seconds / steps, seconds);
@@ -101,14 +101,14 @@ bool pags_decision_read(const pags_json_value *notes, const pags_json_value *not
                                      "degree",
                                      "photographs_with_alpha",
                                      "share_of_background"};
-  const pags_json_value *const form = notes->type == PAGS_JSON_OBJECT ? pags_json_member(notes, "exposure") : NULL;
+  const pags_json_value *const form = pags_json_member(notes, "exposure");
   if (!form || form->type != PAGS_JSON_OBJECT || note->type != PAGS_JSON_OBJECT)
     return false;
   const pags_json_value *const modelled = pags_json_member(note, "modelled"), *const why =
                                                                                   pags_json_member(note, "why");
   if (!modelled || !why || why->type != PAGS_JSON_STRING)
     return false;
-  const double degree = number_of(note, "degree");
+  const double degree = pags_spoken_number(note, "degree");
   const bool yes = modelled->type == PAGS_JSON_BOOL && modelled->boolean;
   snprintf(out->modelled, sizeof out->modelled, "%s", modelled->type == PAGS_JSON_NULL ? "open" : yes ? "yes" : "no");
   if (isfinite(degree))
@@ -163,7 +163,7 @@ pags_result pags_decisions_put(pags_report *report, const char *notes, const cha
   if (folder && pags_json_parse_in_folder(folder, "report.json", &made) == PAGS_ERROR_MEMORY)
     return PAGS_ERROR_MEMORY;
   const pags_json_value *const root = pags_json_root(json), *const times = made ? pags_json_root(made) : NULL;
-  const pags_json_value *const all = times ? pags_json_member(times, "decisions") : NULL;
+  const pags_json_value *const all = pags_json_member(times, "decisions");
   bool headed = false;
   pags_report_line(report, "modelled", "%s", "");
   report->indent += 2;

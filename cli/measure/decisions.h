@@ -29,6 +29,8 @@ pags_result pags_decisions_put(pags_report *report, const char *notes, const cha
  * the training decides. */
 pags_result pags_decisions_put_ahead(pags_report *report, const pags_dataset *dataset);
 
+/* A member of a JSON object that may be NULL; NaN without a number of that key. */
+double pags_spoken_number(const pags_json_value *object, const char *key);
 /* A JSON value in words, in `text` if it must be written: "yes" for true; "..." for an array or object. */
 const char *pags_spoken_value(const pags_json_value *value, char text[PAGS_DOUBLE_TEXT]);
 /* Joins the members or elements of a JSON value on one line, except the member with the key `but` (may be NULL). */
