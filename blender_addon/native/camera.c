@@ -3,9 +3,7 @@
  * in place of the quaternion and translation. */
 #include "blender_addon/native/native.h"
 
-#include <limits.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 /* ---- Dictionaries ---- */

@@ -2,8 +2,6 @@
 /* Job: the Python object of one submitted render. */
 #include "blender_addon/native/job.h"
 
-#include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "port/port.h"

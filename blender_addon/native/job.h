@@ -86,12 +86,11 @@ typedef struct native_job_arguments {
   "outputs", "placements", "others", "window", "object_values", "background", "exposure", "before", "after", "names", \
       "clips", "deadline", "mode", "early_z", "linear", "flip", "transparent", "antialiased", "sh_degree",            \
       "exp_degree", "cut", "near_plane", "depth_empty", "depth_scale"
-#define JOB_ARGUMENT_SIGNATURE                                                                                    \
-  "outputs=None, placements=None, others=None, window=None, object_values=None, background=None, exposure=None, " \
-  "before=None, "                                                                                                 \
-  "after=None, names=None, clips=None, deadline=None, mode='rgb', early_z='lossless', linear=False, flip=False, " \
-  "transparent=False, "                                                                                           \
-  "antialiased=-1, sh_degree=3, exp_degree=5, cut=0, near_plane=0, depth_empty=0, depth_scale=1"
+#define JOB_ARGUMENT_SIGNATURE                                                                                     \
+  "outputs=None, placements=None, others=None, window=None, object_values=None, background=None, exposure=None, "  \
+  "before=None, after=None, names=None, clips=None, deadline=None, mode='rgb', early_z='lossless', linear=False, " \
+  "flip=False, transparent=False, antialiased=-1, sh_degree=3, exp_degree=5, cut=0, near_plane=0, depth_empty=0, " \
+  "depth_scale=1"
 #define JOB_ARGUMENT_FORMAT "OOOOOOOOOOOOOOOOOOOOOOOO"
 #define JOB_ARGUMENT_TARGETS(w)                                                                                        \
   &(w).outputs, &(w).placements, &(w).others, &(w).window, &(w).object_values, &(w).background, &(w).exposure,         \

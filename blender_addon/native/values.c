@@ -3,14 +3,11 @@
  * names the argument; non-finite numbers are always invalid. */
 #include "blender_addon/native/native.h"
 
-#include <float.h>
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include "base/text.h"
 
 /* ---- Single values ---- */
 

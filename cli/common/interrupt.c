@@ -4,8 +4,6 @@
  * ends it with a message. */
 #include "cli/common/progress.h"
 
-#include <stddef.h>
-
 #include "port/port.h"
 
 /* Set to 1 by the first interrupt. */

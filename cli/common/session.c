@@ -158,8 +158,7 @@ void pags_say(const pags_session *session, const char *format, ...) {
 }
 
 pags_json_writer pags_session_json_begin(void) {
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 2);
+  pags_json_writer writer = {.indent = 2};
   pags_json_begin_object(&writer, NULL);
   return writer;
 }

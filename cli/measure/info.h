@@ -7,8 +7,6 @@
 #include "cli/common/scene_options.h"
 
 #include <pags/dataset.h>
-#include "base/json.h"
-#include "base/text.h"
 
 typedef struct pags_scene_facts_options {
   pags_tasks *tasks;

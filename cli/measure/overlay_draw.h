@@ -6,7 +6,6 @@
 #include <pags/camera.h>
 #include <pags/dataset.h>
 #include <pags/image.h>
-#include <pags/object.h>
 #include <stdbool.h>
 
 /* Creates a picture of a photograph's colours. */

@@ -5,7 +5,6 @@
 
 #include <math.h>
 #include "base/memory.h"
-#include "base/text.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
 
@@ -151,8 +150,7 @@ static void divide(pags_pose_error *sum, int64_t keyframes) {
 }
 
 pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scene, pags_pose_errors *out) {
-  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
-  PAGS_AUTO(pags_json_destroy_auto) pags_json *about = NULL;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL, *about = NULL;
   const char *forward = "+x";
   memset(out, 0, sizeof *out);
   PAGS_TRY(pags_json_parse_in_folder(dataset, "truth/instances/instances_info.json", &json));

@@ -160,8 +160,7 @@ static void put_category(pags_report *report, const pags_scene *scene, pags_cate
 pags_result pags_scene_object_gaussians(const pags_scene *scene, int64_t **out) {
   int64_t *counts = calloc((size_t)scene->object_count + 1, sizeof *counts);
   *out = counts;
-  if (!counts)
-    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
+  PAGS_CHECK_MEMORY(counts, "%lld objects", (long long)scene->object_count);
   for (int64_t m = 0; m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
     for (int64_t i = 0; g->object_id && !object_of(scene, m) && i < g->count; i++)

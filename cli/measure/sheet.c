@@ -88,8 +88,7 @@ static pags_result draw_photographs(const sheet *s, const pags_session *session)
   pags_interrupt_install(session->tasks);
   for (int i = 0; i < s->count; i++) {
     pags_photo photo;
-    PAGS_AUTO(pags_image_destroy) pags_image whole = {0};
-    PAGS_AUTO(pags_image_destroy) pags_image small = {0};
+    PAGS_AUTO(pags_image_destroy) pags_image whole = {0}, small = {0};
     const int width = cell_width(s, i), height = cell_height(s, i);
     const int left = cell_left(s->column_of[i]), top = s->top[s->row_of[i]];
     if (pags_interrupted())

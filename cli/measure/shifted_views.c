@@ -36,8 +36,7 @@ static pags_result load_truth(const char *folder, int64_t i, const pags_camera *
   snprintf(file, sizeof file, "%05lld.png", (long long)i);
   PAGS_AUTOFREE char *path = pags_path_join(folder, file);
   PAGS_CHECK_MEMORY(path, NULL);
-  PAGS_AUTO(pags_image_destroy) pags_image bytes = {0};
-  PAGS_AUTO(pags_image_destroy) pags_image shrunk = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image bytes = {0}, shrunk = {0};
   PAGS_TRY(pags_image_load_display(path, 3, &bytes));
   PAGS_TRY(check_size(path, &bytes, full));
   if (small->width == full->width)
@@ -85,8 +84,7 @@ static pags_result compare_road(const pags_image *render, const pags_image *trut
 static pags_result measure_view(const shifting *s, const char *folder, const pags_camera *full, int64_t i,
                                 pags_shifted_view_score *score) {
   const pags_camera camera = s->downscale == 1 ? *full : pags_camera_downscale(full, s->downscale);
-  PAGS_AUTO(pags_image_destroy) pags_image render = {0};
-  PAGS_AUTO(pags_image_destroy) pags_image truth = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image render = {0}, truth = {0};
   pags_picture picture;
   pags_frame_options options = *s->options;
   double gain[3], offset[3], psnr, ssim;

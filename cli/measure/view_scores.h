@@ -7,7 +7,6 @@
 #include "cli/common/photographs.h"
 #include "cli/common/session.h"
 
-#include <pags/dataset.h>
 #include <pags/image.h>
 
 /* Regions of a photograph, defined by its pixel labels. */

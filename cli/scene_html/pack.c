@@ -12,7 +12,6 @@
 #include "exporters/format/bake.h"
 #include "exporters/format/object_gaussians.h"
 #include "exporters/format/palette.h"
-#include "maths/maths.h"
 
 enum { CELL_FLOATS = 6, STEPS = 65535, MOST_MODELS = 65535, ROTATION_STEPS = 1023, EVEN = 8192 };
 static const double cell_side = 16;  /* metres */
@@ -488,7 +487,6 @@ static pags_result compress_all(const packer *p, pags_web_pack *out) {
 pags_result pags_web_pack_make(pags_composition *composition, const pags_web_settings *settings, pags_web_pack *out) {
   PAGS_AUTO(destroy_packer) packer p = {.composition = composition, .settings = settings};
   *out = (pags_web_pack){0};
-  pags_json_writer_init(&p.header, 0);
   PAGS_TRY(list_models(&p));
   for (int64_t m = 0; m < p.model_count; m++) {
     const pags_gaussians *const g = p.models[m].part->gaussians;

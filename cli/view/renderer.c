@@ -9,6 +9,7 @@
 #include <pags/eval.h>
 #include <pags/image.h>
 #include <pags/pick.h>
+#include "base/file.h"
 #include "base/psnr.h"
 #include "base/vec3.h"
 #include "image/formats.h"
@@ -177,8 +178,7 @@ pags_result pags_view_message_of(pags_json_writer *json, pags_view_message *out)
 }
 
 static pags_json_writer begin(const char *type, int64_t serial) {
-  pags_json_writer json;
-  pags_json_writer_init(&json, 0);
+  pags_json_writer json = {0};
   pags_json_begin_object(&json, NULL);
   pags_json_put_string(&json, "type", type);
   pags_json_put_integer(&json, "serial", serial);

@@ -6,7 +6,6 @@
 #include <stdio.h>
 
 #include "base/bytes.h"
-#include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
 #include "base/text.h"

@@ -84,8 +84,7 @@ static pags_result compare_sizes(const char *const folders[2], const pags_scene 
 static pags_result compare_with_first(const pags_trained *trained, int b) {
   const char *const folders[2] = {trained->folders[0], trained->folders[b]};
   const pags_scene *const head = &trained->heads[b];
-  PAGS_AUTO(pags_json_destroy_auto) pags_json *first = NULL;
-  PAGS_AUTO(pags_json_destroy_auto) pags_json *config = NULL;
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *first = NULL, *config = NULL;
   int64_t iterations;
   PAGS_TRY(parse_config(folders[0], &trained->heads[0], &first));
   PAGS_TRY(parse_config(folders[1], head, &config));

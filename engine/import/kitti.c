@@ -235,8 +235,7 @@ static void check_motion(const importer *im) {
  * world's origin, where the world's axes show. */
 static pags_result find_form(importer *im) {
   pags_tally empty = {0};
-  PAGS_AUTOFREE char *first = NULL;
-  PAGS_AUTOFREE char *last = NULL;
+  PAGS_AUTOFREE char *first = NULL, *last = NULL;
   for (int64_t frame = im->tree.first; im->tree.has_points && frame <= im->tree.last; frame++) {
     uint64_t size = 0;
     PAGS_AUTOFREE char *path = pags_kitti_points_path(&im->tree, frame);

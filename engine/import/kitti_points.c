@@ -6,7 +6,6 @@
  * number of columns, they aren't. */
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/bytes.h"
 #include "base/file.h"

@@ -2,8 +2,7 @@
 /* Groups the boxes of KITTI's labels by track and transforms them to world coordinates. */
 #include "import/kitti_tracks.h"
 
-#include <stdio.h>
-
+#include "base/file.h"
 #include "base/log.h"
 #include "base/memory.h"
 #include "base/sort.h"

@@ -9,6 +9,7 @@
 
 #include <pags/camera.h>
 
+#include "base/file.h"
 #include "base/memory.h"
 #include "base/vec3.h"
 #include "maths/maths.h"

@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <zlib.h>
 
+#include "base/file.h"
 #include "base/vec3.h"
 
 /* Size limit of an unpacked message: BUDGET bytes plus BUDGET_TIMES its packed size. */

@@ -6,6 +6,7 @@
 #include <assert.h>
 #include <math.h>
 
+#include "base/file.h"
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
