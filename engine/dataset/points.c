@@ -13,14 +13,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static pags_result allocate(pags_dataset *dataset, int64_t count) {
-  free(dataset->xyz);
-  free(dataset->rgb);
-  dataset->xyz = malloc(((size_t)count + 1) * 3 * sizeof *dataset->xyz);
-  dataset->rgb = malloc(((size_t)count + 1) * 3);
-  return dataset->xyz && dataset->rgb ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
-}
-
 /* Whether the view with this id is a training view. The tracks of points name their observers by these ids; the table
  * is sorted by id. */
 typedef struct id_use {
@@ -54,9 +46,12 @@ static bool is_used(const pags_parsed_points *points, const pags_parsed_point *p
 /* Copies the usable points of the reconstruction, relative to the origin. */
 static pags_result use_reconstruction(pags_dataset *dataset) {
   const pags_parsed_points *points = &dataset->parsed.points;
-  PAGS_TRY(allocate(dataset, points->count));
+  free(dataset->xyz);
+  free(dataset->rgb);
+  dataset->xyz = malloc(((size_t)points->count + 1) * 3 * sizeof *dataset->xyz);
+  dataset->rgb = malloc(((size_t)points->count + 1) * 3);
   PAGS_AUTOFREE id_use *uses = malloc((size_t)dataset->count * sizeof *uses);
-  PAGS_CHECK_MEMORY(uses, "%s", dataset->path);
+  PAGS_CHECK_MEMORY(dataset->xyz && dataset->rgb && uses, "%s", dataset->path);
   for (int64_t i = 0; i < dataset->count; i++)
     uses[i] = (id_use){dataset->parsed.views[i].id, !dataset->views[i].test};
   pags_sort(uses, dataset->count, sizeof *uses, by_id);

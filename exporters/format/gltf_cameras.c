@@ -81,12 +81,7 @@ static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene
   pags_json_put_number(&w, "time", c->time - time_zero);
   if (view->sensor >= 0)
     pags_json_put_integer(&w, "sensor", view->sensor);
-  pags_json_put_integer(&w, "width", c->width);
-  pags_json_put_integer(&w, "height", c->height);
-  pags_json_put_number(&w, "fx", c->fx);
-  pags_json_put_number(&w, "fy", c->fy);
-  pags_json_put_number(&w, "cx", c->cx);
-  pags_json_put_number(&w, "cy", c->cy);
+  pags_camera_lens_to_json(&w, c);
   if (pags_camera_bends(c))
     pags_lens_to_json(&w, "lens", &c->lens);
   return pags_gltf_put_extras(gltf, node, &w);
@@ -134,10 +129,9 @@ pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *s
   for (int64_t i = 0; i < scene->view_count; i++)
     bent += pags_camera_bends(&scene->views[i].camera);
   if (bent)
-    pags_log_message(
-        PAGS_LOG_WARNING,
-        "glTF has no lenses: %lld of %lld cameras are pinholes of the same focal lengths there; their lens "
-        "is in the extras",
+    PAGS_WARN(
+        "glTF has no lenses: %lld of %lld cameras are pinholes of the same focal lengths there; their lens is in the "
+        "extras",
         (long long)bent, (long long)scene->view_count);
   PAGS_AUTOFREE kind *kinds = malloc((size_t)scene->view_count * sizeof *kinds);
   PAGS_CHECK_MEMORY(kinds, "%lld views", (long long)scene->view_count);

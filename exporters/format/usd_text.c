@@ -88,9 +88,12 @@ pags_result pags_usd_end(pags_usd *usd) {
   return usd->result;
 }
 
-static void put_line(pags_usd *usd, const char *format, va_list arguments) {
+void pags_usd_line(pags_usd *usd, const char *format, ...) {
   char line[1024];
-  int length = vsnprintf(line, sizeof line, format, arguments);
+  va_list arguments;
+  va_start(arguments, format);
+  const int length = vsnprintf(line, sizeof line, format, arguments);
+  va_end(arguments);
   indent(usd);
   if (length < 0 || (size_t)length >= sizeof line)
     usd->result = pags_fail(PAGS_ERROR_LIMIT, "a line of more than %zu characters", sizeof line);
@@ -99,18 +102,8 @@ static void put_line(pags_usd *usd, const char *format, va_list arguments) {
   put_text(usd, "\n");
 }
 
-void pags_usd_line(pags_usd *usd, const char *format, ...) {
-  va_list arguments;
-  va_start(arguments, format);
-  put_line(usd, format, arguments);
-  va_end(arguments);
-}
-
-void pags_usd_open(pags_usd *usd, const char *format, ...) {
-  va_list arguments;
-  va_start(arguments, format);
-  put_line(usd, format, arguments);
-  va_end(arguments);
+void pags_usd_open(pags_usd *usd, const char *line) {
+  pags_usd_line(usd, "%s", line);
   pags_usd_line(usd, "{");
   usd->depth++;
 }

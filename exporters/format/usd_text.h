@@ -21,9 +21,9 @@ pags_result pags_usd_end(pags_usd *usd); /* commits the file; after a failure di
 
 /* Writes one formatted line, indented by the present depth of blocks. */
 void pags_usd_line(pags_usd *usd, const char *format, ...) PAGS_PRINTF(2, 3);
-/* pags_usd_open writes one formatted line, then a line `{`, and indents by one level more; pags_usd_close takes that
- * level back and writes `}`. */
-void pags_usd_open(pags_usd *usd, const char *format, ...) PAGS_PRINTF(2, 3);
+/* pags_usd_open writes a line, then a line `{`, and indents by one level more; pags_usd_close takes that level back and
+ * writes `}`. */
+void pags_usd_open(pags_usd *usd, const char *line);
 void pags_usd_close(pags_usd *usd);
 
 /* Writes an array attribute `head = [(a, b, c), ...]` of `count` tuples of `width` numbers each (width 1: numbers

@@ -43,7 +43,7 @@ static uint8_t byte_of(float value) {
  * false if the Gaussian isn't flat. */
 static bool plane_of(const pags_part *part, int64_t row, double middle[3], double normal[3], double *reach) {
   const pags_gaussians *g = part->gaussians;
-  double scale[3], q[4], length = 0, mean[3];
+  double scale[3], q[4], r[9], length = 0, mean[3];
   int thin = 0, wide = 0;
   for (int k = 0; k < 3; k++) {
     scale[k] = pags_exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
@@ -58,14 +58,10 @@ static bool plane_of(const pags_part *part, int64_t row, double middle[3], doubl
   int other = thin == wide ? thin : 3 - thin - wide;
   if (!(length > 0) || scale[thin] > flatness * scale[other])
     return false;
-  for (int k = 0; k < 4; k++)
-    q[k] /= sqrt(length);
-  const double columns[3][3] = {
-      {1 - 2 * (q[2] * q[2] + q[3] * q[3]), 2 * (q[1] * q[2] + q[0] * q[3]), 2 * (q[1] * q[3] - q[0] * q[2])},
-      {2 * (q[1] * q[2] - q[0] * q[3]), 1 - 2 * (q[1] * q[1] + q[3] * q[3]), 2 * (q[2] * q[3] + q[0] * q[1])},
-      {2 * (q[1] * q[3] + q[0] * q[2]), 2 * (q[2] * q[3] - q[0] * q[1]), 1 - 2 * (q[1] * q[1] + q[2] * q[2])}};
+  pags_rotation_from_quaternion(q, r);
+  const double axis[3] = {r[thin], r[3 + thin], r[6 + thin]};
   pags_rigid_point(part->world_from_model, mean, middle);
-  pags_rotate3(part->world_from_model, columns[thin], normal);
+  pags_rotate3(part->world_from_model, axis, normal);
   *reach = 4 * scale[wide];
   return true;
 }

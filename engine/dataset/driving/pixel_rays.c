@@ -69,13 +69,11 @@ void pags_pixel_rays_fill_box(const pags_pixel_rays *rays, const pags_camera *ca
   for (int y = 0; y < rays->height; y++)
     for (int x = 0; x < rays->width; x++) {
       const float *const d = rays->direction + 3 * ((size_t)y * (size_t)rays->width + (size_t)x);
-      double way[3], towards = 0;
-      for (int k = 0; k < 3; k++) {
-        way[k] = m[4 * k] * (double)d[0] + m[4 * k + 1] * (double)d[1] + m[4 * k + 2] * (double)d[2];
-        towards -= way[k] * eye[k];
-      }
+      double direction[3], way[3];
+      pags_widen3(d, direction);
+      pags_rotate3(m, direction, way);
       const bool seen = d[0] != 0.0f || d[1] != 0.0f || d[2] != 0.0f;
-      if (seen && towards >= least && meets(eye, way, half))
+      if (seen && -pags_dot3(way, eye) >= least && meets(eye, way, half))
         plane[(size_t)y * (size_t)stride + (size_t)x] |= bits;
     }
 }

@@ -78,10 +78,8 @@ static pags_result choose_kind(const char *root, const char *asked, bool per_fra
   } else if (pags_folder_has(root, PAGS_STREET_TRACKS)) {
     kind = find_kind("street-gaussians");
   } else {
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: nothing says whose axes these files have: pass --kind " KIND_NAMES
-                     ", or add a dataset.json with \"kind\" in the same folder",
-                     root);
+    return pags_fail_at(root, "nothing says whose axes these files have: pass --kind " KIND_NAMES
+                              ", or add a dataset.json with \"kind\" in the same folder");
   }
   *rules = *kind;
   return PAGS_OK;
@@ -133,15 +131,6 @@ static pags_result read_lidar_frame(const source *s, pags_rules *rules) {
   if (!rules->lidar_world)
     return read_choice(s, "lidar_frame", "ego", "laser", &rules->lidar_frame);
   rules->lidar_frame = false;
-  return PAGS_OK;
-}
-
-static pags_result read_fps(const source *s, pags_rules *rules) {
-  if (!states(s, "fps"))
-    return PAGS_OK;
-  PAGS_TRY(pags_json_number(s->json, s->root, "fps", &rules->fps));
-  if (!(rules->fps > 0 && rules->fps <= 10000))
-    return pags_json_fail(s->json, pags_json_member(s->root, "fps"), "expected 'fps' above 0 and at most 10000");
   return PAGS_OK;
 }
 
@@ -215,7 +204,11 @@ static pags_result read_rules(const char *root, const char *kind, bool per_frame
   PAGS_TRY(read_choice(s, "object_forward", "+x", "+y", &rules->forward_y));
   PAGS_TRY(read_columns(s, rules));
   PAGS_TRY(read_labels(s, rules));
-  PAGS_TRY(read_fps(s, rules));
+  if (states(s, "fps")) {
+    PAGS_TRY(pags_json_number(s->json, s->root, "fps", &rules->fps));
+    if (!(rules->fps > 0 && rules->fps <= 10000))
+      return pags_json_fail(s->json, pags_json_member(s->root, "fps"), "expected 'fps' above 0 and at most 10000");
+  }
   return s->json ? pags_place_from_json(s->json, s->root, &rules->place) : PAGS_OK;
 }
 
