@@ -56,10 +56,10 @@ static pags_result read_named_model(const char *path, const char *name, pags_par
     PAGS_TRY(read_model(root, name, parsed, &found));
   if (found)
     return PAGS_OK;
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt, in this folder or below, in "
-                   "the data set %s or from here",
-                   name, root);
+  return pags_fail_at(name,
+                      "not a COLMAP model: expected cameras.bin and images.bin, or .txt, in this folder or below, in "
+                      "the data set %s or from here",
+                      root);
 }
 
 /* Reads a folder by the rules that --kind names, if it is in drivestudio's layout at all. */
@@ -67,11 +67,11 @@ static pags_result read_of_kind(const char *path, const pags_dataset_options *op
   if (pags_driving_is_set(path))
     return pags_driving_read(path, options, parsed);
   PAGS_TRY(pags_unsupported_recording_check(path, true));
-  return pags_fail(
-      PAGS_ERROR_FORMAT,
-      "%s: not in drivestudio's layout, which --kind %s asks for: expected the folders images, intrinsics, extrinsics "
-      "and ego_pose (docs/dataset-layout.md), found %s; other data sets are read without --kind",
-      path, options->kind,
+  return pags_fail_at(
+      path,
+      "not in drivestudio's layout, which --kind %s asks for: expected the folders images, intrinsics, extrinsics and "
+      "ego_pose (docs/dataset-layout.md), found %s; other data sets are read without --kind",
+      options->kind,
       pags_folder_has_folder(path, "images") ? "images, but neither extrinsics nor ego_pose" : "no folder images");
 }
 
@@ -81,10 +81,8 @@ static pags_result read_parsed(const char *path, const pags_dataset_options *opt
   if (options->colmap)
     return read_named_model(path, options->colmap, parsed);
   if (pags_folder_has(path, PAGS_SPLIT_FILE))
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s: a recording that was split into blocks; expected one of them (%s/000) or the recording itself", path,
-        path);
+    return pags_fail_at(
+        path, "a recording that was split into blocks; expected one of them (%s/000) or the recording itself", path);
   if (pags_dir_exists(path)) {
     /* The order decides which format wins: an explicit kind of driving set, transforms.json, a driving set, a COLMAP
      * model. */
@@ -129,8 +127,7 @@ static pags_result read_block(const pags_block_file *block, const pags_dataset_o
                      block->path, recording);
   PAGS_TRY(read_parsed(recording, options, parsed));
   return parsed->driving ? pags_block_cut(&block->facts, parsed)
-                         : pags_fail(PAGS_ERROR_FORMAT, "%s: expected the driving set that was split, found %s",
-                                     recording, parsed->kind);
+                         : pags_fail_at(recording, "expected the driving set that was split, found %s", parsed->kind);
 }
 
 /* ---- Leaving out missing views ---- */
@@ -245,8 +242,8 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
         "taken as exposed at once",
         dataset->parsed.source, (long long)rolling);
   if (training == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: all of its views are held out; expected more views, or --split-every 0",
-                     dataset->parsed.source);
+    return pags_fail_at(dataset->parsed.source,
+                        "all of its views are held out; expected more views, or --split-every 0");
   return PAGS_OK;
 }
 
@@ -289,7 +286,7 @@ static pags_result check_plausible(const pags_dataset *dataset) {
 static pags_result find_pictures(pags_dataset *dataset, const pags_dataset_options *options) {
   pags_parsed_dataset *parsed = &dataset->parsed;
   if (parsed->count == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", parsed->source);
+    return pags_fail_at(parsed->source, "expected at least one image, found none");
   PAGS_AUTOFREE char *root =
       pags_dir_exists(dataset->path) ? pags_text_copy(dataset->path) : pags_path_folder(dataset->path);
   PAGS_CHECK_MEMORY(root, "%s", dataset->path);

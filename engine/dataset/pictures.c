@@ -62,9 +62,8 @@ static pags_result move_views(const char *root, const char *folder, pags_parsed_
     view->picture = (pags_image_facts){0};
     view->sized = false;
     if (view->lens.width == 0 && !view->missing)
-      return pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: its picture is %s, for which no camera size is known; expected 'w' and 'h'", view->where,
-                       view->image_path);
+      return pags_fail_at(view->where, "its picture is %s, for which no camera size is known; expected 'w' and 'h'",
+                          view->image_path);
   }
   return PAGS_OK;
 }
@@ -148,8 +147,8 @@ pags_result pags_pictures_name(pags_parsed_dataset *parsed) {
     if (!before || parsed->driving)
       continue;
     if (strcmp(before->image_path, view->image_path) == 0)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: the image %s occurs twice (also at %s); expected each once", view->where,
-                       view->image_path, before->where);
+      return pags_fail_at(view->where, "the image %s occurs twice (also at %s); expected each once", view->image_path,
+                          before->where);
     unique = unique && strcmp(before->name, view->name) != 0;
   }
   if (unique)
@@ -209,10 +208,10 @@ static pags_result refuse(const pags_parsed_view *view) {
   if (p->orientation > 1)
     snprintf(turn, sizeof turn, " (its EXIF orientation is %d, with which it has %d x %d)", p->orientation,
              p->orientation >= 5 ? p->height : p->width, p->orientation >= 5 ? p->width : p->height);
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: %s has %d x %d pixels%s, expected %d x %d as its camera says, or another size of the same "
-                   "ratio; --image-folder takes the pictures from elsewhere",
-                   view->where, view->image_path, p->width, p->height, turn, view->lens.width, view->lens.height);
+  return pags_fail_at(view->where,
+                      "%s has %d x %d pixels%s, expected %d x %d as its camera says, or another size of the same "
+                      "ratio; --image-folder takes the pictures from elsewhere",
+                      view->image_path, p->width, p->height, turn, view->lens.width, view->lens.height);
 }
 
 /* Whether the sizes of some pictures show that the cameras are those of turned pictures (1) or of pictures as they are

@@ -212,8 +212,7 @@ static bool fits_any(const unsupported_format *f, const char *file) {
 }
 
 static pags_result refuse(const char *path, const char *file, const unsupported_format *f) {
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set that can be read: %s is %s; %s", path, file, f->what,
-                   f->remedy);
+  return pags_fail_at(path, "not a data set that can be read: %s is %s; %s", file, f->what, f->remedy);
 }
 
 /* Refuses a folder one of whose folders is a recording, a scene or a data set, by the name of the first. */
@@ -224,8 +223,7 @@ static pags_result refuse_children(const char *path, const pags_dir_list *list) 
       continue;
     const char *kind = pags_folder_is_data_set(child) ? "data set" : pags_scene_folder_kind(child);
     if (kind)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set, but its folder %s is a %s: give that one", path,
-                       list->names[i], kind);
+      return pags_fail_at(path, "not a data set, but its folder %s is a %s: give that one", list->names[i], kind);
     PAGS_TRY(pags_unsupported_recording_check(child, true));
   }
   return PAGS_OK;
@@ -235,10 +233,9 @@ static pags_result refuse_children(const char *path, const pags_dir_list *list) 
 static pags_result refuse_entries(const char *path, const pags_dir_list *list) {
   for (int64_t i = 0; i < list->count; i++)
     if (pags_text_starts(list->names[i], "transforms") && strcmp(pags_path_extension(list->names[i]), ".json") == 0)
-      return pags_fail(
-          PAGS_ERROR_FORMAT,
-          "%s: not a data set: it has no transforms.json and no transforms_train.json, but %s: give that file itself",
-          path, list->names[i]);
+      return pags_fail_at(
+          path, "not a data set: it has no transforms.json and no transforms_train.json, but %s: give that file itself",
+          list->names[i]);
   for (const unsupported_format *f = formats; f < formats_end; f++) {
     char name[64];
     for (const char *names = f->names; f->sign == ENTRY && pags_words_next(&names, name);) {
@@ -277,27 +274,26 @@ static pags_result refuse_folder(const char *path) {
   const int64_t pictures = count_pictures(&list), inside = has_images ? count_pictures(&below) : 0;
   const int64_t found = inside ? inside : pictures;
   if (kind && !inside)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: not a data set but a %s without photographs: info, render and export take it; expected the "
-                     "data set that it was made of",
-                     path, kind);
+    return pags_fail_at(path,
+                        "not a data set but a %s without photographs: info, render and export take it; expected the "
+                        "data set that it was made of",
+                        kind);
   if (splats > pictures / 2 && !inside)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: not a data set: it holds %lld splat file%s, such as %s: give one of them to info, render or "
-                     "export; a data set has photographs",
-                     path, (long long)splats, splats == 1 ? "" : "s", splat);
+    return pags_fail_at(path,
+                        "not a data set: it holds %lld splat file%s, such as %s: give one of them to info, render or "
+                        "export; a data set has photographs",
+                        (long long)splats, splats == 1 ? "" : "s", splat);
   if (found)
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s: not a data set: %lld picture%s without cameras; `pags import photos %s -o DATASET` finds them by COLMAP",
-        path, (long long)found, found == 1 ? "" : "s", inside ? images : path);
+    return pags_fail_at(
+        path, "not a data set: %lld picture%s without cameras; `pags import photos %s -o DATASET` finds them by COLMAP",
+        (long long)found, found == 1 ? "" : "s", inside ? images : path);
   PAGS_TRY(refuse_children(path, &list));
   PAGS_TRY(pags_unsupported_splats_check_folder(path));
-  return pags_fail(
-      PAGS_ERROR_FORMAT,
-      "%s: not a data set: it has no dataset.json, no images with ego_pose or extrinsics, no transforms.json or "
+  return pags_fail_at(
+      path,
+      "not a data set: it has no dataset.json, no images with ego_pose or extrinsics, no transforms.json or "
       "transforms_train.json, and no COLMAP model (cameras and images, .bin or .txt) in it, in sparse/0 or below; %s",
-      path, PICTURES);
+      PICTURES);
 }
 
 static const unsupported_format *format_of_file(const char *path) {
@@ -320,8 +316,7 @@ pags_result pags_unsupported_refuse(const char *path) {
   const unsupported_format *f = format_of_file(path);
   if (f)
     return refuse(path, pags_path_name(path), f);
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json); %s", path,
-                   PICTURES);
+  return pags_fail_at(path, "not a data set: expected a folder or a transforms file (.json); %s", PICTURES);
 }
 
 pags_result pags_unsupported_refuse_json(const pags_json *json) {

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <strings.h>
 
+#include "base/file.h"
 #include "image/formats.h"
 
 /* ---- Names ---- */
@@ -116,14 +117,12 @@ static pags_result refuse(const char *path, const pags_layer_channel *all, int c
     used += wrote > 0 ? (size_t)wrote : 0;
   }
   if (!layers)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: no colours among the channels of this EXR file: %s; expected R, G and B, or Y", path, names);
-  return pags_fail(
-      PAGS_ERROR_FORMAT,
-      "%s: several layers of this EXR file may be its picture: %s; expected R, G and B without a layer, or "
-      "a layer named Combined. Write the one you mean alone (oiiotool IN.exr --ch "
-      "R=LAYER.R,G=LAYER.G,B=LAYER.B -o OUT.exr)",
-      path, names);
+    return pags_fail_at(path, "no colours among the channels of this EXR file: %s; expected R, G and B, or Y", names);
+  return pags_fail_at(
+      path,
+      "several layers of this EXR file may be its picture: %s; expected R, G and B without a layer, or a layer named "
+      "Combined. Write the one you mean alone (oiiotool IN.exr --ch R=LAYER.R,G=LAYER.G,B=LAYER.B -o OUT.exr)",
+      names);
 }
 
 /* Sets the channels of the picture from a candidate. */
@@ -135,10 +134,9 @@ static pags_result accept(const char *path, const pags_layer_channel *all, const
   for (int i = 0; i < c->count; i++) {
     const pags_layer_channel *const channel = &all[c->channels[i]];
     if (channel->number)
-      return pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: the channel %s of this EXR file holds integers without a value for white; "
-                       "expected half or float",
-                       path, channel->name);
+      return pags_fail_at(
+          path, "the channel %s of this EXR file holds integers without a value for white; expected half or float",
+          channel->name);
     out->order[i] = channel->index;
   }
   return PAGS_OK;
@@ -168,10 +166,9 @@ pags_result pags_layer_choose(const char *path, const pags_layer_channel *channe
   if (alike > 1 && best.rank < NAMED && !leading)
     return refuse(path, channels, count, true, parts);
   if (find(channels, count, first, "RY", "BY") >= 0)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: this EXR file holds luminance and chroma (Y, RY, BY), which is not supported; expected R, G "
-                     "and B. Write it as RGB",
-                     path);
+    return pags_fail_at(path,
+                        "this EXR file holds luminance and chroma (Y, RY, BY), which is not supported; expected R, G "
+                        "and B. Write it as RGB");
   out->rule = alike > 1 || (best.rank == FIRST_VIEW && combined > 1) ? PAGS_LAYER_FIRST
               : coloured > 1 || best.rank < WITHOUT_LAYER            ? PAGS_LAYER_NAMED
                                                                      : PAGS_LAYER_ONLY;
@@ -191,19 +188,19 @@ pags_result pags_window_compare(const char *path, const pags_window_box *data, c
   const int64_t most = PAGS_IMAGE_MAX_SIDE;
   if (width < 1 || height < 1 || data_width < 1 || data_height < 1 || width > most || height > most ||
       data_width > most || data_height > most)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: a display window of %lld x %lld pixels and a data window of %lld x %lld, expected sides of "
-                     "1..%d",
-                     path, (long long)width, (long long)height, (long long)data_width, (long long)data_height,
-                     PAGS_IMAGE_MAX_SIDE);
+    return pags_fail_at(path,
+                        "a display window of %lld x %lld pixels and a data window of %lld x %lld, expected sides of "
+                        "1..%d",
+                        (long long)width, (long long)height, (long long)data_width, (long long)data_height,
+                        PAGS_IMAGE_MAX_SIDE);
   if (data->right <= display->left || display->right <= data->left || data->bottom <= display->top ||
       display->bottom <= data->top || (width * height > PIXELS && width * height / TIMES > data_width * data_height))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: the data window (%lld,%lld to %lld,%lld) has no part, or next to none, of the display window "
-                     "(%lld,%lld to %lld,%lld); expected the picture to lie there",
-                     path, (long long)data->left, (long long)data->top, (long long)data->right - 1,
-                     (long long)data->bottom - 1, (long long)display->left, (long long)display->top,
-                     (long long)display->right - 1, (long long)display->bottom - 1);
+    return pags_fail_at(path,
+                        "the data window (%lld,%lld to %lld,%lld) has no part, or next to none, of the display window "
+                        "(%lld,%lld to %lld,%lld); expected the picture to lie there",
+                        (long long)data->left, (long long)data->top, (long long)data->right - 1,
+                        (long long)data->bottom - 1, (long long)display->left, (long long)display->top,
+                        (long long)display->right - 1, (long long)display->bottom - 1);
   const bool covers = data->left <= display->left && data->top <= display->top && data->right >= display->right &&
                       data->bottom >= display->bottom;
   *out = !covers                                      ? PAGS_WINDOW_PARTIAL

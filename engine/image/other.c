@@ -44,11 +44,10 @@ pags_result pags_oiio_module(const pags_oiio **out) {
     return PAGS_OK;
   if (module.no_memory)
     return pags_fail(PAGS_ERROR_MEMORY, "%s", module.reason);
-  return pags_fail(
-      PAGS_ERROR_UNSUPPORTED,
-      "%s; expected %s in the folder of the program or in ../lib/pags, and OpenImageIO (Debian: libopenimageio2.4) "
-      "installed",
-      module.reason, MODULE_NAME);
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "%s; expected %s in the folder of the program or in ../lib/pags, and OpenImageIO (Debian: "
+                   "libopenimageio2.4) installed",
+                   module.reason, MODULE_NAME);
 }
 
 #endif
@@ -96,7 +95,7 @@ static pags_result choose_layer(const char *path, other_picture *other) {
       int number;
       const char *const name = other->oiio->channel(other->reader, i, &number);
       if (list->count == MOST_CHANNELS)
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: more than %d channels", path, MOST_CHANNELS);
+        return pags_fail_at(path, "more than %d channels", MOST_CHANNELS);
       pags_layer_channel *const c = &list->items[list->count++];
       *c = (pags_layer_channel){pags_text_copy(name), pags_text_copy(info.part), part, i, number};
       PAGS_CHECK_MEMORY(c->name && c->part, "%s", path);
@@ -108,7 +107,7 @@ static pags_result choose_layer(const char *path, other_picture *other) {
 static pags_result open_exr(const char *path, other_picture *other) {
   PAGS_TRY(choose_layer(path, other));
   if (!other->oiio->part(other->reader, other->layer.part, &other->info))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: part %d of it can't be read", path, other->layer.part);
+    return pags_fail_at(path, "part %d of it can't be read", other->layer.part);
   const pags_oiio_info *const info = &other->info;
   const pags_window_box data = {info->left, info->top, info->left + info->width, info->top + info->height};
   const pags_window_box shown = {info->shown_left, info->shown_top, info->shown_left + info->shown_width,
@@ -141,9 +140,9 @@ static pags_result open_other(const char *path, other_picture *other) {
   /* The picture of any other format: the first channels of the first part. */
   if (info->width < 1 || info->width > PAGS_IMAGE_MAX_SIDE || info->height < 1 || info->height > PAGS_IMAGE_MAX_SIDE ||
       info->depth > 1 || info->channels < 1)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld x %lld x %lld pixels with %d channels, expected sides of 1..%d", path,
-                     (long long)info->width, (long long)info->height, (long long)info->depth, info->channels,
-                     PAGS_IMAGE_MAX_SIDE);
+    return pags_fail_at(path, "%lld x %lld x %lld pixels with %d channels, expected sides of 1..%d",
+                        (long long)info->width, (long long)info->height, (long long)info->depth, info->channels,
+                        PAGS_IMAGE_MAX_SIDE);
   other->width = (int)info->width;
   other->height = (int)info->height;
   other->layer =

@@ -58,9 +58,8 @@ static pags_result inflate_all(const char *path, const uint8_t *bytes, uint64_t 
     status = inflate(&stream, Z_NO_FLUSH);
   }
   inflateEnd(&stream);
-  return status == Z_STREAM_END
-             ? PAGS_OK
-             : pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: its compressed pixels are damaged or cut off", path);
+  return status == Z_STREAM_END ? PAGS_OK
+                                : pags_fail_at(path, "can't be decoded: its compressed pixels are damaged or cut off");
 }
 
 pags_result pags_tiff_check(const char *path) {
@@ -92,7 +91,7 @@ pags_result pags_tiff_check(const char *path) {
     const uint64_t at = element(&t, &places, i), length = element(&t, &sizes, i);
     sum += length < t.size ? length : t.size;
     if (at > t.size || length > t.size - at || length > UINT32_MAX)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: can't be decoded: the file is cut off", path);
+      return pags_fail_at(path, "can't be decoded: the file is cut off");
     if (length > 0) /* 0: a sparse file's, which is blank */
       PAGS_TRY(inflate_all(path, t.bytes + at, length));
   }

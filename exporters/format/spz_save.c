@@ -82,25 +82,20 @@ static spz_range find_range(const pags_gaussians *g) {
 static void say_range(const char *path, const spz_range *range) {
   const double reach = ldexp(8388607, -range->fraction), usual = ldexp(8388607, -MOST_FRACTION);
   if (range->fraction < MOST_FRACTION)
-    pags_log_message(
-        range->fraction < FINE_FRACTION ? PAGS_LOG_WARNING : PAGS_LOG_INFO,
-        "%s: positions are in steps of %g m, not of %g m, since they lie up to %g m from zero: beyond SPZ's "
-        "range of %.0f m",
-        path, ldexp(1, -range->fraction), ldexp(1, -MOST_FRACTION), range->farthest, usual);
+    pags_log_message(range->fraction < FINE_FRACTION ? PAGS_LOG_WARNING : PAGS_LOG_INFO,
+                     "%s: positions are in steps of %g m, not of %g m, since they lie up to %g m from zero: beyond "
+                     "SPZ's range of %.0f m",
+                     path, ldexp(1, -range->fraction), ldexp(1, -MOST_FRACTION), range->farthest, usual);
   if (range->positions)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld Gaussians farther than %.0f m from zero are left out: beyond SPZ's range", path,
-                     (long long)range->positions, reach);
+    PAGS_WARN("%s: %lld Gaussians farther than %.0f m from zero are left out: beyond SPZ's range", path,
+              (long long)range->positions, reach);
   if (range->scales)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld Gaussians beyond SPZ's range of sigma are clamped to 379 m", path,
-                     (long long)range->scales);
+    PAGS_WARN("%s: %lld Gaussians beyond SPZ's range of sigma are clamped to 379 m", path, (long long)range->scales);
   if (range->colours)
-    pags_log_message(PAGS_LOG_WARNING, "%s: %lld Gaussians have colours beyond SPZ's range, which are clamped", path,
-                     (long long)range->colours);
+    PAGS_WARN("%s: %lld Gaussians have colours beyond SPZ's range, which are clamped", path, (long long)range->colours);
   if (range->harmonics)
-    pags_log_message(PAGS_LOG_WARNING,
-                     "%s: %lld Gaussians have spherical harmonics beyond SPZ's range of -1 to 1, which are clamped",
-                     path, (long long)range->harmonics);
+    PAGS_WARN("%s: %lld Gaussians have spherical harmonics beyond SPZ's range of -1 to 1, which are clamped", path,
+              (long long)range->harmonics);
 }
 
 /* ---- Attributes ---- */

@@ -4,11 +4,10 @@
 #include "exporters/format/splat_save.h"
 
 static pags_result left_out(const char *path) {
-  return pags_fail(
-      PAGS_ERROR_UNSUPPORTED,
-      "%s: this build writes .ply, .spz, .sog, .splat, .pagsz and .html alone; glTF, USD and proxies need a "
-      "build with the CMake options PAGS_EXPORT and PAGS_EMBREE",
-      path);
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "%s: this build writes .ply, .spz, .sog, .splat, .pagsz and .html alone; glTF, USD and proxies need "
+                   "a build with the CMake options PAGS_EXPORT and PAGS_EMBREE",
+                   path);
 }
 
 pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, const pags_gaussians *g,

@@ -51,15 +51,15 @@ static bool is_selected(const selection *selected, const pags_driving_picture *p
 static pags_result check_pictures(const char *folder, const pags_dir_list *list, const pags_driving_picture *pictures,
                                   int64_t count, int64_t all) {
   if (count == 0)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: expected pictures named TTT_C.jpg or TTT_C.png (frame, camera) of the cameras and frames "
-                     "asked for, found none among %lld files%s%s and %lld such pictures",
-                     folder, (long long)list->count, list->count ? ", the first is " : "",
-                     list->count ? list->names[0] : "", (long long)all);
+    return pags_fail_at(folder,
+                        "expected pictures named TTT_C.jpg or TTT_C.png (frame, camera) of the cameras and frames "
+                        "asked for, found none among %lld files%s%s and %lld such pictures",
+                        (long long)list->count, list->count ? ", the first is " : "", list->count ? list->names[0] : "",
+                        (long long)all);
   for (int64_t i = 1; i < count; i++)
     if (pictures[i - 1].frame == pictures[i].frame && pictures[i - 1].camera == pictures[i].camera)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s and %s are the same frame and camera; expected one picture", folder,
-                       pictures[i - 1].name, pictures[i].name);
+      return pags_fail_at(folder, "%s and %s are the same frame and camera; expected one picture", pictures[i - 1].name,
+                          pictures[i].name);
   return PAGS_OK;
 }
 
@@ -136,15 +136,14 @@ static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sen
   const pags_lens_model stated = sensor->lens.model;
   PAGS_TRY(pags_text_matrix_read(path, 16, n, &count));
   if (!take_lens(n, count, &sensor->lens))
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: %d numbers, expected fx fy cx cy, or these and k1 k2 p1 p2 or k1 k2 p1 p2 k3, or a camera "
-                     "matrix of 3x3, 3x4 or 4x4 without skew and without a fourth column",
-                     path, count);
+    return pags_fail_at(path,
+                        "%d numbers, expected fx fy cx cy, or these and k1 k2 p1 p2 or k1 k2 p1 p2 k3, or a camera "
+                        "matrix of 3x3, 3x4 or 4x4 without skew and without a fourth column",
+                        count);
   if (sensor->lens_stated && !pags_lens_is_pinhole(&sensor->lens))
-    return pags_fail(
-        PAGS_ERROR_FORMAT,
-        "%s: %d numbers, expected fx fy cx cy alone, since 'lenses' of dataset.json has the distortion of camera %d",
-        path, count, sensor->number);
+    return pags_fail_at(
+        path, "%d numbers, expected fx fy cx cy alone, since 'lenses' of dataset.json has the distortion of camera %d",
+        count, sensor->number);
   if (sensor->lens_stated)
     sensor->lens.model = stated;
   if (!(sensor->lens.fx > 0 && sensor->lens.fy > 0))

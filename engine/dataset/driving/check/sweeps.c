@@ -244,29 +244,28 @@ static pags_result check_rows(const pags_driving *driving, const char *path, con
   const char *known = pags_sweep_format(path);
   points_look look;
   if (known)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: is %s; expected rows of %d little-endian float32 without a header", path,
-                     known, how->columns);
+    return pags_fail_at(path, "is %s; expected rows of %d little-endian float32 without a header", known, how->columns);
   look_at_points(s, how, &look);
   if (look.points > 0 && !driving->rules.lidar_world && !is_plausible(&look)) {
     const char *other = guess(s, how, sweep);
     if (look.wrong > 0)
-      return pags_fail(PAGS_ERROR_FORMAT,
-                       "%s: %lld of %lld points looked at are farther than %g m or next to nothing, the first is row "
-                       "%lld: %g %g %g; expected rows of %d float32, metres, about the car (kind %s)%s",
-                       path, (long long)look.wrong, (long long)look.rows, farthest, (long long)look.first_row,
-                       look.first[0], look.first[1], look.first[2], how->columns, driving->rules.kind, other);
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: half of the %lld points looked at are nearer than %g m; expected rows of %d float32, metres, "
-                     "about the car (kind %s)%s",
-                     path, (long long)look.points, nearest_median, how->columns, driving->rules.kind, other);
+      return pags_fail_at(path,
+                          "%lld of %lld points looked at are farther than %g m or next to nothing, the first is row "
+                          "%lld: %g %g %g; expected rows of %d float32, metres, about the car (kind %s)%s",
+                          (long long)look.wrong, (long long)look.rows, farthest, (long long)look.first_row,
+                          look.first[0], look.first[1], look.first[2], how->columns, driving->rules.kind, other);
+    return pags_fail_at(path,
+                        "half of the %lld points looked at are nearer than %g m; expected rows of %d float32, metres, "
+                        "about the car (kind %s)%s",
+                        (long long)look.points, nearest_median, how->columns, driving->rules.kind, other);
   }
   bool alike;
   const int columns = other_columns(s, how, &alike);
   if (columns > 0)
-    return pags_fail(PAGS_ERROR_FORMAT,
-                     "%s: by its values it has %d floats a row, expected %d as kind %s has; name them in "
-                     "'lidar_columns' of dataset.json",
-                     path, columns, how->columns, driving->rules.kind);
+    return pags_fail_at(path,
+                        "by its values it has %d floats a row, expected %d as kind %s has; name them in "
+                        "'lidar_columns' of dataset.json",
+                        columns, how->columns, driving->rules.kind);
   if (alike) {
     PAGS_WARN(
         "%s: its %d columns hold the same kind of values: it may not be rows of x, y, z, ...; expected a row of %d "
