@@ -25,8 +25,7 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
   const float *const sh = part->sh ? part->sh : pags_plane(g, PAGS_SH);
   double p[3], moved[3], q[4], rest[15];
   const int degree = out->sh_degree < g->sh_degree ? out->sh_degree : g->sh_degree;
-  for (int k = 0; k < 3; k++)
-    p[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
+  pags_gaussian_mean(g, i, p);
   for (int k = 0; k < 4; k++)
     q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[i];
   const double *t = turn_q;

@@ -84,9 +84,10 @@ static void name_vertices(void *context, int64_t begin, int64_t end, int worker)
 pags_result pags_classes_find(const pags_proxy_maker *w, const pags_depth_views *depth_views, bool labelled,
                               const pags_proxy_mesh *mesh, uint8_t *class_of) {
   if (labelled) {
-    PAGS_AUTOFREE int64_t *lists = pags_depth_views_lists(depth_views, w->tasks);
+    PAGS_AUTOFREE int64_t *lists = NULL;
+    PAGS_TRY(pags_depth_views_lists(depth_views, w->tasks, &lists));
     naming n = {mesh, depth_views, 3 * w->options->voxel, class_of, lists};
-    return lists ? pags_proxy_for(w->tasks, mesh->vertex_count, 256, name_vertices, &n) : PAGS_ERROR_MEMORY;
+    return pags_proxy_for(w->tasks, mesh->vertex_count, 256, name_vertices, &n);
   }
   PAGS_AUTOFREE float *normals = malloc(((size_t)mesh->vertex_count + 1) * 3 * sizeof *normals);
   PAGS_CHECK_MEMORY(normals, "%lld vertices", (long long)mesh->vertex_count);

@@ -57,11 +57,10 @@ pags_result pags_gaussians_select(const pags_gaussians *from, const uint8_t *tak
 static bool is_its_own(const double object_from_scene[12], const double size[3], const pags_gaussians *g, int64_t i,
                        int64_t object) {
   const int32_t id = g->object_id ? g->object_id[i] : -1;
-  const double p[3] = {(double)pags_plane(g, PAGS_MEAN)[i], (double)pags_plane(g, PAGS_MEAN + 1)[i],
-                       (double)pags_plane(g, PAGS_MEAN + 2)[i]};
-  double q[3];
+  double p[3], q[3];
   if (id != object && id >= 0)
     return false;
+  pags_gaussian_mean(g, i, p);
   pags_rigid_point(object_from_scene, p, q);
   for (int k = 0; k < 3; k++)
     if (fabs(q[k]) - 0.5 * size[k] > (id == object ? margin : 0))

@@ -173,21 +173,19 @@ static void fuse_blocks(void *context, int64_t begin, int64_t end, int worker) {
 
 pags_result pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double behind,
                            double range, bool carve, pags_tasks *tasks) {
-  PAGS_AUTOFREE int64_t *lists = pags_depth_views_lists(depth_views, tasks);
+  PAGS_AUTOFREE int64_t *lists = NULL;
+  PAGS_TRY(pags_depth_views_lists(depth_views, tasks, &lists));
   fusion f = {grid, depth_views, truncation, behind, range, carve, lists};
-  if (!lists)
-    return PAGS_ERROR_MEMORY;
   return pags_proxy_for(tasks, (int64_t)grid->blocks[0] * grid->blocks[1] * grid->blocks[2], 16, fuse_blocks, &f);
 }
 
 /* ---- Colours ---- */
 
-int64_t *pags_depth_views_lists(const pags_depth_views *depth_views, const pags_tasks *tasks) {
-  size_t count = (size_t)pags_tasks_workers(tasks) * ((size_t)depth_views->count + 1);
-  int64_t *lists = malloc(count * sizeof *lists);
-  if (!lists)
-    pags_out_of_memory("lists of %lld views", (long long)depth_views->count);
-  return lists;
+pags_result pags_depth_views_lists(const pags_depth_views *depth_views, const pags_tasks *tasks, int64_t **out) {
+  const size_t count = (size_t)pags_tasks_workers(tasks) * ((size_t)depth_views->count + 1);
+  *out = malloc(count * sizeof **out);
+  PAGS_CHECK_MEMORY(*out, "lists of %lld views", (long long)depth_views->count);
+  return PAGS_OK;
 }
 
 int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_proxy_mesh *mesh, int64_t begin,
@@ -241,11 +239,10 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
 
 pags_result pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
                                   pags_tasks *tasks) {
-  PAGS_AUTOFREE int64_t *lists = pags_depth_views_lists(depth_views, tasks);
-  painting p = {surface, depth_views, tolerance, lists};
+  PAGS_AUTOFREE int64_t *lists = NULL;
   double mean[3] = {0}, count = 0;
-  if (!lists)
-    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_depth_views_lists(depth_views, tasks, &lists));
+  painting p = {surface, depth_views, tolerance, lists};
   PAGS_TRY(pags_proxy_for(tasks, surface->vertex_count, 256, paint_vertices, &p));
   for (int64_t i = 0; i < surface->vertex_count; i++)
     if (surface->colors[3 * i] >= 0) {

@@ -45,9 +45,8 @@ void pags_tsdf_close_border(pags_tsdf *grid, float distance);
  * corner are skipped. A vertex is `observed` if both ends of its grid edge have a weight above 0. */
 pags_result pags_tsdf_surface(const pags_tsdf *grid, bool known_only, pags_proxy_mesh *out);
 
-/* Room for a list of views for each worker of `tasks`, count + 1 numbers each; free() it. NULL: out of memory, with the
- * error set. */
-int64_t *pags_depth_views_lists(const pags_depth_views *depth_views, const pags_tasks *tasks);
+/* Room for a list of views for each worker of `tasks`, count + 1 numbers each; free() it. PAGS_ERROR_MEMORY. */
+pags_result pags_depth_views_lists(const pags_depth_views *depth_views, const pags_tasks *tasks, int64_t **out);
 
 /* Lists in `seen` (with room for all) the views that may see any of the mesh's vertices `begin`..`end` - 1; returns
  * how many. */
