@@ -94,9 +94,8 @@ typedef struct pags_picture_names {
 /* A view is named after its photograph without extension: "cam0/DSC_01.JPG" is "cam0/DSC_01"; a name that leaves the
  * folder, "../DSC_01.JPG", is reduced to the part after the last slash. If an earlier view has that name (a.jpg and
  * a.png, or A.jpg), the extension stays, "a.png"; if that is taken as well, the number of the view follows, "a.png-12".
- * `out` must be destroyed on failure, too. */
-pags_result pags_picture_names_of_scene(const pags_scene *scene, pags_picture_names *out);
-pags_result pags_picture_names_of_dataset(const pags_dataset *dataset, pags_picture_names *out);
+ * The views are those of a scene or of a data set, the other being NULL. `out` must be destroyed on failure, too. */
+pags_result pags_picture_names_make(const pags_scene *scene, const pags_dataset *dataset, pags_picture_names *out);
 void pags_picture_names_destroy(pags_picture_names *names);
 
 /* ---- Channels computed from the planes ---- */

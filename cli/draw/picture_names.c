@@ -55,8 +55,7 @@ static pags_result make_differ(entry *entries, int64_t count) {
   return PAGS_OK;
 }
 
-/* Of one of the two, the other being NULL. */
-static pags_result make(const pags_scene *scene, const pags_dataset *dataset, pags_picture_names *out) {
+pags_result pags_picture_names_make(const pags_scene *scene, const pags_dataset *dataset, pags_picture_names *out) {
   const int64_t count = scene ? scene->view_count : pags_dataset_view_count(dataset);
   PAGS_AUTOFREE entry *entries = calloc((size_t)count + 1, sizeof *entries);
   *out = (pags_picture_names){.count = count, .items = calloc((size_t)count + 1, sizeof *out->items)};
@@ -67,14 +66,6 @@ static pags_result make(const pags_scene *scene, const pags_dataset *dataset, pa
   for (int64_t i = 0; i < count; i++)
     out->items[entries[i].number] = entries[i].name;
   return result;
-}
-
-pags_result pags_picture_names_of_scene(const pags_scene *scene, pags_picture_names *out) {
-  return make(scene, NULL, out);
-}
-
-pags_result pags_picture_names_of_dataset(const pags_dataset *dataset, pags_picture_names *out) {
-  return make(NULL, dataset, out);
 }
 
 void pags_picture_names_destroy(pags_picture_names *names) {

@@ -44,7 +44,7 @@ pags_result pags_viewpoints_of_scene(const pags_scene *scene, const char *path, 
                                      pags_viewpoints *out) {
   PAGS_AUTO(pags_picture_names_destroy) pags_picture_names names = {0};
   PAGS_TRY(create(scene->view_count, out));
-  PAGS_TRY(pags_picture_names_of_scene(scene, &names));
+  PAGS_TRY(pags_picture_names_make(scene, NULL, &names));
   for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_scene_view *const view = &scene->views[i];
     if (!wanted(split, view->test))
@@ -64,7 +64,7 @@ pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split s
   const int64_t count = pags_dataset_view_count(dataset);
   PAGS_AUTO(pags_picture_names_destroy) pags_picture_names names = {0};
   PAGS_TRY(create(count, out));
-  PAGS_TRY(pags_picture_names_of_dataset(dataset, &names));
+  PAGS_TRY(pags_picture_names_make(NULL, dataset, &names));
   for (int64_t i = 0; i < count; i++) {
     const pags_view *const view = pags_dataset_view(dataset, i);
     if (wanted(split, view->test))

@@ -383,7 +383,7 @@ static pags_result open_all(evaluation *eval, const char *scene_path) {
   PAGS_TRY(pags_frame_create(tasks, &eval->frame));
   if (!arguments->images)
     return PAGS_OK;
-  PAGS_TRY(pags_picture_names_of_dataset(eval->photographs.dataset, &eval->names));
+  PAGS_TRY(pags_picture_names_make(NULL, eval->photographs.dataset, &eval->names));
   return pags_prepare_folder(&arguments->session, arguments->images);
 }
 

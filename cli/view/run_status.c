@@ -174,8 +174,7 @@ static void put_worst(const pags_run_status *status, pags_json_writer *json) {
 }
 
 pags_result pags_run_status_answer(pags_run_status *status, const pags_view_request *request, pags_view_message *out) {
-  pags_json_writer json;
-  pags_json_writer_init(&json, 0);
+  pags_json_writer json = {0};
   PAGS_AUTO(pags_mutex_unlock) pthread_mutex_t *held = pags_mutex_lock(&status->lock);
   status->checkpoint = status->checkpoint || request->kind == PAGS_VIEW_CHECKPOINT;
   status->stop = status->stop || request->kind == PAGS_VIEW_STOP;
