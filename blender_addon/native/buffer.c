@@ -74,9 +74,8 @@ static int buffer_get(PyObject *object, Py_buffer *view, int flags) {
   return 0;
 }
 
-static PyObject *buffer_shape(PyObject *object, void *closure) {
+static PyObject *buffer_shape(PyObject *object, PAGS_UNUSED void *closure) {
   native_buffer *self = (native_buffer *)object;
-  (void)closure;
   PyObject *shape = PyTuple_New(self->dimensions);
   for (int d = 0; shape && d < self->dimensions; d++)
     PyTuple_SetItem(shape, d, PyLong_FromSsize_t(self->shape[d]));

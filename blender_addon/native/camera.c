@@ -200,11 +200,10 @@ static bool read_extrinsics(PyObject *to_world, PyObject *to_camera, PyObject *f
   return true;
 }
 
-PyObject *native_camera(PyObject *module, PyObject *arguments, PyObject *keywords) {
+PyObject *native_camera(PAGS_UNUSED PyObject *module, PyObject *arguments, PyObject *keywords) {
   static char *names[] = {"width", "height", "K", "world_from_camera", "camera_from_world", "axes", "time", NULL};
   PyObject *width, *height, *intrinsics, *to_world = Py_None, *to_camera = Py_None, *axes = NULL, *time = Py_None;
   pags_camera camera = {.time = (double)NAN};
-  (void)module;
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOO|O$OOO:camera", names, &width, &height, &intrinsics,
                                    &to_world, &to_camera, &axes, &time) ||
       !read_size(width, "width", &camera.width) || !read_size(height, "height", &camera.height) ||

@@ -105,10 +105,9 @@ static PyObject *get_member(PyObject *object, void *closure) {
                        : PyFloat_FromDouble(which == MS ? self->controller.target : self->controller.haste);
 }
 
-static int set_ms(PyObject *object, PyObject *value, void *closure) {
+static int set_ms(PyObject *object, PyObject *value, PAGS_UNUSED void *closure) {
   native_deadline *self = (native_deadline *)object;
   double ms;
-  (void)closure;
   if (!value) {
     PyErr_SetString(PyExc_AttributeError, "ms can't be deleted");
     return -1;

@@ -229,15 +229,13 @@ static bool gather(PyObject *object, pags_gaussians *out) {
   return result == PAGS_OK;
 }
 
-PyObject *native_scene_arrays(PyObject *self, PyObject *unused) {
+PyObject *native_scene_arrays(PyObject *self, PAGS_UNUSED PyObject *unused) {
   PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
-  (void)unused;
   return gather(self, &g) ? native_arrays_dict(native_state_of(self), &g) : NULL;
 }
 
-PyObject *native_scene_normals(PyObject *self, PyObject *unused) {
+PyObject *native_scene_normals(PyObject *self, PAGS_UNUSED PyObject *unused) {
   PAGS_AUTO(pags_gaussians_destroy) pags_gaussians g = {0};
-  (void)unused;
   if (!gather(self, &g))
     return NULL;
   float *normals = malloc((size_t)g.count * 3 * sizeof *normals + 1);
@@ -250,11 +248,10 @@ PyObject *native_scene_normals(PyObject *self, PyObject *unused) {
   return normals ? native_buffer_own(native_state_of(self), normals, 'f', 2, shape) : PyErr_NoMemory();
 }
 
-PyObject *native_scene_object_of(PyObject *object, void *closure) {
+PyObject *native_scene_object_of(PyObject *object, PAGS_UNUSED void *closure) {
   native_scene *self = (native_scene *)object;
   const Py_ssize_t shape[1] = {(Py_ssize_t)pags_composition_gaussian_count(self->composition)};
   pags_result result;
-  (void)closure;
   if (!native_lock_check(&self->lock, native_state_of(object), "Scene"))
     return NULL;
   Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock.mutex);

@@ -82,8 +82,7 @@ static void job_dealloc(PyObject *object) {
   native_deallocate(object);
 }
 
-static PyObject *job_done(PyObject *object, PyObject *unused) {
-  (void)unused;
+static PyObject *job_done(PyObject *object, PAGS_UNUSED PyObject *unused) {
   return check_alive(object) ? PyBool_FromLong(wait_for((native_job *)object, 0)) : NULL;
 }
 
@@ -98,8 +97,7 @@ static PyObject *job_wait(PyObject *object, PyObject *arguments) {
   Py_END_ALLOW_THREADS return PyBool_FromLong(done);
 }
 
-static PyObject *job_cancel(PyObject *object, PyObject *unused) {
-  (void)unused;
+static PyObject *job_cancel(PyObject *object, PAGS_UNUSED PyObject *unused) {
   if (!check_alive(object))
     return NULL;
   cancel((native_job *)object);
@@ -115,8 +113,7 @@ PyObject *native_job_take(const native_state *state, native_job *job) {
   return native_picture_new(state, &job->planes);
 }
 
-static PyObject *job_take(PyObject *object, PyObject *unused) {
-  (void)unused;
+static PyObject *job_take(PyObject *object, PAGS_UNUSED PyObject *unused) {
   return check_alive(object) ? native_job_take(native_state_of(object), (native_job *)object) : NULL;
 }
 

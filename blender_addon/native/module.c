@@ -50,11 +50,10 @@ static PyObject *available_threads(PyObject *module, PyObject *unused) {
   return PyLong_FromLong(pags_available_threads());
 }
 
-static PyObject *heat(PyObject *module, PyObject *arguments) {
+static PyObject *heat(PAGS_UNUSED PyObject *module, PyObject *arguments) {
   PyObject *number;
   double value, color[3];
   float rgb[3];
-  (void)module;
   if (!PyArg_ParseTuple(arguments, "O:heat", &number) || !native_read_finite(number, "value", &value))
     return NULL;
   pags_colormap_heat((float)value, rgb);

@@ -80,10 +80,9 @@ bool native_passes_read(const native_state *state, const native_job_arguments *w
   return true;
 }
 
-PyObject *native_cryptomatte_hash(PyObject *module, PyObject *arguments) {
+PyObject *native_cryptomatte_hash(PAGS_UNUSED PyObject *module, PyObject *arguments) {
   const char *name;
   PyObject *value;
-  (void)module;
   if (!PyArg_ParseTuple(arguments, "O:cryptomatte_hash", &value) || !native_read_word(value, "name", &name))
     return NULL;
   return PyLong_FromUnsignedLong(pags_cryptomatte_hash(name, strlen(name)));

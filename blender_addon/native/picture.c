@@ -230,8 +230,7 @@ static void fill_row(const fill *f, int y) {
   }
 }
 
-static void fill_rows(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void fill_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   for (int64_t y = begin; y < end; y++)
     fill_row(context, (int)y);
 }
@@ -298,12 +297,11 @@ static PyObject *picture_size(PyObject *object, void *closure) {
   return PyLong_FromLong(closure ? p->height : p->width);
 }
 
-static PyObject *picture_stats(PyObject *object, void *closure) {
+static PyObject *picture_stats(PyObject *object, PAGS_UNUSED void *closure) {
   const native_planes *p = &((native_picture *)object)->planes;
   const pags_frame_stats *s = &p->stats;
   double frame = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster + s->ms_occlude;
   const pags_deadline_step *const step = pags_deadline_steps() + p->drawn.step;
-  (void)closure;
   return Py_BuildValue("{s:d,s:d,s:d,s:d,s:i,s:d,s:i,s:L,s:L,s:L,s:L,s:L,s:L,s:L}", "ms", frame, "ms_job", p->ms,
                        "ms_fill", p->ms_fill, "ms_raster", s->ms_raster, "step", p->drawn.step, "divisor",
                        (double)step->divisor, "sampled", (int)step->sampled, "gaussians", (long long)s->gaussians,
@@ -312,9 +310,8 @@ static PyObject *picture_stats(PyObject *object, void *closure) {
                        (long long)s->pairs_binned);
 }
 
-static PyObject *picture_place(PyObject *object, void *closure) {
+static PyObject *picture_place(PyObject *object, PAGS_UNUSED void *closure) {
   const int *const place = ((native_picture *)object)->planes.drawn.place;
-  (void)closure;
   return Py_BuildValue("(iiii)", place[0], place[1], place[2], place[3]);
 }
 

@@ -189,8 +189,7 @@ static PyObject *renderer_submit(PyObject *object, PyObject *arguments, PyObject
   return job;
 }
 
-static PyObject *renderer_threads(PyObject *object, void *closure) {
-  (void)closure;
+static PyObject *renderer_threads(PyObject *object, PAGS_UNUSED void *closure) {
   return PyLong_FromLong(pags_tasks_workers(((native_renderer *)object)->tasks));
 }
 

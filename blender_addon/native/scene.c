@@ -184,10 +184,9 @@ static PyObject *name_or_none(const char *text) {
   return text ? native_text(text) : Py_NewRef(Py_None);
 }
 
-static PyObject *scene_info(PyObject *self, void *closure) {
+static PyObject *scene_info(PyObject *self, PAGS_UNUSED void *closure) {
   const pags_scene *s = scene_of(self);
   const pags_composition *c = ((native_scene *)self)->composition;
-  (void)closure;
   return Py_BuildValue("{s:L,s:n,s:N,s:s,s:d,s:d,s:d,s:d,s:N,s:N,s:L,s:L,s:N,s:N}", "gaussians",
                        (long long)pags_composition_gaussian_count(c), "bytes", (Py_ssize_t)pags_composition_bytes(c),
                        "origin", native_numbers(s->origin, 3), "up", pags_up_code(s->up), "time_begin", s->time_begin,
@@ -220,8 +219,7 @@ static PyObject *object_dict(const void *context, int64_t index) {
                        PyBool_FromLong(o->model >= 0), "gaussians", gaussians);
 }
 
-static PyObject *scene_objects(PyObject *self, void *closure) {
-  (void)closure;
+static PyObject *scene_objects(PyObject *self, PAGS_UNUSED void *closure) {
   return native_list(scene_of(self)->object_count, object_dict, self);
 }
 
@@ -237,8 +235,7 @@ static PyObject *view_dict(const void *context, int64_t index) {
   return good ? pags_take(&dict) : NULL;
 }
 
-static PyObject *scene_views(PyObject *self, void *closure) {
-  (void)closure;
+static PyObject *scene_views(PyObject *self, PAGS_UNUSED void *closure) {
   return native_list(scene_of(self)->view_count, view_dict, scene_of(self));
 }
 

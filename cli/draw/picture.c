@@ -109,10 +109,9 @@ typedef struct weighing {
 } weighing;
 
 /* Receives the scores of one cluster; no two clusters share a Gaussian. */
-static void add_scores(void *user, const pags_cluster_score *score, int worker) {
+static void add_scores(void *user, const pags_cluster_score *score, PAGS_UNUSED int worker) {
   const weighing *const w = user;
   const pags_part *const part = &w->parts[score->part];
-  (void)worker;
   for (int k = 0; k < score->count; k++) {
     const int64_t row = score->first + k;
     w->add(w->user, part->id ? part->id[row] : part->first_id + row, score->seen[k]);
@@ -364,9 +363,8 @@ void pags_render_passes_destroy(pags_render_passes *passes) {
 
 /* ---- The queue: pictures are copied into slots, all of which are written in parallel when they are full ---- */
 
-static void write_slots(void *context, int64_t begin, int64_t end, int worker) {
+static void write_slots(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const pags_picture_queue *queue = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     pags_picture_slot *slot = &queue->slots[i];
     slot->result = write_picture(queue, slot);

@@ -42,8 +42,7 @@ static inline pags_result pags_watch_create(const pags_watch_settings *settings,
                    "--view is not in this build, which lacks libwebsockets (Debian: "
                    "libwebsockets-dev; CMake option PAGS_VIEW)");
 }
-static inline const char *pags_watch_url(const pags_watch *watch) {
-  (void)watch;
+static inline const char *pags_watch_url(PAGS_UNUSED const pags_watch *watch) {
   return "";
 }
 static inline bool pags_watch_step(pags_watch *watch, const pags_train_progress *progress) {

@@ -190,9 +190,8 @@ typedef struct sieve {
   uint8_t *kept; /* per row */
 } sieve;
 
-static void sift(void *context, int64_t begin, int64_t end, int worker) {
+static void sift(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const sieve *s = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     const int32_t id = s->from->object_id ? s->from->object_id[i] : -1;
     const int64_t all = s->m->trained.heads[s->block].object_count;

@@ -384,9 +384,8 @@ static void hear(const pags_transport *transport, int64_t *done, bool *ends_earl
   pthread_mutex_unlock(&self->lock);
 }
 
-static void give_up(pags_transport *transport, pags_result result, const char *message) {
+static void give_up(pags_transport *transport, PAGS_UNUSED pags_result result, const char *message) {
   mpi_transport *self = (mpi_transport *)transport;
-  (void)result;
   pthread_mutex_lock(&self->lock);
   self->gave_up |= !self->broken[0];
   pthread_mutex_unlock(&self->lock);

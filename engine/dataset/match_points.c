@@ -142,8 +142,7 @@ static pags_result straighten(picture *p) {
   return PAGS_OK;
 }
 
-static pags_result load_picture(void *context, int64_t index, int worker) {
-  (void)worker;
+static pags_result load_picture(void *context, int64_t index, PAGS_UNUSED int worker) {
   const matcher *m = context;
   const pags_dataset *dataset = m->dataset;
   picture *out = &m->pictures[index];
@@ -322,8 +321,7 @@ static size_t pixel_of(const picture *p, double u, double v) {
   return (size_t)y * (size_t)p->width + (size_t)x;
 }
 
-static void match_block(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void match_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   matcher *m = context;
   for (int64_t i = begin; i < end; i++) {
     ray *r = &m->rays[i];
@@ -359,8 +357,7 @@ static const ray *nearest_sure(const matcher *m, const ray *r) {
   return best;
 }
 
-static void emit_block(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void emit_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   matcher *m = context;
   for (int64_t i = begin; i < end; i++) {
     const ray *r = &m->rays[i], *from = r->sure ? r : nearest_sure(m, r);

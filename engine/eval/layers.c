@@ -64,8 +64,7 @@ typedef struct conv_job {
   const int64_t *offset; /* of each tap, in the order of the weights, from the first column of the window's first row */
 } conv_job;
 
-static void conv_rows(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void conv_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const conv_job *job = context;
   const int width = job->out->width, taps = job->taps;
   for (int y = (int)begin; y < (int)end; y++)
@@ -123,8 +122,7 @@ typedef struct pool_job {
   const pags_map *in, *out;
 } pool_job;
 
-static void pool_rows(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void pool_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const pool_job *job = context;
   const pags_map *in = job->in, *out = job->out;
   for (int y = (int)begin; y < (int)end; y++)

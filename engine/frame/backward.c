@@ -36,10 +36,9 @@ static const float *at_tile(const float *plane, int64_t at) {
 }
 
 /* Block function: the backward pass of the rasteriser over tiles [begin, end). */
-static void tiles_backward(void *context, int64_t begin, int64_t end, int worker) {
+static void tiles_backward(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const backward_context *const c = context;
   const pags_frame *const f = c->frame;
-  (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
     const int64_t at = frame_tile_offset(f, tile);
     pags_raster_back in = {.tile = frame_drawn_tile(f, tile, c->written),

@@ -43,10 +43,9 @@ static pags_result count_dense(list_context *c, pags_block_fn *count, int64_t *s
 }
 
 /* Block function: counts the Gaussians of one block that are drawn. */
-static void count_drawn(void *context, int64_t begin, int64_t end, int worker) {
+static void count_drawn(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const list_context *const c = context;
   const uint32_t *const keys = c->frame->keys;
-  (void)worker;
   int64_t drawn = 0;
   for (int64_t i = begin; i < end; i++)
     drawn += keys[i] != UINT32_MAX;
@@ -54,11 +53,10 @@ static void count_drawn(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 /* Block function: writes the dense indices of a block's drawn Gaussians to the block's range of `drawn`. */
-static void list_drawn(void *context, int64_t begin, int64_t end, int worker) {
+static void list_drawn(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const list_context *const c = context;
   const uint32_t *const keys = c->frame->keys;
   uint32_t *out = c->frame->drawn + c->place[begin / LISTED];
-  (void)worker;
   for (int64_t first = begin; first < end; first += PAGS_LANES) { /* dense_count is a multiple of 16 */
     uint32_t some[PAGS_LANES];
     int n = 0;
@@ -100,10 +98,9 @@ static pags_bin bin_input(const pags_frame *f, int64_t begin, int64_t end) {
 }
 
 /* Block function: counts a block's pairs per tile, and the pairs that tile_limits leaves out. */
-static void count_block(void *context, int64_t begin, int64_t end, int worker) {
+static void count_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   bin_context *const c = context;
   const int64_t block = begin / c->grain;
-  (void)worker;
   uint32_t *const counts = c->counts + block * c->tiles;
   memset(counts, 0, (size_t)c->tiles * sizeof *counts);
   pags_bin in = bin_input(c->frame, begin, end);
@@ -113,10 +110,9 @@ static void count_block(void *context, int64_t begin, int64_t end, int worker) {
 
 /* Block function: adds up each tile's pairs, in tile_start[tile + 1], and those of all tiles of the block. The loops go
  * through the tables block by block, in the order in which they lie in memory. */
-static void sum_tiles(void *context, int64_t begin, int64_t end, int worker) {
+static void sum_tiles(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const bin_context *const c = context;
   int64_t *const pairs = c->frame->tile_start + 1;
-  (void)worker;
   int64_t sum = 0;
   for (int64_t tile = begin; tile < end; tile++)
     pairs[tile] = 0;
@@ -129,10 +125,9 @@ static void sum_tiles(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 /* Block function: turns the sums into the ends of the tiles' lists and into each block's range in each list. */
-static void place_tiles(void *context, int64_t begin, int64_t end, int worker) {
+static void place_tiles(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const bin_context *const c = context;
   int64_t *const list_end = c->frame->tile_start + 1;
-  (void)worker;
   int64_t at = c->place[begin / SUMMED];
   for (int64_t tile = begin; tile < end; tile++) {
     c->offsets[tile] = at; /* there is room for one block at least */
@@ -160,9 +155,8 @@ static pags_result place_lists(bin_context *c) {
 }
 
 /* Block function: writes a block's pairs to the tiles' lists. */
-static void fill_block(void *context, int64_t begin, int64_t end, int worker) {
+static void fill_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const bin_context *const c = context;
-  (void)worker;
   const pags_bin in = bin_input(c->frame, begin, end);
   c->frame->kernels->bin_fill(&in, c->offsets + begin / c->grain * c->tiles, c->frame->entries);
 }
@@ -172,18 +166,16 @@ static int64_t slots_of(const pags_frame *f, int64_t i) {
   return f->keys[i] != UINT32_MAX ? f->splats[i].tiles : 0;
 }
 
-static void count_slots(void *context, int64_t begin, int64_t end, int worker) {
+static void count_slots(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const list_context *const c = context;
-  (void)worker;
   int64_t slots = 0;
   for (int64_t i = begin; i < end; i++)
     slots += slots_of(c->frame, i);
   c->place[begin / LISTED] = slots;
 }
 
-static void fill_slots(void *context, int64_t begin, int64_t end, int worker) {
+static void fill_slots(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const list_context *const c = context;
-  (void)worker;
   int64_t place = c->place[begin / LISTED];
   for (int64_t i = begin; i < end; i++) {
     c->frame->slot_start[i] = place;

@@ -96,9 +96,8 @@ typedef struct receiver {
 } receiver;
 
 /* Clusters share no rows, so that several threads may write at once. */
-static void receive(void *user, const pags_cluster_gradient *g, int worker) {
+static void receive(void *user, const pags_cluster_gradient *g, PAGS_UNUSED int worker) {
   const receiver *r = user;
-  (void)worker;
   for (int i = 0; i < g->count; i++) {
     const int64_t id = part_id(&r->parts[g->part], g->first + i);
     for (int p = 0; p < g->planes; p++)

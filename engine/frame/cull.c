@@ -181,11 +181,10 @@ typedef struct cull_parts {
 } cull_parts;
 
 /* Block function: culls the blocks [begin, end), whole runs of clusters first. */
-static void cull_blocks(void *context, int64_t begin, int64_t end, int worker) {
+static void cull_blocks(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const cull_parts *const all = context;
   cluster_bound bound;
   int part = 0;
-  (void)worker;
   for (int64_t block = begin; block < end; block++) {
     while (all->first_block[part + 1] <= block)
       part++;

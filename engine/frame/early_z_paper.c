@@ -71,10 +71,9 @@ static void find_occluders(void *context, int64_t begin, int64_t end, int worker
 
 /* Block function: draws the occluders' depth into `hard`, tile by tile, and fills level 0 of the pyramid and the
  * tiles' limits. */
-static void draw_depth(void *context, int64_t begin, int64_t end, int worker) {
+static void draw_depth(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const paper *const p = context;
   const pags_frame *const f = p->frame;
-  (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
     const int tx = (int)(tile % f->tiles_x), ty = (int)(tile / f->tiles_x);
     const int64_t start = f->tile_start[tile];

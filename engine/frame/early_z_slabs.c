@@ -203,9 +203,8 @@ static void shade_groups(const slabs *s, active_cluster *a) {
 }
 
 /* Block function: shades the active clusters that have members to draw, and lists these members in `drawn`. */
-static void shade_active(void *context, int64_t begin, int64_t end, int worker) {
+static void shade_active(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const slabs *const s = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     active_cluster *const a = s->active + i;
     const view_cluster *const c = s->frame->clusters + a->view;

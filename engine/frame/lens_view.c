@@ -98,9 +98,8 @@ static void find_row(const rays_context *c, int row, int from, int to, int step)
 }
 
 /* Block function: rows [begin, end). */
-static void find_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void find_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const rays_context *const c = context;
-  (void)worker;
   for (int64_t row = begin; row < end; row++) {
     const int width = c->camera->width, middle = (int)fmin(fmax(c->camera->cx, 0), width);
     find_row(c, (int)row, middle, width, 1);

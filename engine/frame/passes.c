@@ -57,10 +57,9 @@ typedef struct pass_context {
 /* Block function: the normals of the drawn Gaussians of clusters [begin, end) in world axes, facing the camera. They
  * are taken to the world by the transpose of the inverse of the part's pose, by which a disc's normal stays one where
  * the pose stretches. */
-static void find_normals(void *context, int64_t begin, int64_t end, int worker) {
+static void find_normals(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const pass_context *const c = context;
   const pags_frame *const f = c->frame;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const v = f->clusters + i;
     const float *const eye = f->projections[v->part].eye;

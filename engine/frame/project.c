@@ -78,9 +78,8 @@ pags_projection pags_frame_shading(const pags_frame *frame, const view_cluster *
 }
 
 /* Block function: computes the colours of the drawn members of clusters [begin, end). */
-static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
+static void shade_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const pags_frame *const frame = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const c = frame->clusters + i;
     const pags_part *const part = frame->parts + c->part;

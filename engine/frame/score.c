@@ -19,10 +19,9 @@ typedef struct score_context {
 } score_context;
 
 /* Block function: writes the partial sums of the pairs in tiles [begin, end). */
-static void tiles_score(void *context, int64_t begin, int64_t end, int worker) {
+static void tiles_score(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const score_context *const c = context;
   const pags_frame *const f = c->frame;
-  (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
     const int64_t at = frame_tile_offset(f, tile);
     const pags_raster_score in = {.tile = frame_drawn_tile(f, tile, c->written),

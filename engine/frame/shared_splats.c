@@ -48,10 +48,9 @@ typedef struct taking {
   uint8_t *flags;
 } taking;
 
-static void take(void *context, int64_t begin, int64_t end, int worker) {
+static void take(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const taking *const t = context;
   const pags_frame *const f = t->frame;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     t->flags[i] = 0;
     if (f->slot_start[i] == f->slot_start[i + 1])
@@ -112,10 +111,9 @@ typedef struct arrival {
 } arrival;
 
 /* Block function: takes over the splats of one block, finds their tiles, and fills up the last vector. */
-static void arrive(void *context, int64_t begin, int64_t end, int worker) {
+static void arrive(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const arrival *const a = context;
   pags_frame *const f = a->frame;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     if (i >= a->count) {
       f->keys[i] = UINT32_MAX;
@@ -162,9 +160,8 @@ static int64_t arrived(const pags_frame *f) {
   return count;
 }
 
-static void add_slots(void *context, int64_t begin, int64_t end, int worker) {
+static void add_slots(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const departure *const d = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     const float *slot = d->slots + d->frame->slot_start[i] * PAGS_SLOT_FLOATS;
     pags_splat_sums sums = {{0.0f}};
@@ -177,9 +174,8 @@ static void add_slots(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-static void add_scores(void *context, int64_t begin, int64_t end, int worker) {
+static void add_scores(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const departure *const d = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++)
     d->scores[i] = pags_frame_add_scores(d->frame, d->slots, i);
 }

@@ -134,9 +134,8 @@ static void tile_runs(const sky_context *c, int64_t tile, uint64_t seen[WORDS]) 
 }
 
 /* Block function: finds the runs that tiles [begin, end) see. */
-static void find_runs(void *context, int64_t begin, int64_t end, int worker) {
+static void find_runs(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const sky_context *const c = context;
-  (void)worker;
   for (int64_t tile = begin; tile < end; tile++)
     tile_runs(c, tile, c->runs_seen[tile]);
 }

@@ -43,11 +43,10 @@ typedef struct enlarging {
 } enlarging;
 
 /* Block function: interpolates those of tiles [begin, end) that were not rasterised, and adds sky and exposure. */
-static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker) {
+static void enlarge_tiles(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const enlarging *const e = context;
   const pags_frame *const f = e->frame;
   const frame_samples *const s = e->samples;
-  (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
     if (f->wanted[tile])
       continue;

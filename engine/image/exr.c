@@ -45,9 +45,8 @@ static void *allocate(size_t size) {
   return block;
 }
 
-static void on_error(exr_const_context_t context, exr_result_t code, const char *text) {
+static void on_error(exr_const_context_t context, PAGS_UNUSED exr_result_t code, const char *text) {
   void *user = NULL;
-  (void)code;
   if (!context || exr_get_user_data(context, &user) != EXR_ERR_SUCCESS || !user)
     return;
   exr_state *const state = user;
@@ -57,8 +56,7 @@ static void on_error(exr_const_context_t context, exr_result_t code, const char 
   state->message[strcspn(state->message, "\n")] = '\0';
 }
 
-static int64_t size_of_file(exr_const_context_t context, void *user) {
-  (void)context;
+static int64_t size_of_file(PAGS_UNUSED exr_const_context_t context, void *user) {
   return (int64_t)((const exr_state *)user)->file->size;
 }
 

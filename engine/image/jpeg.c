@@ -45,9 +45,7 @@ static void on_error(j_common_ptr jpeg) {
 }
 
 /* Warnings, as of a damaged block that is decoded as far as it goes. */
-static void ignore_message(j_common_ptr jpeg) {
-  (void)jpeg;
-}
+static void ignore_message(PAGS_UNUSED j_common_ptr jpeg) {}
 
 static struct jpeg_error_mgr *set_errors(jpeg_errors *errors) {
   jpeg_std_error(&errors->manager);

@@ -54,8 +54,7 @@ static png_voidp allocate(png_structp png, png_alloc_size_t size) {
   return block;
 }
 
-static void release(png_structp png, png_voidp block) {
-  (void)png;
+static void release(PAGS_UNUSED png_structp png, png_voidp block) {
   free(block);
 }
 
@@ -75,9 +74,7 @@ static void write_bytes(png_structp png, png_bytep bytes, size_t size) {
   }
 }
 
-static void flush_nothing(png_structp png) {
-  (void)png;
-}
+static void flush_nothing(PAGS_UNUSED png_structp png) {}
 
 /* ---- Reading ---- */
 

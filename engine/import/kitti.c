@@ -409,8 +409,7 @@ typedef struct batch {
   int64_t first;
 } batch;
 
-static pags_result put_frame(void *context, int64_t item, int worker) {
-  (void)worker;
+static pags_result put_frame(void *context, int64_t item, PAGS_UNUSED int worker) {
   const batch *b = context;
   const int64_t t = b->first + item;
   PAGS_TRY(pags_layout_put_ego_pose(&b->im->layout, t, b->im->world_from_velo[t]));

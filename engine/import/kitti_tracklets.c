@@ -68,9 +68,8 @@ static bool in_pose(const reader *r) {
   return in_tracklet(r) && is_at(r, MEMBER, "poses") && is_at(r, POSE, "item");
 }
 
-static void XMLCALL on_begin(void *user, const XML_Char *name, const XML_Char **attributes) {
+static void XMLCALL on_begin(void *user, const XML_Char *name, PAGS_UNUSED const XML_Char **attributes) {
   reader *r = user;
-  (void)attributes;
   if (r->result != PAGS_OK)
     return;
   if (r->depth == MAX_DEPTH) {
@@ -185,9 +184,8 @@ static void end_number(reader *r) {
   r->seen_pose |= 1U << which;
 }
 
-static void XMLCALL on_end(void *user, const XML_Char *name) {
+static void XMLCALL on_end(void *user, PAGS_UNUSED const XML_Char *name) {
   reader *r = user;
-  (void)name;
   if (r->result != PAGS_OK)
     return;
   if (r->depth == NUMBER && in_pose(r))

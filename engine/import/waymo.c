@@ -303,8 +303,7 @@ static void destroy_lenses(mask_job *job) {
     pags_waymo_lens_destroy(&job->lenses[c]);
 }
 
-static pags_result put_mask(void *context, int64_t item, int worker) {
-  (void)worker;
+static pags_result put_mask(void *context, int64_t item, PAGS_UNUSED int worker) {
   const mask_job *job = context;
   const importer *im = job->im;
   const int64_t photo = job->first + item, frame = photo / im->info.camera_count;

@@ -67,9 +67,8 @@ typedef struct map_job {
   int32_t *source;
 } map_job;
 
-static void map_lattice(void *context, int64_t begin, int64_t end, int worker) {
+static void map_lattice(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const map_job *job = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     double *xy = job->lattice + 2 * i;
     const double u = (double)(STEP * (i % job->columns)), v = (double)(STEP * (i / job->columns));
@@ -78,10 +77,9 @@ static void map_lattice(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-static void map_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void map_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const map_job *job = context;
   const pags_camera *p = job->pinhole;
-  (void)worker;
   for (int64_t v = begin; v < end; v++)
     for (int u = 0; u < job->lens->width; u++) {
       const double *a = job->lattice + 2 * (v / STEP * job->columns + u / STEP), *b = a + (ptrdiff_t)2 * job->columns;

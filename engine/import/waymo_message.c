@@ -34,8 +34,7 @@ static void *budget_alloc(void *user, size_t size) {
   return block;
 }
 
-static void budget_free(void *user, void *block) {
-  (void)user;
+static void budget_free(PAGS_UNUSED void *user, void *block) {
   free(block);
 }
 

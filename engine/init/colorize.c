@@ -68,8 +68,7 @@ static pags_seen_point see_through(const pags_camera *c, const float m[12], cons
   return inside ? (pags_seen_point){u, v, (float)sqrt(square)} : (pags_seen_point){0};
 }
 
-static void project_block(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void project_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const colorizer *p = context;
   const pags_camera *c = &p->camera;
   const float fx = (float)c->fx, fy = (float)c->fy, cx = (float)c->cx, cy = (float)c->cy;
@@ -115,8 +114,7 @@ static bool is_doubtful(const colorizer *p, const pags_lidar_point *row, int lab
  * Points of a grid, which need not lie on a surface, are coloured even where hidden, with the factor `doubtful`. Counts
  * the labelled views that show a point, and those of them whose pixel is labelled critical: the ratio of the two
  * becomes the initial s_sem. */
-static void colorize_block(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void colorize_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const colorizer *p = context;
   const int64_t plane = (int64_t)p->photo.height * p->photo.stride;
   for (int64_t i = begin; i < end; i++) {

@@ -117,8 +117,7 @@ static void search(const tree *t, int64_t begin, int64_t end, int64_t self, floa
       nearest_add(near, distance2(p, t->points[i].p));
 }
 
-static void search_block(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void search_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const tree *t = context;
   for (int64_t i = begin; i < end; i++) {
     float near[3] = {FLT_MAX, FLT_MAX, FLT_MAX};

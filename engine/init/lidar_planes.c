@@ -264,9 +264,8 @@ static bool reads_mean(const pags_gaussians *g, int64_t row, float p[3]) {
   return !g->object_id || g->object_id[row] < 0;
 }
 
-static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
+static void draw_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const drawing *d = context;
-  (void)worker;
   for (int64_t row = begin; row < end; row++) {
     float p[3], across = 0;
     const pags_lidar_plane *plane = reads_mean(d->g, row, p) ? finest_plane(d->planes, p, &across) : NULL;
@@ -331,10 +330,9 @@ static int turn(pags_gaussians *g, int64_t row, const float normal[3], float sha
   return axis;
 }
 
-static void lay_block(void *context, int64_t begin, int64_t end, int worker) {
+static void lay_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const drawing *const d = context;
   const float share = d->share, thin = (float)pags_log(thinnest);
-  (void)worker;
   for (int64_t row = begin; row < end; row++) {
     float p[3], across = 0;
     const pags_lidar_plane *const plane = reads_mean(d->g, row, p) ? ground_plane(d->planes, p, &across) : NULL;

@@ -85,8 +85,7 @@ typedef struct gathering {
   pags_lidar_point *rows; /* one for each point of the sweep; kind -1: left out */
 } gathering;
 
-static void classify_block(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void classify_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const gathering *g = context;
   const double *origin = pags_dataset_origin(g->dataset);
   for (int64_t i = begin; i < end; i++) {

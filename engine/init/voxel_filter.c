@@ -35,8 +35,7 @@ static pags_result find_levels(const pags_lidar_points *points, pags_tasks *task
 
 /* ---- Levels by distance ---- */
 
-static void level_block(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void level_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const levels *l = context;
   for (int64_t i = begin; i < end; i++) {
     const float *p = l->rows[i].p;
@@ -135,8 +134,7 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
  * metres. The road lies lower. */
 static const float rig_radius = 1.2f, rig_below = 1.2f, rig_above = 1.5f;
 
-static void rig_block(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void rig_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const levels *l = context;
   for (int64_t i = begin; i < end; i++) {
     const float *p = l->rows[i].p;

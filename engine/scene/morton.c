@@ -152,34 +152,30 @@ static int digit_of(const sorting *s, int64_t row) {
   return (int)(s->rows[row].code >> s->shift & (DIGITS - 1));
 }
 
-static void make_codes(void *context, int64_t begin, int64_t end, int worker) {
+static void make_codes(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const sorting *const s = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++)
     s->rows[i] = (keyed_row){pags_morton_code(s->gaussians, i, &s->box), i};
 }
 
-static void count_digits(void *context, int64_t begin, int64_t end, int worker) {
+static void count_digits(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const sorting *const s = context;
   int64_t *const place = s->place[begin / BLOCK];
-  (void)worker;
   for (int d = 0; d < DIGITS; d++)
     place[d] = 0;
   for (int64_t i = begin; i < end; i++)
     place[digit_of(s, i)]++;
 }
 
-static void move_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void move_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const sorting *const s = context;
   int64_t *const place = s->place[begin / BLOCK];
-  (void)worker;
   for (int64_t i = begin; i < end; i++)
     s->other[place[digit_of(s, i)]++] = s->rows[i];
 }
 
-static void write_index(void *context, int64_t begin, int64_t end, int worker) {
+static void write_index(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const sorting *const s = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++)
     s->index[i] = s->rows[i].row;
 }

@@ -68,21 +68,18 @@ static void decode_positions(const spz_header *h, const uint8_t *bytes, pags_gau
     }
 }
 
-static void decode_opacities(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
-  (void)h;
+static void decode_opacities(PAGS_UNUSED const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
   for (int64_t i = 0; i < out->count; i++)
     pags_plane(out, PAGS_OPACITY)[i] = pags_logit_of_byte(bytes[i]);
 }
 
-static void decode_colours(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
-  (void)h;
+static void decode_colours(PAGS_UNUSED const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
   for (int64_t i = 0; i < out->count; i++)
     for (int k = 0; k < 3; k++)
       pags_plane(out, PAGS_SH + k)[i] = (float)((bytes[3 * i + k] / 255.0 - 0.5) / 0.15);
 }
 
-static void decode_scales(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
-  (void)h;
+static void decode_scales(PAGS_UNUSED const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
   for (int64_t i = 0; i < out->count; i++)
     for (int k = 0; k < 3; k++)
       pags_plane(out, PAGS_SCALE + k)[i] = (float)(bytes[3 * i + k] / 16.0 - 10.0);

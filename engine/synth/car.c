@@ -11,9 +11,7 @@ typedef struct car_parts {
   uint16_t paint, glass, black, hub, white, red, plate;
 } car_parts;
 
-static uint16_t all_paint(void *user, int ring, int column) {
-  (void)ring;
-  (void)column;
+static uint16_t all_paint(void *user, PAGS_UNUSED int ring, PAGS_UNUSED int column) {
   return ((const car_parts *)user)->paint;
 }
 

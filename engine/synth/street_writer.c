@@ -132,8 +132,7 @@ static pags_result save_picture(const pags_street_view *view, const char *path) 
 
 /* Writes file number `item` of the current frame. In order of numbers: for each camera its one-channel images, its
  * depth and its picture, then of each shifted camera its picture and its classes. */
-static pags_result save_file(void *context, int64_t item, int worker) {
-  (void)worker;
+static pags_result save_file(void *context, int64_t item, PAGS_UNUSED int worker) {
   enum { EACH = PLANES + 2 };
   const writer *w = context;
   const int index = (int)item, cameras = w->street->options->cameras, camera = index / EACH, kind = index % EACH;

@@ -357,9 +357,8 @@ typedef struct sample_job {
 
 /* Where all TRIES points are hidden, the last one is used: with a quarter of the surface visible, that happens to one
  * Gaussian in a million. */
-static void sample_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void sample_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const sample_job *job = context;
-  (void)worker;
   for (int64_t i = job->first + begin; i < job->first + end; i++) {
     spot one;
     for (uint64_t t = 0; t < TRIES && !try_spot(job->surface, t, (uint64_t)i, &one); t++) {

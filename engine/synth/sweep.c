@@ -41,8 +41,7 @@ static void set_point(const sweep_job *job, int64_t ray, const double direction[
   out[3] = (float)(grey * fabs(pags_dot3(flat, way)));
 }
 
-static void trace_rays(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void trace_rays(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const sweep_job *job = context;
   const int64_t most = job->columns * BEAMS;
   for (int64_t first = begin * PAGS_PACKET; first < end * PAGS_PACKET && first < most; first += PAGS_PACKET) {

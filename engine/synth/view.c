@@ -282,8 +282,7 @@ static void draw_truth(const draw_job *job, const pags_street_view *view, int fi
   }
 }
 
-static void draw_blocks(void *context, int64_t begin, int64_t end, int worker) {
-  (void)worker;
+static void draw_blocks(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const draw_job *job = context;
   const pags_street_window *w = &job->window;
   for (int64_t b = begin; b < end; b++) {

@@ -344,9 +344,8 @@ typedef struct sweep {
   int64_t step;
 } sweep;
 
-static void flush_block(void *context, int64_t begin, int64_t end, int worker) {
+static void flush_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   sweep *s = context;
-  (void)worker;
   for (int64_t c = begin; c < end; c++)
     pags_adam_touch(s->adam, s->g, c, s->step + 1);
 }
@@ -378,9 +377,8 @@ static void settle_block(void *context, int64_t begin, int64_t end, int worker) 
   }
 }
 
-static void bound_block(void *context, int64_t begin, int64_t end, int worker) {
+static void bound_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   sweep *s = context;
-  (void)worker;
   for (int64_t c = begin; c < end; c++)
     pags_adam_bound(s->adam, s->read, s->clusters, c);
 }

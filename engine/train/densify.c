@@ -87,9 +87,8 @@ static pags_edit decide_row(const decide_job *t, int64_t row) {
   return pulled ? PAGS_EDIT_CLONE : PAGS_EDIT_KEEP;
 }
 
-static void decide_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void decide_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const decide_job *const job = context;
-  (void)worker;
   for (int64_t row = begin; row < end; row++)
     job->kind[row] = (uint8_t)decide_row(job, row);
 }
@@ -265,9 +264,8 @@ typedef struct children_job {
   int64_t first_row;     /* that the sources' numbers begin with */
 } children_job;
 
-static void make_children(void *context, int64_t begin, int64_t end, int worker) {
+static void make_children(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const children_job *const job = context;
-  (void)worker;
   for (int64_t i = job->first + begin; i < job->first + end; i++)
     make_child(job->model, job->gaussians, i, i >= job->second, job->first_row + job->source[i]);
 }

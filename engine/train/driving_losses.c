@@ -35,9 +35,8 @@ typedef struct term {
   double *sums;         /* one per row of pixels */
 } term;
 
-static void sum_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void sum_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const term *const t = context;
-  (void)worker;
   for (int64_t y = begin; y < end; y++) {
     const int64_t at = y * t->photo->stride;
     pags_opacity_row row = t->row;
@@ -112,11 +111,10 @@ typedef struct depth_job {
   int64_t *found; /* hits per block */
 } depth_job;
 
-static void find_hits(void *context, int64_t begin, int64_t end, int worker) {
+static void find_hits(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   depth_job *const d = context;
   const pags_picture *const picture = d->picture;
   const float scale = 1.0f / (float)d->shrink; /* exact, since shrink is a power of two */
-  (void)worker;
   int64_t found = 0;
   for (int64_t i = begin; i < end; i++) {
     const float x = d->samples[i].x * scale, y = d->samples[i].y * scale;
@@ -171,10 +169,9 @@ static double keep_hits(depth_job *d) {
 }
 
 /* Block function: adds to the gradients of the pixels in the rows [begin, end). */
-static void add_hits(void *context, int64_t begin, int64_t end, int worker) {
+static void add_hits(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const depth_job *const d = context;
   const int64_t first = begin * d->picture->stride, last = end * d->picture->stride;
-  (void)worker;
   for (int64_t i = 0; i < d->count; i++) {
     if (d->key[i] == no_hit || d->at[i] < first || d->at[i] >= last)
       continue;

@@ -47,9 +47,8 @@ static pags_result reserve(fit *f, const pags_picture *picture) {
   return PAGS_OK;
 }
 
-static void receive(void *user, const pags_cluster_gradient *g, int worker) {
+static void receive(void *user, const pags_cluster_gradient *g, PAGS_UNUSED int worker) {
   const fit *const f = user;
-  (void)worker;
   pags_pose_gradient(g->data, g->stride, g->planes, &f->parts[g->part], g->first, g->count,
                      f->by_pose[f->before[g->part] + g->cluster]);
 }

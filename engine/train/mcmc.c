@@ -270,10 +270,9 @@ static void shake_row(const noise_job *job, int64_t row) {
   }
 }
 
-static void shake_block(void *context, int64_t begin, int64_t end, int worker) {
+static void shake_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const noise_job *job = context;
   pags_train_model *model = job->model;
-  (void)worker;
   for (int64_t c = begin; c < end; c++) {
     int64_t last = (c + 1) * model->adam.cluster_size;
     last = last < model->gaussians.count ? last : model->gaussians.count;

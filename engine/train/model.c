@@ -154,9 +154,8 @@ static int64_t copied_end(const gather_job *job, const column *c, int64_t row) {
   return row + GATHERED < copied ? row + GATHERED : copied;
 }
 
-static void gather_blocks(void *context, int64_t begin, int64_t end, int worker) {
+static void gather_blocks(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const gather_job *const job = context;
-  (void)worker;
   for (int64_t b = begin; b < end; b++) {
     const column *const c = job->columns + job->first + b / job->blocks;
     const uint32_t *const data = c->data;
@@ -168,9 +167,8 @@ static void gather_blocks(void *context, int64_t begin, int64_t end, int worker)
 }
 
 /* Copies back, and sets to zero what is fresh or no longer a row. */
-static void store_blocks(void *context, int64_t begin, int64_t end, int worker) {
+static void store_blocks(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const gather_job *const job = context;
-  (void)worker;
   for (int64_t b = begin; b < end; b++) {
     const column *const c = job->columns + job->first + b / job->blocks;
     uint32_t *const data = c->data;

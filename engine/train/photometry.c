@@ -102,9 +102,8 @@ static pags_result prepare(const pags_photometric *light, const pags_camera *cam
   return PAGS_OK;
 }
 
-static void light_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void light_rows(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const light_job *const job = context;
-  (void)worker;
   for (int64_t y = begin; y < end; y++) {
     pags_light_row row = job->row;
     const double down = (double)y + 0.5 - job->camera->cy;

@@ -39,11 +39,10 @@ static pags_result reserve_planes(score_pass *p, const pags_picture *picture) {
   return PAGS_OK;
 }
 
-static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
+static void add_cluster(void *user, const pags_cluster_score *c, PAGS_UNUSED int worker) {
   const score_pass *p = user;
   const pags_score_pass *const s = p->scores;
   const int64_t first = p->first[p->trainer->render.drawn[c->part].model] + c->first;
-  (void)worker;
   for (int i = 0; i < c->count; i++) {
     s->squared[first + i] += c->squared[i];
     s->drawn[first + i] += c->seen[i];

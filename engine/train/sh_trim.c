@@ -204,11 +204,10 @@ static void take_model(trimming *t, int64_t model, int64_t first) {
 }
 
 /* Errors on critical Gaussians count as they do in the loss. */
-static void find_costs(void *context, int64_t begin, int64_t end, int worker) {
+static void find_costs(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   trimming *const t = context;
   const pags_gaussians *const g = &t->model->gaussians;
   const double critical = t->trainer->state.schedule.config.priority.critical_weight - 1.0;
-  (void)worker;
   for (int64_t row = begin; row < end; row++) {
     const double weight = t->weight[t->first + row] * (1.0 + (g->s_sem ? critical * (double)g->s_sem[row] : 0.0));
     double changes[PAGS_SH_CUTS];
@@ -248,10 +247,9 @@ static int choose_row(const trimming *t, int64_t row, int64_t *spent) {
   return choose(t, costs, 1, spent);
 }
 
-static void add_block(void *context, int64_t begin, int64_t end, int worker) {
+static void add_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const trimming *const t = context;
   int64_t spent = 0;
-  (void)worker;
   for (int64_t row = begin; row < end; row++)
     choose_row(t, row, &spent);
   t->blocks[begin / TRIM_GRAIN] = spent;
@@ -278,9 +276,8 @@ static int degree_of(const trimming *t, int64_t row) {
   return model == 0 ? choose_row(t, t->first + row, &spent) : choose(t, t->objects[model], t->model->total, &spent);
 }
 
-static void trim_block(void *context, int64_t begin, int64_t end, int worker) {
+static void trim_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const trimming *const t = context;
-  (void)worker;
   for (int64_t row = begin; row < end; row++)
     pags_sh_lower(&t->model->gaussians, t->views, t->view_count, row, degree_of(t, row));
 }

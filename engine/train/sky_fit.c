@@ -186,17 +186,15 @@ static int64_t next_seen(const pags_sky_gradient *g, int64_t block) {
   return block;
 }
 
-static void update(void *user, const pags_sky_gradient *g, int worker) {
+static void update(void *user, const pags_sky_gradient *g, PAGS_UNUSED int worker) {
   pags_sky_fit *f = user;
-  (void)worker;
   for (int64_t block = next_seen(g, 0); block < g->blocks; block = next_seen(g, block + 1))
     update_block(f, g->first / PAGS_SKY_BLOCK + block, g->data + block * BLOCK_FLOATS);
 }
 
 /* Adds a photograph's gradients to the step's sum. One that isn't finite counts as none. */
-static void add(void *user, const pags_sky_gradient *g, int worker) {
+static void add(void *user, const pags_sky_gradient *g, PAGS_UNUSED int worker) {
   pags_sky_fit *f = user;
-  (void)worker;
   for (int64_t block = next_seen(g, 0); block < g->blocks; block = next_seen(g, block + 1)) {
     const float *const from = g->data + block * BLOCK_FLOATS;
     float sound[BLOCK_FLOATS];
@@ -211,10 +209,9 @@ typedef struct finish_job {
   float share; /* of a photograph in the step */
 } finish_job;
 
-static void finish_blocks(void *context, int64_t begin, int64_t end, int worker) {
+static void finish_blocks(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const finish_job *const job = context;
   pags_sky_fit *const f = job->fit;
-  (void)worker;
   for (int64_t own = begin; own < end; own++) {
     const float *const sum = pags_gradient_store_find(&f->sum, own, f->step);
     float mean[BLOCK_FLOATS];

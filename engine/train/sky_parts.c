@@ -19,9 +19,8 @@ void pags_sky_parts_destroy(pags_sky_parts *parts) {
 }
 
 /* Blocks come from several threads at once, each of them once. */
-static void keep(void *user, const pags_sky_gradient *g, int worker) {
+static void keep(void *user, const pags_sky_gradient *g, PAGS_UNUSED int worker) {
   pags_sky_parts *const parts = user;
-  (void)worker;
   for (int64_t b = 0; b < g->blocks; b++)
     if (g->seen[b]) {
       pags_sky_part *const to = parts->caught_blocks + atomic_fetch_add(&parts->count, 1);

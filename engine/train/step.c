@@ -65,12 +65,11 @@ static bool any(const uint8_t *flags, int count) {
 
 /* Receiver of the object opacity term's backward pass: keeps an object's gradients until those of the whole picture
  * arrive. A row whose gradient isn't finite gets none from this term, and is counted. */
-static void hold(void *user, const pags_cluster_gradient *g, int worker) {
+static void hold(void *user, const pags_cluster_gradient *g, PAGS_UNUSED int worker) {
   const pags_render_context *c = user;
   pags_view_render *p = &c->trainer->render;
   const int64_t model = p->drawn[c->first_part + g->part].model;
   const pags_train_model *m = &c->trainer->state.models[model];
-  (void)worker;
   if (!any(g->drawn, g->count))
     return;
   for (int i = 0; i < g->count; i++)
@@ -187,9 +186,8 @@ typedef struct prepare_job {
   int64_t labelled;      /* pixels of `labels` */
 } prepare_job;
 
-static void prepare_block(void *context, int64_t begin, int64_t end, int worker) {
+static void prepare_block(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const prepare_job *const job = context;
-  (void)worker;
   for (int k = 0; k < 2; k++)
     if (job->cleared[k])
       memset(job->cleared[k] + begin, 0, (size_t)(end - begin) * sizeof(float));
@@ -503,14 +501,13 @@ typedef struct finish_job {
 
 /* Block function: updates the clusters [begin, end) that one of the step's photographs shows by the mean of their
  * gradients. */
-static void finish_blocks(void *context, int64_t begin, int64_t end, int worker) {
+static void finish_blocks(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const finish_job *const job = context;
   pags_train_model *const m = &job->trainer->state.models[job->model];
   const pags_gradient_store *const sum = &job->trainer->render.models[job->model].sum;
   const int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, job->step));
   const int all = pags_gradient_planes(&m->gaussians, planes);
   const float share = 1.0f / (float)m->schedule.batch;
-  (void)worker;
   for (int64_t c = begin; c < end; c++) {
     float *const data = pags_gradient_store_find(sum, c, job->step);
     if (!data)

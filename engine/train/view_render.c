@@ -123,12 +123,11 @@ pags_frame_options pags_view_render_options(const pags_trainer *t, int64_t step)
   return o;
 }
 
-void pags_view_render_touch(void *user, int part, int64_t cluster, int worker) {
+void pags_view_render_touch(void *user, int part, int64_t cluster, PAGS_UNUSED int worker) {
   const pags_render_context *c = user;
   const pags_view_render *const p = &c->trainer->render;
   const int64_t model = p->drawn[c->first_part + part].model;
   pags_train_model *m = &c->trainer->state.models[model];
-  (void)worker;
   pags_adam_touch(&m->adam, &m->gaussians, cluster, c->step);
 
   /* The cluster's rows, padding included. */

@@ -11,8 +11,7 @@ static pags_result left_out(const char *path) {
 }
 
 pags_result pags_gltf_splats_save(const char *path, const pags_scene *scene, const pags_gaussians *g,
-                                  float converted_from) {
-  (void)converted_from;
+                                  PAGS_UNUSED float converted_from) {
   (void)scene, (void)g;
   return left_out(path);
 }

@@ -345,10 +345,9 @@ static bool is_ground(const pags_chunk *chunk) {
 }
 
 /* Decimates a chunk; one that would get too few triangles becomes empty and is left out in the end. */
-static pags_result decimate_chunk(void *context, int64_t i, int worker) {
+static pags_result decimate_chunk(void *context, int64_t i, PAGS_UNUSED int worker) {
   const decimation *d = context;
   pags_proxy_mesh *mesh = &d->background->chunks[i].mesh, simple = {0};
-  (void)worker;
   if (is_ground(&d->background->chunks[i]))
     return PAGS_OK;
   int64_t budget =

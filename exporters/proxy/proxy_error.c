@@ -84,9 +84,8 @@ static void take_sample(const comparison *c, const pags_depth_view *depth_view, 
   }
 }
 
-static void sample_views(void *context, int64_t begin, int64_t end, int worker) {
+static void sample_views(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   comparison *c = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     const pags_depth_view *depth_view = &c->depth_views->list[i];
     int w = depth_view->camera.width, h = depth_view->camera.height, nx = w < SIDE ? w : SIDE, ny = h < SIDE ? h : SIDE;
@@ -100,9 +99,8 @@ static void sample_views(void *context, int64_t begin, int64_t end, int worker) 
 
 /* ---- Distances ---- */
 
-static void measure_samples(void *context, int64_t begin, int64_t end, int worker) {
+static void measure_samples(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   comparison *c = context;
-  (void)worker;
   for (int64_t i = begin; i < end; i++) {
     sample *s = &c->samples[i];
     double p[3];

@@ -36,6 +36,9 @@
 #define PAGS_END_C
 #endif
 
+/* Before a parameter that the type of a function demands and its body doesn't need. */
+#define PAGS_UNUSED __attribute__((unused))
+
 PAGS_BEGIN_C
 
 #if defined(__GNUC__)
