@@ -74,7 +74,7 @@ def draw_grid(axes, cells, decimals):
 
 
 def draw(panels, across=2):
-    """The panels, `across` beside each other, as the text of an SVG file; None where matplotlib is missing. Lines of the
+    """The panels, `across` in a row, as the text of an SVG file; None where matplotlib is missing. Lines of the
     same name have the same style in all panels, and one legend names them."""
     plot = pyplot()
     if not plot:

@@ -61,6 +61,19 @@ static const uint8_t v_compress4[16][16] __attribute__((aligned(16))) = {
 };
 #endif
 
+/* NEON and scalar: define functions that compute each quarter of their result, with the ISA's V_DO, from that of x, or
+ * of x and y. */
+#if defined(PAGS_ISA_NEON) || defined(PAGS_ISA_SCALAR)
+#define V_UNARY(result, name, operand, expression) \
+  static inline result name(operand x) {           \
+    V_DO(result, expression);                      \
+  }
+#define V_BINARY(result, name, operand, expression) \
+  static inline result name(operand x, operand y) { \
+    V_DO(result, expression);                       \
+  }
+#endif
+
 #if defined(PAGS_ISA_AVX512)
 #include "vec_avx512.h"
 #elif defined(PAGS_ISA_AVX2)

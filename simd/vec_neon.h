@@ -18,16 +18,6 @@ typedef struct vm {
     out.r[k] = (expression);     \
   return out
 
-/* Define the functions of vec.h that compute each quarter of their result from that of x, or of x and y. */
-#define V_UNARY(result, name, operand, expression) \
-  static inline result name(operand x) {           \
-    V_DO(result, expression);                      \
-  }
-#define V_BINARY(result, name, operand, expression) \
-  static inline result name(operand x, operand y) { \
-    V_DO(result, expression);                       \
-  }
-
 static inline vf v_set(float x) {
   V_DO(vf, vdupq_n_f32(x));
 }

@@ -33,16 +33,6 @@ typedef struct vm {
   V_QUARTER(3, expression)       \
   return out
 
-/* Define the functions of vec.h that compute each quarter of their result from that of x, or of x and y. */
-#define V_UNARY(result, name, operand, expression) \
-  static inline result name(operand x) {           \
-    V_DO(result, expression);                      \
-  }
-#define V_BINARY(result, name, operand, expression) \
-  static inline result name(operand x, operand y) { \
-    V_DO(result, expression);                       \
-  }
-
 static inline v_f4 v_f4_load(const float *p) {
   return *(const v_f4_in_memory *)p;
 }
@@ -92,7 +82,7 @@ V_BINARY(vm, v_ge, vf, (v_u4)(x.q[k] >= y.q[k]))
 V_BINARY(vm, m_and, vm, x.q[k] & y.q[k])
 V_BINARY(vm, m_or, vm, x.q[k] | y.q[k])
 V_BINARY(vm, m_andnot, vm, x.q[k] & ~y.q[k])
-/* The bits that stand for the lanes of quarter k in a mask. */
+/* The bits of a mask that belong to the lanes of quarter k. */
 static inline v_u4 v_bits_of_quarter(int k) {
   const v_u4 bits = {1u << 4 * k, 2u << 4 * k, 4u << 4 * k, 8u << 4 * k};
   return bits;
