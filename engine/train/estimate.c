@@ -7,7 +7,6 @@
  * linearly until densify_until. The cost of a pass has a part
  * proportional to the number of Gaussians (cull, project, shade, sort, Adam) and a part that depends on the pixels,
  * which doubles as a scene fills up (measured between an early and a finished state). */
-#include "train/prune.h"
 #include "train/score_pass.h"
 #include "train/stages.h"
 #include "train/views.h"

@@ -168,8 +168,9 @@ const pags_train_field pags_fields[] = {
            "Weight of semantics in the pruning score; the rest is the gradient score."),
     CHOICE(
         priority, score, PAGS_SCORE_AUTO, PAGS_SCORE_PAPER, "auto|default|paper",
-        "Pruning score. default: (1 - alpha + alpha S_sem) S_grad, of a pass before each prune; paper: alpha S_sem + "
-        "(1 - alpha) S_grad, of the start and of training's own steps; auto: default, with preset paper paper."),
+        "Pruning score. default: (1 - alpha + alpha S_sem) S_grad, both measured before each prune. paper: alpha S_sem "
+        "+ (1 - alpha) S_grad; S_sem measured once at the start, S_grad summed over training steps. auto: paper "
+        "with preset paper, else default."),
     AUTO(priority, critical_weight, 1, 100, "times", "1 + 2.5 alpha; presets plain and paper 1",
          "Loss weight of pixels that show vehicles or people."),
     AUTO(priority, critical_growth, 1, 100, "times", "as critical_weight",
