@@ -107,7 +107,7 @@ class Tables:
         page = f"# {a.layout.title} on {os.path.basename(a.dataset)}, {a.iterations} steps\n\n"
         page += (
             "Held-out views. PSNR in dB; C: critical, NC: not critical pixels; means of the seeds (largest less smallest in brackets). MB: the "
-            "scene's files. Training: wall clock and processor time. Render, pairs: mean of a frame of the held-out views.\n\n"
+            "scene's files. Training: wall clock and processor time. Render: mean over the held-out views of the shortest of three drawings. Pairs: mean of a frame.\n\n"
         )
         networks = sorted({r["lpips_network"] for results in self.own.values() for r in results if r["lpips_network"]})
         if networks:
