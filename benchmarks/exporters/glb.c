@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <pags/camera.h>
+
 #include "base/file.h"
 
 const pags_json_value *pags_glb_member(const pags_json_value *object, const char *key) {
@@ -35,8 +37,13 @@ void pags_glb_close(pags_glb *file) {
   free(file->bytes);
 }
 
-static const pags_json_value *element(const pags_json_value *root, const char *list, int64_t index) {
-  const pags_json_value *at = pags_glb_member(root, list);
+const char *pags_glb_text(const pags_json_value *object, const char *key) {
+  const pags_json_value *value = pags_glb_member(object, key);
+  return value && value->type == PAGS_JSON_STRING ? value->text : NULL;
+}
+
+const pags_json_value *pags_glb_element(const pags_glb *file, const char *list, int64_t index) {
+  const pags_json_value *at = pags_glb_member(file->root, list);
   at = at ? at->first : NULL;
   while (at && index-- > 0)
     at = at->next;
@@ -48,12 +55,30 @@ int64_t pags_glb_integer(const pags_json_value *object, const char *key, int64_t
   return value && value->type == PAGS_JSON_NUMBER ? (int64_t)value->number : fallback;
 }
 
+static void numbers(const pags_json_value *object, const char *key, double *values, int count) {
+  const pags_json_value *at = pags_glb_member(object, key);
+  at = at ? at->first : NULL;
+  for (int i = 0; at && i < count; at = at->next)
+    values[i++] = at->number;
+}
+
+void pags_glb_pose(const pags_json_value *node, double pose[12]) {
+  double place[3] = {0}, turn[4] = {0, 0, 0, 1}, scale[3] = {1, 1, 1}, r[9];
+  numbers(node, "translation", place, 3);
+  numbers(node, "rotation", turn, 4);
+  numbers(node, "scale", scale, 3);
+  pags_rotation_from_quaternion((const double[4]){turn[3], turn[0], turn[1], turn[2]}, r);
+  for (int i = 0; i < 9; i++)
+    r[i] *= scale[i % 3];
+  pags_pose_make(r, place, pose);
+}
+
 /* Finds the values of an accessor in the buffer; NULL if they exceed it. `item_bytes` 0: the values are indices of 2
  * or 4 bytes, by the component type. */
 static const uint8_t *values_of(const pags_glb *file, int64_t accessor, int64_t item_bytes, int64_t *count,
                                 int64_t *component) {
-  const pags_json_value *a = element(file->root, "accessors", accessor);
-  const pags_json_value *view = element(file->root, "bufferViews", pags_glb_integer(a, "bufferView", -1));
+  const pags_json_value *a = pags_glb_element(file, "accessors", accessor);
+  const pags_json_value *view = pags_glb_element(file, "bufferViews", pags_glb_integer(a, "bufferView", -1));
   *count = pags_glb_integer(a, "count", 0);
   *component = pags_glb_integer(a, "componentType", 0);
   int64_t at = pags_glb_integer(view, "byteOffset", 0) + pags_glb_integer(a, "byteOffset", 0);
@@ -63,7 +88,8 @@ static const uint8_t *values_of(const pags_glb *file, int64_t accessor, int64_t 
 
 pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_proxy_mesh *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
-  const pags_json_value *primitive = element(element(file->root, "meshes", mesh), "primitives", 0);
+  const pags_json_value *primitive = pags_glb_member(pags_glb_element(file, "meshes", mesh), "primitives");
+  primitive = primitive ? primitive->first : NULL;
   int64_t vertices = 0, indices = 0, component = 0;
   const uint8_t *positions = values_of(file, pags_glb_integer(pags_glb_member(primitive, "attributes"), "POSITION", -1),
                                        12, &vertices, &component);

@@ -11,6 +11,14 @@ pags_result pags_proxy_bench_time(pags_proxy_bench *self, double time) {
   return count > 0 ? pags_stage_commit(self->stage, first, count) : PAGS_OK;
 }
 
+double pags_bench_middle(const pags_proxy_bench *self) {
+  const int64_t middle = self->options.frames / 2;
+  for (int64_t i = 0; i < self->scene.view_count; i++)
+    if (self->scene.views[i].frame == middle)
+      return self->scene.views[i].camera.time;
+  return (double)middle / self->options.fps;
+}
+
 void pags_proxy_bench_put(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
   const double values[3] = {d->mean, d->p95, d->max};
   pags_json_put_numbers(w, key, values, 3);
