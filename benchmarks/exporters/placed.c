@@ -43,6 +43,7 @@ static pags_kind kind_of(const char *name) {
                {"wall", PAGS_KIND_BUILDING},
                {"vegetation", PAGS_KIND_TREE},
                {"tree", PAGS_KIND_TREE},
+               {"bush", PAGS_KIND_TREE},
                {"pole", PAGS_KIND_POLE},
                {"lamp", PAGS_KIND_POLE},
                {"sign", PAGS_KIND_SIGN},

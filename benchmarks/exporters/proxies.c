@@ -42,6 +42,13 @@ static pags_result open_mesh(const pags_proxy_bench *self, const pags_json_value
   return pags_mesh_query_of_mesh(mesh, query);
 }
 
+/* The id of the object that a node has the whole proxy of; NULL for other nodes, and for convex parts. */
+static const char *whole_object(const pags_json_value *node) {
+  const pags_json_value *extras = pags_glb_member(node, "extras");
+  const char *level = pags_glb_text(extras, "level");
+  return pags_glb_member(node, "mesh") && !(level && !strcmp(level, "convex")) ? pags_glb_text(extras, "track") : NULL;
+}
+
 /* ---- The ground ---- */
 
 /* Finds the true height of the road or ground at x, y (world); returns false if something else is there: furniture, a
@@ -162,10 +169,8 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
     double *distances = NULL;
     int64_t count = 0, objects = 0;
     for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
-      const pags_json_value *track = pags_glb_member(pags_glb_member(node, "extras"), "track");
-      const pags_scene_object *object = track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh")
-                                            ? pags_scene_find_object(&self->scene, track->text)
-                                            : NULL;
+      const char *track = whole_object(node);
+      const pags_scene_object *object = track ? pags_scene_find_object(&self->scene, track) : NULL;
       const pags_lidar_fit *cloud = object ? &lidar->objects[object - self->scene.objects] : NULL;
       if (!object || object->record.moving != moving || !cloud->count)
         continue;
@@ -219,9 +224,9 @@ static pags_result run(pags_proxy_bench *self) {
   PAGS_TRY(pags_proxy_bench_time(self, 0));
   pags_json_begin_array(&self->json, "objects");
   for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
-    const pags_json_value *track = pags_glb_member(pags_glb_member(node, "extras"), "track");
-    if (has_truth && track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh"))
-      PAGS_TRY(pags_proxy_bench_vehicle(self, node, track->text));
+    const char *track = whole_object(node);
+    if (has_truth && track)
+      PAGS_TRY(pags_proxy_bench_vehicle(self, node, track));
   }
   pags_json_end_array(&self->json);
   PAGS_TRY(pags_placed_open(&self->file, &self->scene, &self->placed));
