@@ -511,7 +511,7 @@ class Run:
         total = 0
         for folder in [self.scene, os.path.join(self.scene, "objects")]:
             for name in os.listdir(folder) if os.path.isdir(folder) else []:
-                if name == "scene.json" or name.endswith((".ply", ".npy")):
+                if name == "scene.json" or name.endswith((".ply", ".npy", ".npz")):
                     total += os.path.getsize(os.path.join(folder, name))
         return total
 

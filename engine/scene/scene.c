@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loads and saves scenes (pags/scene.h): a scene folder with scene.json, a PLY per model and sky.npy, a bare splat
+/* Loads and saves scenes (pags/scene.h): a scene folder with scene.json, a PLY per model and sky.npz, a bare splat
  * file, which is read as a scene of one model, or a folder of another program with one (other_formats.h). */
 #include <assert.h>
 #include <stdio.h>

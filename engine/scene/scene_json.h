@@ -13,7 +13,7 @@
 
 #include "base/json.h"
 
-#define PAGS_SKY_FILE "sky.npy"
+#define PAGS_SKY_FILE "sky.npz"
 
 /* The entries of scene.json about the other files of the folder, to find and check them. */
 typedef struct pags_scene_files {

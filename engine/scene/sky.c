@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The cube map of the sky (pags/sky.h): allocation, reading and writing of sky.npy (NumPy's format, NEP 1, float16),
- * and the bilinear lookup of the colour in a direction. */
+/* The cube map of the sky (pags/sky.h): allocation, reading and writing of sky.npz (NumPy's format, NEP 1, float16, in
+ * a zip archive), and the bilinear lookup of the colour in a direction. */
 #include <pags/sky.h>
 
 #include <assert.h>
@@ -13,10 +13,11 @@
 #include "base/file.h"
 #include "base/half.h"
 #include "base/memory.h"
+#include "base/zip.h"
 
-enum { FACES = 6, CHANNELS = 3, MAX_SIZE = 4096, PREFIX = 10, HEADER = 128, MAX_HEADER = 4096, BLOCK = 4096 };
+enum { FACES = 6, CHANNELS = 3, MAX_SIZE = 4096, PREFIX = 10, HEADER = 128, MAX_HEADER = 4096 };
 
-static const char magic[] = "\x93NUMPY";
+static const char magic[] = "\x93NUMPY", member[] = "sky.npy";
 
 static size_t value_count(int size) {
   return (size_t)FACES * CHANNELS * (size_t)size * (size_t)size;
@@ -98,54 +99,84 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, p
   return PAGS_OK;
 }
 
+/* Decodes the array of an npz file. */
+static pags_result decode_archive(const char *path, const uint8_t *bytes, size_t size, pags_sky *sky) {
+  PAGS_AUTO(pags_zip_close) pags_zip zip = {0};
+  PAGS_AUTOFREE uint8_t *array = NULL;
+  PAGS_TRY(pags_zip_open(bytes, size, path, &zip));
+  const pags_zip_member *const found = pags_zip_find(&zip, member);
+  if (!found)
+    return pags_fail_at(path, "expected an npz archive with a member '%s'", member);
+  PAGS_TRY(pags_zip_read(&zip, found, &array));
+  return decode(path, array, found->size, sky);
+}
+
 pags_result pags_sky_load(const char *path, pags_sky *sky) {
   PAGS_AUTOFREE uint8_t *bytes = NULL;
   size_t size;
   *sky = (pags_sky){0};
   PAGS_TRY(pags_file_read(path, &bytes, &size));
-  const pags_result result = decode(path, bytes, size, sky);
+  const pags_result result =
+      pags_zip_is(bytes, size) ? decode_archive(path, bytes, size, sky) : decode(path, bytes, size, sky);
   if (result != PAGS_OK)
     pags_sky_destroy(sky);
   return result;
 }
 
-uint64_t pags_sky_file_size(const pags_sky *sky) {
-  return HEADER + 2 * (uint64_t)value_count(sky->size);
-}
-
-pags_result pags_sky_save(const char *path, const pags_sky *sky) {
-  assert(sky->size > 0 && sky->texels);
-  pags_file_writer writer;
-  PAGS_TRY(pags_file_writer_begin(&writer, path));
+/* Makes the contents of an npy file: *out, of *size bytes, is freed by the caller. */
+static pags_result encode(const char *path, const pags_sky *sky, uint8_t **out, size_t *size) {
+  const size_t count = value_count(sky->size);
+  PAGS_AUTOFREE uint8_t *bytes = calloc(HEADER + 2 * count, 1);
+  PAGS_CHECK_MEMORY(bytes, "%s: a sky of %d texels a side", path, sky->size);
 
   /* The npy header (version 1) as NumPy writes it: padded with blanks so that the values begin at a multiple of 64
    * bytes, the last character a line break. */
-  char text[96];
+  char text[96], line[HEADER - PREFIX + 1];
   snprintf(text, sizeof text, "{'descr': '<f2', 'fortran_order': False, 'shape': (6, %d, %d, 3), }", sky->size,
            sky->size);
-  uint8_t header[HEADER + 1] = {[6] = 1, [8] = HEADER - PREFIX};
-  memcpy(header, magic, 6);
-  snprintf((char *)header + PREFIX, sizeof header - PREFIX, "%-*s\n", HEADER - PREFIX - 1, text);
-  PAGS_TRY(pags_file_writer_put(&writer, header, HEADER));
+  snprintf(line, sizeof line, "%-*s\n", HEADER - PREFIX - 1, text);
+  memcpy(bytes, magic, 6);
+  bytes[6] = 1;
+  bytes[8] = HEADER - PREFIX;
+  memcpy(bytes + PREFIX, line, HEADER - PREFIX);
 
-  /* The texels as little-endian float16, in blocks; a value that float16 cannot hold is an error. */
-  uint8_t block[2 * BLOCK];
-  const size_t count = value_count(sky->size);
-  for (size_t first = 0; first < count; first += BLOCK) {
-    const size_t n = count - first < BLOCK ? count - first : BLOCK;
-    for (size_t i = 0; i < n; i++) {
-      const uint16_t half = pags_half_from_float(sky->texels[first + i]);
-      if ((half & 0x7C00) == 0x7C00) {
-        pags_file_writer_abort(&writer);
-        return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the sky's texel %zu is %g, which float16 can't hold", path,
-                         (first + i) / CHANNELS, (double)sky->texels[first + i]);
-      }
-      block[2 * i] = (uint8_t)half;
-      block[2 * i + 1] = (uint8_t)(half >> 8);
-    }
-    PAGS_TRY(pags_file_writer_put(&writer, block, 2 * n));
+  /* The texels as little-endian float16; a value that float16 cannot hold is an error. */
+  for (size_t i = 0; i < count; i++) {
+    const uint16_t half = pags_half_from_float(sky->texels[i]);
+    if ((half & 0x7C00) == 0x7C00)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the sky's texel %zu is %g, which float16 can't hold", path,
+                       i / CHANNELS, (double)sky->texels[i]);
+    bytes[HEADER + 2 * i] = (uint8_t)half;
+    bytes[HEADER + 2 * i + 1] = (uint8_t)(half >> 8);
   }
-  return pags_file_writer_commit(&writer);
+  *out = pags_take(&bytes);
+  *size = HEADER + 2 * count;
+  return PAGS_OK;
+}
+
+static pags_result pack(const char *path, const pags_sky *sky, uint8_t **out, size_t *size) {
+  PAGS_AUTOFREE uint8_t *array = NULL;
+  size_t length;
+  *out = NULL;
+  PAGS_TRY(encode(path, sky, &array, &length));
+  return pags_zip_pack(member, array, length, out, size);
+}
+
+pags_result pags_sky_file_size(const pags_sky *sky, uint64_t *bytes) {
+  PAGS_AUTOFREE uint8_t *packed = NULL;
+  size_t size = 0;
+  PAGS_TRY(sky->size > 0 ? pack("sky", sky, &packed, &size) : PAGS_OK);
+  *bytes = size;
+  return PAGS_OK;
+}
+
+pags_result pags_sky_save(const char *path, const pags_sky *sky) {
+  PAGS_AUTOFREE uint8_t *bytes = NULL;
+  size_t size;
+  assert(sky->size > 0 && sky->texels);
+  const bool plain = !strcmp(pags_path_extension(path), ".npy");
+  PAGS_TRY(plain ? encode(path, sky, &bytes, &size) : pack(path, sky, &bytes, &size));
+  return pags_file_write(path, bytes, size);
 }
 
 /* Returns the face (0..5) of the cube that direction r meets, and the texture coordinates (0..1) of that point. */

@@ -89,11 +89,12 @@ static pags_result begin_correction(pags_json_writer *w, pags_train_decision par
 
 /* The sky: that of driving sets by the share of the photographs' pixels that it has. Others have none; what it would
  * show is drawn by Gaussians, or shows the background: `uncovered`, of the photographs of a holdout test. */
-static void put_sky(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
+static pags_result put_sky(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s) {
   const bool driving = pags_dataset_fps(dataset) > 0.0, modelled = s->sky.sky.size > 0;
   const bool cut_out =
       pags_dataset_alpha_count(dataset) > 0 && pags_dataset_image_alpha(dataset) == PAGS_ALPHA_COMPOSITE;
-  const pags_sky sky = {.size = modelled ? s->sky.sky.size : driving ? pags_sky_fit_size(dataset) : 0};
+  uint64_t bytes;
+  PAGS_TRY(pags_sky_file_size(&s->sky.sky, &bytes));
   begin(w, "sky", modelled,
         !driving                      ? cut_out ? "photographs are transparent there and show the background colour"
                                                 : "captures have no sky labels; Gaussians show what is far"
@@ -101,14 +102,15 @@ static void put_sky(pags_json_writer *w, const pags_dataset *dataset, const pags
         : s->sky.fixed                ? "it is that of the whole recording"
         : modelled                    ? "training photographs show it"
                                       : "less than a thousandth of the training pixels shows it",
-        sky.size > 0 ? (int64_t)pags_sky_file_size(&sky) : 0);
+        (int64_t)bytes);
   if (modelled)
-    pags_json_put_integer(w, "texels", sky.size);
+    pags_json_put_integer(w, "texels", s->sky.sky.size);
   if (driving)
     pags_json_put_number(w, "share_of_pixels", s->sky_share);
   else if (s->costs.uncovered > 0.0)
     pags_json_put_number(w, "share_of_background", s->costs.uncovered);
   pags_json_end_object(w);
+  return PAGS_OK;
 }
 
 static pags_result put_exposure(pags_json_writer *w, const pags_dataset *dataset, const pags_train_state *s,
@@ -210,7 +212,7 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
                                     char **text) {
   PAGS_AUTO(pags_json_writer_destroy) pags_json_writer w = {0};
   pags_json_begin_object(&w, NULL);
-  put_sky(&w, dataset, s);
+  PAGS_TRY(put_sky(&w, dataset, s));
   PAGS_TRY(put_exposure(&w, dataset, s, scene));
   put_sh(&w, s, scene);
   PAGS_TRY(put_cameras(&w, dataset, s, scene));

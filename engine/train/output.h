@@ -63,7 +63,7 @@ const pags_scene *pags_described_scene(const pags_described *described);
 void pags_described_destroy(pags_described *described); /* NULL is allowed */
 PAGS_DEFINE_AUTO(pags_described, pags_described_destroy)
 /* Computes the number of bytes that pags_output_scene would write now, for the limit on the scene's size; without the
- * PLYs and the data set's path in scene.json. */
+ * sky, the PLYs and the data set's path in scene.json. */
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes);
 
 /* Writes report.json; `command_line` may be NULL. */

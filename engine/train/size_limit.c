@@ -11,7 +11,9 @@ enum {
   KEYFRAME_BYTES = 6 * 24,   /* six numbers of a keyframe's increment, which are 0 at the start */
   VIEW_BYTES = 12 * 24,      /* a view's gains and offsets, which may be missing at the start */
   CORRECTION_BYTES = 8 * 24, /* a view's correction */
-  LIGHT_BYTES = 12 * 24      /* a view's vignette and response */
+  LIGHT_BYTES = 12 * 24,     /* a view's vignette and response */
+  SKY_TEXEL = 3 * 2,         /* a texel of the sky, undeflated */
+  SQUARE = 16                /* texels a side in which the sky counts as seen or not */
 };
 static const int64_t least_background = 16;
 
@@ -34,11 +36,60 @@ static int64_t to_come(const pags_dataset *dataset, const pags_train_state *s) {
   return bytes;
 }
 
+/* Whether all texels of a square of a face have one colour, as those that no photograph has shown yet. */
+static bool is_even(const float *face, int size, int row, int column) {
+  const float *const first = face + 3 * ((int64_t)row * size + column);
+  for (int y = row; y < row + SQUARE && y < size; y++)
+    for (int x = column; x < column + SQUARE && x < size; x++)
+      if (memcmp(face + 3 * ((int64_t)y * size + x), first, 3 * sizeof *first) != 0)
+        return false;
+  return true;
+}
+
+/* Counts the texels of a face in squares that aren't even, and in those around them, which corrected cameras may come
+ * to see. */
+static int64_t uneven_texels(const float *face, int size, uint8_t *uneven) {
+  const int across = (size + SQUARE - 1) / SQUARE, pitch = across + 2;
+  int64_t squares = 0;
+  memset(uneven, 0, (size_t)pitch * (size_t)pitch);
+  for (int i = 0; i < across; i++)
+    for (int k = 0; k < across; k++)
+      if (!is_even(face, size, i * SQUARE, k * SQUARE))
+        for (int beside = 0; beside < 9; beside++)
+          uneven[(i + beside / 3) * pitch + k + beside % 3] = 1;
+  for (int i = 1; i <= across; i++)
+    for (int k = 1; k <= across; k++)
+      squares += uneven[i * pitch + k];
+  return squares * SQUARE * SQUARE;
+}
+
+/* Returns the most bytes that the sky's file may have in the end: until each view has been seen, those of all texels
+ * undeflated, then those of the texels that are seen. */
+static pags_result most_sky_bytes(const pags_train_state *s, int64_t *bytes) {
+  const pags_sky *const sky = &s->sky.sky;
+  const int64_t texels = (int64_t)sky->size * sky->size, all = 6 * texels * SKY_TEXEL;
+  const size_t pitch = (size_t)(sky->size / SQUARE + 3);
+  *bytes = sky->size > 0 ? all + HEADER_BYTES : 0;
+  if (sky->size == 0 || s->step * s->schedule.batch < s->schedule.views)
+    return PAGS_OK;
+  PAGS_AUTOFREE uint8_t *uneven = malloc(pitch * pitch);
+  int64_t seen = 0;
+  PAGS_CHECK_MEMORY(uneven, "a sky of %d texels a side", sky->size);
+  for (int face = 0; face < 6; face++)
+    seen += uneven_texels(sky->texels + 3 * texels * face, sky->size, uneven);
+  const int64_t packed =
+      seen * SKY_TEXEL * 21 / 20 + all / 200 + HEADER_BYTES; /* deflate packs even texels 1000 to 1 */
+  *bytes = packed < *bytes ? packed : *bytes;
+  return PAGS_OK;
+}
+
 pags_result pags_size_limit_rows(const pags_dataset *dataset, const pags_train_state *s, int64_t *bytes) {
   uint64_t rest = 0;
+  int64_t sky;
   PAGS_TRY(pags_output_bytes(dataset, s, &rest));
-  *bytes = (int64_t)(s->schedule.config.size_limit.target_size * 1e6) - (int64_t)rest - HEADER_BYTES * s->model_count -
-           to_come(dataset, s);
+  PAGS_TRY(most_sky_bytes(s, &sky));
+  *bytes = (int64_t)(s->schedule.config.size_limit.target_size * 1e6) - (int64_t)rest - sky -
+           HEADER_BYTES * s->model_count - to_come(dataset, s);
   return PAGS_OK;
 }
 

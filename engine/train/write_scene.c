@@ -207,7 +207,5 @@ pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_stat
       NULL; /* paths must not decide how many Gaussians a run has */
   for (int64_t i = 0; i < d->scene.model_count; i++)
     d->scene.models[i].gaussians.count = state->models[i].total; /* of which only the digits count here */
-  PAGS_TRY(pags_scene_json_size(&d->scene, bytes));
-  *bytes += d->scene.sky.size > 0 ? pags_sky_file_size(&d->scene.sky) : 0;
-  return PAGS_OK;
+  return pags_scene_json_size(&d->scene, bytes);
 }

@@ -14,6 +14,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
+#include "base/zip.h"
 #include "exporters/format/bake.h"
 #include "exporters/format/palette.h"
 #include "maths/maths.h"

@@ -16,7 +16,7 @@
 
 #include "base/memory.h"
 #include "base/text.h"
-#include "exporters/format/splat_save.h"
+#include "base/zip.h"
 
 enum { INDENT = 4, PIECE = 1 << 16, USDZ_ALIGNMENT = 64 };
 

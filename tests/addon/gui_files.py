@@ -47,7 +47,7 @@ def choose(folder, name, count):
         return len(found) >= len(READ)
 
     yield from until(listed)
-    assert found == sorted(READ), found  # sky.npy and the folder `objects` aren't shown
+    assert found == sorted(READ), found  # sky.npz and the folder `objects` aren't shown
     with bpy.context.temp_override(window=window, area=area, region=region):
         bpy.ops.file.select_all(action="DESELECT")
     yield from double_click(window, area, region, name)

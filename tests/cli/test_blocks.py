@@ -417,9 +417,9 @@ class Street(Case):
         self.assertGreater(beyond, 0)
 
     def test_one_sky_and_one_exposure(self):
-        sky = read(os.path.join(self.blocks, "whole", "sky.npy"))
+        sky = read(os.path.join(self.blocks, "whole", "sky.npz"))
         for folder in [self.block(0, "scene"), self.block(1, "scene"), self.block(2, "scene"), self.scene]:
-            self.assertEqual(read(os.path.join(folder, "sky.npy")), sky)
+            self.assertEqual(read(os.path.join(folder, "sky.npz")), sky)
         whole = {v["name"]: v for v in load(self.blocks, "whole", "scene.json")["cameras"]}
         means = []
         for b in range(3):
@@ -456,7 +456,7 @@ class Street(Case):
         progress.send_signal(signal.SIGKILL)
         progress.wait()
         self.succeeds("train", self.block(1), "-o", again, *self.small, "--resume")
-        for name in ["scene.json", "background.ply", "sky.npy"]:
+        for name in ["scene.json", "background.ply", "sky.npz"]:
             self.assertEqual(read(os.path.join(again, name)), read(self.block(1, "scene", name)), name)
 
     def test_batches(self):
@@ -465,11 +465,11 @@ class Street(Case):
             self.succeeds(
                 "train", self.block(1), "-o", self.path(f"s{threads}"), *self.small, "--batch", "4", "-j", threads
             )
-        for name in ["scene.json", "background.ply", "sky.npy"]:
+        for name in ["scene.json", "background.ply", "sky.npz"]:
             self.assertEqual(read(self.path("s1", name)), read(self.path("s3", name)), name)
         self.assertNotEqual(read(self.path("s1", "background.ply")), read(self.block(1, "scene", "background.ply")))
         # A block keeps the sky of the whole drive.
-        self.assertEqual(read(self.path("s1", "sky.npy")), read(self.block(1, "scene", "sky.npy")))
+        self.assertEqual(read(self.path("s1", "sky.npz")), read(self.block(1, "scene", "sky.npz")))
 
     def test_options_that_only_split_takes(self):
         train = ["train", self.block(0), "-o", self.path("x")]

@@ -122,7 +122,7 @@ static void assert_same_run(const char *a, const char *b) {
   assert_same_file(a, b, "log.jsonl");
   assert_same_file(a, b, "scene.json");
   assert_same_file(a, b, "background.ply");
-  assert_same_file(a, b, "sky.npy");
+  assert_same_file(a, b, "sky.npz");
   assert_same_file(a, b, "checkpoint.pags");
   assert_same_file(a, b, "preview_0000025.png");
   pags_scene scene;

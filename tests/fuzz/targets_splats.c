@@ -198,7 +198,7 @@ static void seed_splat(void) {
 
 static const fuzz_target splat = {.name = "splat", .seeds = seed_splat, .run = run_splat};
 
-/* ---- sky.npy ---- */
+/* ---- sky.npz, sky.npy ---- */
 
 static int run_sky(const uint8_t *data, size_t size) {
   pags_sky sky;
@@ -219,8 +219,11 @@ static void seed_sky(void) {
   FUZZ_CHECK(pags_sky_create(&sky, 3) == PAGS_OK);
   for (int i = 0; i < 18 * 9; i++)
     sky.texels[i] = (float)i / 100.0f;
-  const char *const path = fuzz_file("seed.npy", "", 0);
-  fuzz_seed_saved(pags_sky_save(path, &sky), path);
+  static const char *const names[] = {"seed.npy", "seed.npz"};
+  for (int i = 0; i < 2; i++) {
+    const char *const path = fuzz_file(names[i], "", 0);
+    fuzz_seed_saved(pags_sky_save(path, &sky), path);
+  }
   pags_sky_destroy(&sky);
 }
 

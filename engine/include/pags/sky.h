@@ -29,17 +29,19 @@ PAGS_API pags_result pags_sky_create(pags_sky *sky, int size);
 /* Frees the texels and zeroes the struct. A zeroed struct is allowed. */
 PAGS_API void pags_sky_destroy(pags_sky *sky);
 
-/* Reads a sky.npy, a NumPy array of little-endian float16 [6][size][size][3] in C order. PAGS_ERROR_IO,
- * PAGS_ERROR_FORMAT (wrong shape, cut off, values that are not finite), PAGS_ERROR_UNSUPPORTED (another sample
- * type or order) or PAGS_ERROR_MEMORY; then `sky` is zeroed. */
+/* Reads a NumPy array of little-endian float16 [6][size][size][3] in C order from a .npy file, or from member sky.npy
+ * of a .npz archive. PAGS_ERROR_IO, PAGS_ERROR_FORMAT (wrong shape, cut off, values that are not finite),
+ * PAGS_ERROR_UNSUPPORTED (another sample type or order) or PAGS_ERROR_MEMORY; then `sky` is zeroed. */
 PAGS_API pags_result pags_sky_load(const char *path, pags_sky *sky);
 
-/* Returns the size in bytes of the file that pags_sky_save writes for this sky. */
-PAGS_API uint64_t pags_sky_file_size(const pags_sky *sky);
-
-/* Writes a sky of size > 0 as sky.npy. PAGS_ERROR_ARGUMENT for a texel that float16 can't hold (not finite or
- * beyond 65504); PAGS_ERROR_IO. */
+/* Writes a sky of size > 0: as .npy if the path ends so, else as .npz, deflated, so that texels that no photograph
+ * shows take no space. PAGS_ERROR_ARGUMENT for a texel that float16 can't hold (not finite or beyond 65504);
+ * PAGS_ERROR_IO or _MEMORY. */
 PAGS_API pags_result pags_sky_save(const char *path, const pags_sky *sky);
+
+/* *bytes: the size of the .npz that pags_sky_save writes for this sky; 0 if its size is 0. Takes as long as saving it.
+ * PAGS_ERROR_ARGUMENT, _MEMORY as pags_sky_save. */
+PAGS_API pags_result pags_sky_file_size(const pags_sky *sky, uint64_t *bytes);
 
 /* Computes the colour of the sky (size > 0) in `direction` (world, any length > 0), display-referred sRGB. */
 PAGS_API void pags_sky_sample(const pags_sky *sky, const double direction[3], float rgb[3]);

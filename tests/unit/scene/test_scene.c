@@ -179,7 +179,7 @@ static void a_driving_scene_round_trips(void **state) {
   assert_non_null(back.models[1].gaussians.fourier);
   assert_int_equal(pags_scene_save(scratch("d2"), &back), PAGS_OK);
   assert_same_file(scratch("d/scene.json"), scratch("d2/scene.json"));
-  assert_same_file(scratch("d/sky.npy"), scratch("d2/sky.npy"));
+  assert_same_file(scratch("d/sky.npz"), scratch("d2/sky.npz"));
   assert_same_file(scratch("d/objects/car 1.ply"), scratch("d2/objects/car 1.ply"));
   pags_scene_destroy(&scene);
   pags_scene_destroy(&back);
@@ -260,7 +260,7 @@ static void bad_objects_are_explained(void **state) {
       {"\"world_from_object\": [0, -1,", "\"world_from_object\": [0, 1,",
        "expected a rotation and a translation for 'world_from_object'"},
       {"\"model\": \"car 1\"", "\"model\": \"car 2\"", "found \"car 2\""},
-      {"\"sky.npy\"", "\"../sky\"", "expected a file inside of the scene's folder for 'sky'"},
+      {"\"sky.npz\"", "\"../sky\"", "expected a file inside of the scene's folder for 'sky'"},
       {"\"fps\": 10", "\"fps\": -1", "for 'fps', found -1"},
       {"151.125", "-181", "for 'geographic_origin', found -33.25, -181"},
       {"\"sensor\": 2", "\"sensor\": x", "scene.json:"},
@@ -280,7 +280,7 @@ static void bad_objects_are_explained(void **state) {
 /* Random changes of bytes give an error or a scene, never a crash. */
 static void damaged_scenes_cause_no_crash(void **state) {
   (void)state;
-  static const char *const files[] = {"f/scene.json", "f/sky.npy", "f/objects/car 1.ply"};
+  static const char *const files[] = {"f/scene.json", "f/sky.npz", "f/objects/car 1.ply"};
   int refused = 0;
   for (int kind = 0; kind < 3; kind++) {
     pags_scene scene = driving_sample(), back;

@@ -1,13 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Tests the sky's cube map: half precision, the file sky.npy, faces and directions. */
+/* Tests the sky's cube map: half precision, its files, faces and directions. */
 #include <pags/sky.h>
 
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "base/half.h"
+#include "base/memory.h"
+#include "base/zip.h"
 #include "scratch_folder.h"
 
 #include <cmocka.h>
@@ -119,7 +123,8 @@ static void assert_refused(const char *text, size_t at, const char *to, pags_res
 
 static void bad_files_are_explained(void **state) {
   (void)state;
-  assert_refused(NULL, 0, "PK", PAGS_ERROR_FORMAT, "expected an npy array of version 1 to 3");
+  assert_refused(NULL, 0, "XX", PAGS_ERROR_FORMAT, "expected an npy array of version 1 to 3");
+  assert_refused(NULL, 0, "PK\3\4", PAGS_ERROR_FORMAT, "expected a zip archive, found no end record");
   assert_refused(NULL, 8, "\xff\xff", PAGS_ERROR_FORMAT, "the npy header is cut off");
   assert_refused("'descr'", 0, "'descx'", PAGS_ERROR_FORMAT, "expected 'descr'");
   assert_refused("<f2", 0, "<f4", PAGS_ERROR_UNSUPPORTED, "expected little-endian float16");
@@ -134,6 +139,48 @@ static void bad_files_are_explained(void **state) {
   sky.texels[4] = 1e6f;
   assert_int_equal(pags_sky_save(scratch("e.npy"), &sky), PAGS_ERROR_ARGUMENT);
   assert_false(pags_file_exists(scratch("e.npy")));
+  pags_sky_destroy(&sky);
+}
+
+/* An archive has the array that NumPy reads, and takes little space where texels have one colour. */
+static void an_archive_round_trips(void **state) {
+  (void)state;
+  PAGS_AUTO(pags_zip_close) pags_zip zip = {0};
+  pags_sky sky, back;
+  uint8_t *archive, *array, *plain;
+  size_t size, plain_size;
+  uint64_t said;
+  assert_int_equal(pags_sky_create(&sky, 64), PAGS_OK);
+  for (int i = 0; i < 3 * 640; i++) /* ten rows of the first face */
+    sky.texels[i] = (float)(i * i % 1021) / 1024;
+  assert_int_equal(pags_sky_save(scratch("a.npz"), &sky), PAGS_OK);
+  assert_int_equal(pags_sky_load(scratch("a.npz"), &back), PAGS_OK);
+  assert_int_equal(back.size, 64);
+  assert_memory_equal(back.texels, sky.texels, 18 * 64 * 64 * sizeof(float));
+
+  assert_int_equal(pags_file_read(scratch("a.npz"), &archive, &size), PAGS_OK);
+  assert_int_equal(pags_sky_file_size(&sky, &said), PAGS_OK);
+  assert_int_equal(said, size);
+  assert_true(size < 640 * 6 + 1500); /* the rest, 143 kB, is even */
+  assert_int_equal(pags_zip_open(archive, size, "a.npz", &zip), PAGS_OK);
+  assert_int_equal(zip.count, 1);
+  assert_int_equal(pags_zip_read(&zip, pags_zip_find(&zip, "sky.npy"), &array), PAGS_OK);
+  assert_int_equal(pags_sky_save(scratch("a.npy"), &sky), PAGS_OK);
+  assert_int_equal(pags_file_read(scratch("a.npy"), &plain, &plain_size), PAGS_OK);
+  assert_int_equal(zip.members[0].size, plain_size);
+  assert_memory_equal(array, plain, plain_size);
+
+  archive[size / 2] ^= 1;
+  assert_int_equal(pags_sky_load(scratch_file("b.npz", archive, size), &back), PAGS_ERROR_FORMAT);
+  assert_null(back.texels);
+  assert_non_null(strstr(pags_error_message(), "b.npz"));
+  archive[size / 2] ^= 1;
+  archive[30] = archive[size - 22 - 7] = 'S'; /* the member's name, in both records */
+  assert_int_equal(pags_sky_load(scratch_file("c.npz", archive, size), &back), PAGS_ERROR_FORMAT);
+  assert_non_null(strstr(pags_error_message(), "expected an npz archive with a member 'sky.npy'"));
+  free(archive);
+  free(array);
+  free(plain);
   pags_sky_destroy(&sky);
 }
 
@@ -168,6 +215,7 @@ int main(void) {
       cmocka_unit_test(every_half_round_trips),  cmocka_unit_test(halves_are_the_nearest_with_ties_to_even),
       cmocka_unit_test(a_sky_round_trips),       cmocka_unit_test(a_loaded_sky_stores_its_lowest_value),
       cmocka_unit_test(bad_files_are_explained), cmocka_unit_test(directions_meet_their_texels),
+      cmocka_unit_test(an_archive_round_trips),
   };
   return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -49,7 +49,7 @@ static void test_same_bytes(void **state) {
   char *one = make("one", &options, 1, NULL), *two = make("two", &options, 2, NULL);
   same_file(one, two, "background.ply");
   same_file(one, two, "scene.json");
-  same_file(one, two, "sky.npy");
+  same_file(one, two, "sky.npz");
   free(one);
   free(two);
 }

@@ -60,7 +60,7 @@ static void assert_same_in(const char *a, const char *b, const char *file) {
 static void assert_same_run(const char *a, const char *b) {
   assert_same_in(a, b, "scene.json");
   assert_same_in(a, b, "background.ply");
-  assert_same_in(a, b, "sky.npy");
+  assert_same_in(a, b, "sky.npz");
   assert_same_in(a, b, "log.jsonl");
   pags_scene scene;
   assert_int_equal(pags_scene_load(scratch(a), &scene), PAGS_OK);
@@ -113,8 +113,38 @@ static void threads_and_interruptions_change_no_bit(void **unused) {
   assert_int_equal(result.resumed, 1);
   assert_same_in("one", "resumed", "background.ply");
   assert_same_in("one", "resumed", "log.jsonl");
-  assert_same_in("one", "resumed", "sky.npy");
+  assert_same_in("one", "resumed", "sky.npz");
   pags_tasks_destroy(one);
+}
+
+/* A limit on the size holds with the sky's file, whose size is known only in the end. */
+static void the_size_limit_includes_the_sky(void **unused) {
+  (void)unused;
+  for (int prunes = 0; prunes <= 2; prunes += 2) {
+    pags_train_config config = quick();
+    config.priority.prunes = prunes;
+    config.size_limit.target_size = 1.25;
+    char name[16];
+    snprintf(name, sizeof name, "limited%d", prunes);
+    train(&config, name, tasks, 1000, 0);
+    pags_scene scene;
+    double bytes = 0;
+    assert_int_equal(pags_scene_load(scratch(name), &scene), PAGS_OK);
+    for (int64_t i = -2; i < scene.model_count; i++) {
+      char path[1024];
+      uint64_t size = 0;
+      snprintf(path, sizeof path, "%s/%s", scratch(name),
+               i == -2   ? "scene.json"
+               : i == -1 ? "sky.npz"
+                         : scene.models[i].file);
+      assert_int_equal(pags_file_size(path, &size), PAGS_OK);
+      bytes += (double)size;
+    }
+    print_message("%.0f bytes\n", bytes);
+    assert_true(bytes <= 1.25e6);
+    assert_true(bytes > 0.8e6);
+    pags_scene_destroy(&scene);
+  }
 }
 
 static double mean_s_sem(const pags_gaussians *g) {
@@ -418,6 +448,7 @@ int main(void) {
       cmocka_unit_test(parts_can_be_left_out),
       cmocka_unit_test(the_count_limit_holds_for_all_models),
       cmocka_unit_test(the_memory_limit_includes_the_sky),
+      cmocka_unit_test(the_size_limit_includes_the_sky),
       cmocka_unit_test(half_size_gives_the_same_scores),
       cmocka_unit_test(colour_over_time_gains_match_at_half_size),
   };

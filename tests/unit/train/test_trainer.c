@@ -565,11 +565,11 @@ static void overwriting_removes_what_the_scene_names(void **unused) {
   config.schedule.iterations = 5;
   save_old_scene(in_root("old"));
   assert_int_equal(pags_file_write(in_root("old/objects/mine.ply"), "ply", 3), PAGS_OK);
-  assert_int_equal(pags_file_write(in_root("old/sky.npy"), "not the scene's", 15), PAGS_OK);
+  assert_int_equal(pags_file_write(in_root("old/sky.npz"), "not the scene's", 15), PAGS_OK);
   assert_int_equal(run(&config, in_root("old"), 1, options, &result), PAGS_OK);
   assert_false(pags_file_exists(in_root("old/objects/car.ply")));
   assert_false(pags_file_exists(in_root("old/tree.ply")));
-  assert_true(pags_file_exists(in_root("old/objects/mine.ply")) && pags_file_exists(in_root("old/sky.npy")));
+  assert_true(pags_file_exists(in_root("old/objects/mine.ply")) && pags_file_exists(in_root("old/sky.npz")));
   assert_true(pags_file_exists(in_root("old/background.ply")));
   save_old_scene(in_root("older"));
   assert_int_equal(run(&config, in_root("older"), 1, options, &result), PAGS_OK);

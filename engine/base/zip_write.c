@@ -1,10 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes the records of zip archives. The time is always the first that zip knows, so that the same contents are the
- * same bytes. */
+/* Writes zip archives: their records, deflate by zlib. */
+#include "base/zip.h"
+
+#include <stdlib.h>
 #include <string.h>
+#include <zlib.h>
 
 #include "base/bytes.h"
-#include "exporters/format/splat_save.h"
+#include "base/memory.h"
+
+/* Level 1 takes less than half of the time of level 6, for 4 % more bytes of a sky. */
+enum { DEFLATED = 8, LEVEL = 1 };
 
 static void store16(uint8_t *p, unsigned value) {
   p[0] = (uint8_t)value;
@@ -15,9 +21,10 @@ static void store16(uint8_t *p, unsigned value) {
 static void put_shared(uint8_t *p, const pags_zip_item *item) {
   memset(p, 0, 26);
   store16(p, 20);
+  store16(p + 4, item->packed ? DEFLATED : 0);
   store16(p + 8, 0x21); /* 1980-01-01 */
   pags_store_u32(p + 10, item->crc);
-  pags_store_u32(p + 14, item->size);
+  pags_store_u32(p + 14, item->packed ? item->packed : item->size);
   pags_store_u32(p + 18, item->size);
   store16(p + 22, (unsigned)strlen(item->name));
 }
@@ -56,4 +63,27 @@ size_t pags_zip_put_end(uint8_t *out, int count, size_t directory_offset, size_t
   pags_store_u32(out + 12, (uint32_t)directory_size);
   pags_store_u32(out + 16, (uint32_t)directory_offset);
   return PAGS_ZIP_END;
+}
+
+pags_result pags_zip_pack(const char *name, const uint8_t *bytes, size_t size, uint8_t **out, size_t *out_size) {
+  const size_t begin = PAGS_ZIP_LOCAL + strlen(name), end = PAGS_ZIP_CENTRAL + strlen(name) + PAGS_ZIP_END;
+  pags_zip_item item = {.name = name, .crc = (uint32_t)crc32(0, bytes, (uInt)size), .size = (uint32_t)size};
+  z_stream z = {0};
+  *out = NULL;
+  if (deflateInit2(&z, LEVEL, Z_DEFLATED, -MAX_WBITS, 8, Z_DEFAULT_STRATEGY) != Z_OK)
+    return pags_out_of_memory("'%s', %zu bytes", name, size);
+  const size_t most = deflateBound(&z, (uLong)size);
+  PAGS_AUTOFREE uint8_t *archive = malloc(begin + most + end);
+  z.next_in = (z_const Bytef *)(uintptr_t)bytes, z.avail_in = (uInt)size;
+  z.next_out = archive ? archive + begin : NULL, z.avail_out = (uInt)most;
+  const bool whole = archive && deflate(&z, Z_FINISH) == Z_STREAM_END;
+  deflateEnd(&z);
+  PAGS_CHECK_MEMORY(whole, "'%s', %zu bytes", name, size);
+  item.packed = (uint32_t)z.total_out;
+  pags_zip_put_local(archive, &item);
+  uint8_t *const directory = archive + begin + item.packed;
+  const size_t length = pags_zip_put_central(directory, &item);
+  *out_size = begin + item.packed + length + pags_zip_put_end(directory + length, 1, begin + item.packed, length);
+  *out = pags_take(&archive);
+  return PAGS_OK;
 }
