@@ -17,7 +17,7 @@ typedef struct export_arguments {
   double time;
   pags_words only;
   pags_crop crop;
-  int level, naming, stand, spz_axes; /* spz_axes: index in "rub|rdf" */
+  int level, naming, stand, form, spz_axes; /* spz_axes: index in "rub|rdf" */
   uint64_t target_size;
   pags_reading reading;
 } export_arguments;
@@ -43,6 +43,10 @@ static const pags_option options[] = {
                "Subdivision of the cage as written; 0: the cage itself."),
     PAGS_FLAG("no-background", 0, AT(proxy.background),
               "Export only labelled objects, without ground and background chunks."),
+    PAGS_CHOICE(
+        "background", AT(form), "blocks|surface", NULL,
+        "Buildings and walls as closed blocks that reach the ground, or the background's surface as it was seen, "
+        "open and by chunk."),
     PAGS_VALUE("ground-triangles", 0, INT64, AT(proxy.ground_triangles), 2, 1e8, "N", "triangles", NULL,
                "Maximum for the ground."),
     PAGS_VALUE("chunk-triangles", 0, INT64, AT(proxy.chunk_triangles), 12, 1e8, "N", "triangles", NULL,
@@ -258,6 +262,7 @@ static pags_result run(void *user, const pags_parsed *parsed) {
   arguments->proxy.level = (pags_proxy_level)arguments->level;
   arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
   arguments->proxy.stand = (pags_stand)arguments->stand;
+  arguments->proxy.background_form = (pags_background_form)arguments->form;
   if (arguments->splats || pags_export_is_splat(to) || is_usd(to))
     return export_gaussians(arguments, &scene, to, is_usd(to) && !arguments->splats);
   return is_page(to) ? export_page(arguments, &scene, from, to) : export_proxies(arguments, &scene, to);

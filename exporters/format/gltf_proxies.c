@@ -245,7 +245,7 @@ static pags_result add_chunk(exporter *e, const pags_background *b, int64_t inde
   PAGS_TRY(pags_proxy_mesh_inspect(&chunk->mesh, &topology));
   facts->name = name;
   facts->class_name = chunk->class_name;
-  facts->closed = e->maker.bare && topology.closed;
+  facts->closed = (e->maker.bare || chunk->unseen_depth > 0) && topology.closed;
   facts->volume = facts->closed ? topology.volume : 0;
   facts->note = chunk->note ? chunk->note : e->maker.bare ? e->maker.bare->note : NULL;
   facts->level = chunk->level;
@@ -254,7 +254,8 @@ static pags_result add_chunk(exporter *e, const pags_background *b, int64_t inde
   facts->s_sem = b->s_sem;
   facts->vertices = chunk->mesh.vertex_count;
   facts->triangles = chunk->mesh.triangle_count;
-  facts->observed = pags_proxy_mesh_observed(&chunk->mesh);
+  facts->observed = chunk->unseen_depth > 0 ? chunk->observed : pags_proxy_mesh_observed(&chunk->mesh);
+  facts->unseen_depth = chunk->unseen_depth;
   if (e->background < 0)
     e->background = pags_gltf_node(e->gltf, e->root, "background");
   int parent = ground ? e->background : class_node(e, false, chunk->class_name);

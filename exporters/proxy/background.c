@@ -2,7 +2,9 @@
 /* Makes the proxies of the background. The scene without its labelled objects is drawn by an even choice of the
  * training cameras, and the depths are fused tile by tile into TSDFs (tsdf.h).
  *
- * Surface near the ground is left to the ground's mesh (ground.h). The rest is split by class (classes.c). */
+ * Surface near the ground is left to the ground's mesh (ground.h). The rest is split by class (classes.c). The surface
+ * of each tile and class is a chunk, or classes are joined over all tiles and closed blocks are made of them
+ * (blocks.c). */
 #include "exporters/proxy/background.h"
 
 #include <math.h>
@@ -12,23 +14,15 @@
 #include <string.h>
 
 #include "base/parallel.h"
+#include "exporters/proxy/blocks.h"
 #include "maths/maths.h"
 
-/* Most views that are drawn; Gaussians a cluster; a chunk of fewer triangles after decimation is left out. */
-enum { MOST_VIEWS = 120, CLUSTER = 64, LEAST_TRIANGLES = 8 };
+enum { MOST_VIEWS = 120, CLUSTER = 64 }; /* most views that are drawn; Gaussians a cluster */
 
 /* The ground has no holes up to this distance from the cameras, metres: about 10 m from the path between them. */
 static const double ground_reach = 11;
 static const double ground_skin = 0.2; /* surface lower than this over the ground belongs to the ground, metres */
 static const double least_area = 0.4;  /* connected components of less area are floaters, square metres */
-
-void pags_background_destroy(pags_background *background) {
-  pags_depth_views_destroy(&background->depth_views);
-  for (int64_t i = 0; i < background->chunk_count; i++)
-    pags_proxy_mesh_destroy(&background->chunks[i].mesh);
-  free(background->chunks);
-  *background = (pags_background){0};
-}
 
 /* ---- Drawing the background ---- */
 
@@ -76,18 +70,6 @@ static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_p
 
 /* ---- The ground ---- */
 
-/* Appends a chunk, which takes over the mesh unless it fails. */
-static pags_result add_chunk(pags_background *b, const char *class_name, pags_proxy_mesh *mesh) {
-  PAGS_CHECK_MEMORY(pags_grow(&b->chunks, b->chunk_count + 1, &b->chunk_capacity, sizeof *b->chunks), "%lld chunks",
-                    (long long)b->chunk_count + 1);
-  int number = 0;
-  for (int64_t i = 0; i < b->chunk_count; i++)
-    number += !strcmp(b->chunks[i].class_name, class_name);
-  b->chunks[b->chunk_count++] = (pags_chunk){.class_name = class_name, .number = number, .mesh = *mesh};
-  *mesh = (pags_proxy_mesh){0};
-  return PAGS_OK;
-}
-
 static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, pags_ground *ground) {
   const pags_scene *scene = w->scene;
   PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh mesh = {0};
@@ -103,14 +85,14 @@ static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, p
     return PAGS_OK;
   PAGS_TRY(pags_ground_mesh(ground, w->options->ground_triangles, &mesh));
   PAGS_TRY(pags_proxy_mesh_paint(&mesh, &out->depth_views, 0.3, w->tasks));
-  return add_chunk(out, "ground", &mesh);
+  return pags_background_add(out, "ground", &mesh);
 }
 
 /* A square tile of the background and its result: a mesh for each class, which may be empty. */
 typedef struct tile {
   double lo[3], hi[3];
   int64_t first, last; /* range of its points among those sorted by tile */
-  pags_proxy_mesh parts[PAGS_CLASSES];
+  pags_proxy_mesh parts[PAGS_CHUNK_CLASSES];
 } tile;
 
 /* Connected components of less area are floaters. Without photographs there may be no metres: the same share of the
@@ -157,10 +139,10 @@ static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background
   PAGS_AUTOFREE uint8_t *class_of = malloc((size_t)mesh->vertex_count);
   PAGS_CHECK_MEMORY(class_of, "%lld vertices", (long long)mesh->vertex_count);
   if (w->bare)
-    memset(class_of, PAGS_CLASS_SURFACE, (size_t)mesh->vertex_count);
+    memset(class_of, PAGS_CHUNK_SURFACE, (size_t)mesh->vertex_count);
   else
     PAGS_TRY(pags_classes_find(w, &b->depth_views, b->labelled, mesh, class_of));
-  for (int class = 0; class < PAGS_CLASSES; class ++)
+  for (int class = 0; class < PAGS_CHUNK_CLASSES; class ++)
     PAGS_TRY(take_class(w, mesh, class_of, class, &out->parts[class]));
   return PAGS_OK;
 }
@@ -184,7 +166,7 @@ typedef struct tiling {
 
 static void forget_tiling(tiling *t) {
   for (int64_t i = 0; t->tiles && i < t->count[0] * t->count[1]; i++)
-    for (int class = 0; class < PAGS_CLASSES; class ++)
+    for (int class = 0; class < PAGS_CHUNK_CLASSES; class ++)
       pags_proxy_mesh_destroy(&t->tiles[i].parts[class]);
   free(t->tiles);
   free(t->points);
@@ -287,12 +269,39 @@ static pags_result find_extent(const pags_proxy_maker *w, const pags_depth_views
   return PAGS_OK;
 }
 
-/* Makes all tiles in parallel and appends their meshes as chunks. */
+/* Makes chunks of the surface of one class, joined over all tiles. */
+typedef pags_result class_maker(const pags_proxy_maker *w, pags_background *b, const pags_ground *ground,
+                                pags_proxy_mesh *joined);
+
+/* What is road or pavement is the ground's. */
+static pags_result leave_out(PAGS_UNUSED const pags_proxy_maker *w, PAGS_UNUSED pags_background *b,
+                             PAGS_UNUSED const pags_ground *ground, PAGS_UNUSED pags_proxy_mesh *joined) {
+  return PAGS_OK;
+}
+
+/* NULL: chunks are the surfaces of the tiles. */
+static class_maker *const class_makers[PAGS_CHUNK_CLASSES] = {
+    [PAGS_CHUNK_ROAD] = leave_out, [PAGS_CHUNK_SIDEWALK] = leave_out, [PAGS_CHUNK_BUILDING] = pags_blocks_make};
+
+/* Joins the surface of a class over all tiles and makes its chunks. */
+static pags_result make_class(const tiling *t, int class, pags_background *b) {
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh joined = {0};
+  for (int64_t i = 0; i < t->count[0] * t->count[1]; i++) {
+    PAGS_TRY(pags_proxy_mesh_append(&t->tiles[i].parts[class], &joined));
+    pags_proxy_mesh_destroy(&t->tiles[i].parts[class]);
+  }
+  PAGS_TRY(pags_proxy_mesh_weld(&joined, 0.001 * t->step));
+  PAGS_TRY(pags_proxy_mesh_crop(t->maker->options, &joined));
+  return class_makers[class](t->maker, b, t->ground, &joined);
+}
+
+/* Makes all tiles in parallel and appends chunks of their meshes. */
 static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, const pags_ground *ground,
                              pags_background *b) {
   double lo[3], hi[3];
   PAGS_AUTO(forget_tiling)
   tiling t = {.maker = w, .background = b, .ground = ground, .tell = tell, .user = user, .side = w->options->chunk};
+  const bool surface = w->options->background_form == PAGS_BACKGROUND_SURFACE || w->bare || w->scene->up != PAGS_UP_Z;
   PAGS_TRY(find_extent(w, &b->depth_views, lo, hi));
   /* A tile's side is a whole number of steps, so the grids of neighbouring tiles share the points of their border. */
   t.step = t.side / ceil(t.side / w->options->voxel);
@@ -325,70 +334,17 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
   PAGS_CHECK_MEMORY(t.points, "%lld points", (long long)total);
   visit_depths(&t);
   PAGS_TRY(pags_parallel_try(w->tasks, count, make_tile, &t, "interrupted"));
+  for (int class = 0; class < PAGS_CHUNK_CLASSES && !surface; class ++)
+    if (class_makers[class])
+      PAGS_TRY(make_class(&t, class, b));
   for (int64_t i = 0; i < count; i++)
-    for (int class = 0; class < PAGS_CLASSES; class ++)
+    for (int class = 0; class < PAGS_CHUNK_CLASSES; class ++)
       if (t.tiles[i].parts[class].triangle_count)
-        PAGS_TRY(add_chunk(b, pags_class_names[class], &t.tiles[i].parts[class]));
+        PAGS_TRY(pags_background_add(b, pags_class_names[class], &t.tiles[i].parts[class]));
   return PAGS_OK;
 }
 
-/* ---- Decimation ---- */
-
-typedef struct decimation {
-  const pags_proxy_maker *maker;
-  pags_background *background;
-  int64_t total; /* number of triangles of all chunks but the ground */
-} decimation;
-
-static bool is_ground(const pags_chunk *chunk) {
-  return !strcmp(chunk->class_name, "ground");
-}
-
-/* Decimates a chunk; one that would get too few triangles becomes empty and is left out in the end. */
-static pags_result decimate_chunk(void *context, int64_t i, PAGS_UNUSED int worker) {
-  const decimation *d = context;
-  pags_proxy_mesh *mesh = &d->background->chunks[i].mesh, simple = {0};
-  if (is_ground(&d->background->chunks[i]))
-    return PAGS_OK;
-  int64_t budget =
-      (int64_t)((double)mesh->triangle_count * (double)d->maker->options->chunk_triangles / (double)d->total);
-  const pags_result result =
-      budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_proxy_mesh_simplify(mesh, budget, &simple);
-  pags_proxy_mesh_destroy(mesh);
-  *mesh = simple;
-  return result == PAGS_OK || result == PAGS_ERROR_LIMIT
-             ? PAGS_OK
-             : pags_fail(result, "a chunk of the background can't be decimated");
-}
-
-/* Decimates all chunks to options->chunk_triangles together, each in proportion to its triangles. Chunks that would
- * get fewer than LEAST_TRIANGLES are left out. */
-static pags_result decimate(const pags_proxy_maker *w, pags_background *b) {
-  decimation d = {.maker = w, .background = b};
-  for (int64_t i = 0; i < b->chunk_count; i++)
-    d.total += is_ground(&b->chunks[i]) ? 0 : b->chunks[i].mesh.triangle_count;
-  if (d.total <= w->options->chunk_triangles)
-    return PAGS_OK;
-  return pags_parallel_try(w->tasks, b->chunk_count, decimate_chunk, &d, "interrupted");
-}
-
-/* Leaves out the triangles whose middle is outside of the box or the ball. */
-static pags_result crop(const pags_proxy_options *options, pags_proxy_mesh *mesh) {
-  const int64_t before = mesh->triangle_count;
-  for (int64_t i = 0; i < before; i++) {
-    double p[3];
-    bool within = true;
-    pags_proxy_mesh_middle(mesh, i, p);
-    for (int k = 0; k < 3 && options->box; k++)
-      within = within && p[k] >= options->box[k] && p[k] <= options->box[3 + k];
-    if (options->ball)
-      within = within && pags_distance_squared3(p, options->ball) <= options->ball[3] * options->ball[3];
-    if (!within)
-      mesh->triangles[3 * i] = UINT32_MAX;
-  }
-  pags_proxy_mesh_drop_marked(mesh);
-  return mesh->triangle_count < before ? pags_proxy_mesh_compact(mesh) : PAGS_OK;
-}
+/* ---- Everything ---- */
 
 /* Adds what was looked at from all round as one chunk. */
 static pags_result add_bare(const pags_proxy_maker *w, pags_background *b) {
@@ -399,7 +355,7 @@ static pags_result add_bare(const pags_proxy_maker *w, pags_background *b) {
   PAGS_TRY(pags_bare_level(w->bare, w->options, &mesh, &level, &note));
   if (!mesh.triangle_count)
     return PAGS_OK;
-  PAGS_TRY(add_chunk(b, pags_class_names[PAGS_CLASS_SURFACE], &mesh));
+  PAGS_TRY(pags_background_add(b, pags_class_names[PAGS_CHUNK_SURFACE], &mesh));
   b->chunks[0].level = level;
   b->chunks[0].note = note;
   return PAGS_OK;
@@ -431,19 +387,5 @@ pags_result pags_background_make(const pags_proxy_maker *w, pags_progress_fn *te
   if (w->scene->up == PAGS_UP_Z && !w->bare)
     PAGS_TRY(add_ground(w, out, &ground));
   PAGS_TRY(add_tiles(w, tell, user, &ground, out));
-  PAGS_TRY(decimate(w, out));
-  for (int64_t i = 0; i < out->chunk_count; i++) {
-    PAGS_TRY(crop(w->options, &out->chunks[i].mesh));
-    PAGS_TRY(pags_proxy_mesh_clean(&out->chunks[i].mesh));
-  }
-  int64_t kept = 0;
-  for (int64_t i = 0; i < out->chunk_count; i++) { /* leave out the empty ones */
-    pags_chunk chunk = out->chunks[i];
-    if (!chunk.mesh.triangle_count)
-      pags_proxy_mesh_destroy(&chunk.mesh);
-    else
-      out->chunks[kept++] = chunk;
-  }
-  out->chunk_count = kept;
-  return PAGS_OK;
+  return pags_background_finish(w, out);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Makes the proxies of everything that is not a labelled object: the ground, and the rest in chunks by tile and
- * class. */
+/* Makes the proxies of everything that is not a labelled object: the ground, and the rest in chunks: blocks, or the
+ * surface by tile and class. */
 #ifndef PAGS_PROXY_BACKGROUND_H
 #define PAGS_PROXY_BACKGROUND_H
 
@@ -13,6 +13,8 @@ typedef struct pags_chunk {
   pags_proxy_mesh mesh;   /* relative to the scene's origin */
   pags_proxy_level level; /* the level that represents a background without photographs */
   const char *note;       /* static, or NULL */
+  double unseen_depth;    /* of a block: how far it reaches behind the surface that was seen, metres; else 0 */
+  double observed;        /* of a block: the share of its surface that was seen */
 } pags_chunk;
 
 typedef struct pags_background {
@@ -29,11 +31,32 @@ typedef struct pags_background {
 pags_result pags_background_make(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, pags_background *out);
 void pags_background_destroy(pags_background *background);
 
+/* ---- The list of chunks (chunks.c) ---- */
+
+/* Appends a chunk, which takes over the mesh unless it fails. */
+pags_result pags_background_add(pags_background *background, const char *class_name, pags_proxy_mesh *mesh);
+
+/* Leaves out the triangles whose middle is outside of the options' box or ball. */
+pags_result pags_proxy_mesh_crop(const pags_proxy_options *options, pags_proxy_mesh *mesh);
+
+/* Decimates all chunks but the ground to options->chunk_triangles together, blocks only if they alone are more; crops
+ * and cleans them; leaves out the empty ones. */
+pags_result pags_background_finish(const pags_proxy_maker *maker, pags_background *background);
+
 /* ---- Classes of the surface: by the data set's semantic pictures, else by shape and colour (classes.c) ---- */
 
-/* PAGS_CLASS_SURFACE: all of a scene without photographs. */
-enum { PAGS_CLASS_SURFACE = 6, PAGS_CLASSES };
-extern const char *const pags_class_names[PAGS_CLASSES]; /* "road", "sidewalk", "building", ... */
+/* BUILDING: walls and fences, too. SURFACE: all of a scene without photographs. */
+enum {
+  PAGS_CHUNK_ROAD,
+  PAGS_CHUNK_SIDEWALK,
+  PAGS_CHUNK_BUILDING,
+  PAGS_CHUNK_VEGETATION,
+  PAGS_CHUNK_POLE,
+  PAGS_CHUNK_OTHER,
+  PAGS_CHUNK_SURFACE,
+  PAGS_CHUNK_CLASSES
+};
+extern const char *const pags_class_names[PAGS_CHUNK_CLASSES]; /* "road", "sidewalk", "building", ... */
 
 /* Loads the data set's semantic picture of a view, if there is one, as classes at the depth view's size. */
 void pags_classes_load(const pags_proxy_maker *maker, const pags_scene_view *view, pags_depth_view *depth_view);

@@ -15,9 +15,18 @@
 #include <pags/image.h>
 #endif
 
-enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, CLASSES, UNLABELLED = 255 };
-const char *const pags_class_names[PAGS_CLASSES] = {"road", "sidewalk", "building", "vegetation",
-                                                    "pole", "other",    "surface"};
+enum {
+  ROAD = PAGS_CHUNK_ROAD,
+  SIDEWALK = PAGS_CHUNK_SIDEWALK,
+  BUILDING = PAGS_CHUNK_BUILDING,
+  VEGETATION = PAGS_CHUNK_VEGETATION,
+  POLE = PAGS_CHUNK_POLE,
+  OTHER = PAGS_CHUNK_OTHER,
+  CLASSES,
+  UNLABELLED = 255
+};
+const char *const pags_class_names[PAGS_CHUNK_CLASSES] = {"road", "sidewalk", "building", "vegetation",
+                                                          "pole", "other",    "surface"};
 
 void pags_classes_load(const pags_proxy_maker *w, const pags_scene_view *view, pags_depth_view *depth_view) {
 #ifdef PAGS_WITH_IMAGES

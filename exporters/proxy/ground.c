@@ -74,6 +74,7 @@ typedef struct source {
 void pags_ground_destroy(pags_ground *ground) {
   free(ground->z);
   free(ground->known);
+  free(ground->nearest);
   *ground = (pags_ground){0};
 }
 
@@ -335,6 +336,15 @@ bool pags_ground_height(const pags_ground *ground, double x, double y, double *z
     sum += (double)ground->z[at] * (c & 1 ? u - i : 1 - u + i) * (c >> 1 ? v - j : 1 - v + j);
   }
   *z = sum;
+  return true;
+}
+
+bool pags_ground_nearest(const pags_ground *g, double x, double y, double *z) {
+  if (!g->nearest)
+    return false;
+  const int64_t at = pags_ground_cell(g, fmin(fmax(x, g->x0), g->x0 + (g->nx - 1) * g->step),
+                                      fmin(fmax(y, g->y0), g->y0 + (g->ny - 1) * g->step));
+  *z = (double)g->nearest[at];
   return true;
 }
 

@@ -15,6 +15,7 @@ typedef struct pags_ground {
   double x0, y0, step; /* position of lattice point (0, 0), distance of lattice points; metres */
   float *z;            /* height of each lattice point, metres */
   uint8_t *known;      /* 0: no ground here; 1: measured; 2: filled in */
+  float *nearest;      /* height of the nearest lattice point with ground, metres */
 } pags_ground;
 
 /* Finds the ground from LiDAR points and depth views in the scene's frame. `path`: positions of the cameras, 3
@@ -23,7 +24,7 @@ typedef struct pags_ground {
 pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
                              int64_t path_count, double reach, pags_ground *out);
 /* Fills the holes within `reach` metres of the path and smooths the ground; measured cells keep to their heights by
- * their weights. */
+ * their weights. Sets `nearest`. */
 pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count,
                              double reach);
 void pags_ground_destroy(pags_ground *ground);
@@ -33,6 +34,9 @@ int64_t pags_ground_cell(const pags_ground *ground, double x, double y);
 
 /* Interpolates the height at x, y into `z`. Returns false if there is no ground. */
 bool pags_ground_height(const pags_ground *ground, double x, double y, double *z);
+
+/* The height at the lattice point with ground that is nearest to x, y. Returns false if there is no ground at all. */
+bool pags_ground_nearest(const pags_ground *ground, double x, double y, double *z);
 
 /* Makes a mesh of at most `budget` triangles, of which none is turned over as seen from above. */
 pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_proxy_mesh *out);

@@ -144,6 +144,24 @@ static void relax(pags_ground *g, const float *weights, const float *measured, c
     }
 }
 
+/* Gives all lattice points the height of the nearest one with ground, by a breadth-first search. */
+static void spread(pags_ground *g, int64_t *queue) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < (int64_t)g->nx * g->ny; i++) {
+    g->nearest[i] = g->known[i] ? g->z[i] : (float)NAN;
+    if (g->known[i])
+      queue[count++] = i;
+  }
+  for (int64_t head = 0; head < count; head++)
+    for (int d = 0; d < 4; d++) {
+      const int64_t at = neighbour(g, queue[head], d);
+      if (at < 0 || !isnan(g->nearest[at]))
+        continue;
+      g->nearest[at] = g->nearest[queue[head]];
+      queue[count++] = at;
+    }
+}
+
 pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count,
                              double reach) {
   const size_t cells = (size_t)((int64_t)ground->nx * ground->ny);
@@ -158,5 +176,8 @@ pags_result pags_ground_fill(pags_ground *ground, const float *weights, const do
     stiff[i] = stiffness_at(path, path_count, i);
   memcpy(measured, ground->z, cells * sizeof *measured);
   relax(ground, weights, measured, owner, stiff);
+  ground->nearest = malloc(cells * sizeof *ground->nearest);
+  PAGS_CHECK_MEMORY(ground->nearest, "the ground's %zu cells", cells);
+  spread(ground, queue);
   return PAGS_OK;
 }

@@ -90,6 +90,10 @@ pags_result pags_proxy_mesh_clean(pags_proxy_mesh *mesh);
 /* Area-weighted vertex normals of unit length, 3 floats a vertex. */
 void pags_proxy_mesh_normals(const pags_proxy_mesh *mesh, float *normals);
 
+/* Makes vertices one whose positions are equal when rounded to steps of `tolerance` metres, and drops the triangles
+ * that collapse by that. */
+pags_result pags_proxy_mesh_weld(pags_proxy_mesh *mesh, double tolerance);
+
 /* Decimates a mesh to at most `budget` triangles with meshoptimizer. A closed mesh stays closed: if the repaired
  * result is not closed or too large, the decimation is repeated with fewer triangles. PAGS_ERROR_LIMIT if no try
  * succeeds. */

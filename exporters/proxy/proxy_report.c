@@ -68,6 +68,8 @@ void pags_proxy_facts_put(pags_json_writer *w, const pags_proxy_facts *f) {
   if (f->closed)
     pags_json_put_number(w, "volume", f->volume);
   pags_json_put_number(w, "observed", f->observed);
+  if (f->unseen_depth > 0)
+    pags_json_put_number(w, "unseen_depth", f->unseen_depth);
   pags_json_begin_object(w, "error");
   pags_json_put_string(w, "unit", "metres");
   put_distance(w, "proxy_to_gaussians", &f->to_gaussians);

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Decimates a mesh by meshoptimizer's edge collapses in the order of quadric errors (Garland and Heckbert 1997), and
- * keeps closed meshes closed. */
+/* What meshoptimizer does for meshes: decimation by edge collapses in the order of quadric errors (Garland and Heckbert
+ * 1997), which keeps closed meshes closed, and the welding of vertices. */
 #include <float.h>
+#include <math.h>
 #include <meshoptimizer.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,6 +10,28 @@
 #include "exporters/proxy/mesh.h"
 
 #include "base/memory.h"
+
+pags_result pags_proxy_mesh_weld(pags_proxy_mesh *mesh, double tolerance) {
+  const size_t count = (size_t)mesh->vertex_count, corners = 3 * (size_t)mesh->triangle_count;
+  if (!corners)
+    return PAGS_OK;
+  PAGS_AUTOFREE int64_t *steps = calloc(3 * count, sizeof *steps); /* positions in steps of the tolerance */
+  PAGS_AUTOFREE uint32_t *place = malloc(count * sizeof *place), *first = malloc(count * sizeof *first);
+  PAGS_CHECK_MEMORY(steps && place && first, "%lld vertices", (long long)count);
+  for (size_t i = 0; i < 3 * count; i++)
+    steps[i] = (int64_t)floor((double)mesh->positions[i] / tolerance + 0.5);
+  meshopt_generateVertexRemap(place, mesh->triangles, corners, steps, count, 3 * sizeof *steps);
+  for (size_t i = count; i-- > 0;)
+    if (place[i] != UINT32_MAX)
+      first[place[i]] = (uint32_t)i;
+  for (size_t i = 0; i < corners; i++)
+    mesh->triangles[i] = first[place[mesh->triangles[i]]];
+  for (uint32_t *t = mesh->triangles; t < mesh->triangles + corners; t += 3)
+    if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0])
+      t[0] = UINT32_MAX;
+  pags_proxy_mesh_drop_marked(mesh);
+  return pags_proxy_mesh_compact(mesh);
+}
 
 pags_result pags_proxy_mesh_simplify(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out) {
   static const double shares[] = {1, 0.97, 0.9, 0.8, 0.65, 0.5, 0.35, 0.25};

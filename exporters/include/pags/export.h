@@ -40,6 +40,13 @@ typedef enum pags_proxy_naming {
                         shapes of nodes with these endings */
 } pags_proxy_naming;
 
+/* The form of the background's proxies besides the ground. */
+typedef enum pags_background_form {
+  PAGS_BACKGROUND_BLOCKS, /* buildings and walls are closed blocks that reach the ground. For worlds with z up that have
+                             photographs; others get their surface */
+  PAGS_BACKGROUND_SURFACE /* chunks of the surface, open where nothing was seen */
+} pags_background_form;
+
 typedef struct pags_proxy_options {
   pags_proxy_level level;
   const uint8_t *chosen; /* a flag for each of the scene's objects: 1 is exported; NULL: all are */
@@ -65,6 +72,7 @@ typedef struct pags_proxy_options {
                      of a colour at each vertex; default 0: no */
   int cage_level; /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
   int background; /* 1: the ground and the chunks are exported, too. Default 1 */
+  pags_background_form background_form; /* default PAGS_BACKGROUND_BLOCKS */
   int cameras;    /* 1: all views are written as cameras, the first sensor's path as a node `ego`. Default 0 */
   int visibility; /* 1: KHR_node_visibility makes proxies invisible (colliders only). Default 0 */
   int physics;    /* 1: objects are kinematic bodies by KHR_implicit_shapes and KHR_physics_rigid_bodies. Default 0 */
@@ -90,6 +98,8 @@ typedef struct pags_proxy_facts {
                       positive */
   double volume;   /* cubic metres; 0 if the mesh is not closed */
   double observed; /* share of the surface that some training camera saw; the rest is completed: docs/proxies.md */
+  double unseen_depth; /* of a block of the background: how far it reaches behind the surface that was seen, metres; 0:
+                          not a block */
   pags_proxy_distance to_gaussians;   /* from the proxy's seen surface to the Gaussians' surface (rendered depth) */
   pags_proxy_distance from_gaussians; /* from the Gaussians' surface to the proxy */
   double silhouette_iou; /* intersection over union of the silhouettes of proxy and Gaussians, over the sampled pixels
