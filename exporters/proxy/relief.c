@@ -24,10 +24,10 @@ static const double overlap = 1;  /* and this much further, where its neighbour 
 static const double facing = 0.5; /* least cosine between its normal and the plane's */
 /* Points are left out up to so far behind the back, metres: any, and those that face along the plane's normal. */
 static const double behind = 0.15, inside = 3;
-static const double highest = 3; /* a column that begins this high over the ground, in metres, ends there */
-static const double rise = 15;   /* views are asked about cells up to so far above the points, metres */
-static const double vague = 0.8; /* depths of views are off by up to this, metres */
-static const double sunk = 0.15; /* blocks reach this deep into the ground, metres */
+static const double highest = 4.5; /* a column that begins this high over the ground, in metres, ends there */
+static const double rise = 15;     /* views are asked about cells up to so far above the points, metres */
+static const double vague = 0.8;   /* depths of views are off by up to this, metres */
+static const double sunk = 0.15;   /* blocks reach this deep into the ground, metres */
 
 void pags_relief_destroy(pags_relief *relief) {
   free(relief->state);
