@@ -120,6 +120,9 @@ static pags_result add_piece(const pags_proxy_maker *w, pags_background *b, cons
   for (int64_t budget = MOST_TRIANGLES; result == PAGS_ERROR_LIMIT; budget *= 2)
     result = pags_proxy_mesh_simplify(&s.mesh, budget, &simple);
   PAGS_TRY(result);
+  PAGS_TRY(pags_proxy_mesh_drop_floaters(&simple, 2 * least_piece)); /* slivers, front and back */
+  if (!simple.triangle_count)
+    return PAGS_OK;
   PAGS_TRY(pags_proxy_mesh_paint(&simple, &b->depth_views, 3 * w->options->voxel, w->tasks));
   PAGS_TRY(pags_background_add(b, pags_class_names[PAGS_CHUNK_BUILDING], &simple));
   b->chunks[b->chunk_count - 1].unseen_depth = r->depth;
