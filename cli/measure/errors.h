@@ -78,6 +78,30 @@ pags_result pags_priority_truth_measure(pags_composition *composition, const pag
 
 void pags_priority_truth_put_json(pags_json_writer *writer, const pags_priority_truth *priority_truth);
 
+/* ---- Objects ---- */
+
+/* Error of an object in a view, over the pixels where one of its Gaussians has the largest weight. */
+typedef struct pags_object_error {
+  int64_t view; /* in the data set */
+  int64_t object, pixels;
+  double squared; /* summed over pixels and channels */
+} pags_object_error;
+
+typedef struct pags_object_errors {
+  int64_t count, capacity;
+  pags_object_error *items; /* freed by the caller */
+} pags_object_errors;
+
+/* Adds the errors of a view's objects. `picture`: with extra channels; `object_of`: pags_composition_objects. */
+pags_result pags_object_errors_add(pags_object_errors *errors, const int32_t *object_of, int64_t object_count,
+                                   int64_t view, const pags_picture *picture, const pags_image *render,
+                                   const pags_photograph *photo);
+/* Brings the errors of all ranks to the first. */
+pags_result pags_object_errors_gather(pags_object_errors *errors);
+/* Writes the JSON member `objects`, an array with PSNR and the worst view of each object that is seen. Sorts. */
+void pags_object_errors_put_json(pags_json_writer *writer, const pags_object_errors *errors, const pags_scene *scene,
+                                 const pags_dataset *dataset);
+
 /* ---- Pictures from cameras shifted off the recorded path ---- */
 
 typedef struct pags_shifted_view_score {

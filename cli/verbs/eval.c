@@ -90,6 +90,8 @@ typedef struct evaluation {
   int64_t count;            /* scores; of this rank until the ranks' are gathered */
   int64_t *without_pixels;  /* indices of views whose mask leaves no pixel: they have no figures */
   int64_t without_count;
+  int32_t *object_of; /* object of each Gaussian; NULL: the scene has no objects */
+  pags_object_errors objects;
   int64_t shown;                     /* views in which a Gaussian is in view */
   pags_depth_errors depth_errors[2]; /* [0] training views, [1] held-out views */
   pags_depth_figures depth[2];
@@ -106,6 +108,8 @@ static void evaluation_destroy(evaluation *eval) {
   pags_lpips_destroy(eval->lpips);
   pags_composition_destroy(eval->composition);
   free(eval->shifts.items);
+  free(eval->objects.items);
+  free(eval->object_of);
   for (int test = 0; test < 2; test++)
     free(eval->depth_errors[test].errors);
   free(eval->scores);
@@ -198,7 +202,10 @@ static pags_result compare_view(evaluation *eval, int64_t i) {
   eval->shown += pags_frame_stats_get(eval->frame)->binned > 0;
   PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
   PAGS_TRY(measure(eval, at->index, &render, &photo, score));
-  if (picture.depth)
+  if (eval->object_of)
+    PAGS_TRY(pags_object_errors_add(&eval->objects, eval->object_of, eval->scene->object_count, at->index, &picture,
+                                    &render, &photo));
+  if (picture.depth && (pags_dataset_provides(dataset) & PAGS_PROVIDES_LIDAR))
     PAGS_TRY(pags_depth_errors_add(&eval->depth_errors[at->test != 0], dataset, at->index, &picture, photo.mask));
   eval->score_views[eval->count++] = i;
   return PAGS_OK;
@@ -379,7 +386,13 @@ static pags_result open_all(evaluation *eval, const char *scene_path) {
   pags_picture_changes_apply(&arguments->changes, eval->parsed, &eval->options);
   PAGS_TRY(pags_early_z_parse(arguments->early_z, &eval->options));
   eval->options.order = (pags_order)arguments->order;
-  eval->options.extra_channels = (pags_dataset_provides(eval->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
+  if (eval->scene->object_count) {
+    eval->object_of = malloc((size_t)pags_composition_gaussian_count(eval->composition) * sizeof *eval->object_of);
+    PAGS_CHECK_MEMORY(eval->object_of, "the Gaussians' objects");
+    pags_composition_objects(eval->composition, eval->object_of);
+  }
+  eval->options.extra_channels =
+      eval->object_of || (pags_dataset_provides(eval->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
   PAGS_TRY(pags_frame_create(tasks, &eval->frame));
   if (!arguments->images)
     return PAGS_OK;
@@ -473,6 +486,7 @@ static pags_result gather_all(evaluation *eval) {
   }
   for (int test = 0; test < 2; test++)
     PAGS_TRY(gather_depths(&eval->depth_errors[test]));
+  PAGS_TRY(pags_object_errors_gather(&eval->objects));
   return pags_ranks_sum(&eval->shown);
 }
 
@@ -484,6 +498,7 @@ static pags_result write_json(const evaluation *eval) {
   pags_json_put_string(&writer, "lpips_network", eval->lpips ? pags_lpips_network(eval->lpips) : NULL);
   put_split(&writer, eval, "train", 0);
   put_split(&writer, eval, "test", 1);
+  pags_object_errors_put_json(&writer, &eval->objects, eval->scene, eval->photographs.dataset);
   put_shifts(&writer, eval);
   pags_pose_errors_put_json(&writer, &eval->poses);
   pags_camera_errors_put_json(&writer, &eval->cameras);

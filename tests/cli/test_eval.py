@@ -46,6 +46,13 @@ class Eval(fixtures.Case):
             self.assertLess(of["depth"]["median"], of["depth"]["mean"])
             self.assertLess(of["depth"]["mean_95"], of["depth"]["mean"])
             self.assertGreater(of["depth"]["within_5_percent"], 0.2)
+        self.assertEqual(len({o["id"] for o in figures["objects"]}), len(figures["objects"]))
+        views = {v["name"] for split in ("train", "test") for v in figures[split]["per_view"]}
+        for found in figures["objects"]:
+            self.assertGreater(found["psnr"], 5)
+            self.assertIn(found["worst_view"], views)
+            self.assertGreater(found["views"] * found["pixels"], 0)
+        self.assertGreater(len(figures["objects"]), 0)
         names = [shift["name"] for shift in figures["shift"]]
         self.assertEqual(names, ["right1", "right2", "right3", "up1"])
         for shift in figures["shift"]:
