@@ -70,10 +70,11 @@ static PyObject *sweep_format(PyObject *module, PyObject *arguments) {
   Py_DECREF(folder);
   if (result != PAGS_OK)
     return native_raise(PyModule_GetState(module), result);
-  return Py_BuildValue("i(iii)s", rules.columns, rules.position[0], rules.position[1], rules.position[2],
+  return Py_BuildValue("i(iii)si", rules.columns, rules.position[0], rules.position[1], rules.position[2],
                        rules.lidar_world   ? "world"
                        : rules.lidar_frame ? "laser"
-                                           : "ego");
+                                           : "ego",
+                       rules.intensity);
 }
 
 /* Adds a new reference to the module, and returns it; NULL after a failure. */
@@ -161,7 +162,7 @@ static PyMethodDef methods[] = {
      "cryptomatte_hash($module, name, /)\n--\n\nThe 32-bit hash of a name in a Cryptomatte's manifest."},
     {"sweep_format", sweep_format, METH_VARARGS,
      "sweep_format($module, folder, /)\n--\n\nThe format of the sweeps in a driving set: floats per row, indices of x, "
-     "y and z, and their frame: ego, laser or world."},
+     "y and z, their frame (ego, laser or world), and the index of the intensity (-1: none)."},
     {"heat", heat, METH_VARARGS,
      "heat($module, value, /)\n--\n\nThe colour (r, g, b), as a screen shows it, of a number from 0 to 1 "
      "in pictures of priorities and other\nmodes: from dark violet over red to pale yellow."},

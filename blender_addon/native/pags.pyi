@@ -18,8 +18,19 @@ _Array = AnyBuffer | Sequence[Any] | _Numpy
 # 12 numbers, or a matrix of 3 x 4 or 4 x 4.
 _Pose = _Array
 _Output = Literal[
-    "rgba", "rgb8", "depth", "object", "priority", "heat", "id", "crypto_object", "crypto_class", "normal", "motion",
-    "count", "overdraw"
+    "rgba",
+    "rgb8",
+    "depth",
+    "object",
+    "priority",
+    "heat",
+    "id",
+    "crypto_object",
+    "crypto_class",
+    "normal",
+    "motion",
+    "count",
+    "overdraw",
 ]
 # A camera, a camera and placements, or a camera, placements and others.
 _Moment = Any
@@ -234,7 +245,7 @@ def write_edited(path: str | PathLike[str], edits: str, folder: str | PathLike[s
 def cryptomatte_hash(name: str, /) -> int: ...
 def available_threads() -> int: ...
 def heat(value: float, /) -> tuple[float, ...]: ...
-def sweep_format(folder: str | PathLike[str], /) -> tuple[int, tuple[int, int, int], str]: ...
+def sweep_format(folder: str | PathLike[str], /) -> tuple[int, tuple[int, int, int], str, int]: ...
 def camera(
     width: int,
     height: int,

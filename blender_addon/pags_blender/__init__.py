@@ -28,6 +28,7 @@ from . import (
     composite,
     engine,
     exporter,
+    guard,
     handlers,
     importer,
     inspect_panel,
@@ -43,6 +44,8 @@ from . import (
     proxies,
     recording,
     select_tool,
+    surface,
+    sweeps,
     ui,
     watch,
 )
@@ -50,6 +53,7 @@ from . import (
 PARTS = (
     properties,
     cleanup,
+    guard,
     jobs,
     importer,
     cameras,
@@ -59,7 +63,9 @@ PARTS = (
     select_tool,
     comparison,
     measure,
+    surface,
     recording,
+    sweeps,
     composite,
 )
 PARTS += (exporter, native_splats, proxies, legend, picked, ui, inspect_panel, handlers, watch)

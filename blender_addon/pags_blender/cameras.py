@@ -10,7 +10,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
-from . import curves, jobs, lens, native, whereabouts
+from . import curves, jobs, lens, native, reasons, whereabouts
 
 
 def root_of(context):
@@ -360,7 +360,7 @@ class PAGS_OT_write_path(jobs.Long, OnScene, bpy.types.Operator, ExportHelper):
             yield from along(job, scene, numbers, visit)
             record = found[0] if single else {"fps": scene.render.fps / scene.render.fps_base, "frames": found}
             yield jobs.in_thread(write_json, path, record)
-            return f"{len(found)} cameras in {path}"
+            return f"{reasons.count(len(found), 'camera')} in {path}"
 
         return work
 

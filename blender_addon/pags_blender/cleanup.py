@@ -13,18 +13,7 @@ from bpy.props import CollectionProperty, EnumProperty, FloatProperty, FloatVect
 from . import cameras, draw, lens, reasons
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # luminance weights of Rec. 709
-DEFAULTS = {
-    "exposure": 0.0,
-    "tint": (1.0, 1.0, 1.0),
-    "saturation": 1.0,
-    "contrast": 1.0,
-    "opacity": 1.0,
-    "sh": 1.0,
-    "least_opacity": 0.0,
-    "least_size": 0.0,
-    "greatest_size": 0.0,
-    "least_views": 0,
-}
+LOOKS = ("exposure", "tint", "saturation", "contrast", "opacity", "sh")
 LIMITS = ("least_opacity", "least_size", "greatest_size", "least_views")
 
 
@@ -102,7 +91,7 @@ class PagsLook(bpy.types.PropertyGroup):
         update=changed,
     )
     least_opacity: FloatProperty(
-        name="Least opacity",
+        name="Minimum opacity",
         description="Hide Gaussians with a lower opacity, 0 to 1",
         min=0,
         max=1,
@@ -110,7 +99,7 @@ class PagsLook(bpy.types.PropertyGroup):
         update=changed,
     )
     least_size: FloatProperty(
-        name="Least size",
+        name="Minimum size",
         description="Hide Gaussians whose largest sigma is below this",
         min=0,
         max=1e5,
@@ -119,7 +108,7 @@ class PagsLook(bpy.types.PropertyGroup):
         update=changed,
     )
     greatest_size: FloatProperty(
-        name="Greatest size",
+        name="Maximum size",
         description="Hide Gaussians whose largest sigma is above this; 0: none",
         min=0,
         max=1e5,
@@ -128,7 +117,7 @@ class PagsLook(bpy.types.PropertyGroup):
         update=changed,
     )
     least_views: IntProperty(
-        name="Least views",
+        name="Minimum views",
         description="Hide Gaussians seen in fewer than this number of training views (floaters); background and parked objects only",
         min=0,
         max=100000,
@@ -310,8 +299,10 @@ class PAGS_OT_reset_look(OnOwner, bpy.types.Operator):
     bl_label = "Reset"
 
     def execute(self, context):
-        for name, value in DEFAULTS.items():
-            setattr(owner_of(context).pags_look, name, value)
+        for name in (*LOOKS, *LIMITS):
+            owner_of(context).pags_look.property_unset(name)
+        owner_of(context).update_tag()  # unlike setting a property, unsetting it tells nobody
+        changed(None, context)
         return {"FINISHED"}
 
 
@@ -321,6 +312,7 @@ class PAGS_PT_cleanup(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "PAGS"
     bl_options = {"DEFAULT_CLOSED"}
+    bl_order = 6
 
     @classmethod
     def poll(cls, context):
@@ -329,20 +321,18 @@ class PAGS_PT_cleanup(bpy.types.Panel):
     def draw(self, context):
         owner, layout = owner_of(context), self.layout
         look = owner.pags_look
-        layout.label(text="Whole scene" if owner.pags.kind == "ROOT" else f"{owner.name} alone", icon="OBJECT_DATA")
+        reasons.explain(layout, "Whole scene" if owner.pags.kind == "ROOT" else f"{owner.name} alone", "OBJECT_DATA")
         twin = preferred(owner)
         if twin is not None:
             reasons.explain(layout, f"{twin.name} represents the same part; its settings apply instead")
-        layout.use_property_split = True
         column = layout.column(align=True)
-        for name in ("exposure", "tint", "saturation", "contrast", "opacity", "sh"):
+        for name in LOOKS:
             column.prop(look, name)
         column = layout.column(align=True)
         for name in LIMITS:
             column.prop(look, name)
         for number, crop in enumerate(look.crops):
             row = layout.row(align=True)
-            row.use_property_split = False
             row.prop(crop, "volume", text="")
             row.prop(crop, "mode", text="")
             row.operator("pags.remove_crop", text="", icon="X").number = number

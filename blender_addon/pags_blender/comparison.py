@@ -66,14 +66,13 @@ class Pair:
         return said if self.ssim is None else f"{said}, SSIM {self.mean_ssim:.3f}"
 
     def texture(self, name):
-        """One plane of the pair as a GPU texture, or None while it still has to be uploaded: one upload per redraw keeps redraws short."""
+        """One plane of the pair as a GPU texture."""
         if name not in self.textures:
             plane = getattr(self, name)[::-1]
             height, width = plane.shape[:2]
             rgba = np.ones((height, width, 4), dtype=np.float32)
             rgba[..., :3] = plane if plane.ndim == 3 else plane[..., None]
             self.textures[name] = draw.texture(rgba, width, height, 4)
-            return None
         return self.textures[name]
 
 
@@ -268,9 +267,6 @@ def on_draw():
         return
     names = ("ssim", "ssim") if settings.comparison == "SSIM" else ("photograph", "picture")
     textures = [pair.texture(name) for name in names]
-    if None in textures:
-        region.tag_redraw()
-        return
     place = place_of(context, pair.view)
     program_ = shader()
     gpu.state.depth_test_set("NONE")
@@ -298,46 +294,58 @@ def on_draw():
 # ---- The list ----
 
 
-def go(manager, context):
-    """Go to the camera and time of a photograph in the list"""
-    items = manager.pags_photographs
-    if _filling or not 0 <= manager.pags_photograph < len(items):
+def go(scene, context):
+    """Go to the camera and time of a row in the list"""
+    items = scene.pags_photographs
+    if _filling or not 0 <= scene.pags_photograph < len(items):
         return
-    item = items[manager.pags_photograph]
-    root, manager.pags_photographs_said = bpy.data.objects.get(item.root), ""
+    item = items[scene.pags_photograph]
+    root, scene.pags_photographs_said = bpy.data.objects.get(item.root), ""
     try:
         if root is None:
             raise native.SceneError(f"the scene {item.root} no longer exists; make the list again")
         frame = cameras.Frame(context, root)
-        view = next((v for v in frame.scene.views if v["name"] == item.name), None)
+        view = next((v for v in frame.scene.views if v["name"] == item.view), None)
         if view is None:
-            raise native.SceneError(f"the scene no longer has the photograph {item.name}; make the list again")
+            raise native.SceneError(f"the scene no longer has the photograph {item.view}; make the list again")
         cameras.go_to(context, frame, view)
+        index = next((i for i, o in enumerate(frame.entry.objects) if o["id"] == item.object), None)
+        if index is not None:
+            inspector.select(context, {"object": index, "root": root.name_full})
     except native.SceneError as error:
-        manager.pags_photographs_said = str(error)
+        scene.pags_photographs_said = str(error)
 
 
 class PagsPhotograph(bpy.types.PropertyGroup):
+    kind: StringProperty(name="Kind", description="Kind of row, as in the choice above the list")
     root: StringProperty(name="Scene", description="Name of the scene's root Empty")
-    psnr: FloatProperty(name="PSNR", description="PSNR against the photograph in dB")
-    ssim: FloatProperty(name="SSIM", description="SSIM against the photograph")
+    view: StringProperty(name="Photograph", description="File name of the photograph to go to")
+    object: StringProperty(name="Object", description="Id of the object to select")
+    psnr: FloatProperty(name="PSNR", description="PSNR in dB; of a gap its length in seconds")
     test: BoolProperty(name="Held out", description="Held out from training")
+
+
+ICONS = {"PHOTOGRAPH": "IMAGE_DATA", "CAMERA": "CAMERA_DATA", "OBJECT": "OBJECT_DATA", "GAP": "TIME"}
 
 
 class PAGS_UL_photographs(bpy.types.UIList):
     bl_idname = "PAGS_UL_photographs"
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property):
-        row = layout.split(factor=0.62)
-        row.label(text=item.name, icon="HIDE_ON" if item.test else "IMAGE_DATA")
-        row.label(text=f"{item.psnr:.1f} dB")
+        row = layout.split(factor=0.68)
+        row.label(text=item.name, icon="HIDE_ON" if item.test else ICONS[item.kind])
+        row.label(text=f"{item.psnr:.1f} {'s' if item.kind == 'GAP' else 'dB'}")
+
+    def filter_items(self, context, data, member):
+        listed = context.scene.pags.listed
+        return [self.bitflag_filter_item if item.kind == listed else 0 for item in getattr(data, member)], []
 
 
 class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
-    """Render every photograph of the recording, as "pags eval" does, and list them by PSNR, worst first"""
+    """Compare all photographs as "pags eval" does, and list photographs, cameras, objects and gaps of tracks, worst first"""
 
     bl_idname = "pags.rank"
-    bl_label = "List photographs by PSNR"
+    bl_label = "List errors"
 
     def steps(self, context, root):
         command, path = program.command(context), whereabouts.absolute_path(root)
@@ -357,31 +365,67 @@ class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
                 yield jobs.in_thread(program.run, job, command, *words)
                 with open(target, encoding="utf-8") as file:
                     figures = json.load(file)
-            found = [(v["psnr"], v, split == "test") for split in ("train", "test") for v in figures[split]["per_view"]]
-            return fill(
-                bpy.context.window_manager,
-                root,
-                sorted(found, key=lambda one: (one[0] if one[0] is not None else 99.0, one[1]["name"])),
-            )
+            job.changes = True
+            return fill(bpy.context.scene, root, rows_of(entry, figures))
 
         return work
 
 
-def fill(manager, root, found):
-    """Fills the list, worst first; returns the message to report."""
+def rows_of(entry, figures):
+    """Rows of the list, as dictionaries of PagsPhotograph's members, worst first within each kind."""
+    sensors, by_sensor, rows = {v["name"]: v["sensor"] for v in entry.views}, {}, []
+    for split in ("train", "test"):
+        for view in figures[split]["per_view"]:
+            name, psnr = view["name"], view["psnr"] if view["psnr"] is not None else 99.0  # equal bits
+            rows.append({"kind": "PHOTOGRAPH", "name": name, "view": name, "psnr": psnr, "test": split == "test"})
+            by_sensor.setdefault(sensors.get(name, -1), []).append((psnr, name))
+    for sensor, found in by_sensor.items() if len(by_sensor) > 1 else ():
+        mean = sum(psnr for psnr, _ in found) / len(found)
+        rows.append({"kind": "CAMERA", "name": f"camera {sensor}", "view": min(found)[1], "psnr": mean})
+    for found in figures.get("objects", ()):  # programs before 0.3 list none
+        worst = {"view": found["worst_view"], "object": found["id"], "psnr": found["psnr"]}
+        rows.append({"kind": "OBJECT", "name": found["id"], **worst})
+    rows += gaps_of(entry)
+    order = list(ICONS)
+    return sorted(
+        rows, key=lambda r: (order.index(r["kind"]), -r["psnr"] if r["kind"] == "GAP" else r["psnr"], r["name"])
+    )
+
+
+def gaps_of(entry):
+    """Rows of the times between keyframes of a track that are far longer than its recording's time step."""
+    views, rows = [v for v in entry.views if "time" in v], []
+    if not views:
+        return rows
+    times = np.unique([v["time"] for v in views])
+    step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
+    for index, record in enumerate(entry.objects):
+        if not record["tracked"]:
+            continue
+        own = np.array(entry.scene.track(index)).reshape(-1, 13)[:, 0]
+        for begin, length in zip(own[:-1], np.diff(own)):
+            if length > 1.5 * step:
+                view = min(views, key=lambda v: (abs(v["time"] - begin - length / 2), v["sensor"]))
+                row = {"view": view["name"], "object": record["id"], "psnr": float(length)}
+                rows.append({"kind": "GAP", "name": record["id"], **row})
+    return rows
+
+
+def fill(scene, root, rows):
+    """Fills the list; returns the message to report."""
     global _filling
-    manager.pags_photographs.clear()
-    manager.pags_photographs_said = ""
-    for psnr, figures, test in found:
-        item = manager.pags_photographs.add()
-        item.name, item.root, item.test = figures["name"], root.name, test
-        item.psnr = psnr if psnr is not None else 99.0  # equal bits
-        item.ssim = figures["ssim"] if figures["ssim"] is not None else 1.0
+    scene.pags_photographs.clear()
+    scene.pags_photographs_said = ""
+    for row in rows:
+        item = scene.pags_photographs.add()
+        item.root = root.name
+        for name, value in row.items():
+            setattr(item, name, value)
     _filling = True  # select no row, so that the view does not jump
-    manager.pags_photograph = -1
+    scene.pags_photograph = -1
     _filling = False
-    worst = manager.pags_photographs[0]
-    return f"{len(found)} photographs; lowest PSNR: {worst.name}, {worst.psnr:.2f} dB"
+    found = [row for row in rows if row["kind"] == "PHOTOGRAPH"]
+    return f"{len(found)} photographs; lowest PSNR: {found[0]['name']}, {found[0]['psnr']:.2f} dB"
 
 
 CLASSES = (PagsPhotograph, PAGS_UL_photographs, PAGS_OT_rank)
@@ -391,15 +435,15 @@ def register():
     global _handle
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    manager = bpy.types.WindowManager
-    manager.pags_photographs = CollectionProperty(type=PagsPhotograph, name="Photographs", description="Worst first")
-    manager.pags_photograph = IntProperty(
-        name="Photograph",
-        description="Number of the selected photograph; a click on a row goes to its camera and time",
+    scene = bpy.types.Scene
+    scene.pags_photographs = CollectionProperty(type=PagsPhotograph, name="Photographs", description="Worst first")
+    scene.pags_photograph = IntProperty(
+        name="Row",
+        description="Number of the selected row; a click goes to its camera and time",
         default=-1,
         update=go,
     )
-    manager.pags_photographs_said = StringProperty(
+    scene.pags_photographs_said = StringProperty(
         name="Message", description="Why the selected photograph could not be shown"
     )
     if not bpy.app.background:
@@ -415,7 +459,7 @@ def unregister():
         bpy.app.timers.unregister(tick)
     forget()
     _made.clear()
-    manager = bpy.types.WindowManager
-    del manager.pags_photographs_said, manager.pags_photograph, manager.pags_photographs
+    scene = bpy.types.Scene
+    del scene.pags_photographs_said, scene.pags_photograph, scene.pags_photographs
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -2,14 +2,17 @@
 """Composites CG objects into the street: a linked second Blender scene renders the splats with PAGS, and Cycles or EEVEE renders Blender's meshes, merged by
 depth. Proxies, or a plane for the road, catch shadows; the recording's surroundings light the meshes."""
 
+import json
+
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from . import cameras, curves, gather, jobs, lens, native, undistort, whereabouts
+from . import cameras, curves, jobs, lens, light, native, whereabouts
 
-SECOND = "PAGS behind"
-LIGHT = "PAGS surroundings"  # name of the world and of its picture
+SECOND = "PAGS street"
+CATCHERS = "PAGS shadow catchers"
+BEFORE = "pags_before"  # custom property of a scene with a composite: its settings before, as JSON
 MINE = "pags_composite"  # marks our nodes in the compositor
 SAMPLES = {
     True: 64,
@@ -52,28 +55,6 @@ def copy_settings(scene, second):
         setattr(second.pags, name, getattr(scene.pags, name))
 
 
-def eyes_of(entry):
-    """Positions (n, 3) of the recording's cameras relative to the scene's origin, metres."""
-    poses = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)
-    return poses[:, :, 3] - np.array(entry.info["origin"])
-
-
-def road_height(entry):
-    """Height of the road below the drive, relative to the scene's origin, metres: the mode of the heights of background Gaussians near and
-    below the cameras. (A low percentile would lie under the road: 0.1 m in height at 9 m distance is 0.5 m along the ray.)"""
-    points, eyes = np.array(entry.scene.points(-1, 200000)[0]).reshape(-1, 3), eyes_of(entry)
-    if not len(eyes) or not len(points):
-        return 0.0
-    middle = np.median(eyes, axis=0)
-    near = np.linalg.norm(points[:, :2] - middle[:2], axis=1) < 15
-    below = points[near & (points[:, 2] < middle[2]), 2]
-    if len(below) <= 10:
-        return float(middle[2] - 1.6)
-    counts, edges = np.histogram(below, bins=np.arange(below.min(), middle[2] + 0.05, 0.05))
-    level = edges[np.argmax(counts)] + 0.025
-    return float(np.median(below[np.abs(below - level) < 0.1]))
-
-
 def shadow_plane(scene, root, eyes, z):
     known = next((o for o in scene.objects if o.get("pags_catcher") == "road"), None)
     if known is not None:
@@ -93,7 +74,7 @@ def shadow_plane(scene, root, eyes, z):
 def use_catchers(scene, root, eyes, z):
     """Collects the shadow catchers (the proxies, else a plane for the road) in a collection of the first scene; returns them."""
     proxies = [o for o in scene.objects if o.get("pags_proxy") and o.type == "MESH"]
-    collection = bpy.data.collections.get("PAGS shadow catchers") or bpy.data.collections.new("PAGS shadow catchers")
+    collection = bpy.data.collections.get(CATCHERS) or bpy.data.collections.new(CATCHERS)
     if collection.name not in scene.collection.children:
         scene.collection.children.link(collection)
     catchers = proxies or [shadow_plane(scene, root, eyes, z)]
@@ -120,67 +101,11 @@ def follow_visibility(scene, proxy):
         curves.set_curve(proxy, "hide_render", 0, [k[0] for k in keys], [k[1] for k in keys], "CONSTANT")
 
 
-def hide_splats(scene):
-    """Hides the preview points from renders of the first scene: the second scene renders the splats."""
+def show_splats(scene, shown):
+    """Shows the preview points in renders of the first scene or not: the second scene renders the splats."""
     for part in scene.objects:
         if part.pags.kind in {"BACKGROUND", "OBJECT"} and len(part.users_collection) > 0:
-            part.visible_camera = part.visible_shadow = part.visible_diffuse = part.visible_glossy = False
-
-
-# ---- The light ----
-
-
-def panorama(entry, eye, turn, threads, width=512, side=192):
-    """Environment picture around a point (relative to the scene's origin), without objects: linear RGB (height, width, 3), row 0 at the bottom, in Cycles'
-    equirectangular mapping. `turn`: 3x3, from Blender's world to the scene's axes. Rendered as the six faces of a cube."""
-    height = width // 2
-    longitude = 2 * np.pi * (0.5 - (np.arange(width) + 0.5) / width)
-    latitude = np.pi * ((np.arange(height) + 0.5) / height - 0.5)
-    flat = np.cos(latitude)[:, None] * np.stack([np.cos(longitude), np.sin(longitude)])[:, None]
-    up = np.broadcast_to(np.sin(latitude)[:, None], (height, width))
-    directions = np.stack([*flat, up], axis=2) @ turn.T
-    largest = np.abs(directions).argmax(axis=2)
-    face = 2 * largest + (np.take_along_axis(directions, largest[..., None], 2)[..., 0] < 0)
-    out = np.zeros((height, width, 3), dtype=np.float32)
-    for number in range(6):
-        forward = np.eye(3)[number // 2] * (1 - 2 * (number % 2))
-        right = np.eye(3)[(number // 2 + 1) % 3]
-        axes = np.stack([right, np.cross(forward, right), forward], axis=1)  # columns: right, down, forward
-        pose = np.hstack([axes, (eye + np.array(entry.info["origin"]))[:, None]])
-        camera = {"width": side, "height": side, "fx": side / 2, "fy": side / 2, "cx": side / 2, "cy": side / 2}
-        camera.update(world_from_camera=[float(v) for v in pose.ravel()], time=entry.info["time_begin"])
-        job = native.renderer("final", threads).submit(
-            entry.scene, camera, placements=[(-1, gather.IDENTITY)], linear=True
-        )
-        picture, here = np.asarray(job.take().rgba)[..., :3], face == number
-        seen = directions[here] @ axes
-        out[here] = undistort.sample(
-            picture, side / 2 * (1 + seen[:, 0] / seen[:, 2]), side / 2 * (1 + seen[:, 1] / seen[:, 2])
-        )
-    return out
-
-
-def light_up(scene, picture):
-    """Sets the picture as the scene's world. The previous world stays in the file."""
-    height, width = picture.shape[:2]
-    image = bpy.data.images.get(LIGHT) or bpy.data.images.new(LIGHT, width, height, float_buffer=True)
-    rgba = np.ones((height, width, 4), dtype=np.float32)
-    rgba[..., :3] = picture
-    image.pixels.foreach_set(rgba.reshape(-1))
-    image.update()
-    image.pack()
-    world = bpy.data.worlds.get(LIGHT) or bpy.data.worlds.new(LIGHT)
-    world.use_nodes = True
-    nodes = world.node_tree.nodes
-    texture = next((n for n in nodes if n.bl_idname == "ShaderNodeTexEnvironment"), None) or nodes.new(
-        "ShaderNodeTexEnvironment"
-    )
-    texture.image, texture.location = image, (-300, 300)
-    background = next(n for n in nodes if n.bl_idname == "ShaderNodeBackground")
-    world.node_tree.links.new(texture.outputs["Color"], background.inputs["Color"])
-    if scene.world not in (None, world):
-        scene.world.use_fake_user = True
-    scene.world = world
+            part.visible_camera = part.visible_shadow = part.visible_diffuse = part.visible_glossy = shown
 
 
 def use_samples(scene):
@@ -290,6 +215,26 @@ def multiply(tree, share, picture, by):
     return out
 
 
+def at_edges(tree, depth):
+    """The depths of the meshes, and in empty pixels that of the nearest mesh next to them: the meshes' smooth edges cover a part of those pixels."""
+    nearest = tree.nodes.new("CompositorNodeDilateErode")
+    if "Size" in nearest.inputs:  # 5.x
+        nearest.inputs["Size"].default_value = -1
+    else:
+        nearest.mode, nearest.distance = "STEP", -1
+    tree.links.new(depth, nearest.inputs["Mask"])
+    empty = math_node(tree, "GREATER_THAN", depth, 1e9)
+    off = math_node(tree, "SUBTRACT", nearest.outputs[0], math_node(tree, "MINIMUM", depth, 1e9))
+    return math_node(tree, "ADD", math_node(tree, "MINIMUM", depth, 1e9), math_node(tree, "MULTIPLY", empty, off))
+
+
+def smooth(tree, mask):
+    """A mask without steps at its edges."""
+    node = tree.nodes.new("CompositorNodeAntiAliasing")
+    tree.links.new(mask, node.inputs[0])
+    return node.outputs[0]
+
+
 def build_nodes(scene, second, layer, tolerance):
     """Builds the compositor's nodes: the street, darkened by the shadows on the catchers, and over it the meshes that are at most `tolerance` metres behind
     the street's surface. A catcher may lie SLACK times the distance further behind: at grazing angles an error of centimetres in height is metres along the
@@ -300,7 +245,7 @@ def build_nodes(scene, second, layer, tolerance):
     front, behind = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeRLayers")
     front.scene, behind.scene = scene, second
     front.layer = layer
-    excess = math_node(tree, "SUBTRACT", front.outputs["Depth"], behind.outputs["Depth"])
+    excess = math_node(tree, "SUBTRACT", at_edges(tree, front.outputs["Depth"]), behind.outputs["Depth"])
     street = behind.outputs["Image"]
     shadow = next((o for o in front.outputs if o.name == "Shadow Catcher" and o.enabled), None)
     if shadow is not None:
@@ -313,7 +258,7 @@ def build_nodes(scene, second, layer, tolerance):
     else:
         masked.mode = "APPLY"
     tree.links.new(front.outputs["Image"], masked.inputs["Image"])
-    tree.links.new(math_node(tree, "LESS_THAN", excess, tolerance), masked.inputs["Alpha"])
+    tree.links.new(smooth(tree, math_node(tree, "LESS_THAN", excess, tolerance)), masked.inputs["Alpha"])
     whole = alpha_over(tree, street, masked.outputs[0])
     frame = tree.nodes.new("NodeFrame")
     frame.label = "PAGS composite"
@@ -365,31 +310,30 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
             raise native.SceneError("there is no camera in the scene")
         if self.engine == "CYCLES" and not hasattr(scene, "cycles"):
             raise native.SceneError("this Blender has no Cycles, or its add-on is not enabled (Preferences > Add-ons)")
-        path, engine, tolerance, use_light = (
-            whereabouts.absolute_path(root),
-            self.engine,
-            self.tolerance,
-            self.use_light,
-        )
+        path, engine, tolerance = whereabouts.absolute_path(root), self.engine, self.tolerance
+        use_light = self.use_light
         root_from_world = np.linalg.inv(lens.matrix(root.matrix_world))
         eye = (root_from_world @ lens.matrix(scene.camera.matrix_world))[:3, 3]
         turn = lens.rigid(root_from_world)[0][:3, :3]
 
         def work(job):
             entry = yield jobs.in_thread(native.load, path)
-            z = yield jobs.in_thread(road_height, entry)
+            z = yield jobs.in_thread(light.road_height, entry)
+            world = scene.world
             if use_light:
-                light_up(scene, (yield jobs.in_thread(panorama, entry, eye, turn, threads)))
+                surroundings = yield jobs.in_thread(light.panorama, entry, eye, turn, threads)
+                light.light_up(scene, surroundings)
             job.changes = True
+            remember(scene, layer, world)
             set_engine(scene, engine)
             scene.render.film_transparent = True
             scene.render.use_compositing = True
             layer.use_pass_z = True
             second = second_scene(scene)
             yield
-            hide_splats(scene)
+            show_splats(scene, False)
             if engine == "CYCLES":
-                use_catchers(scene, root, eyes_of(entry), z)
+                use_catchers(scene, root, light.eyes_of(entry), z)
                 layer.cycles.use_pass_shadow_catcher = True
             yield
             if not build_nodes(scene, second, layer.name, tolerance):
@@ -397,6 +341,72 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
             return "F12 now renders the meshes into the street"
 
         return work
+
+
+def remember(scene, layer, world):
+    """Stores the settings that a composite changes, unless they are already those of one."""
+    if BEFORE in scene:
+        return
+    render, cycles = scene.render, getattr(scene, "cycles", None)
+    found = {"engine": render.engine, "transparent": render.film_transparent, "compositing": render.use_compositing}
+    found |= {"z": layer.use_pass_z, "world": world.name if world is not None else ""}
+    found["nodes"] = (
+        scene.compositing_node_group is not None if hasattr(scene, "compositing_node_group") else scene.use_nodes
+    )
+    if cycles is not None:
+        found["samples"] = cycles.samples if cycles.is_property_set("samples") else None
+        found["denoising"] = cycles.use_denoising
+    scene[BEFORE] = json.dumps(found)
+
+
+def restore(scene, layer):
+    """Takes back what a composite has changed; nodes and settings of the user stay."""
+    before, render, cycles = json.loads(scene[BEFORE]), scene.render, getattr(scene, "cycles", None)
+    del scene[BEFORE]
+    tree = node_tree(scene)
+    fed = take_over(tree, scene)
+    own = next((n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene), None)
+    for socket in fed if own is not None else ():
+        tree.links.new(own.outputs["Image"], socket)
+    if not before["nodes"]:
+        if hasattr(scene, "compositing_node_group"):
+            bpy.data.node_groups.remove(tree)
+        else:
+            scene.use_nodes = False
+    render.engine, render.film_transparent = before["engine"], before["transparent"]
+    render.use_compositing, layer.use_pass_z = before["compositing"], before["z"]
+    scene.world = bpy.data.worlds.get(before["world"])
+    if cycles is not None:
+        layer.cycles.use_pass_shadow_catcher, cycles.use_denoising = False, before["denoising"]
+        if before["samples"] is None:
+            cycles.property_unset("samples")
+    show_splats(scene, True)
+    collection, second = bpy.data.collections.get(CATCHERS), bpy.data.scenes.get(SECOND)
+    for block in list(collection.objects) if collection is not None else ():
+        if block.get("pags_catcher") == "road":
+            bpy.data.objects.remove(block)
+        else:
+            block.is_shadow_catcher, block.hide_render = False, True
+            curves.remove(block, "hide_render")
+    for holder, block in ((bpy.data.collections, collection), (bpy.data.scenes, second)):
+        if block is not None:
+            holder.remove(block)
+
+
+class PAGS_OT_remove_composite(bpy.types.Operator):
+    """Take back what Composite has set up: nodes, the second scene, shadow catchers, light and render settings"""
+
+    bl_idname = "pags.remove_composite"
+    bl_label = "Remove composite"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return BEFORE in context.scene
+
+    def execute(self, context):
+        restore(context.scene, context.view_layer)
+        return {"FINISHED"}
 
 
 def set_engine(scene, engine):
@@ -408,6 +418,6 @@ def set_engine(scene, engine):
     scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in names else "BLENDER_EEVEE"
 
 
-CLASSES = (PAGS_OT_composite,)
+CLASSES = (PAGS_OT_composite, PAGS_OT_remove_composite)
 
 register, unregister = bpy.utils.register_classes_factory(CLASSES)

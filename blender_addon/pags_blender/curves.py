@@ -6,6 +6,37 @@ import numpy as np
 from mathutils import Matrix
 
 
+def all_of(block):
+    """The fcurves of an ID's own action; none without one."""
+    data = block.animation_data
+    if data is None or data.action is None:
+        return []
+    if hasattr(data.action, "fcurves"):
+        return list(data.action.fcurves)
+    from bpy_extras import anim_utils
+
+    bag = anim_utils.action_get_channelbag_for_slot(data.action, data.action_slot)
+    return list(bag.fcurves) if bag is not None else []
+
+
+def frames_of(curve):
+    """Frames of a curve's keyframes and their handles: left handle, key, right handle of each."""
+    out = np.empty((3, 2 * len(curve.keyframe_points)), dtype=np.float32)
+    for values, name in zip(out, ("handle_left", "co", "handle_right")):
+        curve.keyframe_points.foreach_get(name, values)
+    return out[:, 0::2].T.ravel().astype(np.float64)
+
+
+def set_frames(curve, frames):
+    """The inverse of `frames_of`."""
+    values = np.empty(2 * len(curve.keyframe_points), dtype=np.float32)
+    for name, own in zip(("handle_left", "co", "handle_right"), frames.reshape(-1, 3).T):
+        curve.keyframe_points.foreach_get(name, values)
+        values[0::2] = own
+        curve.keyframe_points.foreach_set(name, values)
+    curve.update()
+
+
 def fcurve_owner(block):
     """The object whose `new` creates fcurves for the ID's own action; creates the action if missing."""
     data = block.animation_data or block.animation_data_create()
@@ -22,6 +53,12 @@ def fcurve_owner(block):
         slots = data.action.slots
         data.action_slot = slots[0] if slots else slots.new(block.id_type, block.name)
     return anim_utils.action_ensure_channelbag_for_slot(data.action, data.action_slot).fcurves
+
+
+def remove(block, path):
+    """Removes the keyframes of one property."""
+    for curve in [c for c in all_of(block) if c.data_path == path]:
+        fcurve_owner(block).remove(curve)
 
 
 def set_curve(block, path, index, frames, values, interpolation="LINEAR"):

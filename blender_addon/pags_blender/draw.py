@@ -18,21 +18,15 @@ void main() {
 # Writes the depth buffer from the picture's depths, so that meshes and splats hide each other. `lens` holds the elements P22 and P23 of the
 # view's projection matrix and whether it is a perspective; for an orthographic view, rendered from far behind, the distance back is subtracted.
 DEPTH = """
-float encode(vec3 linear) {
-  return 0.0;
-}
-vec3 display(vec3 c) {
-  return mix(c * 12.92, 1.055 * pow(max(c, vec3(0.0)), vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), c));
-}
 void main() {
   vec4 texel = texture(picture, uv);
   float z = texture(depths, uv).r - lens.w;
-  if (texel.a < 0.5 && lens.z < 2.0) {
+  if (texel.a < 0.5) {
     discard;
   }
   float ndc = lens.z > 0.5 ? (lens.x * -z + lens.y) / z : lens.x * -z + lens.y;
   gl_FragDepth = clamp(0.5 * ndc + 0.5, 0.0, 1.0);
-  color = vec4(encoded > 0.5 ? display(texel.rgb) : texel.rgb, texel.a);
+  color = texel;
 }
 """
 
@@ -51,7 +45,6 @@ def shader(name):
     if name == "depth":
         info.sampler(1, "FLOAT_2D", "depths")
         info.push_constant("VEC4", "lens")
-        info.push_constant("FLOAT", "encoded")
         if hasattr(info, "depth_write"):
             info.depth_write("ANY")
     info.fragment_out(0, "VEC4", "color")
@@ -59,6 +52,16 @@ def shader(name):
     info.fragment_source(DEPTH if name == "depth" else PLAIN)
     _made[name] = gpu.shader.create_from_info(info)
     return _made[name]
+
+
+def bind_picture(shader_, shown, window_matrix):
+    """Binds a picture (viewport.Shown) to the shader, with its depth if it has one."""
+    shader_.uniform_sampler("picture", shown.color)
+    if shown.depth is not None:
+        p = window_matrix
+        shader_.uniform_sampler("depths", shown.depth)
+        perspective = 1.0 if p[3][3] == 0 else 0.0
+        shader_.uniform_float("lens", (p[2][2], p[2][3], perspective, shown.values.get("ortho", 0.0)))
 
 
 def rectangle(shader_, left, right):
@@ -89,19 +92,37 @@ def font(context):
     return scale
 
 
+def strip(x, y, width, height, colors):
+    """Draws a bar with these equally spaced colours."""
+    places, shades = [], []
+    for number, shade in enumerate(colors):
+        at = x + width * number / max(1, len(colors) - 1)
+        places += [(at, y), (at, y + height)]
+        shades += [shade, shade]
+    smooth = gpu.shader.from_builtin("SMOOTH_COLOR" if bpy.app.version >= (4, 0, 0) else "2D_SMOOTH_COLOR")
+    gpu.state.blend_set("ALPHA")
+    batch_for_shader(smooth, "TRI_STRIP", {"pos": places, "color": shades}).draw(smooth)
+    gpu.state.blend_set("NONE")
+
+
+def lines(texts, left, bottom, scale):
+    """Draws white lines of text on a dark box, readable on any picture; `bottom`: of the last line's letters."""
+    step, margin = 15 * scale, 5 * scale
+    width = max(blf.dimensions(0, text)[0] for text in texts)
+    shade = (0.0, 0.0, 0.0, 0.6)
+    strip(left - margin, bottom - margin, width + 2 * margin, len(texts) * step + margin, (shade, shade))
+    blf.color(0, 1, 1, 1, 1)
+    for row, text in enumerate(reversed(texts)):
+        blf.position(0, left, bottom + row * step, 0)
+        blf.draw(0, text)
+
+
 def text(context, x, y, said):
     """Draws a line over a view, centred at x and a little above y (fractions of the region's size), moved into the region if possible."""
     region, scale = context.region, font(context)
     width, height = blf.dimensions(0, said)
     left = min(max(x * region.width - width / 2, 20 * scale), region.width - width - 20 * scale)
-    bottom = min(max(y * region.height, 0), region.height - 3 * height) + 10 * scale
-    blf.enable(0, blf.SHADOW)
-    blf.shadow(0, 5, 0, 0, 0, 1)
-    blf.color(0, 1, 1, 1, 1)
-    blf.position(0, left, bottom, 0)
-    for _ in range(3):  # a single shadow is hard to see on light pictures
-        blf.draw(0, said)
-    blf.disable(0, blf.SHADOW)
+    lines([said], left, min(max(y * region.height, 0), region.height - 3 * height) + 10 * scale, scale)
 
 
 def texture(buffer, width, height, channels):

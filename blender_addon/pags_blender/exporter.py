@@ -380,7 +380,7 @@ class PAGS_OT_save_edited(jobs.Long, cameras.OnScene, bpy.types.Operator):
                 )
                 yield from edited.collect(job)
                 yield jobs.in_thread(edited.write, folder, job)
-            return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} removed{edited.left_out()}"
+            return f"{folder}: {reasons.count(len(edited.moved), 'object')} moved, {len(edited.gone)} removed{edited.left_out()}"
 
         return work
 

@@ -108,7 +108,12 @@ class Visible:
         if self.frame is None or self.stamp != entries:
             order = sorted(
                 range(len(entries)),
-                key=lambda i: (not entries[i].info["sky"], self.scenes[i].root_name != self.camera_root, i),
+                key=lambda i: (
+                    not entries[i].info["sky"],
+                    hollow(self.scenes[i], entries[i]),
+                    self.scenes[i].root_name != self.camera_root,
+                    i,
+                ),
             )
             self.stamp, self.frame = (
                 entries,
@@ -124,6 +129,7 @@ class Frame:
         """lent: whether only the sky of the leading scene is used as leading, since its scale isn't uniform; its Gaussians then follow as another scene.
         None: to be determined."""
         self.lead, self.entry, self.flat = scenes[0], entries[0], flat
+        self.hollow = self.entry.info["sky"] and hollow(self.lead, self.entry)
         self.origin = np.array(self.entry.info["origin"])
         world_from_frame, self.scale = lens.rigid(self.lead.world_from_root)
         self.turn = world_from_frame[:3, :3].copy()
@@ -228,7 +234,7 @@ class Frame:
         count = len({scene.root_name for scene in self.scenes})
         behind = (
             f", {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}"
-            if own_background(settings) is None
+            if own_background(settings, self) is None
             else ""
         )
         said = [f"{count} scenes{behind}"] if count > 1 else []
@@ -240,6 +246,12 @@ class Frame:
         return "; ".join(
             said + ([f"omitted, since a scale of 0 flattens them: {', '.join(self.flat[:3])}"] if self.flat else [])
         )
+
+
+def hollow(scene, entry):
+    """Whether a scene has background Gaussians that aren't drawn. Its sky shows a ghost of the street where training saw only the background."""
+    plain = native.known(scene.path) or entry
+    return plain.background > 0 and (entry.bare or entry.background == 0 or -1 not in scene.indices)
 
 
 PARTS = {"BACKGROUND", "OBJECT"}  # kinds of objects that represent Gaussians
@@ -333,11 +345,11 @@ def placements(state, entry, time, critical_only=False):
     return list(zip(indices.tolist(), rows))
 
 
-def own_background(settings):
-    """The colour that replaces the scene's sky or background, or None. With *Critical only* it is black."""
+def own_background(settings, frame):
+    """The colour that replaces the scene's sky or background, or None. With *Critical only*, and without the background's Gaussians, it is black."""
     if settings.use_background:
         return tuple(settings.background)
-    return (0.0, 0.0, 0.0) if settings.hide_noncritical else None
+    return (0.0, 0.0, 0.0) if settings.hide_noncritical or frame.hollow else None
 
 
 def job_arguments(settings, frame, final):
@@ -346,8 +358,8 @@ def job_arguments(settings, frame, final):
     out["exp_degree"] = 5 if final else 3
     if settings.antialiased != "SCENE":
         out["antialiased"] = int(settings.antialiased == "ON")
-    if own_background(settings) is not None:
-        out["background"] = own_background(settings)
+    if own_background(settings, frame) is not None:
+        out["background"] = own_background(settings, frame)
     out["depth_scale"] = frame.scale
     out["early_z"] = settings.early_z if settings.early_z != "bounded" else f"bounded={settings.early_z_eps:.6f}"
     return out

@@ -4,7 +4,7 @@
 import bpy
 from bpy.app.handlers import persistent
 
-from . import comparison, draw, native, overlay, photographs, recording, viewport, whereabouts
+from . import comparison, draw, guard, meshes, native, overlay, photographs, sweeps, timing, viewport, whereabouts
 
 
 @persistent
@@ -15,12 +15,14 @@ def after_load(*_):
     overlay.forget()
     photographs.forget()
     comparison.forget()
-    recording.forget()
+    sweeps.forget()
     native.forget()
+    meshes.forget()
     whereabouts.forget()
     draw.clear()
     whereabouts.tell()
     viewport.start_timer()
+    sweeps.after_load()
 
 
 _saving = {
@@ -40,6 +42,9 @@ def before_save(*arguments):
     before = [(root, name, getattr(root.pags, name), root.pags.record) for root, name, _, _ in targets]
     _saving.update({"from": bpy.data.filepath, "to": blend, "targets": targets, "before": before})
     move(blend)
+    image = bpy.data.images.get(photographs.COMPARED)
+    if image is not None and image.is_dirty:
+        image.pack()
     for root in whereabouts.roots():
         entry = native.known(whereabouts.absolute_path(root))
         if root.library is None and entry is not None:
@@ -68,7 +73,14 @@ def after_save(*_):
 
 
 @persistent
-def after_change(*_):
+def after_change(scene, depsgraph=None):
+    meshes.changed(depsgraph)
+    overlay.changed()
+
+
+@persistent
+def after_frame(*_):
+    meshes.changed(None)
     overlay.changed()
 
 
@@ -77,7 +89,9 @@ HANDLERS = (
     (bpy.app.handlers.save_pre, before_save),
     (bpy.app.handlers.save_post, after_save),
     (bpy.app.handlers.depsgraph_update_post, after_change),
-    (bpy.app.handlers.frame_change_post, after_change),
+    (bpy.app.handlers.depsgraph_update_post, guard.after_change),
+    (bpy.app.handlers.depsgraph_update_post, timing.after_change),
+    (bpy.app.handlers.frame_change_post, after_frame),
 )
 
 

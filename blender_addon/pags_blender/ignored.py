@@ -33,7 +33,7 @@ def of_view(context, state):
         final += ["depth of field"] if blur.aperture_radius(camera.data) > 0 else []
     final += ["motion blur"] if blur.shutter(context.scene)[1] > 0 else []
     lists = (
-        ("not drawn", some(state.strangers)),
+        ("not in F12", some(state.strangers)),
         ("F12 alone", ", ".join(final)),
         ("ignored", ", ".join(state.ignored)),
     )

@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Quaternion, Vector
 
-from . import curves, exporter, jobs, lens, native, photographs, program, proxies, reasons, whereabouts
+from . import curves, exporter, guard, jobs, lens, native, photographs, program, proxies, reasons, whereabouts
 from .properties import preview_budget
 
 # Rotations from a file's up axis to Blender's z: quarter and half turns about x, or about y for files with x up.
@@ -94,7 +94,7 @@ class Import:
         note(self.root, "gaussians", self.info["gaussians"])
         self.root.matrix_world = self.place()
         share = self.budget / max(1, self.info["gaussians"])
-        background = self.info["gaussians"] - sum(o["gaussians"] for o in self.objects)
+        background = self.entry.background
         if background > 0:
             part = self.add_part("background", -1, "BACKGROUND", self.root, background * share)
             note(part, "gaussians", background)
@@ -164,6 +164,7 @@ class Import:
         attribute = mesh.attributes.new("Col", "FLOAT_COLOR", "POINT")
         attribute.data.foreach_set("color", np.ascontiguousarray(colors, dtype=np.float32).reshape(-1))
         mesh.update()
+        guard.remember(mesh)
         part = self.link(bpy.data.objects.new(name, mesh), kind, parent, collection)
         part.pags.index = index
         part.pass_index = index + 1
@@ -174,7 +175,13 @@ class Import:
 
     def add_object(self, index, record, budget):
         collection = self.collection_of(record["class"])
-        track = self.add_empty(f"{record['class']} {record['id']}"[:60], "TRACK", self.root, EMPTY_SIZE, collection)
+        track = self.add_empty(
+            f"{record['class'][: 59 - len(record['id'])]} {record['id']}"[:60],
+            "TRACK",
+            self.root,
+            EMPTY_SIZE,
+            collection,
+        )
         track.pags.index = index
         part = self.add_part(record["id"][:60], index, "OBJECT", track, budget, collection)
         for key in NOTES:
@@ -431,7 +438,7 @@ EXTENSIONS = (
     ".spz",
     ".splat",
     ".pagsz",
-)  # Blender matches a filter with the whole path: "scene.json" as a filter would match nothing
+)  # Blender matches a filter with the whole path: "scene.json" as a filter would match nothing, "*scene.json" does
 OPTIONS = ("whole", "up", "cameras", "photographs", "proxies", "use_rate", "use_standard", "use_engine", "relative")
 
 
@@ -443,7 +450,7 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
     bl_options = {"REGISTER", "UNDO", "PRESET"}
 
     filename_ext = ".json"
-    filter_glob: StringProperty(default=";".join("*" + e for e in EXTENSIONS), options={"HIDDEN"})
+    filter_glob: StringProperty(default="*scene.json;" + ";".join("*" + e for e in EXTENSIONS[1:]), options={"HIDDEN"})
     filepath: StringProperty(
         name="Path", description="scene.json, its folder, or a splat file", subtype="FILE_PATH", options={"SKIP_SAVE"}
     )
@@ -471,7 +478,7 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
     )
     proxies: BoolProperty(
         name="Proxies",
-        description="Create closed meshes of objects and ground with the pags program, hidden, on the objects' tracks (takes minutes)",
+        description="Create closed meshes of objects and ground with the pags program on the objects' tracks (takes minutes)",
         default=False,
     )
     use_rate: EnumProperty(

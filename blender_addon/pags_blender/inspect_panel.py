@@ -8,34 +8,33 @@ from . import cameras, program, reasons, recording, ui
 
 class PAGS_PT_inspect(ui.OfScene, bpy.types.Panel):
     bl_label = "Inspect"
+    bl_order = 3
 
     def draw(self, context):
-        settings, manager, layout, root = (
-            context.scene.pags,
-            context.window_manager,
-            self.layout,
-            cameras.root_of(context),
-        )
+        scene, layout, root = context.scene, self.layout, cameras.root_of(context)
+        settings = scene.pags
         none, lacking = reasons.photographs(context, root), program.absent(context)
-        ui.where(layout, none and settings.comparison == "NONE").prop(settings, "comparison")
+        layout.label(text="Compare with photographs")
+        ui.where(layout, none and settings.comparison == "NONE").prop(settings, "comparison", text="")
         ui.where(layout, none or lacking).operator("pags.rank", icon="SORT_ASC")
-        if manager.pags_photographs:
-            layout.template_list(
-                "PAGS_UL_photographs", "", manager, "pags_photographs", manager, "pags_photograph", rows=4
-            )
-        if manager.pags_photographs_said or none or lacking:
-            reasons.explain(layout, manager.pags_photographs_said or none or lacking)
+        if scene.pags_photographs:
+            layout.prop(settings, "listed", text="")
+            layout.template_list("PAGS_UL_photographs", "", scene, "pags_photographs", scene, "pags_photograph", rows=4)
+        if scene.pags_photographs_said or none or lacking:
+            reasons.explain(layout, scene.pags_photographs_said or none or lacking)
         ui.where(layout, none).operator("pags.compare", icon="IMAGE_DATA", text="To the image editor")
-        if context.scene.pags_compared:
-            reasons.explain(layout, context.scene.pags_compared)
+        if scene.pags_compared:
+            reasons.explain(layout, scene.pags_compared)
         if settings.wipe_root is not None or reasons.several(context):
-            layout.prop(settings, "wipe_root")
-        if settings.comparison == "WIPE" or settings.wipe_root is not None or context.scene.pags_compared:
+            layout.label(text="Beside")
+            layout.prop(settings, "wipe_root", text="")
+        if settings.comparison == "WIPE" or settings.wipe_root is not None or scene.pags_compared:
             layout.prop(settings, "wipe")
 
 
 class PAGS_PT_recording(ui.OfScene, bpy.types.Panel):
     bl_label = "Recording"
+    bl_order = 4
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
@@ -43,6 +42,8 @@ class PAGS_PT_recording(ui.OfScene, bpy.types.Panel):
         row = ui.where(layout.column(align=True), none)
         row.operator("pags.lidar")
         row.operator("pags.boxes")
+        if any("pags_lidar" in o for o in context.scene.objects):
+            layout.prop(context.scene.pags, "lidar_color", text="")
         text = "Remove held-out marks" if recording.marked(context.scene) else "Mark held-out steps"
         ui.where(layout, none).operator("pags.mark_held_out", text=text, icon="MARKER_HLT")
         if none:
@@ -51,6 +52,7 @@ class PAGS_PT_recording(ui.OfScene, bpy.types.Panel):
 
 class PAGS_PT_measure(ui.OfScene, bpy.types.Panel):
     bl_label = "Measure"
+    bl_order = 5
 
     def draw(self, context):
         layout, scene = self.layout, context.scene
@@ -60,6 +62,7 @@ class PAGS_PT_measure(ui.OfScene, bpy.types.Panel):
             row.label(text=scene.pags_distance.split(" (")[0])
             row.operator("pags.forget_distance", text="", icon="X")
         layout.operator("pags.stand", icon="TRIA_DOWN_BAR")
+        layout.operator("pags.stand_on_road", icon="TRIA_DOWN_BAR")
 
 
 CLASSES = (PAGS_PT_inspect, PAGS_PT_recording, PAGS_PT_measure)

@@ -80,11 +80,11 @@ class Aim:
         return found
 
 
-def aim_of(space, view, region, depsgraph, wait=True):
-    """The Aim of a 3D view."""
+def aim_of(space, view, region, depsgraph, wait=True, without=frozenset()):
+    """The Aim of a 3D view, without the objects of these full names."""
     values, pose = lens.of_view(view.window_matrix, view.view_matrix, region.width, region.height)
     planes = lens.clip_planes(space, view, values, pose, depsgraph.scene.camera)
-    return Aim(depsgraph, values, pose, gather.hidden_in(space, depsgraph), planes, wait)
+    return Aim(depsgraph, values, pose, gather.hidden_in(space, depsgraph) | without, planes, wait)
 
 
 def aim(context):
@@ -103,7 +103,7 @@ def describe(found):
     record = found["record"]
     what = f"{record['class']} {record['id']} (number {found['object']})" if record else "background"
     what += found["of"]
-    return f"{what}, S_sem {found['priority']:.2f}, depth {found['depth']:.2f} m, Gaussian {found['id']}"
+    return f"{what}, priority {found['priority']:.2f}, depth {found['depth']:.2f} m, Gaussian {found['id']}"
 
 
 def select(context, found, extend=False):

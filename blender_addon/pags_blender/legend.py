@@ -6,15 +6,18 @@ import math
 
 import blf
 import bpy
-import gpu
-from gpu_extras.batch import batch_for_shader
 
 from . import draw, native, overlay
 
 # For each mode: title, ends of the scale (logarithmic from the first, unless that is 0), whether the low end is light, and the labelled
 # values, as in `mode_color` in blender_addon/native/picture.c.
 SCALES = {
-    "priority": ("Priority S_sem", (0, 1), False, ((0, "0"), (0.25, "0.25"), (0.5, "0.5"), (0.75, "0.75"), (1, "1"))),
+    "priority": (
+        "Semantic priority",
+        (0, 1),
+        False,
+        ((0, "0"), (0.25, "0.25"), (0.5, "0.5"), (0.75, "0.75"), (1, "1")),
+    ),
     "depth": ("Depth, metres", (1, 200), True, ((1, "1 m"), (3, "3"), (10, "10"), (30, "30"), (200, "200 m"))),
     "size": ("Largest sigma", (0.003, 3), False, ((0.003, "3 mm"), (0.03, "3 cm"), (0.3, "0.3 m"), (3, "3 m"))),
     "count": ("Gaussians blended per pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
@@ -56,21 +59,6 @@ def shows(context):
     return overlay.draws(context) and any(o.pags.kind == "ROOT" for o in context.scene.objects)
 
 
-def smooth_shader():
-    return gpu.shader.from_builtin("SMOOTH_COLOR" if bpy.app.version >= (4, 0, 0) else "2D_SMOOTH_COLOR")
-
-
-def strip(x, y, width, height, colors):
-    """Draws a bar with these equally spaced colours."""
-    places, shades = [], []
-    for number, shade in enumerate(colors):
-        at = x + width * number / max(1, len(colors) - 1)
-        places += [(at, y), (at, y + height)]
-        shades += [shade, shade]
-    shader = smooth_shader()
-    batch_for_shader(shader, "TRI_STRIP", {"pos": places, "color": shades}).draw(shader)
-
-
 def write(text, x, y, align=0.0):
     """A line that begins at x (0), is centred there (0.5) or ends there (1)."""
     blf.position(0, x - align * blf.dimensions(0, text)[0], y, 0)
@@ -97,11 +85,9 @@ def on_draw():
         return
     mode = context.scene.pags.mode
     left, bottom, width, scale = place(context)
-    gpu.state.blend_set("ALPHA")
     shade = (0.0, 0.0, 0.0, 0.6)
     margin = 14 * scale
-    strip(left - margin, bottom - 20 * scale, width + 2 * margin, (HEIGHT + 42) * scale, (shade, shade))
-    gpu.state.blend_set("NONE")
+    draw.strip(left - margin, bottom - 20 * scale, width + 2 * margin, (HEIGHT + 42) * scale, (shade, shade))
     blf.color(0, 1, 1, 1, 1)
     if mode in KINDS:
         draw_kinds(mode, left, bottom, width, scale)
@@ -112,7 +98,7 @@ def on_draw():
 
 
 def draw_scale(mode, left, bottom, width, scale):
-    strip(left, bottom, width, HEIGHT * scale, [color(mode, k / (STOPS - 1)) for k in range(STOPS)])
+    draw.strip(left, bottom, width, HEIGHT * scale, [color(mode, k / (STOPS - 1)) for k in range(STOPS)])
     for value, text in SCALES[mode][3]:
         at = share(mode, value)
         write(text, left + at * width, bottom - 14 * scale, at if at in (0, 1) else 0.5)
@@ -120,7 +106,7 @@ def draw_scale(mode, left, bottom, width, scale):
 
 def draw_kinds(mode, left, bottom, width, scale):
     for (shade, text), at, align in zip(KINDS[mode], (left, left + 0.75 * width), (0, 0)):
-        strip(at, bottom, 0.25 * width, HEIGHT * scale, [(*shade, 1.0)] * 2)
+        draw.strip(at, bottom, 0.25 * width, HEIGHT * scale, [(*shade, 1.0)] * 2)
         write(text, at, bottom - 14 * scale, align)
 
 

@@ -42,7 +42,14 @@ class PAGS_OT_distance(bpy.types.Operator):
         return context.region_data is not None
 
     def invoke(self, context, event):
-        self.first = None
+        self.first, self.dragged = None, event.value == "CLICK_DRAG"
+        if self.dragged:  # with Blender's tool Measure: from the press to the release of the mouse button
+            try:
+                self.first = place_at(
+                    context, event.mouse_prev_press_x - context.region.x, event.mouse_prev_press_y - context.region.y
+                )
+            except (native.SceneError, RuntimeError, ValueError):
+                return {"PASS_THROUGH"}
         context.window.cursor_modal_set("EYEDROPPER")
         context.workspace.status_text_set("Click on the first point; Escape: cancel")
         context.window_manager.modal_handler_add(self)
@@ -51,7 +58,7 @@ class PAGS_OT_distance(bpy.types.Operator):
     def modal(self, context, event):
         if event.type in {"ESC", "RIGHTMOUSE"}:
             return self.close(context, {"CANCELLED"})
-        if event.type != "LEFTMOUSE" or event.value != "PRESS":
+        if event.type != "LEFTMOUSE" or event.value != ("RELEASE" if self.dragged else "PRESS"):
             return {"PASS_THROUGH"}  # the view can be moved meanwhile
         try:
             place = place_at(context, event.mouse_region_x, event.mouse_region_y)
@@ -141,11 +148,11 @@ def on_draw_text():
 # ---- Eye height ----
 
 
-def ground_below(context, place):
-    """Height in Blender's world of the ground below a point: the median of nine rays, robust against gaps and bollards; from an imported LiDAR sweep if the
+def ground_below(context, place, without=frozenset()):
+    """Height in Blender's world of the ground below a point, without the objects of these full names: the median of nine rays, robust against gaps and bollards; from an imported LiDAR sweep if the
     scene has no surface there. None if neither has one."""
     depsgraph = context.evaluated_depsgraph_get()
-    state, heights = gather.gather(depsgraph), []
+    state, heights = gather.gather(depsgraph, without), []
     if state is not None:
         frame, now = state.load(True), context.scene.frame_current_final
         contents = frame.contents_at(now)

@@ -51,6 +51,7 @@ class Entry:
         self.path, self.stamp, self.edits = path, whereabouts.stamp_of(path), edits
         self.scene, self.error, self.bare = None, "", False
         self.objects, self.info, self.views = [], {}, []
+        self.background = 0  # Gaussians that belong to no object
         self.exposed = False  # whether any view has an exposure
         self.thread = threading.Thread(target=self.load, daemon=True)
         self.thread.start()
@@ -60,6 +61,7 @@ class Entry:
             scene = self.read()
             self.objects, self.info, self.views = scene.objects, scene.info, scene.views
             self.exposed = any(any(v != 1 for v in view["gain"]) or any(view["offset"]) for view in self.views)
+            self.background = self.info["gaussians"] - sum(record["gaussians"] for record in self.objects)
             self.scene = scene
         except (module.Error, MemoryError) as error:
             self.error = whereabouts.problem_of(self.path) or str(error)

@@ -48,7 +48,7 @@ def view_of(context):
     view = _views.get(key)
     if view is None:
         view = _views[key] = viewport.View()
-        view.version = -1
+        view.version, view.among = -1, True
     return view
 
 
@@ -92,18 +92,12 @@ def draw_splats(context):
 
 
 def put(context, shown, left, right):
-    p = context.region_data.window_matrix
-    perspective = p[3][3] == 0
-    z, w = (p[2][2], p[2][3])
     shader = draw.shader("depth")
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.depth_mask_set(True)
     gpu.state.blend_set("ALPHA_PREMULT")
     shader.bind()
-    shader.uniform_sampler("picture", shown.color)
-    shader.uniform_sampler("depths", shown.depth)
-    shader.uniform_float("lens", (z, w, 1.0 if perspective else 0.0, shown.values.get("ortho", 0.0)))
-    shader.uniform_float("encoded", 0.0)
+    draw.bind_picture(shader, shown, context.region_data.window_matrix)
     draw.part("depth", left, right).draw(shader)
     gpu.state.blend_set("NONE")
     gpu.state.depth_mask_set(False)
@@ -169,13 +163,11 @@ def on_draw_text():
     if view is None or (view.state is None and not view.error):
         return
     scale = draw.font(context)
-    blf.color(0, 1, 1, 1, 0.9)
     text = "PAGS | " + view.statistics(context.scene.pags)
     # On the right, next to the sidebar: Blender's own text is at the top, its panel of the last operation at the lower left.
     sidebar = next((r.width for r in context.area.regions if r.type == "UI" and r.width > 1), 0)
     left = context.region.width - sidebar - blf.dimensions(0, text)[0] - 20 * scale
-    blf.position(0, max(left, 20 * scale), 20 * scale, 0)
-    blf.draw(0, text)
+    draw.lines([text], max(left, 20 * scale), 20 * scale, scale)
 
 
 def register():

@@ -251,6 +251,7 @@ def put_behind(camera, image, count, root):
 # ---- Comparison image ----
 
 
+COMPARED = "PAGS comparison"  # name of the image
 _compared = None  # (photograph, rendered picture of the same view)
 
 
@@ -272,11 +273,11 @@ def wipe(context, share):
     rgba[:, :edge, :3], rgba[:, edge:, :3] = photograph[::-1, :edge], picture[::-1, edge:]
     if 0 < edge < width:
         rgba[:, edge - 1 : edge + 1, :3] = 1
-    image = bpy.data.images.get("PAGS comparison")
+    image = bpy.data.images.get(COMPARED)
     if image is not None and tuple(image.size) != (width, height):
         bpy.data.images.remove(image)
         image = None
-    image = image or bpy.data.images.new("PAGS comparison", width, height, alpha=False)
+    image = image or bpy.data.images.new(COMPARED, width, height, alpha=False)
     image.pixels.foreach_set(rgba.reshape(-1))
     image.update()
     for area in context.screen.areas if context.screen else ():

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clears the pick result when it is outdated: at another time, after undo or opening a file, or when PAGS objects were moved, hidden or deleted. Clears
-comparisons after undo or opening a file, which keep their text but not their pictures."""
+"""Clears the pick result when it is outdated: at another time, after undo or opening a file, or when PAGS objects were moved, hidden or deleted. Clears the
+text of a comparison after undo and opening a file if its picture is gone; files store both."""
 
 import bpy
 from bpy.app.handlers import persistent
+
+from . import photographs
 
 
 def forget():
@@ -20,8 +22,9 @@ def after_time(*_):
 @persistent
 def after_another_state(*_):
     forget()
+    image = bpy.data.images.get(photographs.COMPARED)
     for scene in bpy.data.scenes:
-        if scene.pags_compared:
+        if scene.pags_compared and (image is None or image.packed_file is None):
             scene.pags_compared = ""
 
 

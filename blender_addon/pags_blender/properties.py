@@ -12,7 +12,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import draw, photographs, picked, system, whereabouts
+from . import draw, photographs, picked, system, timing, whereabouts
 
 KINDS = [
     ("NONE", "None", "Not part of a PAGS scene"),
@@ -25,7 +25,7 @@ KINDS = [
 ]
 MODES = [
     ("rgb", "Colour", "The scene's colours"),
-    ("priority", "Priority", "Semantic priority S_sem from dark violet (0) to pale yellow (1)"),
+    ("priority", "Priority", "Semantic priority from dark violet (0) to pale yellow (1)"),
     ("critical", "Critical", "Vehicles, pedestrians and cyclists in orange on grey"),
     ("depth", "Depth", "Depth: light is near, dark is far; logarithmic from 1 m to 200 m"),
     (
@@ -60,6 +60,27 @@ def wipe_moved(settings, context):
     draw_again(settings, context)
 
 
+def recolor(settings, context):
+    from . import sweeps
+
+    sweeps.after_frame(settings.id_data)
+    draw_again(settings, context)
+
+
+LISTED = [
+    ("PHOTOGRAPH", "Photographs", "PSNR of each photograph, worst first"),
+    ("CAMERA", "Cameras", "Mean PSNR of each camera, worst first; a click goes to its worst photograph"),
+    (
+        "OBJECT",
+        "Objects",
+        "PSNR of each object's pixels, worst first; a click goes to its worst photograph and selects it",
+    ),
+    (
+        "GAP",
+        "Track gaps",
+        "Objects without labels for a while, longest first; a click goes to the gap and selects the object",
+    ),
+]
 RELATIVE = {"options": {"PATH_SUPPORTS_BLEND_RELATIVE"}} if bpy.app.version >= (5, 0, 0) else {}  # "//" in a path
 OWN = {"override": {"LIBRARY_OVERRIDABLE"}}  # for properties that an override of a linked scene may change
 
@@ -99,15 +120,19 @@ class PagsObject(bpy.types.PropertyGroup):
         **OWN,
     )
     frame_start: FloatProperty(
-        name="First frame", description="Frame at which the scene begins", default=1, precision=1, **OWN
+        name="First frame",
+        description="Frame at which the scene begins; its keyframes move with it",
+        default=1,
+        precision=1,
+        update=timing.chosen,
     )
     fps: FloatProperty(
         name="Frames per second",
-        description="Frames of the timeline per second of the scene",
+        description="Frames of the timeline per second of the scene; its keyframes stretch with it",
         default=24,
         min=0.01,
         precision=2,
-        **OWN,
+        update=timing.chosen,
     )
 
 
@@ -227,6 +252,17 @@ class PagsScene(bpy.types.PropertyGroup):
         description="Overlay of a 3D view through a camera of the recording, at the times of its photographs",
         items=COMPARISONS,
         update=draw_again,
+    )
+    listed: EnumProperty(name="List", description="Content of the list of errors", items=LISTED)
+    lidar_color: EnumProperty(
+        name="Colour",
+        description="Colour of LiDAR points, from blue (low) to yellow (high)",
+        items=[
+            ("HEIGHT", "Height", "Height above the ground"),
+            ("INTENSITY", "Intensity", "Intensity of the returned light, as recorded"),
+            ("DISTANCE", "Distance to splats", "Distance to the surface of the splats, from 0 to 0.5 m"),
+        ],
+        update=recolor,
     )
     wipe_root: PointerProperty(
         name="Beside",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Imports proxy meshes as hidden objects: those of objects on their tracks, ground and background below the root. The source is a .glb from `pags export`
+"""Imports proxy meshes, shown as wire: those of objects on their tracks, ground and background below the root. The source is a .glb from `pags export`
 (docs/export.md), read here: Blender's own importer takes seconds of the main thread and changes the axes."""
 
 import json
@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, StringProperty
 
-from . import cameras, exporter, jobs, native, program
+from . import cameras, exporter, jobs, native, program, reasons, ui
 
 COMPONENTS = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}  # of glTF 2.0, section 3.6.2
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -108,16 +108,20 @@ def bring_in(job, root, path):
         add(proxy, tracks.get(proxy.index, root), collection, material)
         job.tell((number + 1) / len(found), "adding meshes")
         yield
-    return f"{len(found)} proxies"
+    return f"{len(found)} proxies in the collection {collection.name}"
+
+
+def collection_of(root):
+    """The collection of proxies below the scene's collection, or None."""
+    own = root.users_collection[0] if root.users_collection else None
+    return own.children.get(f"{own.name} proxies") if own is not None else None
 
 
 def collection_for(root):
-    """The collection of proxies below the scene's collection; created if missing."""
-    own = root.users_collection[0]
-    name = f"{own.name} proxies"
-    known = next((c for c in own.children if c.name == name), None)
+    """The collection of proxies; created if missing."""
+    known, own = collection_of(root), root.users_collection[0]
     if known is None:
-        known = bpy.data.collections.new(name)
+        known = bpy.data.collections.new(f"{own.name} proxies")
         own.children.link(known)
     return known
 
@@ -156,12 +160,11 @@ def add(proxy, parent, collection, material):
     collection.objects.link(block)
     block.parent = parent
     block["pags_proxy"] = True
-    block.hide_render = True
-    block.hide_set(True)
+    block.hide_render, block.display_type = True, "WIRE"
 
 
 class PAGS_OT_import_proxies(jobs.Long, cameras.OnScene, bpy.types.Operator):
-    """Import proxy meshes, hidden, on the tracks of their objects"""
+    """Import proxy meshes, shown as wire, on the tracks of their objects"""
 
     bl_idname = "pags.import_proxies"
     bl_label = "Import proxies"
@@ -182,6 +185,46 @@ class PAGS_OT_import_proxies(jobs.Long, cameras.OnScene, bpy.types.Operator):
         return lambda job: make(job, root, command, level)
 
 
-CLASSES = (PAGS_OT_import_proxies,)
+class PAGS_OT_rigid_bodies(cameras.OnScene, bpy.types.Operator):
+    """Make all proxies passive rigid bodies, so that other bodies fall on the road and are pushed by driving cars"""
+
+    bl_idname = "pags.rigid_bodies"
+    bl_label = "Make rigid bodies"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def work(self, context, root):
+        collection = collection_of(root)
+        meshes = [o for o in collection.objects if o.type == "MESH"] if collection is not None else []
+        if not meshes:
+            raise native.SceneError("the scene has no proxies yet; import them first")
+        if context.scene.rigidbody_world is None:
+            bpy.ops.rigidbody.world_add()
+        new = [o for o in meshes if o.rigid_body is None]
+        if new:
+            with context.temp_override(object=new[0], active_object=new[0], selected_objects=new):
+                bpy.ops.rigidbody.objects_add(type="PASSIVE")
+        for block in meshes:
+            body = block.rigid_body
+            body.type, body.collision_shape, body.mesh_source = "PASSIVE", "MESH", "BASE"
+            body.kinematic = block.parent is not None and block.parent.pags.kind == "TRACK"  # follows its keyframes
+        return f"passive rigid bodies: {len(meshes)}"
+
+
+class PAGS_PT_proxies(ui.OfScene, bpy.types.Panel):
+    bl_label = "Proxies"
+    bl_order = 7
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        layout, lacking, collection = self.layout, program.lacking(context), collection_of(cameras.root_of(context))
+        ui.where(layout, lacking).operator_menu_enum("pags.import_proxies", "level", icon="MESH_DATA")
+        if lacking:
+            reasons.explain(layout, lacking)
+        if collection is not None:
+            layout.prop(collection, "hide_viewport", text="Hide proxies")
+            layout.operator("pags.rigid_bodies", icon="RIGID_BODY")
+
+
+CLASSES = (PAGS_OT_import_proxies, PAGS_OT_rigid_bodies, PAGS_PT_proxies)
 
 register, unregister = bpy.utils.register_classes_factory(CLASSES)

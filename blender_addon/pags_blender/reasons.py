@@ -87,6 +87,11 @@ def folder(root):
     )
 
 
+def count(number, thing):
+    """A number with its noun: "1 object", "2 objects"."""
+    return f"{number:,} {thing}{'' if number == 1 else 's'}"
+
+
 def explain(layout, text, icon="INFO", width=32):
     """Shows a text in lines that fit a panel at its default width."""
     column = layout.column(align=True)

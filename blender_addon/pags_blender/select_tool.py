@@ -4,12 +4,11 @@
 import threading
 import time
 
-import blf
 import bpy
 from bpy.props import BoolProperty
 from bpy_extras import view3d_utils
 
-from . import inspector, native
+from . import draw, inspector, native
 
 KEY = "Y"  # an unused key in Blender's keymaps of the 3D view
 REST = 0.12  # seconds that the mouse must rest before a pick
@@ -50,13 +49,11 @@ class PAGS_OT_select(bpy.types.Operator):
 
 def mesh_before(context, x, y, depth):
     """Whether a mesh is drawn at a pixel in front of the splats at this depth."""
-    if context.space_data.shading.type == "RENDERED" and context.scene.render.engine == "PAGS":
-        return False
     region, view = context.region, context.region_data
     origin = view3d_utils.region_2d_to_origin_3d(region, view, (x, y))
     direction = view3d_utils.region_2d_to_vector_3d(region, view, (x, y))
-    hit, place, *_ = context.scene.ray_cast(context.evaluated_depsgraph_get(), origin, direction)
-    return hit and -(view.view_matrix @ place).z < depth
+    hit, place, _, _, block, _ = context.scene.ray_cast(context.evaluated_depsgraph_get(), origin, direction)
+    return hit and block.display_type not in {"WIRE", "BOUNDS"} and -(view.view_matrix @ place).z < depth
 
 
 # ---- Pick under the resting mouse ----
@@ -123,21 +120,6 @@ def tick():
     return TICK if hover.thread is not None or hover.place != hover.asked else None
 
 
-def write_beside(text, x, y):
-    font = 0
-    if bpy.app.version >= (4, 0, 0):
-        blf.size(font, 12)
-    else:
-        blf.size(font, 12, 72)
-    blf.enable(font, blf.SHADOW)
-    blf.shadow(font, 5, 0, 0, 0, 1)
-    blf.color(font, 1, 1, 1, 1)
-    for row, line in enumerate(text.split(", ")):
-        blf.position(font, x + 18, y - 18 - 15 * row, 0)
-        blf.draw(font, line)
-    blf.disable(font, blf.SHADOW)
-
-
 class PAGS_TL_select(bpy.types.WorkSpaceTool):
     bl_space_type = "VIEW_3D"
     bl_context_mode = "OBJECT"
@@ -167,7 +149,8 @@ class PAGS_TL_select(bpy.types.WorkSpaceTool):
         place = (region.as_pointer(), int(xy[0]) - region.x, int(xy[1]) - region.y)
         hover.moved(place)
         if hover.text:
-            write_beside(hover.text, *xy)
+            said, scale = hover.text.split(", "), draw.font(context)
+            draw.lines(said, xy[0] + 18 * scale, xy[1] - (3 + 15 * len(said)) * scale, scale)
 
 
 _keys = []

@@ -18,7 +18,7 @@ from . import (
     picked,
     program,
     reasons,
-    recording,
+    sweeps,
     viewport,
     whereabouts,
 )
@@ -47,6 +47,7 @@ def where(layout, reason):
 
 class PAGS_PT_scene(Sidebar, bpy.types.Panel):
     bl_label = "PAGS scene"
+    bl_order = 0
 
     def draw(self, context):
         layout, root = self.layout, cameras.root_of(context)
@@ -71,6 +72,7 @@ class PAGS_PT_scene(Sidebar, bpy.types.Panel):
 
 class PAGS_PT_show(OfScene, bpy.types.Panel):
     bl_label = "Show"
+    bl_order = 1
 
     def draw(self, context):
         """Settings that apply to the shading of this 3D view."""
@@ -97,6 +99,7 @@ class PAGS_PT_show(OfScene, bpy.types.Panel):
 
 class PAGS_PT_cameras(OfScene, bpy.types.Panel):
     bl_label = "Cameras"
+    bl_order = 2
 
     def draw(self, context):
         layout, root = self.layout, cameras.root_of(context)
@@ -121,6 +124,7 @@ class PAGS_PT_cameras(OfScene, bpy.types.Panel):
 
 class PAGS_PT_export(OfScene, bpy.types.Panel):
     bl_label = "Export and composite"
+    bl_order = 8
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
@@ -128,12 +132,12 @@ class PAGS_PT_export(OfScene, bpy.types.Panel):
         absent, single = program.absent(context), reasons.folder(cameras.root_of(context))
         where(layout, absent).operator("export_scene.pags", icon="EXPORT")
         where(layout, single).operator("pags.save_edited", icon="FILE_TICK")
-        lacking = program.lacking(context)
-        where(layout, lacking).operator_menu_enum("pags.import_proxies", "level", icon="MESH_DATA")
         layout.operator("pags.composite", icon="NODE_COMPOSITING")
+        if "pags_before" in context.scene:
+            layout.operator("pags.remove_composite", icon="X")
         newer = native_splats.missing()
         where(layout, newer).operator("pags.native_splats", icon="POINTCLOUD_DATA")
-        for said in dict.fromkeys(filter(None, (absent, lacking, single, newer))):
+        for said in dict.fromkeys(filter(None, (absent, single, newer))):
             reasons.explain(layout, said)
 
 
@@ -293,7 +297,7 @@ class PAGS_OT_reload(bpy.types.Operator):
         native.forget()
         picked.forget()
         comparison.forget()
-        recording.forget()
+        sweeps.forget()
         overlay.forget()
         for view in list(viewport.views):
             view.drop()

@@ -11,7 +11,7 @@ import weakref
 import bpy
 import gpu
 
-from . import draw, gather, ignored, lens, native, stopwatch
+from . import draw, gather, ignored, lens, meshes, native, stopwatch
 from .native import SceneError
 
 STILL = 0.12  # seconds without change before the picture of full quality is rendered
@@ -20,6 +20,8 @@ PERIOD = 95  # milliseconds per picture as the target: a little more than ten pi
 UNANSWERED = (
     50  # unanswered redraw requests before a view counts as closed: Blender 5 keeps a view's engine after its region
 )
+
+EMPTY = 1e9  # depth of pixels without a surface
 
 views = weakref.WeakSet()
 
@@ -66,6 +68,8 @@ class View:
         self.watch = stopwatch.Stopwatch()
         self.loading = False
         self.unanswered = 0  # requested redraws since the last one
+        self.among = False  # whether Blender draws its meshes in this view; otherwise they are drawn here
+        self.meshes = []
         self.wiped, self.second = "", None  # name of the scene right of the wipe's edge, and the View that draws it
         views.add(self)
         start_timer()
@@ -77,6 +81,7 @@ class View:
         self.hidden = gather.hidden_in(space, depsgraph)
         self.wiped = wiped_scene(depsgraph)
         self.state = gather.gather(depsgraph, self.hidden, without=self.wiped)
+        self.meshes = meshes.collect(depsgraph, self.hidden) if not self.among and self.state is not None else []
         if self.wiped:
             self.second = self.second or View()
             self.second.state = gather.gather(depsgraph, self.hidden, only=self.wiped)
@@ -111,7 +116,7 @@ class View:
         camera = frame.camera(values, pose, now)
         job_arguments = gather.job_arguments(settings, frame, False)
         clips = frame.clips(lens.clip_planes(space, region, values, pose, depsgraph.scene.camera))
-        job_arguments.update(outputs=outputs, transparent=transparent, clips=clips, window=window)
+        job_arguments.update(outputs=outputs, transparent=transparent, clips=clips, window=window, depth_empty=EMPTY)
         if region.view_perspective == "CAMERA":
             job_arguments.update(frame.exposure(settings, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)
@@ -220,37 +225,44 @@ class View:
             if self.stale(depsgraph, context.space_data):
                 self.update(depsgraph, context.space_data)
             window = border_window(context)
-            requested = self.request(context, depsgraph, window, ("rgba",), False)
+            outputs = ("rgba", "depth") if self.meshes else ("rgba",)
+            requested = self.request(context, depsgraph, window, outputs, False)
             self.remark = ignored.of_view(context, self.state) if self.state is not None else ""
             upload = self.advance(requested)
             if self.second is not None:
-                upload += self.second.advance(self.second.request(context, depsgraph, window, ("rgba",), False))
+                upload += self.second.advance(self.second.request(context, depsgraph, window, outputs, False))
         except (SceneError, RuntimeError, ValueError) as error:
             self.error, upload = str(error), 0.0
         engine.update_stats("", self.statistics(depsgraph.scene.pags))
         middle = stopwatch.clock()
         edge = edge_of(depsgraph.scene.pags) if self.second is not None else 1
         if self.shown is not None:
-            self.put_plain(-1, edge)
+            self.put(context, -1, edge)
         if self.second is not None and self.second.shown is not None:
-            self.second.put_plain(edge + 4 / context.region.width, 1)  # a gap of two pixels is the edge
+            self.second.put(context, edge + 4 / context.region.width, 1)  # a gap of two pixels is the edge
+        if self.meshes and self.shown is not None and self.shown.depth is not None:
+            meshes.draw(context, self.meshes)
         self.watch.add(begin, middle, upload)
 
-    def put_plain(self, left, right):
-        shader = draw.shader("plain")
-        gpu.state.depth_test_set("NONE")
-        gpu.state.depth_mask_set(False)
+    def put(self, context, left, right):
+        """Draws the picture between two columns of the region, -1 to 1, with its depth if it has one."""
+        shown, name = self.shown, "depth" if self.shown.depth is not None else "plain"
+        shader = draw.shader(name)
+        gpu.state.depth_test_set("ALWAYS" if shown.depth is not None else "NONE")
+        gpu.state.depth_mask_set(shown.depth is not None)
         gpu.state.blend_set("NONE")
         whole = gpu.state.viewport_get()
-        x, y, width, height = self.shown.place
+        x, y, width, height = shown.place
         gpu.state.viewport_set(whole[0] + x, whole[1] + y, width, height)
         shader.bind()
-        shader.uniform_sampler("picture", self.shown.color)
+        draw.bind_picture(shader, shown, context.region_data.window_matrix)
         # from the region's width to the picture's, both -1 to 1
         left, right = (min(max(((u + 1) * whole[2] - 2 * x) / width - 1, -1), 1) for u in (left, right))
         if left < right:
-            draw.part("plain", left, right).draw(shader)
+            draw.part(name, left, right).draw(shader)
         gpu.state.viewport_set(*whole)
+        gpu.state.depth_mask_set(False)
+        gpu.state.depth_test_set("NONE")
 
     def clear(self):
         if self.job is not None:

@@ -52,9 +52,8 @@ def read_anew(job, path):
     told = [adopt(root, old, fresh) for root in roots_of(path)]
     for _, region in draw.regions():
         region.tag_redraw()
-    manager = bpy.context.window_manager
-    if manager.pags_photographs:
-        manager.pags_photographs_said = "the scene has changed since the list was made"
+    for scene in (s for s in bpy.data.scenes if s.pags_photographs):
+        scene.pags_photographs_said = "the scene has changed since the list was made"
     before, now = old.info["gaussians"], fresh.info["gaussians"]
     return f"{path} was reloaded: {now:,} Gaussians, {before:,} before" + "".join(sorted(set(filter(None, told))))
 

@@ -46,6 +46,25 @@ class Composite(BlenderCase):
         behind = self.f12()
         self.assertLess(abs(pixel(behind, 35, 50)[1] - pixel(street, 35, 50)[1]), 12)
 
+    def test_removed_composite(self):
+        """Removing a composite brings back the street's picture, the render settings, nodes, light and objects."""
+        composite = sys.modules[addon.__name__ + ".composite"]
+        self.bring_in()
+        self.scene.frame_set(2)
+        if not hasattr(bpy.types.Scene, "cycles"):
+            self.skipTest("this Blender has no Cycles")
+        self.assertFalse(bpy.ops.pags.remove_composite.poll())
+        before, world, names = self.f12(), self.scene.world, {o.name for o in bpy.data.objects}
+        for engine in ("CYCLES", "EEVEE"):
+            bpy.ops.pags.composite(engine=engine)
+        self.assertIn(composite.SECOND, bpy.data.scenes)
+        self.assertEqual(bpy.ops.pags.remove_composite(), {"FINISHED"})
+        self.assertEqual({o.name for o in bpy.data.objects}, names)
+        self.assertEqual((self.scene.world, self.scene.render.engine, len(bpy.data.scenes)), (world, "PAGS", 1))
+        self.assertFalse(self.scene.cycles.is_property_set("samples"))
+        self.assertFalse(self.scene.render.film_transparent or bpy.context.view_layer.use_pass_z)
+        self.assertEqual(self.f12(), before)
+
     def pave(self):
         """Adds a road of Gaussians, 1.6 m below the cameras."""
         rows = []
@@ -112,7 +131,6 @@ class Composite(BlenderCase):
     def test_direction_of_the_light(self):
         """After the scene is turned, the light's panorama shows a red wall in the direction where Blender's world
         has it."""
-        composite = sys.modules[addon.__name__ + ".composite"]
         make_drive(
             self.path("scene"),
             [splat(x, 6, z, (1, 0, 0), sigma=0.5, opacity=12.0) for x in range(-4, 5) for z in range(-2, 3)],
@@ -121,7 +139,7 @@ class Composite(BlenderCase):
         root.rotation_euler.z = -1.5707963  # the y axis (left) now points ahead (x)
         bpy.context.view_layer.update()
         bpy.ops.pags.composite(engine="EEVEE")
-        image = bpy.data.images[composite.LIGHT]
+        image = bpy.data.images[sys.modules[addon.__name__ + ".light"].LIGHT]
         width, height = image.size
         pixels = image.pixels[:]
         at = lambda x, y: pixels[4 * (int(y * height) * width + int(x * width)) :][:3]

@@ -208,7 +208,7 @@ class Import(BlenderCase):
         self.assertEqual(len(self.scene.objects), 0)
 
     def test_proxies_follow_their_tracks(self):
-        """Places hidden meshes at their objects, also after tracks are edited."""
+        """Places meshes at their objects, also after tracks are edited. They become passive rigid bodies."""
         self.needs_proxies()
         root = self.bring_in(proxies=True)
         proxies = [o for o in self.scene.objects if o.get("pags_proxy")]
@@ -218,7 +218,12 @@ class Import(BlenderCase):
         self.assertLessEqual({self.track(0), self.track(1)}, set(by_parent))
         self.assertLessEqual(set(by_parent), {self.track(0), self.track(1), root})
         car = by_parent[self.track(1)]
-        self.assertTrue(car.hide_get() and car.hide_render)
+        self.assertEqual((car.hide_get(), car.hide_render, car.display_type), (False, True, "WIRE"))
+        self.assertEqual(bpy.ops.pags.rigid_bodies(), {"FINISHED"})
+        self.assertEqual({o.rigid_body.type for o in proxies}, {"PASSIVE"})
+        self.assertTrue(car.rigid_body.kinematic)
+        bpy.ops.pags.rigid_bodies()  # a second call changes nothing
+        self.assertIsNotNone(self.scene.rigidbody_world)
         corners = [v.co for v in car.data.vertices]
         local = [car.matrix_local @ co for co in corners]
         for k, size in enumerate((4.0, 2.0, 1.5)):  # The mesh is the labelled box, since one Gaussian has no surface.

@@ -75,9 +75,10 @@ def redraw():
         bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
 
 
-def shoot(name):
-    """Takes a screenshot; returns (width, height, channels, bits, samples)."""
-    redraw()
+def shoot(name, again=True):
+    """Takes a screenshot, after a redraw if `again`; returns (width, height, channels, bits, samples)."""
+    if again:
+        redraw()
     path = os.path.join(SHOTS, name + ".png")
     print("shot", name, f"{time.monotonic() - started:.0f} s")
     subprocess.run(["import", "-window", "root", "-depth", "8", "-type", "TrueColor", "png24:" + path], check=True)

@@ -46,7 +46,7 @@ SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
 STREET = os.path.join(FOLDER, "street")
 IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", "")
 part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
-inspector, composite, comparison, jobs = part("inspector"), part("composite"), part("comparison"), part("jobs")
+inspector, light, comparison, jobs = part("inspector"), part("light"), part("comparison"), part("jobs")
 KEYS = {"Space": "SPACE", "Return": "RET"}
 DIGITS = {".": "PERIOD", "0": "ZERO", "5": "FIVE"}
 seen = {}  # earlier pictures by name
@@ -239,7 +239,7 @@ def click_road():
 
 def click_first():
     with in_view():
-        bpy.context.window_manager.pags_photograph = 0
+        bpy.context.scene.pags_photograph = 0
     yield 0.5
     assert view3d().region_3d.view_perspective == "CAMERA"
 
@@ -302,7 +302,7 @@ def build_car():
     car's."""
     root = next(o for o in bpy.context.scene.objects if o.pags.kind == "ROOT")
     ego = bpy.data.objects["ego"].matrix_world
-    road = root.matrix_world.translation.z + composite.road_height(native.load(STREET))
+    road = root.matrix_world.translation.z + light.road_height(native.load(STREET))
     parts = []
     with in_view():
         build(parts)

@@ -31,6 +31,7 @@ from gui_case import (  # noqa: E402
     redraw,
     region,
     sharp_shot,
+    shoot,
     tell,
     view3d,
     window,
@@ -144,9 +145,11 @@ def pair(name, ssim=False):
 def compared():
     settings, scene = bpy.context.scene.pags, bpy.context.scene
     scene.frame_set(2)
+    yield from sharp_shot("before-wipe")
     settings.comparison = "WIPE"
     made = yield from pair("001_0.png")
     view = made.view
+    near(over(shoot("first-wipe", again=False), view, 15, 90), PHOTO, 6)  # without a further redraw
     settings.wipe = 0.3
     picture = yield from sharp_shot("wipe")
     near(over(picture, view, 15, 90), PHOTO, 6)
@@ -180,11 +183,11 @@ def compared():
 
 
 def listed():
-    manager = bpy.context.window_manager
+    manager = bpy.context.scene
     with in_view():
         bpy.ops.pags.rank("INVOKE_DEFAULT")
     yield from until(lambda: jobs.current is None)
-    names = [item.name for item in manager.pags_photographs]
+    names = [item.name for item in manager.pags_photographs if item.kind == "PHOTOGRAPH"]
     assert names[0] == "001_0.png" and len(names) == 6, names
     bpy.context.scene.frame_set(1)
     view3d().region_3d.view_perspective = "PERSP"

@@ -5,11 +5,13 @@ label of a picked point. PAGS_LABEL_IMAGES names a folder for the manual's small
 import os
 import subprocess
 import sys
+import types
 
 import bpy
 import numpy as np
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from gui_buttons import panels  # noqa: E402
 from gui_case import (  # noqa: E402
     FOLDER,
     SHOTS,
@@ -33,6 +35,7 @@ from gui_case import (  # noqa: E402
     viewport,
     window,
 )
+from panel_widths import Measured  # noqa: E402
 from test_drive import make_drive  # noqa: E402
 
 WINDOW = "960x900"
@@ -41,6 +44,10 @@ IMAGES = os.environ.get("PAGS_LABEL_IMAGES", "")
 # sRGB's curve. This raises grey level 8 to 17.
 LIFTED = 11
 RED, SKY = (10, 0, 0), (10, 3, -2)  # positions in metres at the second frame
+BESIDE = 48  # pixels of the sidebar next to a panel's items: tabs and margins
+ORDER = ["PAGS scene", "Show", "Cameras", "Inspect", "Recording", "Measure", "Clean up and look", "Proxies"]
+ORDER += ["Export and composite"]
+draw = sys.modules[addon.__name__ + ".draw"]
 legend = sys.modules[addon.__name__ + ".legend"]
 
 
@@ -110,12 +117,33 @@ def picked():
     deselect()
 
 
+def in_order():
+    """Returns the panels of the sidebar from top to bottom."""
+    found = [kind for kind in panels() if kind.bl_space_type == "VIEW_3D"]
+    return sorted(found, key=lambda kind: kind.bl_order)
+
+
+def uncut(r):
+    """Checks that no label of any panel is cut at the sidebar's width, with and without a selected object."""
+    with in_view():
+        draw.font(bpy.context)
+        for active in (None, *(o for o in bpy.data.objects if o.pags.kind in {"ROOT", "OBJECT"})):
+            bpy.context.view_layer.objects.active = active
+            for kind in in_order():
+                layout = Measured()
+                kind.draw(types.SimpleNamespace(layout=layout), bpy.context)
+                cut = layout.cut(r.width - BESIDE)
+                assert not cut, f"{kind.bl_label}: {cut}"
+
+
 def sidebar():
-    """Takes pictures of the panels at the sidebar's default width, for inspection by eye."""
+    """Takes pictures of the panels at the sidebar's default width, and measures their labels."""
     r = next(r for r in area().regions if r.type == "UI")
+    assert [p.bl_label for p in in_order()] == ORDER, [p.bl_label for p in in_order()]
     for shading in ("RENDERED", "SOLID"):
         view3d().shading.type = shading
         yield from sharp_shot("sidebar-" + shading.lower())
+        uncut(r)
     width = r.width + 8
     keep(
         "sidebar-rendered",

@@ -60,6 +60,7 @@ def story():
     yield from rendered()
     yield from picked()
     yield from among_meshes()
+    yield from before_splats()
     yield from moved()
     yield from camera_at_view()
     yield from hurried()
@@ -79,7 +80,7 @@ def rendered():
 
 def picked():
     """A click picks the car; a click on the sky picks nothing."""
-    for point, words in ((RED, "Car c=2 (number 1), S_sem 1.00, depth "), ((10, -2, -1), "nothing")):
+    for point, words in ((RED, "Car c=2 (number 1), priority 1.00, depth "), ((10, -2, -1), "nothing")):
         with in_view():
             assert bpy.ops.pags.pick("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
         yield 0.2
@@ -91,6 +92,18 @@ def picked():
         chosen = bpy.context.view_layer.objects.active
         assert chosen.pags.kind == "OBJECT" and chosen.pags.index == 1
     deselect()
+
+
+def before_splats():
+    """In Rendered shading, too, a cube hides the green Gaussian behind it and nothing else."""
+    view3d().shading.type = "RENDERED"
+    view3d().overlay.show_text = False
+    picture = yield from sharp_shot("rendered-meshes")
+    near(color(picture, GREY), (128, 128, 128), 6)
+    near(color(picture, RED), (255, 0, 0), 12)
+    hidden = color(picture, GREEN)
+    assert hidden[0] > 100 and max(hidden) - min(hidden) < 10, f"the cube doesn't hide the Gaussian: {hidden}"
+    view3d().overlay.show_text = True
 
 
 def restart_samples():

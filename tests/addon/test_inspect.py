@@ -22,9 +22,9 @@ from fixtures import splat  # noqa: E402
 from test_drive import ORIGIN, make_drive  # noqa: E402
 
 part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
-comparison, recording, measure, watch, gather = (
+comparison, sweeps, measure, watch, gather = (
     part("comparison"),
-    part("recording"),
+    part("sweeps"),
     part("measure"),
     part("watch"),
     part("gather"),
@@ -63,10 +63,11 @@ class Compare(InspectCase):
         """The list has the order and values of pags eval. A click on an entry selects its photograph."""
         self.photographed()
         bpy.ops.pags.rank()
-        manager = bpy.context.window_manager
-        names = [item.name for item in manager.pags_photographs]
+        manager = bpy.context.scene
+        found = [item for item in manager.pags_photographs if item.kind == "PHOTOGRAPH"]
+        names = [item.name for item in found]
         self.assertEqual((len(names), names[:2]), (6, ["002_0.png", "001_0.png"]))
-        values = [item.psnr for item in manager.pags_photographs]
+        values = [item.psnr for item in found]
         self.assertEqual(values, sorted(values))
         self.assertEqual([item.test for item in manager.pags_photographs][:2], [False, True])
         self.succeeds("eval", self.path("scene"), "--json", self.path("eval.json"))
@@ -82,6 +83,30 @@ class Compare(InspectCase):
             bpy.data.objects.remove(camera)
         manager.pags_photograph = 0
         self.assertIn("without its cameras", manager.pags_photographs_said)
+
+    def test_list_of_cameras_objects_and_gaps(self):
+        """A click on a camera or an object goes to its worst photograph; the object is selected. A file stores the
+        list."""
+        self.photographed()
+        bpy.ops.pags.rank()
+        rows = [(i, item) for i, item in enumerate(self.scene.pags_photographs)]
+        cameras = [(i, item) for i, item in rows if item.kind == "CAMERA"]
+        self.assertEqual([item.name for _, item in cameras], ["camera 0", "camera 1"])  # the side camera has no gains
+        self.assertEqual(cameras[0][1].view, "002_0.png")
+        at, car = next((i, item) for i, item in rows if item.kind == "OBJECT" and item.object == "c=2")
+        self.scene.frame_set(1)
+        self.scene.pags_photograph = at
+        self.assertEqual(bpy.context.view_layer.objects.active, self.part(1))
+        self.assertEqual(self.view(car.view)["time"], 100 + self.scene.frame_current - 1)
+        self.assertEqual([item for _, item in rows if item.kind == "GAP"], [])
+        self.record(lambda record: record["objects"][1]["knots"].pop(1))
+        native.forget()
+        (gap,) = comparison.gaps_of(self.entry())
+        self.assertEqual((gap["object"], gap["view"], gap["psnr"]), ("c=2", "001_0.png", 2.0))
+        bpy.ops.wm.save_as_mainfile(filepath=self.path("list.blend"))
+        bpy.ops.wm.open_mainfile(filepath=self.path("list.blend"))
+        self.assertEqual(len(self.scene.pags_photographs), len(rows))
+        self.assertEqual(self.scene.pags_photographs[0].root, "scene")
 
     def test_figures_equal_those_of_eval(self):
         """PSNR agrees with pags eval within 0.01 dB and SSIM within 1e-4. The add-on sums in float, pags eval in
@@ -141,7 +166,7 @@ class Compare(InspectCase):
     def test_without_photographs(self):
         self.bring_in()
         self.raises(["000_0.jpg", "Data set folder"], bpy.ops.pags.rank)
-        self.assertEqual(len(bpy.context.window_manager.pags_photographs), 0)
+        self.assertEqual(len(bpy.context.scene.pags_photographs), 0)
 
 
 class Recording(InspectCase):
@@ -174,6 +199,35 @@ class Recording(InspectCase):
         self.assertEqual(self.points(), [(10, 0, 0.5)])
         block = next(o for o in self.scene.objects if "pags_lidar" in o)
         self.assertTrue(block.hide_render)
+
+    def test_colours_of_points(self):
+        """Points are coloured by height, intensity or distance to the road of splats, blue low and yellow high."""
+        rows = []
+        for x in range(30):
+            for y in range(-15, 16):
+                flat = splat(25 + 0.1 * x, 0.1 * y, -1.6, (0.3, 0.3, 0.3), sigma=0.08, opacity=12.0)
+                flat[12] = -5.0  # the third scale is a few millimetres
+                rows.append(flat)
+        make_drive(self.path("scene"), rows)
+        self.photographed()
+        points = [[26 + 0.1 * k, 0.3, -1.6 + (0.25 if k % 2 else 0.0), float(k)] for k in range(10)]
+        make_sweeps(self.path("set"), lambda t: points, lambda t: (0, 0, 0))
+        self.write("set/dataset.json", json.dumps({"kind": "kitti"}))
+        bpy.ops.pags.lidar()
+        block = next(o for o in self.scene.objects if "pags_lidar" in o)
+        colors = lambda: sweeps._shown[block.data.name_full][1]
+        self.assertGreater(colors()[1, 0], colors()[0, 0])  # by height: the odd points are higher
+        self.scene.pags.lidar_color = "INTENSITY"
+        self.assertTrue((np.diff(colors()[:, 1]) >= 0).all())
+        self.assertGreater(colors()[9, 0], 0.9)
+        root = block.parent
+        found = sweeps.sweeps_of(root, self.entry())
+        away = found.distances(found.read(0)[0], 100.0, 0)
+        apart = np.abs(away - np.tile([0.0, 0.25], 5))
+        self.assertLess(apart[:5].max(), 0.01)  # straight below
+        self.assertLess(apart.max(), 0.15)  # at a slant a Gaussian's depth is nearer by its extent
+        self.scene.pags.lidar_color = "DISTANCE"
+        self.assertGreater(colors()[1, 1] - colors()[0, 1], 0.2)
 
     def test_columns_and_frames(self):
         self.lidar(lidar_columns=["y", "x", "z", "intensity"], lidar_frame="world")

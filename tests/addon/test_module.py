@@ -876,14 +876,15 @@ class Sweeps(Case):
         return pags.sweep_format(self.path("set"))
 
     def test_kinds(self):
-        self.assertEqual(self.format(kind="kitti"), (4, (0, 1, 2), "ego"))
-        self.assertEqual(self.format(kind="waymo"), (14, (3, 4, 5), "ego"))
-        self.assertEqual(self.format(kind="nuscenes"), (4, (0, 1, 2), "laser"))
+        self.assertEqual(self.format(kind="kitti"), (4, (0, 1, 2), "ego", 3))
+        self.assertEqual(self.format(kind="waymo"), (14, (3, 4, 5), "ego", 11))
+        self.assertEqual(self.format(kind="nuscenes"), (4, (0, 1, 2), "laser", 3))
 
     def test_stated_columns_and_frames(self):
         columns = ["y", "x", "z", "intensity"]
-        self.assertEqual(self.format(kind="kitti", lidar_columns=columns), (4, (1, 0, 2), "ego"))
-        self.assertEqual(self.format(kind="nuscenes", lidar_frame="world"), (4, (0, 1, 2), "world"))
+        self.assertEqual(self.format(kind="kitti", lidar_columns=columns), (4, (1, 0, 2), "ego", 3))
+        self.assertEqual(self.format(kind="kitti", lidar_columns=["x", "y", "z"])[3], -1)
+        self.assertEqual(self.format(kind="nuscenes", lidar_frame="world"), (4, (0, 1, 2), "world", 3))
 
     def test_kinds_by_files(self):
         self.write("set/extrinsics/000_1.txt", "")

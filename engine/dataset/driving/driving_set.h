@@ -22,6 +22,7 @@ typedef struct pags_rules {
   bool forward_y;   /* the front of a box is its +y side; else +x */
   int columns;      /* float32 values per point of a sweep; 0: not stated */
   int position[3];  /* column indices of x, y, z */
+  int intensity;    /* column index of the intensity; -1: none */
   double fps;       /* time steps per second; 0: not stated */
   const pags_label_set *labels; /* class ids of the label images */
   pags_place place;

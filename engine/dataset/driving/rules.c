@@ -29,14 +29,15 @@
  * PandaSet: x y z, intensity, sensor. nuPlan: x y z, intensity, ring, LiDAR id. KITTI, nuScenes, Argoverse 2: x y z,
  * reflectance. Only nuScenes stores sweeps in the LiDAR's frame. */
 static const pags_rules kinds[] = {
-    {"waymo", WAYMO, CONSTANT, false, false, false, 14, .position = {3, 4, 5}},
-    {"pandaset", OPENCV, PER_FRAME, false, false, true, 5, .position = {0, 1, 2}},
-    {"kitti", OPENCV, CONSTANT, false, false, false, 4, .position = {0, 1, 2}},
-    {"nuscenes", OPENCV, PER_FRAME, true, false, false, 4, .position = {0, 1, 2}},
-    {"argoverse2", OPENCV, CONSTANT, false, false, false, 4, .position = {0, 1, 2}},
-    {"nuplan", OPENCV, CONSTANT, false, false, false, 6, .position = {0, 1, 2}},
-    {"street-gaussians", OPENCV, CONSTANT, false, false, false, 0, .position = {0, 1, 2}},
-    {"pags", OPENCV, CONSTANT, false, false, false, 0, .position = {0, 1, 2}}, /* dataset.json must state all of them */
+    {"waymo", WAYMO, CONSTANT, false, false, false, 14, .position = {3, 4, 5}, .intensity = 11},
+    {"pandaset", OPENCV, PER_FRAME, false, false, true, 5, .position = {0, 1, 2}, .intensity = 3},
+    {"kitti", OPENCV, CONSTANT, false, false, false, 4, .position = {0, 1, 2}, .intensity = 3},
+    {"nuscenes", OPENCV, PER_FRAME, true, false, false, 4, .position = {0, 1, 2}, .intensity = 3},
+    {"argoverse2", OPENCV, CONSTANT, false, false, false, 4, .position = {0, 1, 2}, .intensity = 3},
+    {"nuplan", OPENCV, CONSTANT, false, false, false, 6, .position = {0, 1, 2}, .intensity = 3},
+    {"street-gaussians", OPENCV, CONSTANT, false, false, false, 0, .position = {0, 1, 2}, .intensity = -1},
+    {"pags", OPENCV, CONSTANT, false, false, false, 0, .position = {0, 1, 2},
+     .intensity = -1}, /* dataset.json must state all of them */
 };
 
 #define KIND_NAMES "waymo, pandaset, kitti, nuscenes, argoverse2, nuplan or street-gaussians"
@@ -107,18 +108,21 @@ static pags_result read_columns(const source *s, pags_rules *rules) {
   if (!states(s, "lidar_columns"))
     return PAGS_OK;
   PAGS_TRY(pags_json_array(s->json, s->root, "lidar_columns", &list));
-  int found[3] = {-1, -1, -1}, index = 0;
+  int found[3] = {-1, -1, -1}, intensity = -1, index = 0;
   for (const pags_json_value *item = list->first; item; item = item->next, index++) {
     const char *name;
     PAGS_TRY(pags_json_as_string(s->json, item, "a column", &name));
     const int axis = pags_text_find(name, axes, 3);
     if (axis >= 0)
       found[axis] = index;
+    else if (strcmp(name, "intensity") == 0)
+      intensity = index;
   }
   if (list->count > 64 || found[0] < 0 || found[1] < 0 || found[2] < 0)
     return pags_json_fail(s->json, list, "expected 'lidar_columns' to name at most 64 columns, x, y and z among them");
   memcpy(rules->position, found, sizeof found);
   rules->columns = (int)list->count;
+  rules->intensity = intensity;
   return PAGS_OK;
 }
 
