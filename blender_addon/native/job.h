@@ -79,24 +79,24 @@ typedef struct native_job_arguments {
   PyObject *outputs, *placements, *others, *window, *object_values, *background, *exposure, *before, *after, *names,
       *clips, *deadline;
   PyObject *mode, *early_z, *linear, *flip, *transparent, *antialiased, *sh_degree, *exp_degree, *cut, *near_plane,
-      *depth_empty, *depth_scale;
+      *depth_empty, *depth_scale, *depth_alpha;
 } native_job_arguments;
 
 #define JOB_ARGUMENT_NAMES                                                                                            \
   "outputs", "placements", "others", "window", "object_values", "background", "exposure", "before", "after", "names", \
       "clips", "deadline", "mode", "early_z", "linear", "flip", "transparent", "antialiased", "sh_degree",            \
-      "exp_degree", "cut", "near_plane", "depth_empty", "depth_scale"
+      "exp_degree", "cut", "near_plane", "depth_empty", "depth_scale", "depth_alpha"
 #define JOB_ARGUMENT_SIGNATURE                                                                                     \
   "outputs=None, placements=None, others=None, window=None, object_values=None, background=None, exposure=None, "  \
   "before=None, after=None, names=None, clips=None, deadline=None, mode='rgb', early_z='lossless', linear=False, " \
   "flip=False, transparent=False, antialiased=-1, sh_degree=3, exp_degree=5, cut=0, near_plane=0, depth_empty=0, " \
-  "depth_scale=1"
-#define JOB_ARGUMENT_FORMAT "OOOOOOOOOOOOOOOOOOOOOOOO"
+  "depth_scale=1, depth_alpha=0"
+#define JOB_ARGUMENT_FORMAT "OOOOOOOOOOOOOOOOOOOOOOOOO"
 #define JOB_ARGUMENT_TARGETS(w)                                                                                        \
   &(w).outputs, &(w).placements, &(w).others, &(w).window, &(w).object_values, &(w).background, &(w).exposure,         \
       &(w).before, &(w).after, &(w).names, &(w).clips, &(w).deadline, &(w).mode, &(w).early_z, &(w).linear, &(w).flip, \
       &(w).transparent, &(w).antialiased, &(w).sh_degree, &(w).exp_degree, &(w).cut, &(w).near_plane,                  \
-      &(w).depth_empty, &(w).depth_scale
+      &(w).depth_empty, &(w).depth_scale, &(w).depth_alpha
 
 native_job_arguments native_default_job_arguments(void);
 /* Reads a number of threads; NULL: 0, all. Raises and returns false if out of range. */

@@ -145,16 +145,18 @@ static bool read_options(const native_job_arguments *w, const native_scene *scen
 }
 
 static bool read_layout(const native_job_arguments *w, native_layout *l) {
-  double empty = 0, scale = 1;
+  double empty = 0, scale = 1, alpha = 0;
   l->outputs = OUTPUT_RGBA;
   if (!read_mode(w->mode, &l->mode) || (w->outputs != Py_None && !read_outputs(w->outputs, &l->outputs)) ||
       !native_read_flag(w->linear, "linear", &l->linear) || !native_read_flag(w->flip, "flip", &l->flip) ||
       !native_read_flag(w->transparent, "transparent", &l->transparent) ||
       !native_read_finite(w->depth_empty, "depth_empty", &empty) ||
-      !native_read_finite(w->depth_scale, "depth_scale", &scale))
+      !native_read_finite(w->depth_scale, "depth_scale", &scale) ||
+      !native_read_number(w->depth_alpha, "depth_alpha", 0, 1, &alpha))
     return false;
   l->depth_empty = (float)empty;
   l->depth_scale = (float)scale;
+  l->depth_alpha = (float)alpha;
   return true;
 }
 

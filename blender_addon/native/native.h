@@ -211,6 +211,7 @@ typedef struct native_layout {
   bool transparent;  /* alpha as drawn, colours premultiplied; else alpha is 1 */
   float depth_empty; /* depth of pixels without a surface */
   float depth_scale;
+  float depth_alpha; /* pixels with a smaller alpha have no surface */
 } native_layout;
 
 /* How a picture was drawn. */

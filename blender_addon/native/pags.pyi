@@ -238,6 +238,7 @@ class Renderer:
         near_plane: float = 0,
         depth_empty: float = 0,
         depth_scale: float = 1,
+        depth_alpha: float = 0,
     ) -> Job: ...
 
 def load(path: str | PathLike[str], edits: str | None = None, /) -> Scene: ...
@@ -286,6 +287,7 @@ def render(
     near_plane: float = 0,
     depth_empty: float = 0,
     depth_scale: float = 1,
+    depth_alpha: float = 0,
 ) -> Picture: ...
 @overload
 def render(
@@ -317,6 +319,7 @@ def render(
     near_plane: float = 0,
     depth_empty: float = 0,
     depth_scale: float = 1,
+    depth_alpha: float = 0,
 ) -> list[Picture]: ...
 def gradients(
     scene: Scene,

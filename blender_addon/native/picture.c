@@ -212,7 +212,8 @@ static void fill_row(const fill *f, int y) {
       }
     }
     if (depth)
-      depth[to] = p->depth[from] > 0 ? p->depth[from] * l->depth_scale : l->depth_empty;
+      depth[to] = p->depth[from] > 0 && 1 - p->transmittance[from] >= l->depth_alpha ? p->depth[from] * l->depth_scale
+                                                                                     : l->depth_empty;
     if (objects)
       objects[to] = id < 0 ? 0 : object_value(f, id);
     if (priorities)

@@ -116,7 +116,8 @@ class View:
         camera = frame.camera(values, pose, now)
         job_arguments = gather.job_arguments(settings, frame, False)
         clips = frame.clips(lens.clip_planes(space, region, values, pose, depsgraph.scene.camera))
-        job_arguments.update(outputs=outputs, transparent=transparent, clips=clips, window=window, depth_empty=EMPTY)
+        job_arguments.update(outputs=outputs, transparent=transparent, clips=clips, window=window)
+        job_arguments.update(depth_empty=EMPTY, depth_alpha=0.5)
         if region.view_perspective == "CAMERA":
             job_arguments.update(frame.exposure(settings, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)

@@ -95,15 +95,18 @@ def picked():
 
 
 def before_splats():
-    """In Rendered shading, too, a cube hides the green Gaussian behind it and nothing else."""
+    """In Rendered shading, too, a cube hides the green Gaussian behind it, and the other is seen beside the red."""
     view3d().shading.type = "RENDERED"
     view3d().overlay.show_text = False
     picture = yield from sharp_shot("rendered-meshes")
     near(color(picture, GREY), (128, 128, 128), 6)
     near(color(picture, RED), (255, 0, 0), 12)
-    hidden = color(picture, GREEN)
-    assert hidden[0] > 100 and max(hidden) - min(hidden) < 10, f"the cube doesn't hide the Gaussian: {hidden}"
+    for point in (GREEN, (14, 0.35, 0.35)):
+        cube = color(picture, point)
+        assert cube[0] > 100 and max(cube) - min(cube) < 10, f"no cube at {point}: {cube}"
     view3d().overlay.show_text = True
+    for block in [o for o in bpy.data.objects if o.name.startswith("Cube")]:
+        bpy.data.objects.remove(block)
 
 
 def restart_samples():

@@ -163,6 +163,11 @@ class Drawing(ModuleCase):
         self.assertAlmostEqual(pixel(picture.depth, 50, 50, 1)[0], 10, places=1)
         self.assertEqual(pixel(picture.depth, 90, 90, 1)[0], memoryview(picture.depth)[0, 0])
         self.assertGreater(pixel(picture.depth, 90, 90, 1)[0], 9e9)
+        near = pags.render(self.scene, make_camera(time=101.0), outputs=("depth",), depth_empty=1e10, depth_alpha=0.5)
+        count = lambda picture: sum(v < 1e9 for row in memoryview(picture.depth).tolist() for v in row)
+        self.assertLess(0, count(near))
+        self.assertLess(count(near), count(picture))  # without the faint edges of Gaussians
+        self.assertEqual(pixel(near.depth, 50, 50, 1), pixel(picture.depth, 50, 50, 1))
         self.assertEqual(pixel(picture.object, 50, 50, 1)[0], 11)
         self.assertEqual(pixel(picture.object, 35, 50, 1)[0], 7)
         self.assertEqual(pixel(picture.object, 90, 90, 1)[0], 0)
