@@ -283,7 +283,7 @@ def over_rates(ablation):
     figures = [
         *((f"{title}, dB", key, 1, 2) for title, key in list(qualities_of(ablation).items())[:2]),
         ("thousands of Gaussians", "gaussians", 1e-3, 1),
-        ("seconds of training", "training_seconds", 1, 0),
+        ("processor seconds of training", "training_cpu_seconds", 1, 0),
     ]
     for rest, rows in families(ablation.rows, "rate=").items():
         title = rest and f", {rest}"

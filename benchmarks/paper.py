@@ -199,7 +199,7 @@ def parse_arguments(words):
     p.add_argument(
         "--target-size",
         type=float,
-        default=12,
+        default=20,
         metavar="MB",
         help="object: size limit of each scene [default %(default)s]",
     )
