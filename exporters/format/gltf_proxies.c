@@ -245,7 +245,7 @@ static pags_result add_chunk(exporter *e, const pags_background *b, int64_t inde
   PAGS_TRY(pags_proxy_mesh_inspect(&chunk->mesh, &topology));
   facts->name = name;
   facts->class_name = chunk->class_name;
-  facts->closed = (e->maker.bare || chunk->unseen_depth > 0) && topology.closed;
+  facts->closed = (e->maker.bare || chunk->solid || chunk->unseen_depth > 0) && topology.closed;
   facts->volume = facts->closed ? topology.volume : 0;
   facts->note = chunk->note ? chunk->note : e->maker.bare ? e->maker.bare->note : NULL;
   facts->level = chunk->level;

@@ -68,6 +68,11 @@ static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_p
   return PAGS_OK;
 }
 
+/* Whether chunks are the surface as it was seen. */
+static bool makes_surface(const pags_proxy_maker *w) {
+  return w->options->background_form == PAGS_BACKGROUND_SURFACE || w->bare || w->scene->up != PAGS_UP_Z;
+}
+
 /* ---- The ground ---- */
 
 static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, pags_ground *ground) {
@@ -86,6 +91,25 @@ static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, p
   PAGS_TRY(pags_ground_mesh(ground, w->options->ground_triangles, &mesh));
   PAGS_TRY(pags_proxy_mesh_paint(&mesh, &out->depth_views, 0.3, w->tasks));
   return pags_background_add(out, "ground", &mesh);
+}
+
+/* Finds upright thin things in the LiDAR's points, or without LiDAR in the Gaussians' middles. */
+static pags_result find_columns(const pags_proxy_maker *w, const pags_gaussians *g, const pags_ground *ground,
+                                pags_background *b) {
+  const bool lidar = w->lidar.count > 0;
+  PAGS_AUTOFREE float *middles = lidar ? NULL : malloc(((size_t)g->count + 1) * 3 * sizeof *middles);
+  int64_t count = 0;
+  PAGS_CHECK_MEMORY(lidar || middles, "%lld Gaussians", (long long)g->count);
+  for (int64_t i = 0; i < g->count && !lidar; i++) {
+    if (!(pags_plane(g, PAGS_OPACITY)[i] > 0)) /* less than half opaque */
+      continue;
+    for (int k = 0; k < 3; k++)
+      middles[3 * count + k] = pags_plane(g, PAGS_MEAN + k)[i];
+    count++;
+  }
+  PAGS_TRY(pags_cloud_make(lidar ? w->lidar.points : middles, lidar ? w->lidar.count : count, ground, &b->depth_views,
+                           &b->cloud));
+  return pags_columns_find(&b->cloud, ground, &b->depth_views, &b->columns);
 }
 
 /* A square tile of the background and its result: a mesh for each class, which may be empty. */
@@ -280,8 +304,11 @@ static pags_result leave_out(PAGS_UNUSED const pags_proxy_maker *w, PAGS_UNUSED 
 }
 
 /* NULL: chunks are the surfaces of the tiles. */
-static class_maker *const class_makers[PAGS_CHUNK_CLASSES] = {
-    [PAGS_CHUNK_ROAD] = leave_out, [PAGS_CHUNK_SIDEWALK] = leave_out, [PAGS_CHUNK_BUILDING] = pags_blocks_make};
+static class_maker *const class_makers[PAGS_CHUNK_CLASSES] = {[PAGS_CHUNK_ROAD] = leave_out,
+                                                              [PAGS_CHUNK_SIDEWALK] = leave_out,
+                                                              [PAGS_CHUNK_BUILDING] = pags_blocks_make,
+                                                              [PAGS_CHUNK_VEGETATION] = pags_trees_make,
+                                                              [PAGS_CHUNK_POLE] = pags_poles_make};
 
 /* Joins the surface of a class over all tiles and makes its chunks. */
 static pags_result make_class(const tiling *t, int class, pags_background *b) {
@@ -301,7 +328,7 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
   double lo[3], hi[3];
   PAGS_AUTO(forget_tiling)
   tiling t = {.maker = w, .background = b, .ground = ground, .tell = tell, .user = user, .side = w->options->chunk};
-  const bool surface = w->options->background_form == PAGS_BACKGROUND_SURFACE || w->bare || w->scene->up != PAGS_UP_Z;
+  const bool surface = makes_surface(w);
   PAGS_TRY(find_extent(w, &b->depth_views, lo, hi));
   /* A tile's side is a whole number of steps, so the grids of neighbouring tiles share the points of their border. */
   t.step = t.side / ceil(t.side / w->options->voxel);
@@ -386,6 +413,8 @@ pags_result pags_background_make(const pags_proxy_maker *w, pags_progress_fn *te
     return add_bare(w, out);
   if (w->scene->up == PAGS_UP_Z && !w->bare)
     PAGS_TRY(add_ground(w, out, &ground));
+  if (!makes_surface(w))
+    PAGS_TRY(find_columns(w, &g, &ground, out));
   PAGS_TRY(add_tiles(w, tell, user, &ground, out));
   return pags_background_finish(w, out);
 }

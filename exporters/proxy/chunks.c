@@ -14,6 +14,8 @@ void pags_background_destroy(pags_background *background) {
   for (int64_t i = 0; i < background->chunk_count; i++)
     pags_proxy_mesh_destroy(&background->chunks[i].mesh);
   free(background->chunks);
+  pags_cloud_destroy(&background->cloud);
+  pags_columns_destroy(&background->columns);
   *background = (pags_background){0};
 }
 
@@ -28,6 +30,12 @@ pags_result pags_background_add(pags_background *b, const char *class_name, pags
   return PAGS_OK;
 }
 
+pags_result pags_background_add_solid(pags_background *b, const char *class_name, pags_proxy_mesh *mesh) {
+  PAGS_TRY(pags_background_add(b, class_name, mesh));
+  b->chunks[b->chunk_count - 1].solid = true;
+  return PAGS_OK;
+}
+
 /* ---- Decimation ---- */
 
 /* The ground has a limit of its own. Blocks come first, the rest gets what they leave of the limit. */
@@ -39,7 +47,7 @@ typedef struct decimation {
 } decimation;
 
 static kind kind_of(const pags_chunk *chunk) {
-  return !strcmp(chunk->class_name, "ground") ? GROUND : chunk->unseen_depth > 0 ? BLOCK : REST;
+  return !strncmp(chunk->class_name, "ground", 6) ? GROUND : chunk->solid || chunk->unseen_depth > 0 ? BLOCK : REST;
 }
 
 /* Decimates a chunk; one that would get too few triangles becomes empty and is left out in the end. */
@@ -75,21 +83,34 @@ static pags_result decimate(const pags_proxy_maker *w, pags_background *b) {
 
 /* ---- Finishing ---- */
 
+/* Whether a point is within the box and the ball, those that there are. */
+static bool is_within(const pags_proxy_options *options, const double p[3]) {
+  for (int k = 0; k < 3 && options->box; k++)
+    if (p[k] < options->box[k] || p[k] > options->box[3 + k])
+      return false;
+  return !options->ball || pags_distance_squared3(p, options->ball) <= options->ball[3] * options->ball[3];
+}
+
 pags_result pags_proxy_mesh_crop(const pags_proxy_options *options, pags_proxy_mesh *mesh) {
   const int64_t before = mesh->triangle_count;
   for (int64_t i = 0; i < before; i++) {
     double p[3];
-    bool within = true;
     pags_proxy_mesh_middle(mesh, i, p);
-    for (int k = 0; k < 3 && options->box; k++)
-      within = within && p[k] >= options->box[k] && p[k] <= options->box[3 + k];
-    if (options->ball)
-      within = within && pags_distance_squared3(p, options->ball) <= options->ball[3] * options->ball[3];
-    if (!within)
+    if (!is_within(options, p))
       mesh->triangles[3 * i] = UINT32_MAX;
   }
   pags_proxy_mesh_drop_marked(mesh);
   return mesh->triangle_count < before ? pags_proxy_mesh_compact(mesh) : PAGS_OK;
+}
+
+/* Leaves out a chunk of closed parts whose middle is outside. */
+static void crop_solid(const pags_proxy_options *options, pags_proxy_mesh *mesh) {
+  double lo[3], hi[3];
+  pags_proxy_mesh_bounds(mesh, lo, hi);
+  for (int k = 0; k < 3; k++)
+    lo[k] = 0.5 * (lo[k] + hi[k]);
+  if (!is_within(options, lo))
+    pags_proxy_mesh_destroy(mesh);
 }
 
 pags_result pags_background_finish(const pags_proxy_maker *w, pags_background *b) {
@@ -98,6 +119,8 @@ pags_result pags_background_finish(const pags_proxy_maker *w, pags_background *b
   for (int64_t i = 0; i < b->chunk_count; i++) {
     if (kind_of(&b->chunks[i]) != BLOCK) /* the surface that blocks are made of was cropped */
       PAGS_TRY(pags_proxy_mesh_crop(w->options, &b->chunks[i].mesh));
+    else if (b->chunks[i].solid)
+      crop_solid(w->options, &b->chunks[i].mesh);
     PAGS_TRY(pags_proxy_mesh_clean(&b->chunks[i].mesh));
   }
   for (int64_t i = 0; i < b->chunk_count; i++) { /* leave out the empty ones */

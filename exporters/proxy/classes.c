@@ -22,16 +22,19 @@ enum {
   VEGETATION = PAGS_CHUNK_VEGETATION,
   POLE = PAGS_CHUNK_POLE,
   OTHER = PAGS_CHUNK_OTHER,
-  CLASSES,
-  UNLABELLED = 255
+  CLASSES
 };
 const char *const pags_class_names[PAGS_CHUNK_CLASSES] = {"road", "sidewalk", "building", "vegetation",
                                                           "pole", "other",    "surface"};
 
+uint8_t pags_class_of_label(uint8_t label) {
+  static const uint8_t classes[] = {ROAD, SIDEWALK, BUILDING, BUILDING,   BUILDING,
+                                    POLE, POLE,     POLE,     VEGETATION, VEGETATION};
+  return label < sizeof classes ? classes[label] : CLASSES;
+}
+
 void pags_classes_load(const pags_proxy_maker *w, const pags_scene_view *view, pags_depth_view *depth_view) {
 #ifdef PAGS_WITH_IMAGES
-  /* The classes of Cityscapes' first train ids; the others are sky, people and vehicles. */
-  static const uint8_t of[] = {ROAD, SIDEWALK, BUILDING, BUILDING, BUILDING, POLE, POLE, POLE, VEGETATION, VEGETATION};
   char path[1024];
   PAGS_AUTO(pags_image_destroy) pags_image image = {0};
   const char *name = pags_path_name(view->name);
@@ -46,8 +49,8 @@ void pags_classes_load(const pags_proxy_maker *w, const pags_scene_view *view, p
   for (int y = 0; depth_view->labels && y < height; y++)
     for (int x = 0; x < width; x++) {
       int u = (2 * x + 1) * image.width / (2 * width), v = (2 * y + 1) * image.height / (2 * height);
-      const uint8_t label = ((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u];
-      depth_view->labels[(size_t)y * (size_t)width + (size_t)x] = label < sizeof of ? of[label] : UNLABELLED;
+      depth_view->labels[(size_t)y * (size_t)width + (size_t)x] =
+          ((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u];
     }
 #else
   (void)w, (void)view, (void)depth_view;
@@ -71,8 +74,9 @@ static uint8_t vote(const naming *n, const int64_t *seen, int64_t seen_count, co
     if (!depth_view->labels || !pags_depth_view_project(depth_view, point, &x, &y, &z))
       continue;
     int64_t pixel = (int64_t)y * depth_view->camera.width + x;
-    if (fabs((double)depth_view->depth[pixel] - z) < n->tolerance && depth_view->labels[pixel] < CLASSES)
-      votes[depth_view->labels[pixel]]++;
+    const uint8_t own = pags_class_of_label(depth_view->labels[pixel]);
+    if (fabs((double)depth_view->depth[pixel] - z) < n->tolerance && own < CLASSES)
+      votes[own]++;
   }
   for (int c = 1; c < CLASSES; c++)
     best = votes[c] > votes[best] ? c : best;

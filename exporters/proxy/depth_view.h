@@ -33,7 +33,7 @@ typedef struct pags_depth_view {
   float *plane;    /* camera z where the ray meets the plane of the Gaussian that contributes most to the pixel, if it
                       is flat; 0: it isn't. NULL: not asked for */
   uint8_t *cover;  /* alpha, 0..255 */
-  uint8_t *labels; /* one class a pixel, set by the caller; NULL: none */
+  uint8_t *labels; /* Cityscapes' train id of each pixel, set by the caller; NULL: none */
   uint8_t *rgb;    /* 3 a pixel, display-referred sRGB of the Gaussians without the background */
   int cells_x, cells_y; /* cells of PAGS_DEPTH_VIEW_CELL pixels a side */
   float *lo, *hi;       /* least and greatest depth of each cell; of free pixels the free length, of unknown ones 0 */

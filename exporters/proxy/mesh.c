@@ -121,6 +121,25 @@ pags_result pags_proxy_mesh_box(const double size[3], const float color[3], pags
   return pags_proxy_mesh_check(out);
 }
 
+void pags_proxy_mesh_prism(pags_proxy_mesh *mesh, int sides, double (*first)[3], double (*second)[3],
+                           const float color[3], const bool observed[2]) {
+  const uint32_t a = (uint32_t)mesh->vertex_count, b = a + (uint32_t)sides;
+  for (int i = 0; i < 2 * sides; i++) {
+    float p[3];
+    pags_narrow3(i < sides ? first[i] : second[i - sides], p);
+    pags_proxy_mesh_vertex(mesh, p, color, observed[i >= sides]);
+  }
+  for (uint32_t i = 0; i < (uint32_t)sides; i++) {
+    const uint32_t next = (i + 1) % (uint32_t)sides;
+    pags_proxy_mesh_triangle(mesh, a + i, a + next, b + next);
+    pags_proxy_mesh_triangle(mesh, a + i, b + next, b + i);
+    if (i > 0 && next > 0) {
+      pags_proxy_mesh_triangle(mesh, a, a + next, a + i);
+      pags_proxy_mesh_triangle(mesh, b, b + i, b + next);
+    }
+  }
+}
+
 void pags_proxy_mesh_drop_marked(pags_proxy_mesh *mesh) {
   int64_t kept = 0;
   for (int64_t i = 0; i < mesh->triangle_count; i++)

@@ -62,6 +62,11 @@ pags_result pags_proxy_mesh_compact(pags_proxy_mesh *mesh);
 /* Makes a box of this size (metres) centred at the origin: 8 vertices, 12 triangles. */
 pags_result pags_proxy_mesh_box(const double size[3], const float color[3], pags_proxy_mesh *out);
 
+/* Adds a closed prism between two polygons of `sides` corners each. Seen from the second one's side, both run
+ * counter-clockwise. `observed` is that of the first one's corners and of the second one's. */
+void pags_proxy_mesh_prism(pags_proxy_mesh *mesh, int sides, double (*first)[3], double (*second)[3],
+                           const float color[3], const bool observed[2]);
+
 /* Keeps connected components whose area is at least `share` of the largest component's, and removes the others as
  * floaters. If `size` is given, smaller components are kept, too, that have a vertex in the box of that size about
  * the origin closer than `reach` metres to a large component, unless they are tiny: wing mirrors, whose arms are too

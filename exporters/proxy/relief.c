@@ -343,7 +343,7 @@ static void look_at_columns(void *context, int64_t begin, int64_t end, PAGS_UNUS
           double q[3];
           pags_depth_view_point(view, x, y, depth, q);
           const double beyond = r->plane.offset - pags_dot3(q, r->plane.normal);
-          const bool wall = !view->labels || view->labels[pixel] == PAGS_CHUNK_BUILDING;
+          const bool wall = !view->labels || pags_class_of_label(view->labels[pixel]) == PAGS_CHUNK_BUILDING;
           near += wall && beyond > -vague && beyond < inside;
           through += beyond > (wall ? inside : vague);
         } else if (depth < 0) {

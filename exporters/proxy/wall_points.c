@@ -98,7 +98,7 @@ static void ask_views(void *context, int64_t begin, int64_t end, PAGS_UNUSED int
       const int64_t pixel = (int64_t)y * view->camera.width + x;
       if (!(fabs((double)view->depth[pixel] - z) < vague + vaguer * z))
         continue;
-      const bool wall = view->labels[pixel] == PAGS_CHUNK_BUILDING;
+      const bool wall = pags_class_of_label(view->labels[pixel]) == PAGS_CHUNK_BUILDING;
       walls += wall;
       others += !wall;
       pags_pose_position(view->camera.world_from_camera, eye);
