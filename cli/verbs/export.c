@@ -47,6 +47,8 @@ static const pags_option options[] = {
         "background", AT(form), "blocks|surface", NULL,
         "Buildings and walls as closed blocks that reach the ground, or the background's surface as it was seen, "
         "open and by chunk."),
+    PAGS_TEXT("ground-file", 0, AT(proxy.ground_file), "FILE.ply", "none",
+              "Write the ground's mesh to this file as well, without colours, for physics."),
     PAGS_VALUE("ground-triangles", 0, INT64, AT(proxy.ground_triangles), 2, 1e8, "N", "triangles", NULL,
                "Maximum for the ground."),
     PAGS_VALUE("chunk-triangles", 0, INT64, AT(proxy.chunk_triangles), 12, 1e8, "N", "triangles", NULL,

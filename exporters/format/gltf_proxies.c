@@ -271,6 +271,17 @@ static pags_result add_chunk(exporter *e, const pags_background *b, int64_t inde
   return pags_proxy_report_add(e->report, facts);
 }
 
+/* Writes the surfaces of the ground as one mesh. */
+static pags_result save_ground(const pags_background *b, const char *path) {
+  PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh ground = {0};
+  for (int64_t i = 0; i < b->chunk_count; i++)
+    if (!strncmp(b->chunks[i].class_name, "ground", 6))
+      PAGS_TRY(pags_proxy_mesh_append(&b->chunks[i].mesh, &ground));
+  if (!ground.triangle_count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the scene has no ground; it needs photographs and z as up axis", path);
+  return pags_mesh_ply_save(path, &ground);
+}
+
 /* Adds the background's chunks after their errors have been measured together, joined into one mesh, against the depth
  * views of the background. */
 static pags_result add_background(exporter *e) {
@@ -278,6 +289,8 @@ static pags_result add_background(exporter *e) {
   PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh all = {0};
   int64_t triangles = 0;
   PAGS_TRY(pags_background_make(&e->maker, tell_background, e, &b));
+  if (e->options->ground_file)
+    PAGS_TRY(save_ground(&b, e->options->ground_file));
   for (int64_t i = 0; i < b.chunk_count; i++)
     triangles += b.chunks[i].mesh.triangle_count;
   PAGS_AUTOFREE pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);

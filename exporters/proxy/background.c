@@ -21,6 +21,8 @@ enum { MOST_VIEWS = 120, CLUSTER = 64 }; /* most views that are drawn; Gaussians
 
 /* The ground has no holes up to this distance from the cameras, metres: about 10 m from the path between them. */
 static const double ground_reach = 11;
+static const double ground_margin =
+    25;                                /* beyond this distance from the cameras there is none, if chunks are surfaces */
 static const double ground_skin = 0.2; /* surface lower than this over the ground belongs to the ground, metres */
 static const double least_area = 0.4;  /* connected components of less area are floaters, square metres */
 
@@ -85,9 +87,12 @@ static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, p
     pags_pose_position(scene->views[i].camera.world_from_camera, path + 3 * i);
     pags_subtract3(path + 3 * i, scene->origin, path + 3 * i);
   }
-  PAGS_TRY(pags_ground_find(&out->depth_views, &w->lidar, path, scene->view_count, ground_reach, ground));
+  PAGS_TRY(pags_ground_find(&out->depth_views, &w->lidar, path, scene->view_count, ground_reach,
+                            makes_surface(w) ? ground_margin : w->options->range, ground));
   if (!ground->nx)
     return PAGS_OK;
+  if (out->labelled && !makes_surface(w))
+    return PAGS_OK; /* its parts come when the cloud is there */
   PAGS_TRY(pags_ground_mesh(ground, w->options->ground_triangles, &mesh));
   PAGS_TRY(pags_proxy_mesh_paint(&mesh, &out->depth_views, 0.3, w->tasks));
   return pags_background_add(out, "ground", &mesh);
@@ -415,6 +420,8 @@ pags_result pags_background_make(const pags_proxy_maker *w, pags_progress_fn *te
     PAGS_TRY(add_ground(w, out, &ground));
   if (!makes_surface(w))
     PAGS_TRY(find_columns(w, &g, &ground, out));
+  if (!makes_surface(w) && out->labelled)
+    PAGS_TRY(pags_ground_parts_make(w, out, &ground));
   PAGS_TRY(add_tiles(w, tell, user, &ground, out));
   return pags_background_finish(w, out);
 }

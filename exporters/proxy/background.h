@@ -55,6 +55,10 @@ enum {
   PAGS_CROWN_HULLS = 6      /* most of a tree's crown */
 };
 
+/* Adds a mesh for each connected surface of road, pavement or verge as chunks "ground_road", "ground_pavement" and
+ * "ground_verge" (ground_parts.c), at most options->ground_triangles triangles together. `b` must be labelled. */
+pags_result pags_ground_parts_make(const pags_proxy_maker *w, pags_background *b, const pags_ground *ground);
+
 /* Adds each tree of the fused surface of vegetation as a chunk "tree", a trunk and at most PAGS_CROWN_HULLS convex
  * hulls, each closed, and each bush as a chunk "bush" of hulls (trees.c). */
 pags_result pags_trees_make(const pags_proxy_maker *w, pags_background *b, const pags_ground *ground,

@@ -19,7 +19,7 @@ static const double cell = 0.2; /* distance of lattice points, metres */
 
 /* Depths in metres: pixels farther than `farthest` see the ground at too flat an angle to tell its height; those
  * nearer than `nearer` tell it well. */
-static const double farthest = 25, nearer = 10;
+static const double farthest = 45, nearer = 10;
 
 /* The low-pass filter of drawing widens Gaussians of the ground upwards: pixels where it does by more than this are
  * not used, metres. */
@@ -35,7 +35,7 @@ static const double upright = 2; /* height above the ground up to which upright 
 
 /* Least number of heights of a cell; number from which near pixels are enough; half widths in cells of the windows in
  * which known neighbours are looked for: next to a cell, and across the gap between two LiDAR rings. */
-enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2, LEAP = 7 };
+enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2, LEAP = 15 };
 
 /* ---- Collecting heights ---- */
 
@@ -266,7 +266,7 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
 /* ---- Finding the ground ---- */
 
 pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
-                             int64_t path_count, double reach, pags_ground *out) {
+                             int64_t path_count, double reach, double margin, pags_ground *out) {
   const source from[3] = {
       {.lidar = lidar}, {.depth_views = depth_views, .reach = nearer}, {.depth_views = depth_views, .reach = farthest}};
   static const int enough[3] = {LEAST_HEIGHTS, ENOUGH_HEIGHTS, LEAST_HEIGHTS};
@@ -274,8 +274,8 @@ pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lid
   *out = (pags_ground){.step = cell};
   for (int64_t i = 0; i < path_count; i++)
     for (int k = 0; k < 2; k++) {
-      lo[k] = fmin(lo[k], path[3 * i + k] - farthest);
-      hi[k] = fmax(hi[k], path[3 * i + k] + farthest);
+      lo[k] = fmin(lo[k], path[3 * i + k] - margin);
+      hi[k] = fmax(hi[k], path[3 * i + k] + margin);
     }
   if (!path_count)
     return PAGS_OK;

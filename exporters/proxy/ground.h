@@ -19,10 +19,10 @@ typedef struct pags_ground {
 } pags_ground;
 
 /* Finds the ground from LiDAR points and depth views in the scene's frame. `path`: positions of the cameras, 3
- * doubles each; within `reach` metres of it holes are filled. `out->nx` is 0 if no ground was found. After a failure,
- * too, the caller destroys `out`. */
+ * doubles each; within `reach` metres of it holes are filled, and beyond `margin` metres from it there is no ground.
+ * `out->nx` is 0 if no ground was found. After a failure, too, the caller destroys `out`. */
 pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
-                             int64_t path_count, double reach, pags_ground *out);
+                             int64_t path_count, double reach, double margin, pags_ground *out);
 /* Fills the holes within `reach` metres of the path and smooths the ground; measured cells keep to their heights by
  * their weights. Sets `nearest`. */
 pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count,

@@ -104,9 +104,16 @@ pags_result pags_proxy_mesh_weld(pags_proxy_mesh *mesh, double tolerance);
  * succeeds. */
 pags_result pags_proxy_mesh_simplify(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out);
 
+/* Decimates a mesh, which may be open, as far as the surface moves by at most about `error` metres. Vertices at the
+ * same place stay together. */
+pags_result pags_proxy_mesh_simplify_within(const pags_proxy_mesh *from, double error, pags_proxy_mesh *out);
+
 /* Makes the convex hull of a mesh's vertices, of at most `budget` triangles: only the farthest vertices in evenly
  * spread directions are used. PAGS_ERROR_ARGUMENT if they all lie in a plane. */
 pags_result pags_proxy_mesh_hull(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out);
+
+/* Writes positions and triangles as a binary PLY file (mesh_ply.c). PAGS_ERROR_IO; PAGS_ERROR_MEMORY. */
+pags_result pags_mesh_ply_save(const char *path, const pags_proxy_mesh *mesh);
 
 /* Fits a closed control cage of quads to a closed mesh, such that the cage's subdivision surface (Catmull and Clark
  * 1978) lies on the mesh. `level` 0: `out` is the cage itself; 1..3: the cage subdivided that many times, its vertices

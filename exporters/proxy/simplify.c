@@ -61,3 +61,14 @@ pags_result pags_proxy_mesh_simplify(const pags_proxy_mesh *from, int64_t budget
                    (long long)from->triangle_count, (long long)budget, (long long)after.open_edges,
                    (long long)after.crossed_edges);
 }
+
+pags_result pags_proxy_mesh_simplify_within(const pags_proxy_mesh *from, double error, pags_proxy_mesh *out) {
+  const size_t corners = 3 * (size_t)from->triangle_count, stride = 3 * sizeof(float);
+  *out = (pags_proxy_mesh){0};
+  PAGS_AUTOFREE uint32_t *triangles = malloc((corners + 3) * sizeof *triangles);
+  PAGS_CHECK_MEMORY(triangles, "%lld triangles", (long long)from->triangle_count);
+  const double extent = (double)meshopt_simplifyScale(from->positions, (size_t)from->vertex_count, stride);
+  const size_t count = meshopt_simplify(triangles, from->triangles, corners, from->positions,
+                                        (size_t)from->vertex_count, stride, 0, (float)(error / extent), 0, NULL);
+  return pags_proxy_mesh_copy_part(from, triangles, (int64_t)(count / 3), out);
+}

@@ -73,9 +73,10 @@ typedef struct pags_proxy_options {
   int cage_level; /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
   int background; /* 1: the ground and the chunks are exported, too. Default 1 */
   pags_background_form background_form; /* default PAGS_BACKGROUND_BLOCKS */
-  int cameras;    /* 1: all views are written as cameras, the first sensor's path as a node `ego`. Default 0 */
-  int visibility; /* 1: KHR_node_visibility makes proxies invisible (colliders only). Default 0 */
-  int physics;    /* 1: objects are kinematic bodies by KHR_implicit_shapes and KHR_physics_rigid_bodies. Default 0 */
+  const char *ground_file; /* a .ply file to write the ground's mesh to, without colours, for physics; NULL: none */
+  int cameras;             /* 1: all views are written as cameras, the first sensor's path as a node `ego`. Default 0 */
+  int visibility;          /* 1: KHR_node_visibility makes proxies invisible (colliders only). Default 0 */
+  int physics; /* 1: objects are kinematic bodies by KHR_implicit_shapes and KHR_physics_rigid_bodies. Default 0 */
 } pags_proxy_options;
 
 PAGS_API pags_proxy_options pags_proxy_options_default(void);

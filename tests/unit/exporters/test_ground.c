@@ -9,8 +9,10 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
-#include "exporters/proxy/ground.h"
+#include "exporters/proxy/background.h"
+#include "exporters/proxy/mesh_query.h"
 
 enum { WIDE = 64, STEPS = 6, MOST = 100000 };
 
@@ -69,7 +71,7 @@ static void find_seen(const pags_lidar *lidar, double lift, pags_ground *out) {
     path[3 * i + 2] = eye;
   }
   const pags_depth_views depth_views = {.count = 1, .list = &depth_view};
-  assert_int_equal(pags_ground_find(&depth_views, lidar, path, STEPS, 10, out), PAGS_OK);
+  assert_int_equal(pags_ground_find(&depth_views, lidar, path, STEPS, 10, 25, out), PAGS_OK);
 }
 
 static void find(const pags_lidar *lidar, pags_ground *out) {
@@ -179,11 +181,59 @@ static void missing_ground_is_no_error(void **state) {
   const double path[3] = {0, 0, eye};
   pags_ground ground;
   double z;
-  assert_int_equal(pags_ground_find(&nothing, &none, path, 1, 10, &ground), PAGS_OK);
+  assert_int_equal(pags_ground_find(&nothing, &none, path, 1, 10, 25, &ground), PAGS_OK);
   assert_int_equal(ground.nx, 0);
   assert_false(pags_ground_height(&ground, 0, 0, &z));
-  assert_int_equal(pags_ground_find(&nothing, &none, path, 0, 10, &ground), PAGS_OK);
+  assert_int_equal(pags_ground_find(&nothing, &none, path, 0, 10, 25, &ground), PAGS_OK);
   assert_int_equal(ground.nx, 0);
+}
+
+/* A road at height 0 and a pavement 0.13 m above it, with a kerb along y at x = 0.07, whose heights are blurred over
+ * 0.4 m; a car hides both beyond y = 1. Both become meshes of their own, with a sharp kerb in between. */
+static void kerbs_are_sharp(void **state) {
+  (void)state;
+  enum { SIDE = 60 };
+  float depth[WIDE * WIDE], z[SIDE * SIDE];
+  uint8_t known[SIDE * SIDE], labels[WIDE * WIDE], rgb[3 * WIDE * WIDE] = {0};
+  pags_depth_view view;
+  pags_ground ground = {.step = 0.1, .nx = SIDE, .ny = SIDE, .x0 = -3, .y0 = -3, .z = z, .known = known, .nearest = z};
+  look_down(&view, depth);
+  view.rgb = rgb;
+  view.labels = labels;
+  const double inverse[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, eye};
+  for (int k = 0; k < 12; k++)
+    view.camera_from_model[k] = inverse[k];
+  for (int i = 0; i < SIDE * SIDE; i++) {
+    z[i] = (float)(0.13 * fmin(fmax((-3 + 0.1 * (i % SIDE) - 0.07) / 0.4 + 0.5, 0), 1));
+    known[i] = 1;
+  }
+  for (int i = 0; i < WIDE * WIDE; i++) {
+    const double x = (i % WIDE + 0.5 - WIDE / 2) / (WIDE / 2) * eye, y = (WIDE / 2 - i / WIDE - 0.5) / (WIDE / 2) * eye;
+    labels[i] = y > 1 ? 13 : x > 0.07;
+  }
+  pags_proxy_options options = pags_proxy_options_default();
+  options.voxel = 0.15;
+  const pags_proxy_maker w = {.tasks = pags_tasks_create(2), .options = &options};
+  pags_background b = {.depth_views = {.count = 1, .list = &view}, .labelled = true};
+  assert_int_equal(pags_ground_parts_make(&w, &b, &ground), PAGS_OK);
+  assert_int_equal(b.chunk_count, 2);
+  for (int i = 0; i < 2; i++) {
+    const bool road = !strcmp(b.chunks[i].class_name, "ground_road");
+    const double down[3] = {0, 0, -1};
+    pags_mesh_query *query;
+    assert_true(road || !strcmp(b.chunks[i].class_name, "ground_pavement"));
+    assert_int_equal(pags_mesh_query_of_mesh(&b.chunks[i].mesh, &query), PAGS_OK);
+    for (double y = -1; y < 1.5; y += 0.1)
+      for (double x = -1; x < 1; x += 0.05) {
+        const double t = pags_mesh_query_ray(query, (const double[3]){x, y, 1}, down, NULL);
+        if (x < 0.02 || x > 0.12)
+          assert_true(road == (x < 0.07) ? fabs(1 - t - (road ? 0 : 0.13)) < 0.012 : t < 0);
+      }
+    pags_mesh_query_destroy(query);
+  }
+  b.depth_views = (pags_depth_views){0};
+  pags_background_destroy(&b);
+  pags_tasks_destroy(w.tasks);
 }
 
 int main(void) {
@@ -194,6 +244,7 @@ int main(void) {
       cmocka_unit_test(the_limit_of_triangles_is_used),
       cmocka_unit_test(camera_depths_give_the_ground_without_lidar),
       cmocka_unit_test(missing_ground_is_no_error),
+      cmocka_unit_test(kerbs_are_sharp),
   };
   return cmocka_run_group_tests_name("ground", tests, NULL, NULL);
 }
