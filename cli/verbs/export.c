@@ -29,6 +29,11 @@ static const pags_option options[] = {
     PAGS_CHOICE("proxy", AT(level), "mesh|cage|hull|box|convex", NULL,
                 "Shape of each object: its surface, a subdivided closed cage, its convex hull, its labelled box, or up "
                 "to 8 convex parts."),
+    PAGS_FLAG(
+        "collision", 0, AT(proxy.collision),
+        "Write collision shapes alone: convex parts (or another --proxy), the ground as a slab, what is closed of "
+        "the background; no colours. Limits of triangles, unless given: 6,000 of the ground's upper side, 12,000 "
+        "of the rest of the background."),
     PAGS_FLAG("lod", 0, AT(proxy.lod),
               "Write mesh, cage, hull and box into one file with MSFT_lod, instead of --proxy."),
     PAGS_CHOICE(
@@ -235,6 +240,12 @@ static int check(void *user, const pags_parsed *parsed) {
     return pags_usage_error(verb, "--target-size: no effect on a file that doesn't end in .html, got '%s'", to);
   if (arguments->naming && (!gltf || arguments->splats || arguments->proxy.lod))
     return pags_usage_error(verb, "--naming: only affects proxies in a .glb or .gltf, without --lod");
+  if (arguments->proxy.collision && (!gltf || arguments->splats || arguments->proxy.lod || arguments->proxy.texture ||
+                                     arguments->naming == PAGS_NAMING_UNREAL))
+    return pags_usage_error(
+        verb,
+        "--collision: only affects proxies in a .glb or .gltf, without --lod, --texture and --naming "
+        "unreal, whose collision shapes need the visible surface");
   if (arguments->proxy.texture && (!gltf || arguments->splats))
     return pags_usage_error(verb, "--texture: only affects proxies in a .glb or .gltf");
   return pags_crop_check(parsed, &arguments->crop);
@@ -262,6 +273,14 @@ static pags_result run(void *user, const pags_parsed *parsed) {
   arguments->proxy.box = filter->has_box ? box : NULL;
   arguments->proxy.ball = filter->has_ball ? ball : NULL;
   arguments->proxy.level = (pags_proxy_level)arguments->level;
+  if (arguments->proxy.collision) {
+    if (!pags_option_given(parsed, "proxy"))
+      arguments->proxy.level = PAGS_PROXY_CONVEX;
+    if (!pags_option_given(parsed, "ground-triangles"))
+      arguments->proxy.ground_triangles = 6000;
+    if (!pags_option_given(parsed, "chunk-triangles"))
+      arguments->proxy.chunk_triangles = 12000;
+  }
   arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
   arguments->proxy.stand = (pags_stand)arguments->stand;
   arguments->proxy.background_form = (pags_background_form)arguments->form;

@@ -376,7 +376,7 @@ int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *sur
           put_floats(gltf, textured ? own.normals.data() : normals.data(), count, 3, false);
     if (textured)
       primitive.attributes["TEXCOORD_0"] = put_floats(gltf, texture->uv, corners, 2, false);
-    else
+    else if (!(flags & PAGS_GLTF_BARE))
       primitive.attributes["COLOR_0"] = put_colors(gltf, surface->colors, vertices);
     primitive.indices = put_indices(gltf, textured ? own.each.data() : surface->triangles, corners, count);
     tinygltf::ExtensionMap extensions;

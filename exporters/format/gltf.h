@@ -23,11 +23,11 @@ PAGS_DEFINE_AUTO(pags_gltf, pags_gltf_destroy)
 /* The functions that return int add one item and return its glTF index, or -1 after a failure. Names are copied; a
  * number is appended to a name that another thing of its kind has, and what has none is "unnamed". */
 int pags_gltf_material(pags_gltf *gltf, const char *name, bool double_sided);
-enum { PAGS_GLTF_NORMALS = 1, PAGS_GLTF_MANIFOLD = 2 };
+enum { PAGS_GLTF_NORMALS = 1, PAGS_GLTF_MANIFOLD = 2, PAGS_GLTF_BARE = 4 };
 /* Adds a triangle mesh with POSITION and COLOR_0 (linear light, 16 bits a channel), or with a texture TEXCOORD_0 and
  * three vertices for each triangle. PAGS_GLTF_NORMALS adds smooth vertex normals (without normals, readers shade flat);
- * PAGS_GLTF_MANIFOLD adds EXT_mesh_manifold (the mesh must be closed). `texture` may be NULL or empty; `material` is
- * then one of pags_gltf_material, else 1 for two sides. */
+ * PAGS_GLTF_MANIFOLD adds EXT_mesh_manifold (the mesh must be closed); PAGS_GLTF_BARE leaves out colours. `texture` may
+ * be NULL or empty; `material` is then one of pags_gltf_material, else 1 for two sides. */
 int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, const pags_texture *texture,
                    int material, int flags);
 /* Adds a node. `parent`: a node's index; -1: a root of the scene; -2: outside of the scene (coarser levels of detail,

@@ -19,6 +19,8 @@
 
 enum { NAME_SIZE = PAGS_OBJECT_NAME, MOST_GROUPS = 256 };
 
+static const double slab = 0.5; /* thickness of the ground among collision shapes, metres */
+
 /* A node that gathers the proxies of one class. */
 typedef struct group {
   char name[NAME_SIZE];
@@ -102,12 +104,14 @@ static pags_result put_extras(exporter *e, int node, const pags_proxy_facts *fac
 static int add_mesh(exporter *e, const char *name, const pags_proxy_mesh *mesh, const pags_texture *texture,
                     const pags_proxy_facts *facts) {
   const int open = facts->object < 0; /* of the background: a sheet */
-  return pags_gltf_mesh(
-      e->gltf, name, mesh, texture,
-      texture && texture->uv ? open
-      : open                 ? e->sheet
-                             : e->material,
-      (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) | (facts->closed ? PAGS_GLTF_MANIFOLD : 0));
+  return pags_gltf_mesh(e->gltf, name, mesh, texture,
+                        texture && texture->uv ? open
+                        : open                 ? e->sheet
+                                               : e->material,
+                        (e->options->collision            ? PAGS_GLTF_BARE
+                         : facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS
+                                                          : 0) |
+                            (facts->closed ? PAGS_GLTF_MANIFOLD : 0));
 }
 
 static pags_result report_level(exporter *e, int64_t object, pags_built_level *built, const char *name) {
@@ -202,7 +206,9 @@ static pags_result add_coarser(exporter *e, int64_t object, pags_built_object *b
 static pags_result add_object(exporter *e, int64_t object, pags_built_object *built) {
   const pags_proxy_options *options = e->options;
   const pags_scene_object *o = &e->scene->objects[object];
-  const bool apart = built->level_count == 1 && built->levels[0].parts.count > 0; /* there are parts alone */
+  const bool convex = options->collision && options->naming == PAGS_NAMING_GODOT && options->level >= PAGS_PROXY_HULL;
+  const bool apart =
+      built->level_count == 1 && (built->levels[0].parts.count > 0 || convex); /* there are parts alone */
   char name[NAME_SIZE], child_name[NAME_SIZE];
   int mesh = -1;
   pags_object_plain_name(o->record.class_name, object, name);
@@ -219,7 +225,10 @@ static pags_result add_object(exporter *e, int64_t object, pags_built_object *bu
   /* Levels of detail, and what Godot is to make a collision shape of, are nodes below the one that moves. */
   const bool shape = options->naming == PAGS_NAMING_GODOT && built->level_count == 1 && !apart;
   if (options->lod || shape) {
-    snprintf(child_name, NAME_SIZE, "%.80s%s", name, options->lod ? "_lod0" : "_mesh-col");
+    snprintf(child_name, NAME_SIZE, "%.80s%s", name,
+             options->lod         ? "_lod0"
+             : options->collision ? "_mesh-colonly"
+                                  : "_mesh-col");
     holder = pags_gltf_node(e->gltf, node, child_name);
   }
   if (!apart)
@@ -232,6 +241,28 @@ static pags_result add_object(exporter *e, int64_t object, pags_built_object *bu
 }
 
 /* ---- The background ---- */
+
+/* Makes slabs of the ground's pieces, and empties the chunks that are open, since a body's inside is unknown there. */
+static pags_result make_solid(pags_background *b) {
+  int64_t left_out = 0, triangles = 0;
+  for (int64_t i = 0; i < b->chunk_count; i++) {
+    pags_chunk *chunk = &b->chunks[i];
+    pags_proxy_mesh_topology topology;
+    if (!strncmp(chunk->class_name, "ground", 6))
+      PAGS_TRY(pags_proxy_mesh_thicken(&chunk->mesh, slab));
+    PAGS_TRY(pags_proxy_mesh_inspect(&chunk->mesh, &topology));
+    if (topology.closed)
+      continue;
+    left_out++;
+    triangles += chunk->mesh.triangle_count;
+    chunk->mesh.triangle_count = 0;
+  }
+  if (left_out)
+    pags_log_message(PAGS_LOG_WARNING,
+                     "collision shapes: %lld open surfaces of the background with %lld triangles are left out",
+                     (long long)left_out, (long long)triangles);
+  return PAGS_OK;
+}
 
 static pags_result add_chunk(exporter *e, const pags_background *b, int64_t index, pags_proxy_facts *facts) {
   const pags_proxy_options *options = e->options;
@@ -250,6 +281,10 @@ static pags_result add_chunk(exporter *e, const pags_background *b, int64_t inde
   facts->note = chunk->note ? chunk->note : e->maker.bare ? e->maker.bare->note : NULL;
   facts->level = chunk->level;
   facts->object = -1;
+  if (options->collision) { /* nothing that is open is left */
+    facts->closed = true;
+    facts->volume = topology.volume;
+  }
   facts->gaussians = b->gaussians;
   facts->s_sem = b->s_sem;
   facts->vertices = chunk->mesh.vertex_count;
@@ -259,7 +294,10 @@ static pags_result add_chunk(exporter *e, const pags_background *b, int64_t inde
   if (e->background < 0)
     e->background = pags_gltf_node(e->gltf, e->root, "background");
   int parent = ground ? e->background : class_node(e, false, chunk->class_name);
-  snprintf(node_name, NAME_SIZE, "%.80s%s", name, options->naming == PAGS_NAMING_GODOT ? "-col" : "");
+  snprintf(node_name, NAME_SIZE, "%.80s%s", name,
+           options->naming != PAGS_NAMING_GODOT ? ""
+           : options->collision                 ? "-colonly"
+                                                : "-col");
   int node = pags_gltf_node(e->gltf, parent, node_name);
   if (options->texture && chunk->level < PAGS_PROXY_HULL)
     PAGS_TRY(pags_texture_bake(&chunk->mesh, &b->depth_views, 3 * options->voxel, options->texture, e->maker.tasks,
@@ -307,8 +345,11 @@ static pags_result add_background(exporter *e) {
       pags_proxies_compare(&all, group_of, b.chunk_count, &b.depth_views, e->options->range, e->maker.tasks, facts));
   if (b.chunk_count) /* open meshes: readers that cull back faces would show nothing from behind */
     e->sheet = pags_gltf_material(e->gltf, "sheet", true);
+  if (e->options->collision)
+    PAGS_TRY(make_solid(&b));
   for (int64_t i = 0; i < b.chunk_count; i++)
-    PAGS_TRY(add_chunk(e, &b, i, &facts[i]));
+    if (b.chunks[i].mesh.triangle_count)
+      PAGS_TRY(add_chunk(e, &b, i, &facts[i]));
   return PAGS_OK;
 }
 

@@ -92,6 +92,9 @@ pags_result pags_proxy_mesh_repair(pags_proxy_mesh *mesh);
  * count as one. A closed mesh stays closed: if it can't, it is left as it was. */
 pags_result pags_proxy_mesh_clean(pags_proxy_mesh *mesh);
 
+/* Makes a closed slab of a sheet that faces up: adds a lower side `depth` metres below it, and a rim. */
+pags_result pags_proxy_mesh_thicken(pags_proxy_mesh *mesh, double depth);
+
 /* Area-weighted vertex normals of unit length, 3 floats a vertex. */
 void pags_proxy_mesh_normals(const pags_proxy_mesh *mesh, float *normals);
 

@@ -81,7 +81,8 @@ static pags_result make_levels(const pags_proxy_maker *w, int64_t object, bool m
       PAGS_TRY(make_level(w, object, &shape, (pags_proxy_level)level, measure, &out->levels[out->level_count++]));
     return PAGS_OK;
   }
-  if (options->naming != PAGS_NAMING_PLAIN && options->level >= PAGS_PROXY_HULL) /* the visible mesh, too */
+  if (options->naming != PAGS_NAMING_PLAIN && options->level >= PAGS_PROXY_HULL &&
+      !options->collision) /* the visible mesh, too */
     PAGS_TRY(make_level(w, object, &shape, PAGS_PROXY_MESH, measure, &out->levels[out->level_count++]));
   return make_level(w, object, &shape, options->level, measure, &out->levels[out->level_count++]);
 }

@@ -194,6 +194,26 @@ class Proxies(Case):
             self.assertGreater(facts[name]["error"]["silhouette_iou"], 0.85)
         self.assertEqual(facts["pedestrian_0002"]["level"], "box")
 
+    def test_collision_shapes(self):
+        """Everything is closed and without colours; Godot makes shapes of all nodes with a mesh, and shows none."""
+        for options in ((), ("--naming", "godot"), ("--naming", "godot", "--proxy", "hull")):
+            with self.subTest(options=options):
+                glb, facts, done = self.export("proxy.glb", *QUICK, "--collision", *options)
+                meshes = {name: node for name, node in glb.nodes().items() if "mesh" in node}
+                self.assertTrue(any(name.startswith("ground") for name in meshes))
+                self.assertTrue(any(name.startswith("car_0000") for name in meshes))
+                self.assertTrue(all(said["watertight"] for said in facts.values()))
+                for name, node in meshes.items():
+                    attributes = glb.json["meshes"][node["mesh"]]["primitives"][0]["attributes"]
+                    self.assertEqual(set(attributes), {"POSITION"}, name)
+                    self.assertEqual(open_edges(glb.triangles(node)), 0, name)
+                    self.assertGreater(volume(glb.positions(node), glb.triangles(node)), 0, name)
+                    if options:
+                        self.assertRegex(name, "-convcolonly$" if "track" in node["extras"] else "-colonly$")
+                heights = [p[2] for name in meshes if name.startswith("ground") for p in glb.positions(meshes[name])]
+                self.assertTrue(-0.6 < min(heights) < -0.4 and max(heights) < 0.1)
+                self.assertIn("open surfaces", done.stderr)
+
     def test_same_bytes_on_any_number_of_threads(self):
         options = ["--proxy", "convex", "--naming", "godot", "--texture", 64, "--no-background"]
         for threads in (1, 3):
@@ -288,6 +308,9 @@ class Odd(Case):
         for file, options in (
             ("x.usda", ["--naming", "godot"]),
             ("x.glb", ["--naming", "unreal", "--lod"]),
+            ("x.glb", ["--collision", "--lod"]),
+            ("x.glb", ["--collision", "--naming", "unreal"]),
+            ("x.ply", ["--collision"]),
             ("x.ply", ["--texture", 256]),
             ("x.usdz", ["--texture", 256]),
         ):

@@ -29,6 +29,7 @@ has_babylon = bool(NODE and CHROMIUM) and all(
     os.path.isdir(os.path.join(MODULES, m)) for m in ("@babylonjs", "puppeteer-core")
 )
 ABOVE = 20.0  # height in metres above an object from which rays are cast down
+DROPS = [(2.0 * (i % 4) - 4, -1.0 - 1.5 * (i // 4), 0.0) for i in range(12)]  # where boxes and wheels fall, in turn
 
 
 def turned(v):
@@ -91,7 +92,11 @@ class Tool(Case):
         behind = [here[0] - 9, here[1] - 6, here[2] + 4]
         return {
             "seconds": self.seconds,
-            "rays": {"car": down(here, ABOVE), "before": down(there, ABOVE), "ground": down([0, 0, 0], 5)},
+            "rays": {
+                **{"car": down(here, ABOVE), "before": down(there, ABOVE), "ground": down([0, 0, 0], 5)},
+                **{f"drop {i}": down(place, 2) for i, place in enumerate(DROPS)},
+            },
+            "drops": {f"drop {i}": {**down(place, 1), "wheel": i % 2 == 1} for i, place in enumerate(DROPS)},
             "eye": turned(behind),
             "target": turned(here),
             **more,
@@ -194,12 +199,34 @@ class Godot(Tool):
         self.check_hits(found["hits"], "_mesh$")
         self.assertTrue(found["hits"]["ground"]["name"].startswith("ground_road_"))
         self.assertEqual(found["animations"], ["tracks"])
+        self.check_rests(found)
         solid = [n["parent"] for n in found["nodes"] if n["kind"] == "StaticBody3D"]
         self.assertEqual(len([name for name in solid if name.endswith("_mesh")]), len(self.street.objects))
         print(
             f"Godot {found['version']}: {len(found['nodes'])} nodes, {len(self.street.objects)} objects with class and id, {len(solid)} bodies; "
             f"{found['hits']['car']}"
         )
+
+    def check_rests(self, found):
+        """Boxes and wheels rest on the ground that a ray finds there."""
+        self.assertEqual(len(found["rests"]), len(DROPS))
+        for i in range(len(DROPS)):
+            ground = 2 - found["hits"][f"drop {i}"]["distance"]
+            self.assertAlmostEqual(found["rests"][f"drop {i}"], ground + (0.3 if i % 2 else 0.2), delta=0.03, msg=i)
+
+    def test_collision_shapes(self):
+        """There are bodies without visible meshes, which carry what falls onto them."""
+        found = self.read("--collision", *self.quick)
+        self.check_nodes(found["nodes"])
+        self.check_moved(found["nodes"])
+        self.check_hits(found["hits"], r"(_part\d\d)?$")
+        self.assertEqual([n["name"] for n in found["nodes"] if n["kind"] == "MeshInstance3D"], [])
+        shapes = {n["name"]: n["shapes"] for n in found["nodes"] if n["kind"] == "StaticBody3D"}
+        self.assertEqual(shapes["ground"], ["ConcavePolygonShape3D"])
+        parts = [name for name in shapes if "_part" in name]
+        self.assertGreaterEqual(len(parts), len(self.street.objects))
+        self.assertTrue(all(shapes[name] == ["ConvexPolygonShape3D"] for name in parts))
+        self.check_rests(found)
 
     def test_convex_parts_next_to_surfaces(self):
         found = self.read("--no-background", "--proxy", "convex")

@@ -2,8 +2,9 @@
 # godot --path FOLDER -s tools.gd: describes Godot 4's import of the scene.glb next to this script.
 #
 # job.json has seconds (the time in the animation), rays (name to {from, along}, in Godot's world with y up, in metres),
+# drops (name to {from, wheel}: a box of 0.4 m, or a wheel of radius 0.3 m and width 0.2 m, let fall for three seconds),
 # and for a picture also picture (a file), eye and target. Writes found.json: all nodes with kinds, extras and positions at
-# that time, the animations, and the first hit of each ray.
+# that time, the animations, the first hit of each ray, and where bodies rest.
 extends SceneTree
 
 func list(node: Node, nodes: Array, parent: String) -> void:
@@ -19,6 +20,21 @@ func list(node: Node, nodes: Array, parent: String) -> void:
 
 func vector(values: Array) -> Vector3:
 	return Vector3(values[0], values[1], values[2])
+
+func body(drop: Dictionary) -> RigidBody3D:
+	var rigid := RigidBody3D.new()
+	var holder := CollisionShape3D.new()
+	if drop["wheel"]:
+		holder.shape = CylinderShape3D.new()
+		holder.shape.radius = 0.3
+		holder.shape.height = 0.2
+		holder.rotation.x = PI / 2
+	else:
+		holder.shape = BoxShape3D.new()
+		holder.shape.size = 0.4 * Vector3.ONE
+	rigid.add_child(holder)
+	rigid.position = vector(drop["from"])
+	return rigid
 
 func _initialize() -> void:
 	run()
@@ -45,6 +61,16 @@ func run() -> void:
 		if hit:
 			var owner_of = hit["collider"].get_parent()
 			found["hits"][name] = {"name": str(owner_of.name), "body": hit["collider"].get_class(), "distance": from.distance_to(hit["position"])}
+	var bodies := {}
+	for name in job["drops"]:
+		bodies[name] = body(job["drops"][name])
+		root.add_child(bodies[name])
+	for i in (180 if bodies else 0):
+		await physics_frame
+	found["rests"] = {}
+	for name in bodies:
+		found["rests"][name] = bodies[name].global_position.y
+		bodies[name].free()
 	if job.has("picture"):
 		var camera := Camera3D.new()
 		root.add_child(camera)

@@ -71,6 +71,8 @@ typedef struct pags_proxy_options {
   int texture;    /* pixels a side, 64..8192: glTF's meshes, cages and chunks have a picture of this size baked in place
                      of a colour at each vertex; default 0: no */
   int cage_level; /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
+  int collision;  /* 1: for glTF that physics alone reads: no colours, the ground as a slab, and nothing that is open.
+                     With names for Godot there are collision shapes without visible meshes. Default 0 */
   int background; /* 1: the ground and the chunks are exported, too. Default 1 */
   pags_background_form background_form; /* default PAGS_BACKGROUND_BLOCKS */
   const char *ground_file; /* a .ply file to write the ground's mesh to, without colours, for physics; NULL: none */

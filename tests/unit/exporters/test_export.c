@@ -150,6 +150,23 @@ static void add_box(pags_proxy_mesh *to, double side, double x, double z) {
   pags_proxy_mesh_destroy(&box);
 }
 
+/* Two squares that share a corner, a metre each: their slab has two closed parts. */
+static void test_slab(void **state) {
+  (void)state;
+  static const float points[7][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0.1f}, {0, 1, 0}, {2, 1, 0}, {2, 2, 0}, {1, 2, 0}},
+                     grey[3] = {0};
+  static const uint32_t triangles[4][3] = {{0, 1, 2}, {0, 2, 3}, {2, 4, 5}, {2, 5, 6}};
+  pags_proxy_mesh s = {0};
+  for (int i = 0; i < 7; i++)
+    pags_proxy_mesh_vertex(&s, points[i], grey, 1);
+  for (int t = 0; t < 4; t++)
+    pags_proxy_mesh_triangle(&s, triangles[t][0], triangles[t][1], triangles[t][2]);
+  assert_int_equal(pags_proxy_mesh_thicken(&s, 0.5), PAGS_OK);
+  assert_true(inspect(&s).closed);
+  assert_near(inspect(&s).volume, 2 * 0.5, 1e-5);
+  pags_proxy_mesh_destroy(&s);
+}
+
 /* Which of five smaller parts are kept together with the main body. */
 static void test_parts(void **state) {
   (void)state;
@@ -628,6 +645,7 @@ int main(void) {
       cmocka_unit_test(test_surface_is_closed_and_where_it_should_be),
       cmocka_unit_test(test_budgets),
       cmocka_unit_test(test_repair),
+      cmocka_unit_test(test_slab),
       cmocka_unit_test(test_parts),
       cmocka_unit_test(test_hull),
       cmocka_unit_test(test_cage),
