@@ -22,6 +22,7 @@ import argparse
 import fcntl
 import gzip
 import hashlib
+import io
 import json
 import os
 import re
@@ -30,6 +31,7 @@ import struct
 import subprocess
 import sys
 import time
+import zipfile
 import zlib
 from pathlib import Path
 
@@ -519,6 +521,11 @@ def read_npy(data):
     return words_of("shape", header) + [("values", [("value", code)], data[start:])]
 
 
+def read_npz(data):
+    archive = zipfile.ZipFile(io.BytesIO(data))
+    return [field for name in archive.namelist() for field in read_npy(archive.read(name))]
+
+
 def read_png(data):
     position, idat, head = 8, b"", None
     while position < len(data):
@@ -679,6 +686,7 @@ def read_floats(data):
 READERS = {
     ".ply": read_ply,
     ".npy": read_npy,
+    ".npz": read_npz,
     ".png": read_png,
     ".exr": read_exr,
     ".json": read_json,

@@ -67,7 +67,7 @@ class Cameras(Case):
         os.mkdir(bare)
         for name in files_below(self.scene):
             os.makedirs(os.path.dirname(os.path.join(bare, name)), exist_ok=True)
-            if name.endswith((".ply", ".npy")):
+            if name.endswith((".ply", ".npz")):
                 os.link(os.path.join(self.scene, name), os.path.join(bare, name))
         with open(os.path.join(bare, "scene.json"), "w") as file:
             json.dump({**load(self.scene, "scene.json"), "cameras": views}, file)
