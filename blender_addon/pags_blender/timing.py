@@ -53,10 +53,14 @@ def same(root, found):
 
 
 def chosen(settings, context):
-    """First frame or frame rate were set: the keyframes follow."""
+    """First frame or frame rate were set: the keyframes follow. Those of a library override are linked and can't, so that both stay as they are."""
     root = settings.id_data
     old, new = of_keys(root), (settings.frame_start, settings.fps)
-    if old is not None and not same(root, old):
+    if old is None or same(root, old):
+        return
+    if root.override_library:
+        settings.frame_start, settings.fps = old
+    else:
         move(root, old, new)
 
 

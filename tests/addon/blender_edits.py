@@ -75,7 +75,7 @@ class Edits(BlenderCase):
             made = self.contents(f"copied{i}")
             self.assertNotIn(None, made.values())
             self.assertEqual(
-                sorted(os.path.basename(p) for p in made), ["background.ply", "car.ply", "scene.json", "sky.npz"]
+                sorted(os.path.basename(p) for p in made), ["background.ply", "car.ply", "scene.json", "sky.npy"]
             )
             self.assertEqual(
                 made[self.path(f"copied{i}", "objects", "car.ply")], before[self.path("scene", "objects", "car.ply")]
@@ -104,9 +104,9 @@ class Edits(BlenderCase):
             )
         self.assertFalse(os.path.lexists(self.path("full")))
         self.write(os.path.join("mine", "background.ply"), b"mine")
-        self.write(os.path.join("other", "sky.npz"), b"mine")
+        self.write(os.path.join("other", "sky.npy"), b"mine")
         self.write("file", b"mine")
-        taken = [("mine", "background.ply"), ("other", "sky.npz"), ("file", "")]
+        taken = [("mine", "background.ply"), ("other", "sky.npy"), ("file", "")]
         if self.links_can_be_made():
             os.makedirs(self.path("linked"))
             os.symlink(self.path("scene", "background.ply"), self.path("linked", "background.ply"))

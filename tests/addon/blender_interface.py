@@ -43,7 +43,7 @@ class Interface(BlenderCase):
                     any(fnmatch.fnmatchcase(path.lower(), p) for p in patterns), f"{operator.idname()}: {path}"
                 )
             self.assertFalse(
-                any(fnmatch.fnmatchcase("/home/me/street/sky.npz", p) for p in patterns), operator.idname()
+                any(fnmatch.fnmatchcase("/home/me/street/sky.npy", p) for p in patterns), operator.idname()
             )
         if hasattr(bpy.types, "FileHandler"):
             handled = bpy.types.PAGS_FH_import.bl_file_extensions.split(";")

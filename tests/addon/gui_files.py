@@ -18,6 +18,7 @@ READ = ["background.ply", "b.compressed.ply", "c.spz", "d.splat", "e.pagsz", "f.
 
 
 def story():
+    bpy.data.objects.remove(bpy.data.objects["Cube"])  # meshes are drawn, too, and the camera is in this one
     folder = make_drive(os.path.join(FOLDER, "street"))
     for name in READ[1:-1]:
         write(os.path.join(folder, name), b"")
@@ -47,7 +48,7 @@ def choose(folder, name, count):
         return len(found) >= len(READ)
 
     yield from until(listed)
-    assert found == sorted(READ), found  # sky.npz and the folder `objects` aren't shown
+    assert found == sorted(READ), found  # sky.npy and the folder `objects` aren't shown
     with bpy.context.temp_override(window=window, area=area, region=region):
         bpy.ops.file.select_all(action="DESELECT")
     yield from double_click(window, area, region, name)

@@ -279,11 +279,11 @@ def composited():
         window().event_simulate(type=kind, value=value, x=x, y=y)
         yield 0.3
     yield from finished("composite")
-    assert bpy.context.scene.world.name == part("composite").LIGHT
+    assert bpy.context.scene.world.name == part("light").LIGHT
     with in_view():
         bpy.ops.ed.undo()  # the job has made an undo step
     yield 0.5
-    assert bpy.context.scene.world.name != part("composite").LIGHT
+    assert bpy.context.scene.world.name != part("light").LIGHT
 
 
 tell(story())
