@@ -40,8 +40,10 @@ pags_result pags_scene_contents_find(const char *path, const pags_scene *scene, 
   double known = 0;
   const bool folder = pags_dir_exists(path);
   *out = (pags_scene_contents){.bytes = folder ? file_size(path, "scene.json") : file_size(".", path)};
-  const double sky = folder && scene->sky.size > 0 ? file_size(path, "sky.npz") : 0;
-  out->bytes += sky > 0 ? sky : folder && scene->sky.size > 0 ? file_size(path, "sky.npy") : 0; /* of PAGS 0.1 */
+  if (folder && scene->sky.size > 0) {
+    const double sky = file_size(path, "sky.npz");
+    out->bytes += sky > 0 ? sky : file_size(path, "sky.npy"); /* the latter of PAGS 0.1 */
+  }
   for (int64_t m = 0; m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
     if (folder && scene->models[m].file)

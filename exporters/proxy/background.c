@@ -21,8 +21,8 @@ enum { MOST_VIEWS = 120, CLUSTER = 64 }; /* most views that are drawn; Gaussians
 
 /* The ground has no holes up to this distance from the cameras, metres: about 10 m from the path between them. */
 static const double ground_reach = 11;
-static const double ground_margin =
-    25;                                /* beyond this distance from the cameras there is none, if chunks are surfaces */
+/* If chunks are surfaces, the ground ends at this distance from the cameras, metres. */
+static const double ground_margin = 25;
 static const double ground_skin = 0.2; /* surface lower than this over the ground belongs to the ground, metres */
 static const double least_area = 0.4;  /* connected components of less area are floaters, square metres */
 

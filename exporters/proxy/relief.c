@@ -15,17 +15,18 @@
 #include "exporters/proxy/mesh.h"
 
 /* Cells by which gaps are closed from either side; sweeps of interpolation; measured cells around a column at which
- * views are asked about it. */
+ * views decide about it. */
 enum { CLOSING = 2, SMOOTHINGS = 24, SUPPORT = 8 };
 
 static const double reach = 0.45; /* a surface at most this far from the plane, in metres, is in its relief */
-static const double half = 7;     /* a relief goes so far from the middle of its plane along u, metres, */
+static const double half = 7;     /* extent of a relief to either side of its plane's middle along u, metres, */
 static const double overlap = 1;  /* and this much further, where its neighbour begins, */
 static const double facing = 0.5; /* least cosine between its normal and the plane's */
-/* Points are left out up to so far behind the back, metres: any, and those that face along the plane's normal. */
+/* Distances behind the back within which points are left out, metres: any, and those that face along the plane's
+ * normal. */
 static const double behind = 0.15, inside = 3;
 static const double highest = 4.5; /* a column that begins this high over the ground, in metres, ends there */
-static const double rise = 15;     /* views are asked about cells up to so far above the points, metres */
+static const double rise = 15;     /* largest height above the points at which views decide about cells, metres */
 static const double vague = 0.8;   /* depths of views are off by up to this, metres */
 static const double sunk = 0.15;   /* blocks reach this deep into the ground, metres */
 
