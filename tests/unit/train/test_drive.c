@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/rng.h"
 #include "dataset/internal.h"
 #include "same_file.h"
 #include "small_street.h"
@@ -379,6 +380,34 @@ static void end_run(pags_trainer *t) {
   free(t->round);
 }
 
+/* What the size limit sets aside for a sky is enough for its file, and less than the whole sky undeflated. */
+static void the_size_limit_reserves_what_the_sky_takes(void **unused) {
+  (void)unused;
+  pags_train_options options;
+  pags_trainer t;
+  begin_run(&options, &t);
+  pags_sky *const sky = &t.state.sky.sky;
+  const int size = sky->size;
+  const int64_t raw = 6 * 6 * (int64_t)size * size;
+  int64_t with, without;
+  uint64_t file;
+  for (int64_t i = 0; i < 3 * (int64_t)size * size / 2; i++) /* half of a face, without any order */
+    sky->texels[i] = (float)pags_rng_below(1, (uint64_t)i, 0, 4096) / 4096.0f;
+  assert_int_equal(pags_sky_file_size(sky, &file), PAGS_OK);
+  assert_true((int64_t)file > raw / 24); /* noise hardly packs */
+  assert_int_equal(pags_size_limit_rows(t.dataset, &t.state, &with), PAGS_OK);
+  sky->size = 0;
+  assert_int_equal(pags_size_limit_rows(t.dataset, &t.state, &without), PAGS_OK);
+  sky->size = size;
+  print_message("file %llu, reserved %lld, undeflated %lld bytes\n", (unsigned long long)file,
+                (long long)(without - with), (long long)raw);
+  assert_true(without - with >= (int64_t)file && without - with < raw / 2);
+  pags_state_set_step(&t.state, 0); /* no view has been seen: the whole sky */
+  assert_int_equal(pags_size_limit_rows(t.dataset, &t.state, &with), PAGS_OK);
+  assert_true(without - with >= raw);
+  end_run(&t);
+}
+
 static uint64_t decoded_by(const pags_trainer *t) {
   uint64_t used, peak, decoded;
   pags_photo_cache_figures(t->cache, &used, &peak, &decoded);
@@ -449,6 +478,7 @@ int main(void) {
       cmocka_unit_test(the_count_limit_holds_for_all_models),
       cmocka_unit_test(the_memory_limit_includes_the_sky),
       cmocka_unit_test(the_size_limit_includes_the_sky),
+      cmocka_unit_test(the_size_limit_reserves_what_the_sky_takes),
       cmocka_unit_test(half_size_gives_the_same_scores),
       cmocka_unit_test(colour_over_time_gains_match_at_half_size),
   };
