@@ -152,7 +152,7 @@ class Babylon(Tool):
         self.check_nodes(found["nodes"])
         self.check_moved(found["nodes"])
         self.check_hits(found["hits"], "$")
-        self.assertTrue(found["hits"]["ground"]["name"].startswith("ground_road_"))
+        self.assertRegex(found["hits"]["ground"]["name"], "^ground")
         self.assertEqual(found["animations"], ["tracks"])
         print(
             f"Babylon.js {found['version']}: {len(found['nodes'])} nodes, {len(self.street.objects)} objects with class and id; {found['hits']['car']}"
@@ -197,7 +197,7 @@ class Godot(Tool):
         self.check_nodes(found["nodes"])
         self.check_moved(found["nodes"])
         self.check_hits(found["hits"], "_mesh$")
-        self.assertTrue(found["hits"]["ground"]["name"].startswith("ground_road_"))
+        self.assertRegex(found["hits"]["ground"]["name"], "^ground")
         self.assertEqual(found["animations"], ["tracks"])
         self.check_rests(found)
         solid = [n["parent"] for n in found["nodes"] if n["kind"] == "StaticBody3D"]
@@ -264,8 +264,8 @@ class Usd(Tool):
             self.assertEqual((body["kinematic"], body["label"], body["number"]), (True, label, number))
             self.assertEqual((proxy["label"], proxy["visible"]), (label, "invisible"))
             self.assertIn("PhysicsCollisionAPI", proxy["schemas"])
-        self.assertTrue(prims["/scene/background/ground_road_000"]["collides"])
-        self.assertEqual(prims["/scene/background/ground_road_000"]["label"], ["ground_road"])
+        ground = prims["/scene/background/ground_000"]
+        self.assertEqual((ground["collides"], ground["label"]), (True, ["ground"]))
         for got, want in zip(bodies[self.car["name"]]["last"], self.street.place(self.knot)):
             self.assertAlmostEqual(got, want, 4)
         half = 0.5 * self.car["size"][2]
