@@ -66,8 +66,9 @@ static const pags_option options[] = {
                "Leave out background farther than this from the cameras."),
     PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
                 "For scenes without photographs: find the surface from viewpoints around the scene, or inside a room."),
-    PAGS_VALUE("texture", 0, INT, AT(proxy.texture), 64, 8192, "SIDE", "pixels per side", "none",
-               "Bake a texture for every surface, cage and chunk, instead of vertex colours."),
+    PAGS_VALUE(
+        "texture", 0, INT, AT(proxy.texture), 64, 8192, "SIDE", "pixels per side", "none",
+        "Bake one texture atlas of at most this size for all surfaces, cages and chunks, instead of vertex colours."),
     PAGS_FLAG("cameras", 0, AT(proxy.cameras), "Add the training views as cameras, and the path of the recording car."),
     PAGS_FLAG("invisible", 0, AT(proxy.visibility), "Hide the proxies in readers that support KHR_node_visibility."),
     PAGS_FLAG("physics", 0, AT(proxy.physics), "Make objects kinematic bodies with KHR_physics_rigid_bodies."),

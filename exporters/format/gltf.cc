@@ -14,6 +14,7 @@
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include <strings.h>
@@ -184,48 +185,55 @@ int put_colors(pags_gltf *gltf, const float *colors, size_t count) {
   return put_accessor(gltf, view, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, TINYGLTF_TYPE_VEC4, count, true);
 }
 
+int put_places(pags_gltf *gltf, const std::vector<float> &uv) {
+  std::vector<uint16_t> values;
+  for (const float place : uv)
+    values.push_back(static_cast<uint16_t>((long)pags_round(65535 * static_cast<double>(place))));
+  int view = put_view(gltf, values.data(), 2 * values.size(), TINYGLTF_TARGET_ARRAY_BUFFER, 0);
+  return put_accessor(gltf, view, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, TINYGLTF_TYPE_VEC2, uv.size() / 2, true);
+}
+
 /* ---- Textures ---- */
 
-/* A mesh with a vertex for each corner of its triangles, and indices that name each corner, and that name the first of
- * the corners at a vertex for all of these. */
-struct Corners {
-  std::vector<float> positions, normals;
+/* A mesh with a vertex for each chart that a vertex is in, and indices that name these, and that name for all of them
+ * the first. */
+struct Charted {
+  std::vector<float> positions, normals, uv;
   std::vector<uint32_t> each, merged;
 };
 
-Corners corners_of(const pags_proxy_mesh *surface, const std::vector<float> &normals) {
-  const size_t count = 3 * static_cast<size_t>(surface->triangle_count);
+Charted charted(const pags_proxy_mesh *surface, const std::vector<float> &normals, const pags_texture *texture) {
   std::vector<uint32_t> first(static_cast<size_t>(surface->vertex_count), UINT32_MAX);
-  Corners out;
-  for (size_t i = 0; i < count; i++) {
+  std::unordered_map<uint64_t, uint32_t> known;
+  Charted out;
+  for (size_t i = 0; i < 3 * static_cast<size_t>(surface->triangle_count); i++) {
     const size_t vertex = surface->triangles[i];
-    out.positions.insert(out.positions.end(), surface->positions + 3 * vertex, surface->positions + 3 * vertex + 3);
-    out.normals.insert(out.normals.end(), normals.data() + 3 * vertex, normals.data() + 3 * vertex + 3);
-    out.each.push_back(static_cast<uint32_t>(i));
-    first[vertex] = std::min(first[vertex], static_cast<uint32_t>(i));
+    const uint32_t added = static_cast<uint32_t>(out.uv.size() / 2);
+    const auto found =
+        known.emplace(static_cast<uint64_t>(texture->chart_of[i / 3]) << 32 | surface->triangles[i], added);
+    if (found.second) {
+      out.positions.insert(out.positions.end(), surface->positions + 3 * vertex, surface->positions + 3 * vertex + 3);
+      out.normals.insert(out.normals.end(), normals.data() + 3 * vertex, normals.data() + 3 * vertex + 3);
+      out.uv.insert(out.uv.end(), texture->uv + 2 * i, texture->uv + 2 * i + 2);
+    }
+    out.each.push_back(found.first->second);
+    first[vertex] = std::min(first[vertex], found.first->second);
     out.merged.push_back(first[vertex]);
   }
   return out;
 }
 
-tinygltf::Material material_of(const char *name, bool double_sided) {
-  tinygltf::Material material;
-  material.name = readable(name);
-  material.doubleSided = double_sided;
-  material.pbrMetallicRoughness.metallicFactor = 0;
-  return material;
-}
-
-int put_textured_material(pags_gltf *gltf, const char *name, const pags_texture *texture, bool double_sided) {
+/* The index of the texture of the file, which is added when it is first asked for. */
+int put_texture(pags_gltf *gltf, const pags_atlas *atlas) {
+  if (!gltf->model.textures.empty())
+    return 0;
   tinygltf::Image image;
-  image.name = readable(name);
-  image.mimeType = "image/png";
-  image.bufferView = put_view(gltf, texture->png, texture->png_size, 0, 0);
   tinygltf::Texture use;
-  tinygltf::Material material = material_of(name, double_sided);
+  image.name = "atlas";
+  image.mimeType = "image/jpeg";
+  image.bufferView = put_view(gltf, atlas->jpeg, atlas->jpeg_size, 0, 0);
   use.source = append(gltf->model.images, image);
-  material.pbrMetallicRoughness.baseColorTexture.index = append(gltf->model.textures, use);
-  return append(gltf->model.materials, material);
+  return append(gltf->model.textures, use);
 }
 
 /* Adds a mesh of one primitive. */
@@ -350,8 +358,16 @@ void pags_gltf_destroy(pags_gltf *gltf) {
   delete gltf;
 }
 
-int pags_gltf_material(pags_gltf *gltf, const char *name, bool double_sided) {
-  return guarded(gltf, [&] { return append(gltf->model.materials, material_of(name, double_sided)); });
+int pags_gltf_material(pags_gltf *gltf, const char *name, bool double_sided, const pags_atlas *atlas) {
+  return guarded(gltf, [&] {
+    tinygltf::Material material;
+    material.name = readable(name);
+    material.doubleSided = double_sided;
+    material.pbrMetallicRoughness.metallicFactor = 0;
+    if (atlas && atlas->jpeg)
+      material.pbrMetallicRoughness.baseColorTexture.index = put_texture(gltf, atlas);
+    return append(gltf->model.materials, material);
+  });
 }
 
 int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, const pags_texture *texture,
@@ -365,17 +381,16 @@ int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *sur
       pags_proxy_mesh_normals(surface, normals.data());
     tinygltf::Primitive primitive;
     primitive.mode = TINYGLTF_MODE_TRIANGLES;
-    primitive.material = textured ? put_textured_material(gltf, name, texture, material != 0) : material;
-    /* With a texture each corner has its own place in the texture, so it is a vertex of its own. */
-    const Corners own = textured ? corners_of(surface, normals) : Corners();
-    const size_t count = textured ? corners : vertices;
+    primitive.material = material;
+    const Charted own = textured ? charted(surface, normals, texture) : Charted();
+    const size_t count = textured ? own.uv.size() / 2 : vertices;
     primitive.attributes["POSITION"] =
         put_floats(gltf, textured ? own.positions.data() : surface->positions, count, 3, true);
     if (flags & PAGS_GLTF_NORMALS)
       primitive.attributes["NORMAL"] =
           put_floats(gltf, textured ? own.normals.data() : normals.data(), count, 3, false);
     if (textured)
-      primitive.attributes["TEXCOORD_0"] = put_floats(gltf, texture->uv, corners, 2, false);
+      primitive.attributes["TEXCOORD_0"] = put_places(gltf, own.uv);
     else if (!(flags & PAGS_GLTF_BARE))
       primitive.attributes["COLOR_0"] = put_colors(gltf, surface->colors, vertices);
     primitive.indices = put_indices(gltf, textured ? own.each.data() : surface->triangles, corners, count);
@@ -386,7 +401,7 @@ int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *sur
       position["POSITION"] = tinygltf::Value(primitive.attributes["POSITION"]);
       shared["attributes"] = tinygltf::Value(position);
       shared["indices"] =
-          tinygltf::Value(textured ? put_indices(gltf, own.merged.data(), corners, corners) : primitive.indices);
+          tinygltf::Value(textured ? put_indices(gltf, own.merged.data(), corners, count) : primitive.indices);
       shared["mode"] = tinygltf::Value(TINYGLTF_MODE_TRIANGLES);
       manifold["manifoldPrimitive"] = tinygltf::Value(shared);
       extensions["EXT_mesh_manifold"] = tinygltf::Value(manifold);

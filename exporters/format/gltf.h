@@ -22,12 +22,13 @@ PAGS_DEFINE_AUTO(pags_gltf, pags_gltf_destroy)
 
 /* The functions that return int add one item and return its glTF index, or -1 after a failure. Names are copied; a
  * number is appended to a name that another thing of its kind has, and what has none is "unnamed". */
-int pags_gltf_material(pags_gltf *gltf, const char *name, bool double_sided);
+/* `atlas` NULL or empty: vertices have the colour. A file has one atlas at most. */
+int pags_gltf_material(pags_gltf *gltf, const char *name, bool double_sided, const pags_atlas *atlas);
 enum { PAGS_GLTF_NORMALS = 1, PAGS_GLTF_MANIFOLD = 2, PAGS_GLTF_BARE = 4 };
-/* Adds a triangle mesh with POSITION and COLOR_0 (linear light, 16 bits a channel), or with a texture TEXCOORD_0 and
- * three vertices for each triangle. PAGS_GLTF_NORMALS adds smooth vertex normals (without normals, readers shade flat);
- * PAGS_GLTF_MANIFOLD adds EXT_mesh_manifold (the mesh must be closed); PAGS_GLTF_BARE leaves out colours. `texture` may
- * be NULL or empty; `material` is then one of pags_gltf_material, else 1 for two sides. */
+/* Adds a triangle mesh with POSITION and COLOR_0 (linear light, 16 bits a channel), or with a texture that is in an
+ * atlas TEXCOORD_0 and a vertex for each chart that a vertex is in. PAGS_GLTF_NORMALS adds smooth vertex normals
+ * (without normals, readers shade flat); PAGS_GLTF_MANIFOLD adds EXT_mesh_manifold (the mesh must be closed);
+ * PAGS_GLTF_BARE leaves out colours. `texture` may be NULL or empty. */
 int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, const pags_texture *texture,
                    int material, int flags);
 /* Adds a node. `parent`: a node's index; -1: a root of the scene; -2: outside of the scene (coarser levels of detail,

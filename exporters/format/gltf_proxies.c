@@ -3,6 +3,7 @@
  * background into one glTF file, with tracks as animation, each proxy's measured error in `extras`, and, as asked,
  * levels of detail, collision shapes and cameras. */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include <pags/export.h>
@@ -32,10 +33,15 @@ typedef struct exporter {
   const pags_proxy_options *options;
   pags_proxy_maker maker;
   pags_built_object *objects; /* of the scene */
+  pags_background chunks;
+  pags_proxy_facts *chunk_facts; /* of each of its chunks */
+  pags_texture *chunk_textures;
+  pags_atlas atlas; /* of all textures */
   pags_gltf *gltf;
   pags_proxy_report *report;
   int root, critical, background; /* indices of nodes; -1: not added yet */
-  int material, sheet;            /* indices of materials: of closed meshes, of open ones (double-sided) */
+  int materials[2][2]; /* indices of materials: of objects and of the background (double-sided, since it may be open);
+                          with colours at vertices and with the atlas */
   group groups[MOST_GROUPS];
   int group_count;
   double time_zero;        /* the scene's time, in seconds, that is 0 in the file */
@@ -47,6 +53,12 @@ typedef struct exporter {
 
 static void forget_exporter(exporter *e) {
   pags_objects_destroy(e->objects, e->objects ? e->scene->object_count : 0);
+  for (int64_t i = 0; e->chunk_textures && i < e->chunks.chunk_count; i++)
+    pags_texture_destroy(&e->chunk_textures[i]);
+  free(e->chunk_textures);
+  pags_atlas_destroy(&e->atlas);
+  free(e->chunk_facts);
+  pags_background_destroy(&e->chunks);
   pags_gltf_destroy(e->gltf);
   pags_proxy_maker_close(&e->maker);
   pags_json_writer_destroy(&e->shapes);
@@ -101,13 +113,14 @@ static pags_result put_extras(exporter *e, int node, const pags_proxy_facts *fac
 
 /* ---- Objects ---- */
 
+/* Adds a mesh, with the material of its kind, which is added with the first. */
 static int add_mesh(exporter *e, const char *name, const pags_proxy_mesh *mesh, const pags_texture *texture,
                     const pags_proxy_facts *facts) {
-  const int open = facts->object < 0; /* of the background: a sheet */
-  return pags_gltf_mesh(e->gltf, name, mesh, texture,
-                        texture && texture->uv ? open
-                        : open                 ? e->sheet
-                                               : e->material,
+  int *material = &e->materials[facts->object < 0][texture && texture->uv];
+  if (*material < 0)
+    *material = pags_gltf_material(e->gltf, facts->object < 0 ? "sheet" : "proxy", facts->object < 0,
+                                   texture && texture->uv ? &e->atlas : NULL);
+  return pags_gltf_mesh(e->gltf, name, mesh, texture, *material,
                         (e->options->collision            ? PAGS_GLTF_BARE
                          : facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS
                                                           : 0) |
@@ -264,13 +277,14 @@ static pags_result make_solid(pags_background *b) {
   return PAGS_OK;
 }
 
-static pags_result add_chunk(exporter *e, const pags_background *b, int64_t index, pags_proxy_facts *facts) {
+static pags_result add_chunk(exporter *e, int64_t index) {
   const pags_proxy_options *options = e->options;
+  const pags_background *b = &e->chunks;
   const pags_chunk *chunk = &b->chunks[index];
+  pags_proxy_facts *facts = &e->chunk_facts[index];
   const bool ground = !strcmp(chunk->class_name, "ground");
   char name[NAME_SIZE] = "ground", node_name[NAME_SIZE];
   pags_proxy_mesh_topology topology;
-  PAGS_AUTO(pags_texture_destroy) pags_texture texture = {0};
   if (!ground)
     snprintf(name, NAME_SIZE, "%s_%03d", chunk->class_name, chunk->number);
   PAGS_TRY(pags_proxy_mesh_inspect(&chunk->mesh, &topology));
@@ -299,10 +313,7 @@ static pags_result add_chunk(exporter *e, const pags_background *b, int64_t inde
            : options->collision                 ? "-colonly"
                                                 : "-col");
   int node = pags_gltf_node(e->gltf, parent, node_name);
-  if (options->texture && chunk->level < PAGS_PROXY_HULL)
-    PAGS_TRY(pags_texture_bake(&chunk->mesh, &b->depth_views, 3 * options->voxel, options->texture, e->maker.tasks,
-                               &texture));
-  pags_gltf_node_mesh(e->gltf, node, add_mesh(e, name, &chunk->mesh, &texture, facts));
+  pags_gltf_node_mesh(e->gltf, node, add_mesh(e, name, &chunk->mesh, &e->chunk_textures[index], facts));
   if (options->visibility)
     pags_gltf_extension(e->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
   PAGS_TRY(put_extras(e, node, facts, NULL));
@@ -320,40 +331,61 @@ static pags_result save_ground(const pags_background *b, const char *path) {
   return pags_mesh_ply_save(path, &ground);
 }
 
-/* Adds the background's chunks after their errors have been measured together, joined into one mesh, against the depth
- * views of the background. */
-static pags_result add_background(exporter *e) {
-  PAGS_AUTO(pags_background_destroy) pags_background b = {0};
+/* Makes the background's chunks and their textures. Their errors are measured together, joined into one mesh, against
+ * the depth views of the background. */
+static pags_result make_background(exporter *e) {
+  const pags_proxy_options *options = e->options;
+  pags_background *b = &e->chunks;
   PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh all = {0};
   int64_t triangles = 0;
-  PAGS_TRY(pags_background_make(&e->maker, tell_background, e, &b));
-  if (e->options->ground_file)
-    PAGS_TRY(save_ground(&b, e->options->ground_file));
-  for (int64_t i = 0; i < b.chunk_count; i++)
-    triangles += b.chunks[i].mesh.triangle_count;
-  PAGS_AUTOFREE pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
-  PAGS_CHECK_MEMORY(facts, "%lld chunks", (long long)b.chunk_count);
+  PAGS_TRY(pags_background_make(&e->maker, tell_background, e, b));
+  if (options->ground_file)
+    PAGS_TRY(save_ground(b, options->ground_file));
+  for (int64_t i = 0; i < b->chunk_count; i++)
+    triangles += b->chunks[i].mesh.triangle_count;
+  e->chunk_facts = calloc((size_t)b->chunk_count + 1, sizeof *e->chunk_facts);
+  e->chunk_textures = calloc((size_t)b->chunk_count + 1, sizeof *e->chunk_textures);
+  PAGS_CHECK_MEMORY(e->chunk_facts && e->chunk_textures, "%lld chunks", (long long)b->chunk_count);
   PAGS_AUTOFREE int32_t *group_of = malloc(((size_t)triangles + 1) * sizeof *group_of);
   PAGS_CHECK_MEMORY(group_of, "%lld triangles", (long long)triangles);
-  for (int64_t i = 0; i < b.chunk_count; i++) {
+  for (int64_t i = 0; i < b->chunk_count; i++) {
     const int64_t begin = all.triangle_count;
-    PAGS_TRY(pags_proxy_mesh_append(&b.chunks[i].mesh, &all));
+    PAGS_TRY(pags_proxy_mesh_append(&b->chunks[i].mesh, &all));
     for (int64_t t = begin; t < all.triangle_count; t++)
       group_of[t] = (int32_t)i;
   }
-  PAGS_TRY(
-      pags_proxies_compare(&all, group_of, b.chunk_count, &b.depth_views, e->options->range, e->maker.tasks, facts));
-  if (b.chunk_count) /* open meshes: readers that cull back faces would show nothing from behind */
-    e->sheet = pags_gltf_material(e->gltf, "sheet", true);
-  if (e->options->collision)
-    PAGS_TRY(make_solid(&b));
-  for (int64_t i = 0; i < b.chunk_count; i++)
-    if (b.chunks[i].mesh.triangle_count)
-      PAGS_TRY(add_chunk(e, &b, i, &facts[i]));
+  PAGS_TRY(pags_proxies_compare(&all, group_of, b->chunk_count, &b->depth_views, options->range, e->maker.tasks,
+                                e->chunk_facts));
+  if (options->collision)
+    PAGS_TRY(make_solid(b));
+  for (int64_t i = 0; i < b->chunk_count; i++)
+    if (options->texture && b->chunks[i].level < PAGS_PROXY_HULL)
+      PAGS_TRY(pags_texture_bake(&b->chunks[i].mesh, &b->depth_views, 3 * options->voxel,
+                                 pags_texture_limit(options->texture), e->maker.tasks, &e->chunk_textures[i]));
+  pags_depth_views_destroy(&b->depth_views);
   return PAGS_OK;
 }
 
 /* ---- The export ---- */
+
+/* Packs the textures of all objects and chunks. */
+static pags_result make_atlas(exporter *e) {
+  const int64_t most = e->scene->object_count * PAGS_PROXY_LEVELS + e->chunks.chunk_count;
+  PAGS_AUTOFREE pags_texture **textures = malloc(((size_t)most + 1) * sizeof *textures);
+  PAGS_AUTOFREE int64_t *triangles = malloc(((size_t)most + 1) * sizeof *triangles);
+  int64_t count = 0;
+  PAGS_CHECK_MEMORY(textures && triangles, "%lld textures", (long long)most);
+  for (int64_t i = 0; e->objects && i < e->scene->object_count; i++)
+    for (int level = 0; level < e->objects[i].level_count; level++) {
+      triangles[count] = e->objects[i].levels[level].mesh.triangle_count;
+      textures[count++] = &e->objects[i].levels[level].texture;
+    }
+  for (int64_t i = 0; i < e->chunks.chunk_count; i++) {
+    triangles[count] = e->chunks.chunks[i].mesh.triangle_count;
+    textures[count++] = &e->chunk_textures[i];
+  }
+  return pags_atlas_make(textures, triangles, count, e->options->texture, &e->atlas);
+}
 
 static pags_result put_asset(const exporter *e) {
   const pags_scene *scene = e->scene;
@@ -377,14 +409,16 @@ static pags_result fill(exporter *e) {
   e->root = pags_gltf_node(e->gltf, -1, "scene");
   pags_gltf_node_up(e->gltf, e->root, scene->up);
   if (scene->object_count)
-    e->material = pags_gltf_material(e->gltf, "proxy", false);
-  if (scene->object_count)
     PAGS_TRY(pags_objects_make(&e->maker, true, tell_objects, e, &e->objects));
+  if (e->options->background)
+    PAGS_TRY(make_background(e));
+  PAGS_TRY(make_atlas(e));
   for (int64_t i = 0; i < scene->object_count; i++)
     if (e->objects[i].level_count)
       PAGS_TRY(add_object(e, i, &e->objects[i]));
-  if (e->options->background)
-    PAGS_TRY(add_background(e));
+  for (int64_t i = 0; i < e->chunks.chunk_count; i++)
+    if (e->chunks.chunks[i].mesh.triangle_count)
+      PAGS_TRY(add_chunk(e, i));
   PAGS_TRY(pags_presence_tell(scene));
   if (e->options->cameras && e->maker.bare)
     pags_log_message(PAGS_LOG_WARNING, "there are no photographs, so no cameras are written");
@@ -405,7 +439,12 @@ static pags_result export_proxies(const pags_scene *scene, const char *path, con
                                   pags_tasks *tasks, pags_progress_fn *progress, void *user,
                                   pags_proxy_report *report) {
   PAGS_AUTO(forget_exporter)
-  exporter e = {.report = report, .critical = -1, .background = -1, .progress = progress, .user = user};
+  exporter e = {.report = report,
+                .critical = -1,
+                .background = -1,
+                .materials = {{-1, -1}, {-1, -1}},
+                .progress = progress,
+                .user = user};
   pags_json_begin_object(&e.shapes, NULL);
   pags_json_begin_array(&e.shapes, "shapes");
   PAGS_TRY(pags_proxy_maker_open(scene, options, tasks, &e.maker));

@@ -64,8 +64,8 @@ static pags_result make_level(const pags_proxy_maker *w, int64_t object, const p
   if (measure)
     PAGS_TRY(pags_proxy_compare(&out->mesh, &shape->depth_views, w->tasks, facts));
   if (w->options->texture && facts->level < PAGS_PROXY_HULL)
-    PAGS_TRY(pags_texture_bake(&out->mesh, &shape->depth_views, 4 * shape->voxel, w->options->texture, w->tasks,
-                               &out->texture));
+    PAGS_TRY(pags_texture_bake(&out->mesh, &shape->depth_views, 4 * shape->voxel,
+                               pags_texture_limit(w->options->texture), w->tasks, &out->texture));
   if (facts->level == PAGS_PROXY_BOX) /* a box comes from the label, not from what cameras saw */
     facts->observed = 0;
   return PAGS_OK;

@@ -208,6 +208,7 @@ typedef struct painting {
   pags_proxy_mesh *surface;
   const pags_depth_views *depth_views;
   double tolerance;
+  float *density; /* or NULL */
   int64_t *lists; /* of views, one for each worker */
 } painting;
 
@@ -216,7 +217,7 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
   int64_t *seen = p->lists + worker * (p->depth_views->count + 1);
   int64_t seen_count = pags_depth_views_of_run(p->depth_views, p->surface, begin, end, seen);
   for (int64_t i = begin; i < end; i++) {
-    double point[3], sum[3] = {0}, weight = 0, z;
+    double point[3], sum[3] = {0}, weight = 0, density = 0, z;
     int x, y;
     pags_proxy_mesh_point(p->surface, i, point);
     for (int64_t s = 0; s < seen_count; s++) {
@@ -231,19 +232,27 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
       for (int c = 0; c < 3; c++)
         sum[c] += w * depth_view->rgb[3 * pixel + c] / 255.0;
       weight += w;
+      density = fmax(density, depth_view->camera.fx / z);
     }
+    if (p->density)
+      p->density[i] = (float)density;
     for (int c = 0; c < 3; c++)
       p->surface->colors[3 * i + c] = weight > 0 ? (float)(sum[c] / weight) : -1.0f;
   }
 }
 
+pags_result pags_proxy_mesh_paint_seen(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
+                                       float *density, pags_tasks *tasks) {
+  PAGS_AUTOFREE int64_t *lists = NULL;
+  PAGS_TRY(pags_depth_views_lists(depth_views, tasks, &lists));
+  painting p = {surface, depth_views, tolerance, density, lists};
+  return pags_proxy_for(tasks, surface->vertex_count, 256, paint_vertices, &p);
+}
+
 pags_result pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
                                   pags_tasks *tasks) {
-  PAGS_AUTOFREE int64_t *lists = NULL;
   double mean[3] = {0}, count = 0;
-  PAGS_TRY(pags_depth_views_lists(depth_views, tasks, &lists));
-  painting p = {surface, depth_views, tolerance, lists};
-  PAGS_TRY(pags_proxy_for(tasks, surface->vertex_count, 256, paint_vertices, &p));
+  PAGS_TRY(pags_proxy_mesh_paint_seen(surface, depth_views, tolerance, NULL, tasks));
   for (int64_t i = 0; i < surface->vertex_count; i++)
     if (surface->colors[3 * i] >= 0) {
       for (int c = 0; c < 3; c++)

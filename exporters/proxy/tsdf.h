@@ -54,8 +54,11 @@ int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_
                                 int64_t end, int64_t *seen);
 
 /* Sets the colour of each vertex to the mean over the views that see it (whose depth agrees to within `tolerance`
- * metres), weighted by 1 / z^2. Unseen vertices get the mean colour of the seen ones. PAGS_CANCELLED;
- * PAGS_ERROR_MEMORY. */
+ * metres), weighted by 1 / z^2; of unseen ones to -1. `density` (or NULL) receives the most pixels per metre that a
+ * view has at each vertex that it sees, else 0. PAGS_CANCELLED; PAGS_ERROR_MEMORY. */
+pags_result pags_proxy_mesh_paint_seen(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
+                                       float *density, pags_tasks *tasks);
+/* The same, but unseen vertices get the mean colour of the seen ones. */
 pags_result pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
                                   pags_tasks *tasks);
 

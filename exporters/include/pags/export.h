@@ -68,8 +68,8 @@ typedef struct pags_proxy_options {
                          caller to leave out */
   const double *ball; /* 4 numbers, middle and radius, or NULL: likewise */
   pags_stand stand;   /* from where a scene without photographs is looked at; default PAGS_STAND_AUTO */
-  int texture;    /* pixels a side, 64..8192: glTF's meshes, cages and chunks have a picture of this size baked in place
-                     of a colour at each vertex; default 0: no */
+  int texture;    /* pixels a side, 64..8192: glTF's meshes, cages and chunks share a picture of at most this size, in
+                     place of a colour at each vertex; default 0: no */
   int cage_level; /* Catmull-Clark subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
   int collision;  /* 1: for glTF that physics alone reads: no colours, the ground as a slab, and nothing that is open.
                      With names for Godot there are collision shapes without visible meshes. Default 0 */

@@ -141,7 +141,7 @@ static void write_street(stage *s, damage how, const char *path) {
   assert_int_equal(pags_gltf_create(&gltf), PAGS_OK);
   const int root = pags_gltf_node(gltf, -1, "scene");
   pags_gltf_node_up(gltf, root, PAGS_UP_Z);
-  pags_gltf_material(gltf, "grey", true);
+  pags_gltf_material(gltf, "grey", true, NULL);
   pags_pose_subtract(to, s->bench.scene.origin);
   pags_street_set_time(&s->bench.street, 0);
   for (int i = 0; i < street->placement_count; i++) {
