@@ -36,7 +36,6 @@ PROGRAM = os.path.basename(sys.argv[0])
 SPR = "--preset paper --alpha 0.4 --prune-rate 0.6/0.3 --set dropout=1 --set dropout_beta=0.5"
 WHOLE = {
     "default": "",
-    "fast": "--preset fast",
     "plain": "--preset plain",
     "paper": "--preset paper",
     "sp": "--preset paper --alpha 0 --set dropout=0",

@@ -402,7 +402,7 @@ def parse_arguments(words):
     )
     training.add_argument(
         "--rows",
-        default="default,fast,plain,paper",
+        default="default,plain,paper",
         metavar="NAME,...",
         help="presets, or other rows of ablation.py [default %(default)s]",
     )

@@ -56,7 +56,7 @@ static pags_option options[] = {
     PAGS_TEXT("output", 'o', AT(output), "SCENE", NULL, "Folder for the scene; required without --estimate."),
 
     PAGS_GROUP("Run"),
-    PAGS_TEXT("preset", 0, AT(preset), "default|fast|plain|paper", NULL,
+    PAGS_TEXT("preset", 0, AT(preset), "default|plain|paper", NULL,
               "Preset for options left at \"auto\": default; fast (smaller, less accurate); plain (as 3DGS); paper (as "
               "in arXiv:2510.12282)."),
     PAGS_FIELD("iterations", 'n', "N", "iterations"),

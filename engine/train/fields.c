@@ -27,7 +27,7 @@
       int64_t: PAGS_FIELD_INT64,             \
       uint64_t: PAGS_FIELD_UINT64,           \
       double: PAGS_FIELD_DOUBLE)
-/* The rest: one value each for the presets default, fast, plain and paper; 0: none. */
+/* The rest: one value each for the presets default, plain and paper; 0: none. */
 #define FIELD(name, group, kind, offset, standard, least, most, choices, unit, rule, text, ...)          \
   {                                                                                                      \
     name, group, kind, offset, standard, least, most, choices, NOT_EMPTY(unit), rule, NOT_EMPTY(text), { \
@@ -42,15 +42,14 @@
 /* A number that is computed by a rule unless the user sets it. */
 #define AUTO(group, member, least, most, unit, rule, text) \
   ROW(group, member, TYPE_OF(group.member), PAGS_FIELD_AUTO, least, most, NULL, unit, NOT_EMPTY("auto: " rule), text, 0)
-/* A number that the preset chooses unless the user sets it: one each for default, fast, plain and paper. `but` says, if
+/* A number that the preset chooses unless the user sets it: one each for default, plain and paper. `but` says, if
  * it isn't empty, where pags_config_resolve deviates. */
-#define PRESET_TYPE(type, group, member, normal, fast, plain, paper, but, least, most, unit, text)                \
-  ROW(group, member, type, PAGS_FIELD_AUTO, least, most, NULL, unit,                                              \
-      "auto: " #normal "; preset fast " #fast ", plain " #plain ", paper " #paper but, text, normal, fast, plain, \
-      paper)
+#define PRESET_TYPE(type, group, member, normal, plain, paper, but, least, most, unit, text) \
+  ROW(group, member, type, PAGS_FIELD_AUTO, least, most, NULL, unit,                         \
+      "auto: " #normal "; preset plain " #plain ", paper " #paper but, text, normal, plain, paper)
 #define PRESET(group, member, ...) PRESET_TYPE(TYPE_OF(group.member), group, member, __VA_ARGS__)
-#define PRESET_SWITCH(group, member, normal, fast, plain, paper, text) \
-  PRESET_TYPE(PAGS_FIELD_SWITCH, group, member, normal, fast, plain, paper, "", 0, 1, "0 or 1", text)
+#define PRESET_SWITCH(group, member, normal, plain, paper, text) \
+  PRESET_TYPE(PAGS_FIELD_SWITCH, group, member, normal, plain, paper, "", 0, 1, "0 or 1", text)
 #define AUTO_SWITCH(group, member, rule, text) \
   ROW(group, member, PAGS_FIELD_SWITCH, PAGS_FIELD_AUTO, 0, 1, NULL, "0 or 1", "auto: " rule, text, 0)
 #define SWITCH(group, member, standard, text) \
@@ -68,8 +67,8 @@
 _Static_assert(sizeof(pags_strategy) == sizeof(int) && sizeof(pags_preset) == sizeof(int), "enums are read as int");
 
 const pags_train_field pags_fields[] = {
-    CHOICE(schedule, preset, PAGS_PRESET_DEFAULT, PAGS_PRESET_PAPER, "default|fast|plain|paper",
-           "Preset for fields left at \"auto\": default; fast: fewer Gaussians, lower quality; plain: as 3D Gaussian "
+    CHOICE(schedule, preset, PAGS_PRESET_DEFAULT, PAGS_PRESET_PAPER, "default|plain|paper",
+           "Preset for fields left at \"auto\": default; plain: as 3D Gaussian "
            "Splatting (Kerbl et al. 2023); paper: as in the PAGS paper (arXiv:2510.12282)."),
     NUMBER(schedule, iterations, 30000, 1, PAGS_CONFIG_STEPS, "photographs", "Photographs to train on, with repeats."),
     NUMBER(schedule, schedule_iterations, 0, 0, MOST_STEPS, "photographs",
@@ -85,18 +84,18 @@ const pags_train_field pags_fields[] = {
     NUMBER(schedule, resolution_floor, 64, 1, 65535, "px",
            "Skip reduced image sizes whose shorter side has fewer pixels."),
 
-    PRESET(optimiser, position_rate_begin, 3.2e-4, 3.2e-4, 1.6e-4, 1.6e-4, "", 0, 1, EXTENT,
+    PRESET(optimiser, position_rate_begin, 3.2e-4, 1.6e-4, 1.6e-4, "", 0, 1, EXTENT,
            "Initial learning rate of positions."),
-    PRESET(optimiser, position_rate_end, 3.2e-6, 3.2e-6, 1.6e-6, 1.6e-6, "", 0, 1, EXTENT,
+    PRESET(optimiser, position_rate_end, 3.2e-6, 1.6e-6, 1.6e-6, "", 0, 1, EXTENT,
            "Final learning rate of positions; log-linear in between."),
-    PRESET(optimiser, scale_rate, 0.008, 0.008, 0.005, 0.005, "", 0, 1, "per step", "Learning rate of ln sigma."),
+    PRESET(optimiser, scale_rate, 0.008, 0.005, 0.005, "", 0, 1, "per step", "Learning rate of ln sigma."),
     NUMBER(optimiser, rotation_rate, 0.001, 0, 1, "per step", "Learning rate of quaternions."),
     NUMBER(optimiser, opacity_rate, 0.05, 0, 1, "per step", "Learning rate of opacity logits."),
-    PRESET(optimiser, sh_dc_rate, 0.005, 0.005, 0.0025, 0.0025, "", 0, 1, "per step",
+    PRESET(optimiser, sh_dc_rate, 0.005, 0.0025, 0.0025, "", 0, 1, "per step",
            "Learning rate of the constant term of the spherical harmonics."),
-    PRESET(optimiser, sh_rest_rate, 0.00025, 0.00025, 0.000125, 0.000125, "", 0, 1, "per step",
+    PRESET(optimiser, sh_rest_rate, 0.00025, 0.000125, 0.000125, "", 0, 1, "per step",
            "Learning rate of the higher terms of the spherical harmonics."),
-    PRESET(optimiser, rate_fall, 0.1, 0.1, 1, 1, "", 1e-6, 1, "times",
+    PRESET(optimiser, rate_fall, 0.1, 1, 1, "", 1e-6, 1, "times",
            "Final factor on all learning rates except those of positions; log-linear in between."),
     NUMBER(optimiser, rate_fall_from, 0.7, 0, 0.99, "of the schedule",
            "Start of the learning rate decay by rate_fall, which lasts to the end of the schedule."),
@@ -104,7 +103,7 @@ const pags_train_field pags_fields[] = {
     NUMBER(optimiser, beta2, 0.999, 0.95, 0.99999, "per step", "Adam's decay of the second moment."),
     NUMBER(optimiser, epsilon, 1e-15, 1e-20, 1, "1", "Term added to the square root of Adam's second moment."),
 
-    PRESET(losses, ssim_weight, 0.4, 0.4, 0.2, 0.2, "", 0, 1, "1",
+    PRESET(losses, ssim_weight, 0.4, 0.2, 0.2, "", 0, 1, "1",
            "Weight w of the photometric loss (1 - w) L1 + w (1 - SSIM)."),
     NUMBER(losses, depth_weight, 0.01, 0, 1e3, "per metre", "Weight of the LiDAR depth loss; 0: off."),
     NUMBER(losses, depth_share, 0.95, 0.01, 1, "of the samples",
@@ -115,7 +114,7 @@ const pags_train_field pags_fields[] = {
 
     NUMBER(start, init_opacity, 0.1, LEAST_OPACITY, 0.999, "1", "Initial opacity of Gaussians."),
     SWITCH(start, lidar_start, 1, "Start from LiDAR points."),
-    PRESET(start, lidar_points, 100000, 100000, 200000, 200000, "", 1000, 600000, "points",
+    PRESET(start, lidar_points, 100000, 200000, 200000, "", 1000, 600000, "points",
            "Maximum number of initial LiDAR points of the background; voxels merge the rest."),
 
     AUTO(color, sh_degree, 0, 3, "1", "3; driving sets 1", "Highest degree of the spherical harmonics."),
@@ -126,15 +125,15 @@ const pags_train_field pags_fields[] = {
            "Density control: default (Kerbl et al. 2023) clones, splits, prunes; mcmc (Kheradmand et al. 2024) "
            "relocates, adds."),
     NUMBER(density, densify_from, 500, 0, MOST_STEPS, STEPS, "Densify after this step."),
-    PRESET(density, densify_until, 9500, 9500, 15000, 15000, "", 0, MOST_STEPS, STEPS, "Densify before this step."),
+    PRESET(density, densify_until, 9500, 15000, 15000, "", 0, MOST_STEPS, STEPS, "Densify before this step."),
     NUMBER(
         density, densify_every, 100, 1, MOST_STEPS, STEPS,
         "Densify every N steps, but at most once per pass over the training views and once per densify_apart steps."),
-    PRESET(density, densify_apart, 125, 125, 1, 1, "", 1, MOST_STEPS, "steps",
+    PRESET(density, densify_apart, 125, 1, 1, "", 1, MOST_STEPS, "steps",
            "Minimum number of steps between two densify steps, or a 40th of the schedule if that is less."),
-    PRESET(density, densify_gradient, 0.0003, 0.0003, 0.0002, 0.0002, "", 0, 1e6, "NDC",
+    PRESET(density, densify_gradient, 0.0003, 0.0002, 0.0002, "", 0, 1e6, "NDC",
            "Clone or split Gaussians whose mean gradient in screen space is larger."),
-    PRESET_SWITCH(density, long_axis_split, 1, 1, 0, 0, "Split along the longest axis only."),
+    PRESET_SWITCH(density, long_axis_split, 1, 0, 0, "Split along the longest axis only."),
     NUMBER(density, prune_opacity, 0.005, 0, 1, "1",
            "Remove Gaussians with a lower opacity. Multiplied by 255 alpha_min unless alpha_min is 0."),
     NUMBER(density, reset_every, 3000, 1, MOST_STEPS, STEPS,
@@ -142,7 +141,7 @@ const pags_train_field pags_fields[] = {
            "views."),
     NUMBER(density, reset_opacity, 0.01, LEAST_OPACITY, 1, "1",
            "Upper bound of opacities after a reset. Multiplied by 255 alpha_min unless alpha_min is 0."),
-    PRESET(density, scale_reset, 0.6, 0.6, 1, 1, "; 1 with strategy mcmc", 0.1, 1, "times",
+    PRESET(density, scale_reset, 0.6, 1, 1, "; 1 with strategy mcmc", 0.1, 1, "times",
            "Factor on all sigmas at each scale reset; 1: no scale resets."),
     NUMBER(density, lidar_pull, 0, 0, 1, "of the way",
            "Every densify_every steps, move Gaussians of the background this fraction of the way to the nearby plane "
@@ -160,7 +159,7 @@ const pags_train_field pags_fields[] = {
            "Limit on Gaussians; preset paper applies it at the last prune. 0: none, but 1000000 with strategy mcmc."),
     NUMBER(size_limit, target_size, 0, 0, 1e9, "MB",
            "Maximum size of scene.json, models and sky together; 0: no limit."),
-    PRESET(size_limit, sh_loss, 0.05, 0.05, 0, 0, "; 0 with target_size", 0, 10, "dB",
+    PRESET(size_limit, sh_loss, 0.05, 0, 0, "; 0 with target_size", 0, 10, "dB",
            "Maximum loss of PSNR on training photographs when the SH degrees of the finished scene are reduced; 0: "
            "off."),
 
@@ -175,15 +174,15 @@ const pags_train_field pags_fields[] = {
          "Loss weight of pixels that show vehicles or people."),
     AUTO(priority, critical_growth, 1, 100, "times", "as critical_weight",
          "Densify weight of pixels that show vehicles or people."),
-    PRESET(priority, prunes, 6, 6, 0, 8, "; 0 with strategy mcmc", 0, PAGS_MOST_PRUNES, "prunes",
+    PRESET(priority, prunes, 6, 0, 8, "; 0 with strategy mcmc", 0, PAGS_MOST_PRUNES, "prunes",
            "Number of prunes by score."),
-    PRESET(priority, prune_from, 1000, 1000, 1000, 6000, "", 1, MOST_STEPS, STEPS, "Step of the first prune by score."),
-    PRESET(priority, prune_every, 2500, 2500, 2500, 3000, "", 1, MOST_STEPS, STEPS, "Prune by score every N steps."),
-    PRESET(priority, prune_early, 0.3, 0.55, 0.35, 0.6, "", 0, 0.99, "of the Gaussians",
+    PRESET(priority, prune_from, 1000, 1000, 6000, "", 1, MOST_STEPS, STEPS, "Step of the first prune by score."),
+    PRESET(priority, prune_every, 2500, 2500, 3000, "", 1, MOST_STEPS, STEPS, "Prune by score every N steps."),
+    PRESET(priority, prune_early, 0.3, 0.35, 0.6, "", 0, 0.99, "of the Gaussians",
            "Share of the Gaussians that each prune by score removes before densify_until."),
-    PRESET(priority, prune_late, 0.1, 0.1, 0.1, 0.3, "", 0, 0.99, "of the Gaussians",
+    PRESET(priority, prune_late, 0.1, 0.1, 0.3, "", 0, 0.99, "of the Gaussians",
            "Share of the Gaussians that each later prune by score removes."),
-    PRESET(priority, prune_floor, 500, 500, 500, 0, "", 0, MOST_COUNT, "Gaussians",
+    PRESET(priority, prune_floor, 500, 500, 0, "", 0, MOST_COUNT, "Gaussians",
            "Minimum number of Gaussians per object, below which no prune by score applies."),
     AUTO_SWITCH(priority, dropout, "0; preset paper 1",
                 "Drop random Gaussians in each step, with lower probability for a high semantic score."),
@@ -199,7 +198,7 @@ const pags_train_field pags_fields[] = {
     SWITCH(
         picture, rolling_shutter, 1,
         "Model the rolling shutter: camera and objects move while lines are read, if the data set has readout times."),
-    PRESET(picture, alpha_min, 0.0196, 0.0196, 0, 0, "; 0 with strategy mcmc or antialiased", 0, 0.1, "1",
+    PRESET(picture, alpha_min, 0.0196, 0, 0, "; 0 with strategy mcmc or antialiased", 0, 0.1, "1",
            "Cut-off of alpha: blend (alpha - alpha_min) / (1 - alpha_min) where positive. 0: blend alpha where it is "
            "at least 1/255."),
     BACKGROUND("r", 0),
@@ -216,7 +215,7 @@ const pags_train_field pags_fields[] = {
            "Learning rate of object positions; decays to a tenth."),
     NUMBER(objects, track_rotation_rate, 3e-4, 0, 1, "radians",
            "Learning rate of object rotations; decays to a tenth."),
-    PRESET_TYPE(PAGS_FIELD_INT, objects, fourier, 1, 1, 1, 2, "", 0, PAGS_FOURIER_ALL, "1",
+    PRESET_TYPE(PAGS_FIELD_INT, objects, fourier, 1, 1, 2, "", 0, PAGS_FOURIER_ALL, "1",
                 "Colour of objects over time: 0 constant; 1 the constant colour term varies if this reduces the error; "
                 "2 all colour terms of all objects vary from the start, as in the paper."),
     NUMBER(objects, fourier_from, 15000, 0, MOST_STEPS, STEPS,

@@ -243,7 +243,7 @@ class Ablation(DataCase):
                 "sd+beta=0.1+score=default+no-fourier",
                 "--preset plain --set dropout=1 --set dropout_beta=0.1 --set score=default --set fourier=0",
             ),
-            ("fast+rate=40/20+no-sky", "--preset fast --prune-rate 0.4/0.2 --no-sky"),
+            ("plain+rate=40/20+no-sky", "--preset plain --prune-rate 0.4/0.2 --no-sky"),
             ("sh=2+--sh-degree=1+--mcmc", "--sh-degree 1 --mcmc"),
             ("no-lidar-loss+--a=b=c", "--set depth_weight=0 --a b=c"),
             ("set:a=1+--set=b=2+set:a=3", "--set a=3 --set b=2"),

@@ -154,7 +154,7 @@ class Usage(Case):
             "[0 or 1; default 1]",
             "[times the position rate; 0 to 1e9; default 500000]",
             "[default|mcmc; default default]",
-            "[0 or 1; default auto: 1; preset fast 1, plain 0, paper 0]",
+            "[0 or 1; default auto: 1; preset plain 0, paper 0]",
             "[1; 0 to 2^64 - 1; default 0]",
         ]:
             self.assertIn(row, words)

@@ -28,7 +28,6 @@ typedef enum pags_strategy {
 /* Chooses the value of each field that is left to it (PAGS_FIELD_AUTO); fields that are set keep their value. */
 typedef enum pags_preset {
   PAGS_PRESET_DEFAULT, /* short lists and few Gaussians at full quality (docs/train.md) */
-  PAGS_PRESET_FAST,    /* fewer Gaussians and less quality than DEFAULT */
   PAGS_PRESET_PLAIN,   /* the training of Kerbl et al. (2023): the baseline of comparisons */
   /* PLAIN with scores, pruning and dropout as the paper of PAGS states them (arXiv:2510.12282), for 50 000 steps. */
   PAGS_PRESET_PAPER

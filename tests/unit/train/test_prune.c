@@ -377,6 +377,8 @@ static void removed_presets_name_replacements(void **unused) {
   assert_non_null(strstr(pags_error_message(), "leave --preset out"));
   assert_int_equal(pags_train_config_set(&config, "preset", "short"), PAGS_ERROR_ARGUMENT);
   assert_non_null(strstr(pags_error_message(), "use paper"));
+  assert_int_equal(pags_train_config_set(&config, "preset", "fast"), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "train for fewer steps"));
 }
 
 int main(void) {
