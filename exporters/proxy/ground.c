@@ -321,6 +321,7 @@ pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lid
                  count = (double)(sources[2].first[i + 1] - sources[2].first[i]);
     s.weights[i] = (float)(by_lidar >= sources[0].enough ? fmin(by_lidar, 40) : fmin(count, 24) * of_pixel);
   }
+  PAGS_TRY(pags_ground_see(depth_views, s.queue, out));
   return pags_ground_fill(out, s.weights, path, path_count, reach);
 }
 

@@ -2,7 +2,9 @@
 /* Fills the holes of the ground near the path, and smooths it.
  *
  * An elastic membrane over the lattice follows the measured heights. It is stiff along the path and soft across it,
- * since kerbs and ruts run along roads: ground that parked cars hide continues the ground before and behind them. */
+ * since kerbs and ruts run along roads: ground that parked cars hide continues the ground before and behind them. Gaps
+ * between ground and holes that ground surrounds are filled, too, if they are small: in what the cameras saw farther
+ * off. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,7 +14,9 @@
 #include "base/memory.h"
 #include "maths/maths.h"
 
-enum { SWEEPS = 300, NEIGHBOURS = 8 }; /* iterations over all cells; neighbours of a cell */
+/* Iterations over all cells; neighbours of a cell; most cells of a gap, 5 m, and of a hole, 100 square metres, that
+ * are filled wherever they are: what a car and a lorry hide. */
+enum { SWEEPS = 300, NEIGHBOURS = 8, GAP = 25, HOLE = 2500 };
 static const int dx[NEIGHBOURS] = {1, -1, 0, 0, 1, -1, 1, -1}, dy[NEIGHBOURS] = {0, 0, 1, -1, 1, -1, -1, 1};
 static const double bend = 8;      /* radius, in metres, in which the path's direction at a place is estimated */
 static const double across = 0.01; /* stiffness across the path, as a share of the stiffness along it */
@@ -91,8 +95,51 @@ static void find_owners(const pags_ground *g, const double *path, int64_t count,
     }
 }
 
-/* Makes all cells within `reach` metres of the path ground. New cells start at the height of the nearest known
- * cell. */
+/* Marks the cells without ground between others, at most GAP cells along x or y, as to be filled. */
+static void mark_gaps(pags_ground *g) {
+  const int64_t n[2] = {g->nx, g->ny}, step[2] = {1, g->nx};
+  for (int axis = 0; axis < 2; axis++)
+    for (int64_t line = 0; line < n[!axis]; line++)
+      for (int64_t i = 0, last = -1; i < n[axis]; i++) {
+        uint8_t *at = g->known + line * step[!axis] + i * step[axis];
+        if (!*at)
+          continue;
+        for (int64_t k = 1; last >= 0 && i - last - 1 <= GAP && k < i - last; k++)
+          at[-k * step[axis]] = PAGS_GROUND_WANTED;
+        last = i;
+      }
+}
+
+/* Marks the cells without ground that ground surrounds, in holes of at most HOLE cells, as to be filled. `queue` has
+ * room for all cells. */
+static void mark_holes(pags_ground *g, int64_t *queue) {
+  const int64_t cells = (int64_t)g->nx * g->ny;
+  for (int64_t i = 0; i < cells; i++) {
+    int64_t count = 0;
+    bool open = false;
+    if (g->known[i])
+      continue;
+    g->known[i] = PAGS_GROUND_HOLE;
+    queue[count++] = i;
+    for (int64_t head = 0; head < count; head++)
+      for (int d = 0; d < 4; d++) {
+        const int64_t at = neighbour(g, queue[head], d);
+        open = open || at < 0;
+        if (at < 0 || g->known[at])
+          continue;
+        g->known[at] = PAGS_GROUND_HOLE;
+        queue[count++] = at;
+      }
+    for (int64_t k = 0; k < count && !open && count <= HOLE; k++)
+      g->known[queue[k]] = PAGS_GROUND_WANTED;
+  }
+  for (int64_t i = 0; i < cells; i++)
+    if (g->known[i] == PAGS_GROUND_HOLE)
+      g->known[i] = 0;
+}
+
+/* Makes all cells within `reach` metres of the path, those wanted and small holes ground. New cells start at the height
+ * of the nearest known cell. */
 static void extend(pags_ground *g, const double *path, int64_t path_count, double reach, int64_t *queue) {
   int64_t count = 0, cells = (int64_t)g->nx * g->ny, radius = (int64_t)ceil(reach / g->step);
   for (int64_t i = 0; i < path_count; i++) {
@@ -101,22 +148,24 @@ static void extend(pags_ground *g, const double *path, int64_t path_count, doubl
     for (int64_t j = -radius; j <= radius; j++)
       for (int64_t k = -radius; k <= radius; k++)
         if (k * k + j * j <= radius * radius && inside(g, x + k, y + j) && !g->known[(y + j) * g->nx + x + k])
-          g->known[(y + j) * g->nx + x + k] = 3; /* to be filled */
+          g->known[(y + j) * g->nx + x + k] = PAGS_GROUND_WANTED;
   }
+  mark_gaps(g);
+  mark_holes(g, queue);
   for (int64_t i = 0; i < cells; i++)
     if (g->known[i] == 1)
       queue[count++] = i;
   for (int64_t head = 0; head < count; head++)
     for (int d = 0; d < 4; d++) {
       const int64_t at = neighbour(g, queue[head], d);
-      if (at < 0 || g->known[at] != 3)
+      if (at < 0 || g->known[at] != PAGS_GROUND_WANTED)
         continue;
       g->known[at] = 2;
       g->z[at] = g->z[queue[head]];
       queue[count++] = at;
     }
   for (int64_t i = 0; i < cells; i++)
-    if (g->known[i] == 3)
+    if (g->known[i] == PAGS_GROUND_WANTED)
       g->known[i] = 0; /* not connected to any known ground */
 }
 
@@ -125,39 +174,38 @@ static void extend(pags_ground *g, const double *path, int64_t path_count, doubl
  * with the weights w of measured cells and the stiffness s. */
 static void relax(pags_ground *g, const float *weights, const float *measured, const int32_t *owner,
                   const stiffness *stiff) {
-  int64_t cells = (int64_t)g->nx * g->ny;
   for (int sweep = 0; sweep < SWEEPS; sweep++)
-    for (int64_t i = 0; i < cells; i++) {
-      if (!g->known[i])
-        continue;
-      const stiffness *s = &stiff[owner[i] < 0 ? 0 : owner[i]];
-      double w = g->known[i] == 1 ? (double)weights[i] : 0, sum = w * (double)measured[i];
-      for (int d = 0; d < NEIGHBOURS; d++) {
-        const int64_t at = neighbour(g, i, d);
-        if (s->towards[d] > 0 && at >= 0 && g->known[at]) {
-          sum += s->towards[d] * (double)g->z[at];
-          w += s->towards[d];
+    for (int64_t y = 0, i = 0; y < g->ny; y++)
+      for (int64_t x = 0; x < g->nx; x++, i++) {
+        if (!g->known[i])
+          continue;
+        const stiffness *s = &stiff[owner[i] < 0 ? 0 : owner[i]];
+        double w = g->known[i] == 1 ? (double)weights[i] : 0, sum = w * (double)measured[i];
+        for (int d = 0; d < NEIGHBOURS; d++) {
+          const int64_t at = i + (int64_t)dy[d] * g->nx + dx[d];
+          if (s->towards[d] > 0 && inside(g, x + dx[d], y + dy[d]) && g->known[at]) {
+            sum += s->towards[d] * (double)g->z[at];
+            w += s->towards[d];
+          }
         }
+        if (w > 0)
+          g->z[i] += (float)(1.6 * (sum / w - (double)g->z[i]));
       }
-      if (w > 0)
-        g->z[i] += (float)(1.6 * (sum / w - (double)g->z[i]));
-    }
 }
 
-/* Gives all lattice points the height of the nearest one with ground, by a breadth-first search. */
-static void spread(pags_ground *g, int64_t *queue) {
+void pags_ground_spread(const pags_ground *g, float *nearest, int64_t *queue) {
   int64_t count = 0;
   for (int64_t i = 0; i < (int64_t)g->nx * g->ny; i++) {
-    g->nearest[i] = g->known[i] ? g->z[i] : (float)NAN;
+    nearest[i] = g->known[i] ? g->z[i] : (float)NAN;
     if (g->known[i])
       queue[count++] = i;
   }
   for (int64_t head = 0; head < count; head++)
     for (int d = 0; d < 4; d++) {
       const int64_t at = neighbour(g, queue[head], d);
-      if (at < 0 || !isnan(g->nearest[at]))
+      if (at < 0 || !isnan(nearest[at]))
         continue;
-      g->nearest[at] = g->nearest[queue[head]];
+      nearest[at] = nearest[queue[head]];
       queue[count++] = at;
     }
 }
@@ -178,6 +226,6 @@ pags_result pags_ground_fill(pags_ground *ground, const float *weights, const do
   relax(ground, weights, measured, owner, stiff);
   ground->nearest = malloc(cells * sizeof *ground->nearest);
   PAGS_CHECK_MEMORY(ground->nearest, "the ground's %zu cells", cells);
-  spread(ground, queue);
+  pags_ground_spread(ground, ground->nearest, queue);
   return PAGS_OK;
 }

@@ -57,21 +57,25 @@ static void measure_wall(pags_lidar *lidar, double x0, double x1, double y, doub
     measure(lidar, x0, x1, y, y, z);
 }
 
-/* Finds the ground from camera depths that put the road `lift` metres too high, and LiDAR points. */
-static void find_seen(const pags_lidar *lidar, double lift, pags_ground *out) {
-  float depth[WIDE * WIDE];
+/* Finds the ground from the depths of views and LiDAR points. */
+static void find_in(const pags_lidar *lidar, const pags_depth_views *depth_views, pags_ground *out) {
   double path[3 * STEPS];
-  pags_depth_view depth_view;
-  look_down(&depth_view, depth);
-  for (int i = 0; i < WIDE * WIDE; i++)
-    depth[i] -= (float)lift;
   for (int i = 0; i < STEPS; i++) {
     path[3 * i] = 0.1 * i;
     path[3 * i + 1] = 0;
     path[3 * i + 2] = eye;
   }
-  const pags_depth_views depth_views = {.count = 1, .list = &depth_view};
-  assert_int_equal(pags_ground_find(&depth_views, lidar, path, STEPS, 10, 25, out), PAGS_OK);
+  assert_int_equal(pags_ground_find(depth_views, lidar, path, STEPS, 10, 25, out), PAGS_OK);
+}
+
+/* Finds the ground from camera depths that put the road `lift` metres too high, and LiDAR points. */
+static void find_seen(const pags_lidar *lidar, double lift, pags_ground *out) {
+  float depth[WIDE * WIDE];
+  pags_depth_view depth_view;
+  look_down(&depth_view, depth);
+  for (int i = 0; i < WIDE * WIDE; i++)
+    depth[i] -= (float)lift;
+  find_in(lidar, &(const pags_depth_views){.count = 1, .list = &depth_view}, out);
 }
 
 static void find(const pags_lidar *lidar, pags_ground *out) {
@@ -162,6 +166,70 @@ static void the_limit_of_triangles_is_used(void **state) {
   pags_ground_destroy(&ground);
 }
 
+static bool has_ground(const pags_ground *ground, double x, double y) {
+  double z;
+  return pags_ground_height(ground, x, y, &z);
+}
+
+/* Far from the path, a place without points that ground surrounds is ground, at its height, and so is a narrow bay; a
+ * wide one isn't, and neither is a hole as large as a house. */
+static void small_holes_are_filled(void **state) {
+  (void)state;
+  static const double sides[4] = {2.9, 1.7, 2.9, 6};
+  for (int form = 0; form < 4; form++) { /* hole, narrow bay, wide bay, large hole */
+    pags_lidar lidar = no_points();
+    pags_ground ground;
+    const double side = sides[form];
+    measure(&lidar, -3, 3, -3, 3, 0);
+    for (int k = -1; k <= 1; k += 2) {
+      measure(&lidar, 0, 24, k * side - 0.2, k * side + 0.2, 0.1);
+      measure(&lidar, 2.6, 3, k > 0 ? 0 : -side, k > 0 ? side : 0, 0);
+    }
+    if (form % 3 == 0)
+      measure(&lidar, 23.6, 24, -side, side, 0.1);
+    find(&lidar, &ground);
+    assert_true(has_ground(&ground, 8, 0)); /* near the path */
+    assert_int_equal(has_ground(&ground, 18, 0), form < 2);
+    if (form < 2)
+      assert_true(fabs(height(&ground, 18, 0) - 0.1) < 0.02);
+    pags_ground_destroy(&ground);
+    free(lidar.points);
+  }
+}
+
+/* Where only labels show ground, at a depth that says nothing of its height, it continues that of the nearest ground;
+ * where they show a house, or there are none, it ends. */
+static void labels_continue_the_ground(void **state) {
+  (void)state;
+  for (int labelled = 0; labelled < 2; labelled++) {
+    float near[WIDE * WIDE], depth[WIDE * WIDE];
+    uint8_t labels[WIDE * WIDE];
+    pags_depth_view views[2], *view = &views[1];
+    pags_ground ground;
+    pags_lidar lidar = no_points();
+    measure(&lidar, -3, 3, -3, 3, 0.02);
+    look_down(&views[0], near);
+    look_down(view, depth);
+    const double above = 20; /* from there a pixel is 0.6 m wide */
+    const double inverse[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, above};
+    for (int k = 0; k < 12; k++)
+      view->camera_from_model[k] = inverse[k];
+    view->camera.world_from_camera[11] = above;
+    for (int i = 0; i < WIDE * WIDE; i++) {
+      depth[i] = (float)above - 0.25f; /* too high */
+      labels[i] = (i % WIDE - WIDE / 2 + 0.5) * above / (WIDE / 2) > 15 ? 2 : 0;
+    }
+    view->labels = labelled ? labels : NULL;
+    find_in(&lidar, &(const pags_depth_views){.count = 2, .list = views}, &ground);
+    assert_int_equal(has_ground(&ground, 13, 1), labelled);
+    assert_false(has_ground(&ground, 17, 1));
+    if (labelled)
+      assert_true(fabs(height(&ground, 13, 1) - 0.02) < 0.01);
+    pags_ground_destroy(&ground);
+    free(lidar.points);
+  }
+}
+
 /* Without LiDAR the camera's depths alone give the ground; around them it continues at their height. */
 static void camera_depths_give_the_ground_without_lidar(void **state) {
   (void)state;
@@ -189,9 +257,9 @@ static void missing_ground_is_no_error(void **state) {
 }
 
 /* A road at height 0 and a pavement 0.13 m above it, with a kerb along y at x = 0.07, whose heights are blurred over
- * 0.4 m; a car hides both beyond y = 1. Both become meshes of their own, with a sharp kerb in between. */
-static void kerbs_are_sharp(void **state) {
-  (void)state;
+ * 0.4 m; a car hides both beyond y = 1. Both become meshes of their own, with a sharp kerb in between. In the pictures
+ * the kerb is up to `noise` metres off its place. */
+static void make_kerb(double noise) {
   enum { SIDE = 60 };
   float depth[WIDE * WIDE], z[SIDE * SIDE];
   uint8_t known[SIDE * SIDE], labels[WIDE * WIDE], rgb[3 * WIDE * WIDE] = {0};
@@ -209,7 +277,8 @@ static void kerbs_are_sharp(void **state) {
   }
   for (int i = 0; i < WIDE * WIDE; i++) {
     const double x = (i % WIDE + 0.5 - WIDE / 2) / (WIDE / 2) * eye, y = (WIDE / 2 - i / WIDE - 0.5) / (WIDE / 2) * eye;
-    labels[i] = y > 1 ? 13 : x > 0.07;
+    const double off = noise * ((double)((uint32_t)(i / WIDE) * 2654435761u >> 8) / 8388608.0 - 1);
+    labels[i] = y > 1 ? 13 : x > 0.07 + off;
   }
   pags_proxy_options options = pags_proxy_options_default();
   options.voxel = 0.15;
@@ -236,6 +305,16 @@ static void kerbs_are_sharp(void **state) {
   pags_tasks_destroy(w.tasks);
 }
 
+static void kerbs_are_sharp(void **state) {
+  (void)state;
+  make_kerb(0);
+}
+
+static void kerbs_are_straight(void **state) {
+  (void)state;
+  make_kerb(0.12);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(gaps_between_rings_are_bridged),
@@ -244,7 +323,10 @@ int main(void) {
       cmocka_unit_test(the_limit_of_triangles_is_used),
       cmocka_unit_test(camera_depths_give_the_ground_without_lidar),
       cmocka_unit_test(missing_ground_is_no_error),
+      cmocka_unit_test(small_holes_are_filled),
+      cmocka_unit_test(labels_continue_the_ground),
       cmocka_unit_test(kerbs_are_sharp),
+      cmocka_unit_test(kerbs_are_straight),
   };
   return cmocka_run_group_tests_name("ground", tests, NULL, NULL);
 }
