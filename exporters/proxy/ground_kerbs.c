@@ -1,18 +1,27 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Finds the place of kerbs more finely than the ground's lattice: points across a border between a road and something
- * higher are classed by the pictures, and the border is put where fewest are on the wrong side. */
+ * higher are classed by the pictures, and the border is put where fewest are on the wrong side. Kerbs are nearly
+ * straight over a few metres: each place is moved onto the line of least squares through those around it, of which the
+ * nearest weigh most (moving least squares, Lancaster and Salkauskas 1981). Where parked cars hide the kerb, these are
+ * those before and behind. */
 #include <math.h>
 #include <stdlib.h>
 
 #include "base/memory.h"
 #include "exporters/proxy/ground_plan.h"
 
-enum { SAMPLES = 17, LEAST_SAMPLES = 3, WINDOW = 3 }; /* points across; of either class; cells around a corner */
+/* Points across; least number of either class; most points of neither between them; cells around a corner that tell its
+ * sides, that it claims for them, and whose places make a line; least number of these. */
+enum { SAMPLES = 33, LEAST_SAMPLES = 3, ROOM = 4, WINDOW = 3, CLAIMED = 3, ALONG = 50, LEAST_PLACES = 3 };
 
 /* In metres. */
 static const double least_step = 0.05;  /* height of a kerb */
-static const double sample_step = 0.04; /* between points */
-static const double most_move = 0.12;   /* of a corner: cells stay in order */
+static const double sample_step = 0.02; /* between points */
+static const double local = 1;       /* places nearer than that count about alike; weights fall by the fourth power */
+static const double parallel = 0.25; /* places spread over less hardly turn the line from the border's direction */
+static const double strays[] = {0.7, 0.1}; /* farther from the corner, and from the first line, places don't count */
+static const double alike = 0.8;           /* least cosine between normals of kerbs of one line */
+static const double most_move = 0.12;      /* of a corner: cells stay in order */
 
 /* What is found at a corner. */
 typedef struct fit {
@@ -56,7 +65,7 @@ static bool find_sides(const pags_ground_plan *p, int64_t corner, fit *f, double
 }
 
 /* Finds the kerb by the classes of the points across it: the middle of the places with the fewest points of the wrong
- * class. */
+ * class, if points of both classes leave little room for it. */
 static void find_offset(const uint8_t classes[SAMPLES], fit *f) {
   int total[2] = {0}, least = SAMPLES + 1, first = 0, last = 0;
   for (int i = 0; i < SAMPLES; i++) {
@@ -73,15 +82,51 @@ static void find_offset(const uint8_t classes[SAMPLES], fit *f) {
     if (i < SAMPLES)
       wrong += classes[i] == PAGS_CHUNK_ROAD ? -1 : classes[i] != PAGS_CHUNK_OTHER;
   }
-  if (total[0] >= LEAST_SAMPLES && total[1] >= LEAST_SAMPLES && total[0] + total[1] > SAMPLES - LEAST_SAMPLES)
+  if (total[0] >= LEAST_SAMPLES && total[1] >= LEAST_SAMPLES && last - first <= ROOM)
     f->offset = (0.5 * (first + last) - 0.5 * SAMPLES) * sample_step;
+}
+
+/* The offset of a corner's kerb on the line through the places of kerbs around it that run alike; NaN if there are too
+ * few. */
+static double smooth_offset(const pags_ground_plan *p, const fit *fits, int64_t corner) {
+  const int64_t wide = p->nx + 1, x = corner % wide, y = corner / wide;
+  const double *normal = fits[corner].normal;
+  double at = 0, slope = 0;
+  for (int round = 0; round < 2; round++) {
+    double count = 0, n = 0, st = 0, so = 0, stt = 0, sto = 0;
+    for (int64_t v = y > ALONG ? y - ALONG : 0; v <= y + ALONG && v <= p->ny; v++)
+      for (int64_t u = x > ALONG ? x - ALONG : 0; u <= x + ALONG && u <= p->nx; u++) {
+        const fit *f = &fits[v * wide + u];
+        if (isnan(f->offset) || !(f->normal[0] * normal[0] + f->normal[1] * normal[1] > alike))
+          continue;
+        double d[2];
+        for (int k = 0; k < 2; k++)
+          d[k] = (double)p->corner[v * wide + u][k] + f->offset * f->normal[k] - (double)p->corner[corner][k];
+        const double t = d[1] * normal[0] - d[0] * normal[1], o = d[0] * normal[0] + d[1] * normal[1];
+        const double far = t / local, weight = 1 / (1 + far * far * far * far);
+        if (fabs(o - at - slope * t) > strays[round])
+          continue;
+        count++;
+        n += weight;
+        st += weight * t;
+        so += weight * o;
+        stt += weight * t * t;
+        sto += weight * t * o;
+      }
+    if (count < LEAST_PLACES)
+      return (double)NAN;
+    const double spread = n * stt - st * st + n * n * parallel * parallel;
+    slope = (n * sto - st * so) / spread;
+    at = (so - slope * st) / n;
+  }
+  return at;
 }
 
 /* Lets a kerb claim the cells around its corner for its sides. */
 static void claim(const pags_ground_plan *p, int64_t corner, const fit *f, int32_t *votes, uint8_t *kinds) {
   const int64_t wide = p->nx + 1, x = corner % wide, y = corner / wide;
-  for (int64_t v = y - 2; v < y + 2; v++)
-    for (int64_t u = x - 2; u < x + 2; u++) {
+  for (int64_t v = y - CLAIMED; v < y + CLAIMED; v++)
+    for (int64_t u = x - CLAIMED; u < x + CLAIMED; u++) {
       const double off = ((double)(u - x) + 0.5) * f->normal[0] + ((double)(v - y) + 0.5) * f->normal[1];
       if (pags_ground_kind(p, u, v) == PAGS_GROUND_NONE)
         continue;
@@ -107,20 +152,30 @@ pags_result pags_ground_kerbs_fit(const pags_proxy_maker *w, const pags_backgrou
   PAGS_AUTOFREE uint8_t *classes = malloc((size_t)points.vertex_count + 1);
   PAGS_AUTOFREE int32_t *votes = calloc((size_t)cells, sizeof *votes);
   PAGS_AUTOFREE uint8_t *kinds = calloc((size_t)cells, 1);
-  PAGS_CHECK_MEMORY(classes && votes && kinds, "%lld cells", (long long)cells);
+  PAGS_AUTOFREE fit *fits = malloc((size_t)corners * sizeof *fits);
+  PAGS_AUTOFREE double *smooth = malloc((size_t)corners * sizeof *smooth);
+  PAGS_CHECK_MEMORY(classes && votes && kinds && fits && smooth, "%lld cells", (long long)cells);
   PAGS_TRY(pags_classes_find(w, &b->depth_views, true, &points, classes));
   const uint8_t *own = classes;
   for (int64_t i = 0; i < corners; i++) {
-    if (!find_sides(p, i, &f, heights))
-      continue;
-    find_offset(own, &f);
-    own += SAMPLES;
-    if (isnan(f.offset))
+    smooth[i] = (double)NAN;
+    if (find_sides(p, i, &fits[i], heights)) {
+      find_offset(own, &fits[i]);
+      own += SAMPLES;
+      smooth[i] = 0;
+    }
+  }
+  for (int64_t i = 0; i < corners; i++)
+    if (!isnan(smooth[i]))
+      smooth[i] = smooth_offset(p, fits, i);
+  for (int64_t i = 0; i < corners; i++) {
+    fits[i].offset = smooth[i];
+    if (isnan(fits[i].offset))
       continue;
     if (!move)
-      claim(p, i, &f, votes, kinds);
+      claim(p, i, &fits[i], votes, kinds);
     for (int k = 0; k < 2 && move; k++)
-      p->corner[i][k] += (float)(f.normal[k] * fmin(fmax(f.offset, -most_move), most_move));
+      p->corner[i][k] += (float)(fits[i].normal[k] * fmin(fmax(fits[i].offset, -most_move), most_move));
     p->fixed[i] = move;
   }
   for (int64_t i = 0; i < cells; i++)

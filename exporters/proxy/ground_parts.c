@@ -3,8 +3,8 @@
  *
  * Each cell of the lattice gets a kind. Cells meet at corners, where each kind has a vertex of its own: so surfaces
  * end sharply, and where they differ in height a kerb face joins them. Heights next to another kind, which cells of
- * both have blurred, are replaced by those farther in. Borders are smoothed as polylines. All kinds are decimated
- * together, as one mesh whose seams stay together, and then split. */
+ * both have blurred, and those that were not measured are interpolated from those of their own kind. Borders are
+ * smoothed as polylines. All kinds are decimated together, as one mesh whose seams stay together, and then split. */
 #include "exporters/proxy/ground_plan.h"
 
 #include <math.h>
@@ -24,21 +24,21 @@ enum {
 enum {
   LEAST_CELLS = 100, /* of a surface: 4 square metres; smaller ones join their neighbour */
   BLUR = 2,          /* cells next to another kind whose heights are replaced */
-  INWARD = 5,        /* cells up to which heights are taken from */
+  SWEEPS = 60,       /* of interpolation of heights */
   SMOOTHINGS = 30    /* of borders */
 };
 static const char *const names[KINDS] = {"ground_road", "ground_pavement", "ground_verge"};
 
 /* In metres. */
 static const double least_step = 0.025; /* smaller steps between kinds are levelled */
-static const double slant = 0.01;       /* a kerb's upper edge lies this far behind its foot: nothing is upright */
+static const double slant = 0.005;      /* a kerb's upper edge lies this far behind its foot: nothing is upright */
 static const double most_shift = 0.12;  /* of a border's corners */
 static const double error = 0.01;       /* of decimation */
 
 typedef pags_ground_plan plan;
 
 static void forget_plan(plan *p) {
-  void *const owned[] = {p->kind, p->z, p->corner, p->fixed, p->top, p->foot, p->scratch};
+  void *const owned[] = {p->kind, p->z, p->corner, p->fixed, p->top, p->foot, p->scratch, p->pure};
   for (size_t i = 0; i < sizeof owned / sizeof *owned; i++)
     free(owned[i]);
 }
@@ -185,27 +185,39 @@ static bool is_pure(const plan *p, int64_t x, int64_t y, uint8_t kind) {
   return pags_ground_kind(p, x, y) == kind;
 }
 
-/* Replaces the heights of cells near another kind by the mean of the nearest pure ones of their own kind. */
+/* Gives cells near another kind, and those that were not measured, heights of their own kind: first that of the nearest
+ * cell that was measured and has no other kind near it, then means of their neighbours. */
 static void sharpen(plan *p) {
-  uint8_t *pure = (uint8_t *)p->scratch;
-  for (int64_t i = 0; i < p->nx * p->ny; i++)
-    pure[i] = p->kind[i] != NONE && is_pure(p, i % p->nx, i / p->nx, p->kind[i]);
-  for (int64_t i = 0; i < p->nx * p->ny; i++) {
-    const int64_t x = i % p->nx, y = i / p->nx;
-    double sum = 0, weight = 0;
+  static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
+  const int64_t cells = p->nx * p->ny;
+  int64_t first = 0, count = 0, *queue = p->scratch;
+  for (int64_t i = 0; i < cells; i++) {
     p->z[i] = p->ground->z[i];
-    if (pure[i] || p->kind[i] == NONE)
-      continue;
-    for (int64_t v = y - INWARD; v <= y + INWARD; v++)
-      for (int64_t u = x - INWARD; u <= x + INWARD; u++)
-        if (pags_ground_kind(p, u, v) == p->kind[i] && pure[v * p->nx + u]) {
-          const double away = (double)((u - x) * (u - x) + (v - y) * (v - y));
-          sum += (double)p->ground->z[v * p->nx + u] / (away * away);
-          weight += 1 / (away * away);
-        }
-    if (weight > 0)
-      p->z[i] = (float)(sum / weight);
+    p->pure[i] = p->ground->known[i] == 1 && is_pure(p, i % p->nx, i / p->nx, p->kind[i]);
+    if (p->pure[i])
+      queue[first++] = i;
   }
+  count = first;
+  for (int64_t head = 0; head < count; head++)
+    for (int d = 0; d < 4; d++) {
+      const int64_t x = queue[head] % p->nx + dx[d], y = queue[head] / p->nx + dy[d], at = y * p->nx + x;
+      if (p->kind[queue[head]] == NONE || pags_ground_kind(p, x, y) != p->kind[queue[head]] || p->pure[at])
+        continue;
+      p->pure[at] = 1;
+      p->z[at] = p->z[queue[head]];
+      queue[count++] = at;
+    }
+  for (int sweep = 0; sweep < SWEEPS; sweep++)
+    for (int64_t k = first; k < count; k++) {
+      const int64_t x = queue[k] % p->nx, y = queue[k] / p->nx;
+      float sum = 0, weight = 0;
+      for (int d = 0; d < 4; d++)
+        if (pags_ground_kind(p, x + dx[d], y + dy[d]) == p->kind[queue[k]]) {
+          sum += p->z[(y + dy[d]) * p->nx + x + dx[d]];
+          weight += 1;
+        }
+      p->z[queue[k]] += 1.6f * (sum / fmaxf(weight, 1) - p->z[queue[k]]);
+    }
 }
 
 /* ---- Corners ---- */
@@ -402,8 +414,9 @@ pags_result pags_ground_parts_make(const pags_proxy_maker *w, pags_background *b
   p.top = malloc(corners * sizeof *p.top);
   p.foot = malloc(corners * sizeof *p.foot);
   p.scratch = malloc(corners * sizeof *p.scratch);
-  PAGS_CHECK_MEMORY(p.kind && p.z && p.corner && p.fixed && p.top && p.foot && p.scratch, "the ground's %zu corners",
-                    corners);
+  p.pure = malloc(corners);
+  PAGS_CHECK_MEMORY(p.kind && p.z && p.corner && p.fixed && p.top && p.foot && p.scratch && p.pure,
+                    "the ground's %zu corners", corners);
   /* Corners are up to a millimetre off in x and y: see pags_ground_mesh. */
   uint32_t state = 1;
   for (size_t i = 0; i < 2 * corners; i++) {
@@ -416,8 +429,8 @@ pags_result pags_ground_parts_make(const pags_proxy_maker *w, pags_background *b
   PAGS_TRY(vote(&p));
   PAGS_TRY(join_small(&p));
   sharpen(&p);
-  for (int pass = 0; pass < 2; pass++) {
-    PAGS_TRY(pags_ground_kerbs_fit(w, b, pass, &p));
+  for (int pass = 0; pass < 3; pass++) {
+    PAGS_TRY(pags_ground_kerbs_fit(w, b, pass == 2, &p));
     sharpen(&p);
   }
   PAGS_TRY(smooth_borders(&p));

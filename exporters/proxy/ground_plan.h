@@ -18,6 +18,7 @@ typedef struct pags_ground_plan {
   uint8_t *fixed;                                                 /* 1: the corner's place was measured */
   uint32_t (*top)[PAGS_GROUND_KINDS], (*foot)[PAGS_GROUND_KINDS]; /* the vertex of each kind at a corner, and the foot
                                                                      of a kerb that is of this kind; UINT32_MAX: none */
+  uint8_t *pure;                                                  /* 1: the cell's height is of its kind alone */
   int64_t *scratch;                                               /* a number for each corner */
 } pags_ground_plan;
 
