@@ -48,7 +48,9 @@ void pags_classes_load(const pags_proxy_maker *w, const pags_scene_view *view, p
   depth_view->labels = malloc((size_t)width * (size_t)height);
   for (int y = 0; depth_view->labels && y < height; y++)
     for (int x = 0; x < width; x++) {
-      int u = (2 * x + 1) * image.width / (2 * width), v = (2 * y + 1) * image.height / (2 * height);
+      /* Of two pixels that meet at the middle of this one, now this and now that: no border is shifted. */
+      const int odd = (x + y) & 1;
+      int u = ((2 * x + 1) * image.width - odd) / (2 * width), v = ((2 * y + 1) * image.height - odd) / (2 * height);
       depth_view->labels[(size_t)y * (size_t)width + (size_t)x] =
           ((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u];
     }
