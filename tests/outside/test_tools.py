@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exports of pags are read by other tools: Babylon.js in Chromium, Godot 4 and OpenUSD print what they read, which
-is compared with scene.json.
+"""Exports of pags are read by other tools: Babylon.js in Chromium, Godot 4, Blender and OpenUSD print what they read,
+which is compared with scene.json; in Godot's and Blender's physics bodies fall on collision shapes.
 
 test_tools.py PAGS [SCENE [PICTURES]]: uses SCENE and writes pictures, or makes a small street. The variable GODOT
 names Godot's program. Tests of missing tools are skipped; exits with 77 if all are missing."""
@@ -15,14 +15,16 @@ import unittest
 import zipfile
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-sys.path.insert(0, os.path.join(HERE, "..", "cli"))
+sys.path[:0] = [os.path.join(HERE, "..", "cli"), os.path.join(HERE, "..", "addon")]
 
 import fixtures
+import run_blender
 import scenes
 from fixtures import Case
 
 SCENE, PICTURES = (sys.argv[2:4] + [None, None])[:2]
 NODE, CHROMIUM, GODOT = shutil.which("node"), shutil.which("chromium"), os.environ.get("GODOT")
+BLENDER = shutil.which("blender")
 MODULES = os.path.join(HERE, "node_modules")
 USD = os.path.join(HERE, ".venv", "bin", "python")
 has_babylon = bool(NODE and CHROMIUM) and all(
@@ -240,6 +242,32 @@ class Godot(Tool):
         self.assertEqual({shape for n in bodies for shape in n["shapes"]}, {"ConvexPolygonShape3D"})
 
 
+@unittest.skipUnless(BLENDER, "needs Blender: make setup")
+class Blender(Tool):
+    def test_bodies_rest_on_collision_shapes(self):
+        """Boxes and wheels that fall from 1 m rest on the ground."""
+        self.succeeds("export", self.scene, self.path("scene.glb"), "--collision", *self.quick)
+        job = self.write("job.json", json.dumps(self.job()))
+        script = os.path.join(HERE, "drops.py")
+        command = [BLENDER, "-b", "--factory-startup", "-noaudio", "--python-exit-code", "3", "-P", script, "--"]
+        done = subprocess.run(
+            [*command, self.path("scene.glb"), job, self.path("found.json")],
+            capture_output=True,
+            text=True,
+            timeout=900,
+            env=run_blender.environment(self.path("blender")),
+        )
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        with open(self.path("found.json")) as file:
+            found = json.load(file)
+        self.assertEqual(len(found["drops"]), len(DROPS))
+        for i in range(len(DROPS)):
+            drop = found["drops"][f"drop {i}"]
+            self.assertIsNotNone(drop["ground"], i)
+            self.assertAlmostEqual(drop["rest"], drop["ground"] + (0.3 if i % 2 else 0.2), delta=0.03, msg=i)
+        print(f"Blender {found['version']}: {len(DROPS)} bodies rest on the ground")
+
+
 @unittest.skipUnless(os.path.exists(USD), "needs usd-core: make setup")
 class Usd(Tool):
     def read(self, name, seconds):
@@ -320,8 +348,8 @@ class Usd(Tool):
 def main():
     fixtures.PAGS = os.path.abspath(sys.argv[1])
     del sys.argv[1:4]
-    if not (has_babylon or GODOT or os.path.exists(USD)):
-        print("skipped: neither Babylon.js with Chromium nor Godot nor usd-core is here: make setup")
+    if not (has_babylon or GODOT or BLENDER or os.path.exists(USD)):
+        print("skipped: neither Babylon.js with Chromium nor Godot, Blender or usd-core is here: make setup")
         return 77
     unittest.main(verbosity=2)
 
