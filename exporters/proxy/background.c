@@ -46,7 +46,8 @@ static pags_result gather_background(const pags_proxy_maker *w, pags_gaussians *
 /* Draws the depth views: all training views, or an even choice of MOST_VIEWS of them. */
 static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_progress_fn *tell, void *user,
                         pags_background *out) {
-  const bool within = w->bare && w->bare->inside; /* walls and floors are seen at grazing angles */
+  const bool within =
+      w->bare && (w->bare->inside || w->bare->photographed); /* walls and floors are seen at grazing angles */
   int64_t count = 0, taken = 0, seen = 0;
   for (int64_t v = 0; v < w->scene->view_count; v++)
     count += !w->scene->views[v].test;
@@ -365,7 +366,9 @@ static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, 
   t.points = malloc(((size_t)total + 1) * 3 * sizeof *t.points);
   PAGS_CHECK_MEMORY(t.points, "%lld points", (long long)total);
   visit_depths(&t);
+  PAGS_TRY(pags_proxy_tell(tell, user, 0.45, "background: surface"));
   PAGS_TRY(pags_parallel_try(w->tasks, count, make_tile, &t, "interrupted"));
+  PAGS_TRY(pags_proxy_tell(tell, user, 0.9, "background: shapes"));
   for (int class = 0; class < PAGS_CHUNK_CLASSES && !surface; class ++)
     if (class_makers[class])
       PAGS_TRY(make_class(&t, class, b));
@@ -414,8 +417,11 @@ pags_result pags_background_make(const pags_proxy_maker *w, pags_progress_fn *te
   PAGS_TRY(look(w, &part, tell, user, out));
   if (!out->depth_views.count)
     return PAGS_OK;
-  if (w->bare && !w->bare->inside)
+  if (w->bare && !w->bare->inside) {
+    PAGS_TRY(pags_proxy_tell(tell, user, 0.4, "background: surface"));
     return add_bare(w, out);
+  }
+  PAGS_TRY(pags_proxy_tell(tell, user, 0.4, "background: ground"));
   if (w->scene->up == PAGS_UP_Z && !w->bare)
     PAGS_TRY(add_ground(w, out, &ground));
   if (!makes_surface(w))

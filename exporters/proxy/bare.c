@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Makes up views of a scene that has no photographs. An object is looked at from directions spread evenly over a ball
- * (Fibonacci's lattice), a room from places spread evenly within it, in six directions each. The step of its surface
- * is a share of its extent. */
+/* Tells whether the photographs of a scene show an object from all round, and makes up views of a scene that has none.
+ * An object is looked at from directions spread evenly over a ball (Fibonacci's lattice), a room from places spread
+ * evenly within it, in six directions each. The step of its surface is a share of its extent. */
 #include "exporters/proxy/bare.h"
 
 #include <math.h>
@@ -26,6 +26,7 @@ static const double far_off = 2.2;  /* distance of an object's views from its mi
 static const double margin = 4;     /* free space round an object, steps */
 static const double truncation = 3; /* distances are cut off in front of surfaces, steps */
 static const double behind = 1.5;   /* how far behind a surface a view says that it is solid, steps: leaves are thin */
+static const double one_sided = 0.75;  /* length of the mean direction of views that are not from all round */
 static const double least_part = 1e-3; /* smaller parts are floaters: share of the area of the largest */
 
 /* ---- Views ---- */
@@ -88,22 +89,55 @@ static void look_inside(pags_bare *bare, double step) {
     }
 }
 
+/* Whether training views are from all round the box of the Gaussians: none is in it, and they are not all on one side,
+ * where the mean of their directions would be long. */
+static bool are_around(const pags_bare *bare) {
+  const pags_survey *s = &bare->survey;
+  double sum[3] = {0}, count = 0;
+  for (int64_t v = 0; v < bare->scene.view_count; v++) {
+    double eye[3], out[3];
+    bool inside = true;
+    if (bare->scene.views[v].test)
+      continue;
+    pags_pose_position(bare->scene.views[v].camera.world_from_camera, eye);
+    pags_subtract3(eye, bare->scene.origin, eye);
+    for (int k = 0; k < 3; k++) {
+      inside = inside && eye[k] > s->lo[k] && eye[k] < s->hi[k];
+      out[k] = eye[k] - 0.5 * (s->lo[k] + s->hi[k]);
+    }
+    if (inside)
+      return false;
+    pags_add_scaled3(1 / pags_length3(out), out, sum);
+    count++;
+  }
+  return !s->inside && pags_length3(sum) < one_sided * count;
+}
+
 pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options, pags_bare **out) {
   *out = NULL;
-  for (int64_t v = 0; v < scene->view_count; v++)
-    if (!scene->views[v].test)
-      return PAGS_OK;
-  if (!pags_scene_gaussian_count(scene))
+  bool photographed = false, driven = scene->object_count > 0;
+  for (int64_t v = 0; v < scene->view_count; v++) {
+    photographed = photographed || !scene->views[v].test;
+    driven = driven || scene->views[v].sensor >= 0;
+  }
+  if (!pags_scene_gaussian_count(scene) || (photographed && driven) ||
+      (photographed && options->stand == PAGS_STAND_INSIDE))
     return PAGS_OK;
   PAGS_AUTO(pags_bare_close_auto) pags_bare *bare = calloc(1, sizeof *bare);
   PAGS_CHECK_MEMORY(bare, "made-up views");
   bare->scene = *scene;
-  bare->scene.view_count = 0;
-  bare->scene.views = calloc(AROUND + 6 * PLACES, sizeof *bare->scene.views);
-  PAGS_CHECK_MEMORY(bare->scene.views, "made-up views");
+  bare->photographed = photographed;
   PAGS_TRY(pags_survey_make(scene, &bare->survey));
+  if (photographed && options->stand == PAGS_STAND_AUTO && !are_around(bare))
+    return PAGS_OK;
+  if (!photographed) {
+    bare->scene.view_count = 0;
+    bare->scene.views = bare->made_up = calloc(AROUND + 6 * PLACES, sizeof *bare->made_up);
+    PAGS_CHECK_MEMORY(bare->made_up, "made-up views");
+  }
   const double longest = longest_side(&bare->survey), given = options->voxel;
-  bare->inside = options->stand == PAGS_STAND_AUTO ? bare->survey.inside : options->stand == PAGS_STAND_INSIDE;
+  if (!photographed)
+    bare->inside = options->stand == PAGS_STAND_AUTO ? bare->survey.inside : options->stand == PAGS_STAND_INSIDE;
   if (bare->inside)
     look_inside(bare, given > 0 ? given : longest / ROOM_STEPS);
   if (!bare->scene.view_count) {
@@ -113,7 +147,9 @@ pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options,
   options->voxel = given > 0 ? given : longest / (bare->inside ? ROOM_STEPS : OBJECT_STEPS);
   options->chunk = options->chunk > 0 ? options->chunk : longest / 4;
   options->range = options->range > 0 ? options->range : (bare->inside ? 1.0 / 3 : 4) * longest;
-  bare->note = bare->inside ? "no photographs: views made up within it" : "no photographs: views made up round it";
+  bare->note = photographed   ? "photographed from all round; what no view shows is solid"
+               : bare->inside ? "no photographs: views made up within it"
+                              : "no photographs: views made up round it";
   pags_log_message(PAGS_LOG_INFO, "%s, %lld of them; step %g", bare->note, (long long)bare->scene.view_count,
                    options->voxel);
   *out = pags_take(&bare);
@@ -123,7 +159,7 @@ pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options,
 void pags_bare_close(pags_bare *bare) {
   if (!bare)
     return;
-  free(bare->scene.views);
+  free(bare->made_up);
   pags_survey_destroy(&bare->survey);
   free(bare);
 }
@@ -172,10 +208,18 @@ pags_result pags_bare_surface(const pags_bare *bare, const pags_proxy_options *o
   }
   PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, false));
   PAGS_TRY(pags_tsdf_fuse(&grid, depth_views, truncation * step, behind * step, options->range * 10, true, tasks));
-  /* Points that no view says anything of are solid, those at the border of the grid free. */
-  for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; i++)
+  /* Points that no view says anything of are solid, those at the border of the grid free. Photographs don't show what
+   * an object stands on from below: there it ends with the Gaussians. */
+  for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; i++) {
+    const int64_t at[3] = {i % grid.n[0], i / grid.n[0] % grid.n[1], i / grid.n[0] / grid.n[1]};
+    bool within = true;
+    for (int k = 0; k < 3 && bare->photographed; k++) {
+      const double p = grid.origin[k] + (double)at[k] * step;
+      within = within && p > bare->survey.lo[k] && p < bare->survey.hi[k];
+    }
     if (!(grid.weight[i] > 0))
-      grid.distance[i] = (float)-(truncation * step);
+      grid.distance[i] = (float)(within ? -(truncation * step) : truncation * step);
+  }
   pags_tsdf_close_border(&grid, (float)(truncation * step));
   PAGS_TRY(pags_tsdf_surface(&grid, false, &fine));
   pags_tsdf_destroy(&grid); /* the largest of all: not needed any more */
@@ -219,7 +263,7 @@ pags_result pags_bare_level(const pags_bare *bare, const pags_proxy_options *opt
   if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
     return result;
   if (result != PAGS_OK) {
-    *note = "no photographs: views made up round it; what was asked for can't be made of it: its surface";
+    *note = "what was asked for can't be made of it: its surface";
     return PAGS_OK;
   }
   const pags_proxy_mesh replaced = *mesh;
@@ -228,7 +272,7 @@ pags_result pags_bare_level(const pags_bare *bare, const pags_proxy_options *opt
   *level = options->level;
   if (options->level == PAGS_PROXY_CONVEX) {
     *level = PAGS_PROXY_HULL;
-    *note = "no photographs: views made up round it; convex parts are made of labelled objects alone: its hull";
+    *note = "convex parts are made of labelled objects alone: its hull";
   }
   return PAGS_OK;
 }

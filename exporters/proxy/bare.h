@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scenes without photographs, such as bare splat files: views made up for them, and steps that fit their extent. */
+/* Scenes that are one object or one room, which may have no metres: bare splat files, for which views are made up, and
+ * objects photographed from all round. Steps fit their extent. */
 #ifndef PAGS_PROXY_BARE_H
 #define PAGS_PROXY_BARE_H
 
@@ -12,13 +13,16 @@
 #include "scene/survey.h"
 
 typedef struct pags_bare {
-  pags_scene scene; /* shares everything with the scene that was given but the views, which are made up */
+  pags_scene scene;         /* shares everything with the scene that was given, but for views that are made up */
+  pags_scene_view *made_up; /* NULL: there are photographs */
+  bool photographed;
   pags_survey survey;
   bool inside;      /* the views are from places within it, not from all round it */
   const char *note; /* static: what the proxies' notes say */
 } pags_bare;
 
-/* Makes views up if the scene has no photograph that was trained on; else `out` receives NULL. Steps and ranges of
+/* If the scene has no photograph that was trained on, makes views up; if it has, and they are from all round the
+ * Gaussians (or options->stand says so), takes these. Else, and for drives, `out` receives NULL. Steps and ranges of
  * `options` that are 0 are set from the extent. The scene must outlive `out`. */
 pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options, pags_bare **out);
 void pags_bare_close(pags_bare *bare); /* NULL is allowed */

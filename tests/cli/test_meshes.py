@@ -121,6 +121,52 @@ class Bare(Case):
         self.assertNotIn("cameras", Glb(self.path("mesh.glb")).json)
 
 
+class Photographed(Case):
+    """An object that stands on a table, photographed from above its middle. Its lower side has no Gaussians."""
+
+    def capture(self, views, turn):
+        scenes.make_empty_scene(self.path("scene"))
+        rows = [row for row in body() if row[2] > -0.17]
+        self.write("scene/background.ply", scenes.ply(rows))
+        with open(self.path("scene", "scene.json")) as file:
+            facts = json.load(file)
+        facts["models"][0]["gaussians"] = len(rows)
+        for i in range(views):
+            pose = fixtures.ring_pose(turn * i / views, radius=2.0, height=0.3 if i % 2 else 1.2)
+            rows_of = [[pose[k][0], -pose[k][1], -pose[k][2]] for k in range(3)]  # from OpenGL's axes to OpenCV's
+            rotation = [[rows_of[k][row] for k in range(3)] for row in range(3)]
+            camera = {"name": f"{i}.png", "test": False, "sensor": -1, "frame": -1, "width": 160, "height": 120}
+            camera |= {"fx": 200, "fy": 200, "cx": 80, "cy": 60, "time": 0}
+            camera["camera_from_world_quaternion_wxyz"] = scenes.quaternion(rotation)
+            camera["camera_from_world_translation"] = [-sum(row[k] * pose[k][3] for k in range(3)) for row in rotation]
+            facts["cameras"].append(camera)
+        self.write("scene/scene.json", json.dumps(facts))
+
+    def export(self, *options):
+        facts = self.path("facts.json")
+        self.succeeds("export", self.path("scene"), self.path("mesh.glb"), "--voxel", 0.02, "--json", facts, *options)
+        return json.loads(read(facts))["proxies"]
+
+    def test_object_from_all_round_becomes_a_closed_mesh(self):
+        self.capture(24, 2 * math.pi)
+        (proxy,) = self.export()
+        self.assertEqual(proxy["name"], "surface_000")
+        self.assertTrue(proxy["watertight"])
+        self.assertIn("photographed from all round", proxy["note"])
+        self.assertAlmostEqual(proxy["volume"], 0.2, delta=0.04)
+        glb = Glb(self.path("mesh.glb"))
+        node = glb.nodes()["surface_000"]
+        self.assertEqual(open_edges(glb.triangles(node)), 0)
+        positions = glb.positions(node)
+        self.assertLess(sum(off_box(p, SIZE) for p in positions) / len(positions), 0.03)
+
+    def test_one_side_stays_open(self):
+        self.capture(12, 0.5 * math.pi)
+        self.assertFalse(any(proxy["watertight"] for proxy in self.export()))
+        (proxy,) = self.export("--stand", "around")
+        self.assertTrue(proxy["watertight"])
+
+
 class Files(Case):
     """Tests exports of the street of scenes.py with changed classes of objects."""
 
