@@ -168,29 +168,34 @@ static void put_physics(exporter *e, int node, bool body, const pags_proxy_facts
   pags_gltf_extension(e->gltf, node, "KHR_physics_rigid_bodies", text);
 }
 
-/* Adds what an object collides with as children of its node, one for each convex part, named so that the importer of
- * the program that options->naming names makes collision shapes of them. */
-static pags_result add_shapes(exporter *e, int64_t object, pags_built_level *built, const char *name, int node) {
+/* Adds a mesh that collides as a child of a node, named so that the importer of the program that options->naming names
+ * makes a collision shape of it. `record` is NULL for the background. */
+static pags_result add_shape(exporter *e, const pags_proxy_mesh *mesh, int number, const pags_proxy_facts *facts,
+                             const pags_object *record, const char *name, int node) {
   const pags_proxy_naming naming = e->options->naming;
+  char child_name[NAME_SIZE];
+  if (naming == PAGS_NAMING_UNREAL)
+    snprintf(child_name, NAME_SIZE, "%s_%.70s_%02d", facts->level == PAGS_PROXY_BOX ? "UBX" : "UCX", name,
+             number % 100);
+  else
+    snprintf(child_name, NAME_SIZE, "%.70s_part%02d%s", name, number % 100,
+             naming == PAGS_NAMING_GODOT ? "-convcolonly" : "");
+  const int added = add_mesh(e, child_name, mesh, NULL, facts), child = pags_gltf_node(e->gltf, node, child_name);
+  pags_gltf_node_mesh(e->gltf, child, added);
+  put_physics(e, child, false, facts, record, added);
+  return put_extras(e, child, facts, record);
+}
+
+/* Adds what an object collides with, one shape for each convex part. */
+static pags_result add_shapes(exporter *e, int64_t object, pags_built_level *built, const char *name, int node) {
   const pags_object *record = &e->scene->objects[object].record;
   PAGS_TRY(report_level(e, object, built, name));
   put_physics(e, node, true, &built->facts, record, -1);
   for (int i = 0; i == 0 || i < built->parts.count; i++) {
     PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh part = {0};
-    char child_name[NAME_SIZE];
-    if (naming == PAGS_NAMING_UNREAL)
-      snprintf(child_name, NAME_SIZE, "%s_%.70s_%02d", built->facts.level == PAGS_PROXY_BOX ? "UBX" : "UCX", name,
-               i % 100);
-    else
-      snprintf(child_name, NAME_SIZE, "%.70s_part%02d%s", name, i % 100,
-               naming == PAGS_NAMING_GODOT ? "-convcolonly" : "");
     if (built->parts.count)
       PAGS_TRY(pags_convex_part(&built->mesh, &built->parts, i, &part));
-    const int mesh = add_mesh(e, child_name, built->parts.count ? &part : &built->mesh, NULL, &built->facts);
-    const int child = pags_gltf_node(e->gltf, node, child_name);
-    pags_gltf_node_mesh(e->gltf, child, mesh);
-    put_physics(e, child, false, &built->facts, record, mesh);
-    PAGS_TRY(put_extras(e, child, &built->facts, record));
+    PAGS_TRY(add_shape(e, built->parts.count ? &part : &built->mesh, i, &built->facts, record, name, node));
   }
   return PAGS_OK;
 }
@@ -277,12 +282,39 @@ static pags_result make_solid(pags_background *b) {
   return PAGS_OK;
 }
 
+/* Whether a chunk collides by convex parts, and not itself: where these are asked for, trees, poles and the like, for
+ * Unreal blocks, too. Godot's surfaces need not be convex, if they don't move. */
+static bool has_shapes(const exporter *e, const pags_chunk *chunk) {
+  const pags_proxy_naming naming = e->options->naming;
+  return naming != PAGS_NAMING_PLAIN && e->options->level >= PAGS_PROXY_HULL &&
+         (chunk->solid || (naming == PAGS_NAMING_UNREAL && chunk->unseen_depth > 0));
+}
+
+/* Adds what a chunk collides with. */
+static pags_result add_chunk_shapes(exporter *e, const pags_proxy_mesh *mesh, const pags_proxy_facts *facts,
+                                    const char *name, int node) {
+  pags_proxy_mesh *parts;
+  int64_t count;
+  pags_proxy_facts own = *facts;
+  own.level = PAGS_PROXY_CONVEX;
+  pags_result result = pags_convex_meshes_make(mesh, &parts, &count);
+  for (int64_t i = 0; i < count; i++) {
+    own.vertices = parts[i].vertex_count;
+    own.triangles = parts[i].triangle_count;
+    if (result == PAGS_OK)
+      result = add_shape(e, &parts[i], (int)i, &own, NULL, name, node);
+    pags_proxy_mesh_destroy(&parts[i]);
+  }
+  free(parts);
+  return result;
+}
+
 static pags_result add_chunk(exporter *e, int64_t index) {
   const pags_proxy_options *options = e->options;
   const pags_background *b = &e->chunks;
   const pags_chunk *chunk = &b->chunks[index];
   pags_proxy_facts *facts = &e->chunk_facts[index];
-  const bool ground = !strcmp(chunk->class_name, "ground");
+  const bool ground = !strcmp(chunk->class_name, "ground"), shapes = has_shapes(e, chunk);
   char name[NAME_SIZE] = "ground", node_name[NAME_SIZE];
   pags_proxy_mesh_topology topology;
   if (!ground)
@@ -309,11 +341,14 @@ static pags_result add_chunk(exporter *e, int64_t index) {
     e->background = pags_gltf_node(e->gltf, e->root, "background");
   int parent = ground ? e->background : class_node(e, false, chunk->class_name);
   snprintf(node_name, NAME_SIZE, "%.80s%s", name,
-           options->naming != PAGS_NAMING_GODOT ? ""
-           : options->collision                 ? "-colonly"
-                                                : "-col");
+           options->naming != PAGS_NAMING_GODOT || shapes ? ""
+           : options->collision                           ? "-colonly"
+                                                          : "-col");
   int node = pags_gltf_node(e->gltf, parent, node_name);
-  pags_gltf_node_mesh(e->gltf, node, add_mesh(e, name, &chunk->mesh, &e->chunk_textures[index], facts));
+  if (!shapes || !options->collision)
+    pags_gltf_node_mesh(e->gltf, node, add_mesh(e, name, &chunk->mesh, &e->chunk_textures[index], facts));
+  if (shapes)
+    PAGS_TRY(add_chunk_shapes(e, &chunk->mesh, facts, name, node));
   if (options->visibility)
     pags_gltf_extension(e->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
   PAGS_TRY(put_extras(e, node, facts, NULL));
@@ -354,10 +389,13 @@ static pags_result make_background(exporter *e) {
     for (int64_t t = begin; t < all.triangle_count; t++)
       group_of[t] = (int32_t)i;
   }
+  PAGS_TRY(pags_proxy_tell(tell_background, e, 0.96, "background: errors"));
   PAGS_TRY(pags_proxies_compare(&all, group_of, b->chunk_count, &b->depth_views, options->range, e->maker.tasks,
                                 e->chunk_facts));
   if (options->collision)
     PAGS_TRY(make_solid(b));
+  if (options->texture)
+    PAGS_TRY(pags_proxy_tell(tell_background, e, 0.97, "background: texture"));
   for (int64_t i = 0; i < b->chunk_count; i++)
     if (options->texture && b->chunks[i].level < PAGS_PROXY_HULL)
       PAGS_TRY(pags_texture_bake(&b->chunks[i].mesh, &b->depth_views, 3 * options->voxel,
@@ -409,9 +447,12 @@ static pags_result fill(exporter *e) {
   e->root = pags_gltf_node(e->gltf, -1, "scene");
   pags_gltf_node_up(e->gltf, e->root, scene->up);
   if (scene->object_count)
+    PAGS_TRY(pags_proxy_tell(tell_objects, e, 0, "objects"));
+  if (scene->object_count)
     PAGS_TRY(pags_objects_make(&e->maker, true, tell_objects, e, &e->objects));
   if (e->options->background)
     PAGS_TRY(make_background(e));
+  PAGS_TRY(pags_proxy_tell(e->progress, e->user, 0.99, "writing"));
   PAGS_TRY(make_atlas(e));
   for (int64_t i = 0; i < scene->object_count; i++)
     if (e->objects[i].level_count)
@@ -420,7 +461,7 @@ static pags_result fill(exporter *e) {
     if (e->chunks.chunks[i].mesh.triangle_count)
       PAGS_TRY(add_chunk(e, i));
   PAGS_TRY(pags_presence_tell(scene));
-  if (e->options->cameras && e->maker.bare)
+  if (e->options->cameras && e->maker.bare && !e->maker.bare->photographed)
     pags_log_message(PAGS_LOG_WARNING, "there are no photographs, so no cameras are written");
   else if (e->options->cameras)
     PAGS_TRY(pags_gltf_add_views(e->gltf, e->root, scene, e->time_zero));

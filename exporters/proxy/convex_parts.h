@@ -22,4 +22,14 @@ pags_result pags_proxy_mesh_convex(const pags_proxy_mesh *from, int64_t budget, 
 pags_result pags_convex_part(const pags_proxy_mesh *mesh, const pags_convex_parts *parts, int number,
                              pags_proxy_mesh *out);
 
+/* Makes convex, closed meshes that together cover a closed mesh of several connected surfaces: of each its own parts,
+ * or itself if it is convex. `out` receives a list of `count`; the caller destroys each and frees the list, after a
+ * failure, too. */
+pags_result pags_convex_meshes_make(const pags_proxy_mesh *mesh, pags_proxy_mesh **out, int64_t *count);
+
+/* Makes convex, closed meshes that together cover a closed mesh of several connected surfaces: of each surface its own
+ * parts, or itself if it is convex. `out` receives a list of `count`; the caller destroys each and frees the list,
+ * after a failure, too. */
+pags_result pags_convex_meshes_make(const pags_proxy_mesh *mesh, pags_proxy_mesh **out, int64_t *count);
+
 #endif

@@ -6,6 +6,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include <cmocka.h>
@@ -171,8 +172,41 @@ static void test_flat(void **state) {
   pags_proxy_mesh_destroy(&mesh);
 }
 
+/* A ring and a box beside it become the ring's parts and the box as it is. */
+static void test_several_surfaces(void **state) {
+  (void)state;
+  static const float grey[3] = {0.5f, 0.5f, 0.5f};
+  const double size[3] = {0.3, 0.2, 0.1};
+  pags_proxy_mesh mesh = round_mesh(true), box, *parts;
+  int64_t count, boxes = 0;
+  double sum = 0;
+  assert_int_equal(pags_proxy_mesh_box(size, grey, &box), PAGS_OK);
+  const double wanted = inspect(&mesh).volume + inspect(&box).volume;
+  for (int64_t i = 0; i < box.vertex_count; i++)
+    box.positions[3 * i] += 9;
+  assert_int_equal(pags_proxy_mesh_append(&box, &mesh), PAGS_OK);
+  assert_int_equal(pags_convex_meshes_make(&mesh, &parts, &count), PAGS_OK);
+  assert_true(count >= 5 && count <= PAGS_MOST_PARTS + 1);
+  for (int64_t i = 0; i < count; i++) {
+    double lo[3], hi[3];
+    assert_true(inspect(&parts[i]).closed);
+    sum += inspect(&parts[i]).volume;
+    pags_proxy_mesh_bounds(&parts[i], lo, hi);
+    boxes += lo[0] > 8;
+    if (lo[0] > 8)
+      assert_int_equal(parts[i].triangle_count, 12);
+    pags_proxy_mesh_destroy(&parts[i]);
+  }
+  assert_int_equal(boxes, 1);
+  assert_true(sum > 0.97 * wanted && sum < 1.3 * wanted);
+  free(parts);
+  pags_proxy_mesh_destroy(&box);
+  pags_proxy_mesh_destroy(&mesh);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_angle), cmocka_unit_test(test_ball),
-                                     cmocka_unit_test(test_ring), cmocka_unit_test(test_flat)};
+                                     cmocka_unit_test(test_ring), cmocka_unit_test(test_flat),
+                                     cmocka_unit_test(test_several_surfaces)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
