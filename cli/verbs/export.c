@@ -64,8 +64,10 @@ static const pags_option options[] = {
                "Voxel size of the background surface."),
     PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 0.1, 10000, "M", "metres", "60; splat files: a third of the side",
                "Leave out background farther than this from the cameras."),
-    PAGS_CHOICE("stand", AT(stand), "auto|around|inside", NULL,
-                "For scenes without photographs: find the surface from viewpoints around the scene, or inside a room."),
+    PAGS_CHOICE(
+        "stand", AT(stand), "auto|around|inside", NULL,
+        "For scenes without photographs: find the surface from viewpoints around the scene, or inside a room. around: "
+        "photographs of an object become one closed mesh, too."),
     PAGS_VALUE(
         "texture", 0, INT, AT(proxy.texture), 64, 8192, "SIDE", "pixels per side", "none",
         "Bake one texture atlas of at most this size for all surfaces, cages and chunks, instead of vertex colours."),
@@ -96,6 +98,34 @@ static const pags_option options[] = {
 
 /* ---- Exporting proxies ---- */
 
+enum { MOST_STAGES = 16 };
+
+/* The time that each stage of an export took, by what its progress says. */
+typedef struct stage_times {
+  pags_progress progress;
+  double since; /* when the last one in the list began */
+  int count;
+  const char *names[MOST_STAGES];
+  double seconds[MOST_STAGES];
+} stage_times;
+
+/* Ends the last stage, and begins `what` (NULL: none). */
+static void begin_stage(stage_times *times, const char *what) {
+  const double now = pags_seconds();
+  if (times->count)
+    times->seconds[times->count - 1] += now - times->since;
+  times->since = now;
+  if (what && times->count < MOST_STAGES)
+    times->names[times->count++] = what;
+}
+
+static int watch_stages(void *user, double fraction, const char *what) {
+  stage_times *times = user;
+  if (!times->count || strcmp(times->names[times->count - 1], what) != 0)
+    begin_stage(times, what);
+  return pags_progress_watch(&times->progress, fraction, what);
+}
+
 /* Prints size, distances to the Gaussians and back, silhouette IoU and observed share. */
 static void say_proxy(const pags_session *session, const pags_proxy_facts *proxy) {
   pags_say(session, "%-28s %-5s %7lld triangles", proxy->name, pags_proxy_level_name(proxy->level),
@@ -112,12 +142,14 @@ static void say_proxy(const pags_session *session, const pags_proxy_facts *proxy
 
 static pags_result export_proxies(export_arguments *arguments, const pags_scene *scene, const char *path) {
   const pags_session *session = &arguments->session;
-  pags_progress progress = pags_progress_begin(session->people);
+  stage_times times = {.progress = pags_progress_begin(session->people)};
   const double begun = pags_seconds();
   PAGS_AUTO(pags_proxy_report_destroy) pags_proxy_report report = {0};
+  begin_stage(&times, "views of the scene");
   const pags_result result =
-      pags_export_proxies(scene, path, &arguments->proxy, session->tasks, pags_progress_watch, &progress, &report);
-  pags_progress_end(&progress);
+      pags_export_proxies(scene, path, &arguments->proxy, session->tasks, watch_stages, &times, &report);
+  begin_stage(&times, NULL);
+  pags_progress_end(&times.progress);
   PAGS_TRY(result);
   int64_t triangles = 0;
   for (int64_t i = 0; i < report.count; i++) {
@@ -130,6 +162,10 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   pags_json_writer json = pags_session_json_begin();
   pags_json_put_string(&json, "file", path);
   pags_json_put_number(&json, "seconds", seconds);
+  pags_json_begin_object(&json, "stages");
+  for (int i = 0; i < times.count; i++)
+    pags_json_put_number(&json, times.names[i], times.seconds[i]);
+  pags_json_end_object(&json);
   pags_json_begin_array(&json, "proxies");
   for (int64_t i = 0; i < report.count; i++) {
     pags_json_begin_object(&json, NULL);

@@ -76,7 +76,8 @@ class Proxies(Case):
         facts = self.path("facts.json")
         done = self.succeeds("export", self.scene, self.path(name), "--json", facts, *options)
         with open(facts) as file:
-            return Glb(self.path(name)), {p["name"]: p for p in json.load(file)["proxies"]}, done
+            self.told = json.load(file)
+        return Glb(self.path(name)), {p["name"]: p for p in self.told["proxies"]}, done
 
     def check_objects(self, glb, facts, level, budget):
         for number, name in enumerate(self.names):
@@ -111,6 +112,9 @@ class Proxies(Case):
 
     def test_background_budgets(self):
         glb, facts, _ = self.export("proxy.glb", *QUICK, "--ground-triangles", 300, "--chunk-triangles", 500)
+        stages = self.told["stages"]
+        self.assertTrue({"objects", "background: ground", "background: surface", "writing"} <= set(stages), stages)
+        self.assertAlmostEqual(sum(stages.values()), self.told["seconds"], delta=0.05 + 0.1 * self.told["seconds"])
         nodes = glb.nodes()
         self.assertLessEqual(len(glb.triangles(nodes["ground"])), 300)
         chunks = [f for f in facts.values() if f["class"] not in ("Car", "Pedestrian", "Rolling Container", "ground")]
