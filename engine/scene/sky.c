@@ -179,15 +179,14 @@ pags_result pags_sky_save(const char *path, const pags_sky *sky) {
   return pags_file_write(path, bytes, size);
 }
 
-/* Returns the face (0..5) of the cube that direction r meets, and the texture coordinates (0..1) of that point. */
-static int find_face(const double r[3], double *s, double *t) {
+int pags_sky_face(const double r[3], double at[2]) {
   double x = fabs(r[0]), y = fabs(r[1]), z = fabs(r[2]);
   int axis = x >= y && x >= z ? 0 : y >= z ? 1 : 2;
   double sign = r[axis] < 0 ? -1 : 1, major = fabs(r[axis]);
   double sc = axis == 0 ? -sign * r[2] : axis == 1 ? r[0] : sign * r[0];
   double tc = axis == 1 ? sign * r[2] : -r[1];
-  *s = 0.5 * (sc / major + 1);
-  *t = 0.5 * (tc / major + 1);
+  at[0] = 0.5 * (sc / major + 1);
+  at[1] = 0.5 * (tc / major + 1);
   return 2 * axis + (sign < 0);
 }
 
@@ -201,11 +200,11 @@ static double neighbours(double coordinate, int size, int index[2]) {
 }
 
 void pags_sky_sample(const pags_sky *sky, const double direction[3], float rgb[3]) {
-  double s, t;
+  double at[2];
   int columns[2], rows[2];
   assert(sky->size > 0);
-  int face = find_face(direction, &s, &t);
-  double right = neighbours(s, sky->size, columns), below = neighbours(t, sky->size, rows);
+  int face = pags_sky_face(direction, at);
+  double right = neighbours(at[0], sky->size, columns), below = neighbours(at[1], sky->size, rows);
   const float *texels = sky->texels + (size_t)face * CHANNELS * (size_t)sky->size * (size_t)sky->size;
   for (int c = 0; c < CHANNELS; c++) {
     double value[2];

@@ -13,7 +13,8 @@ enum {
   CORRECTION_BYTES = 8 * 24, /* a view's correction */
   LIGHT_BYTES = 12 * 24,     /* a view's vignette and response */
   SKY_TEXEL = 3 * 2,         /* a texel of the sky, undeflated */
-  SQUARE = 16                /* texels a side in which the sky counts as seen or not */
+  SQUARE = 16,               /* texels a side in which the sky counts as shown or not */
+  LOOK_APART = 8             /* pixels from ray to ray: less than a square even at a face's corners */
 };
 static const int64_t least_background = 16;
 
@@ -36,6 +37,39 @@ static int64_t to_come(const pags_dataset *dataset, const pags_train_state *s) {
   return bytes;
 }
 
+/* Squares of the sky's texels that a photograph shows or may come to show. */
+typedef struct shown_squares {
+  int size, across; /* texels and squares a side of a face */
+  uint8_t *shown;   /* [6][across][across] */
+} shown_squares;
+
+/* Marks a square and those around it on its face, which corrected cameras may come to see. */
+static void mark(const shown_squares *s, int face, int row, int column) {
+  for (int y = row > 0 ? row - 1 : 0; y <= row + 1 && y < s->across; y++)
+    for (int x = column > 0 ? column - 1 : 0; x <= column + 1 && x < s->across; x++)
+      s->shown[((int64_t)face * s->across + y) * s->across + x] = 1;
+}
+
+/* Marks what the training views' cameras look at. */
+static void mark_views(const shown_squares *s, const pags_dataset *dataset) {
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *const v = pags_dataset_view(dataset, i);
+    const double *const m = v->camera.world_from_camera;
+    for (int y = 0; !v->test && y < v->camera.height + LOOK_APART; y += LOOK_APART)
+      for (int x = 0; x < v->camera.width + LOOK_APART; x += LOOK_APART) {
+        double ray[3], turned[3], at[2];
+        if (!pags_camera_look(&v->camera, x < v->camera.width ? x : v->camera.width,
+                              y < v->camera.height ? y : v->camera.height, ray))
+          continue;
+        for (int k = 0; k < 3; k++)
+          turned[k] = m[4 * k] * ray[0] + m[4 * k + 1] * ray[1] + m[4 * k + 2] * ray[2];
+        const int face = pags_sky_face(turned, at), last = s->across - 1;
+        const int row = (int)(at[1] * s->size) / SQUARE, column = (int)(at[0] * s->size) / SQUARE;
+        mark(s, face, row < last ? row : last, column < last ? column : last);
+      }
+  }
+}
+
 /* Whether all texels of a square of a face have one colour, as those that no photograph has shown yet. */
 static bool is_even(const float *face, int size, int row, int column) {
   const float *const first = face + 3 * ((int64_t)row * size + column);
@@ -46,40 +80,36 @@ static bool is_even(const float *face, int size, int row, int column) {
   return true;
 }
 
-/* Counts the texels of a face in squares that aren't even, and in those around them, which corrected cameras may come
- * to see. */
-static int64_t uneven_texels(const float *face, int size, uint8_t *uneven) {
-  const int across = (size + SQUARE - 1) / SQUARE, pitch = across + 2;
-  int64_t squares = 0;
-  memset(uneven, 0, (size_t)pitch * (size_t)pitch);
-  for (int i = 0; i < across; i++)
-    for (int k = 0; k < across; k++)
-      if (!is_even(face, size, i * SQUARE, k * SQUARE))
-        for (int beside = 0; beside < 9; beside++)
-          uneven[(i + beside / 3) * pitch + k + beside % 3] = 1;
-  for (int i = 1; i <= across; i++)
-    for (int k = 1; k <= across; k++)
-      squares += uneven[i * pitch + k];
-  return squares * SQUARE * SQUARE;
+/* Marks what training has changed. */
+static void mark_uneven(const shown_squares *s, const float *texels) {
+  for (int face = 0; face < 6; face++)
+    for (int i = 0; i < s->across; i++)
+      for (int k = 0; k < s->across; k++)
+        if (!is_even(texels + 3 * (int64_t)face * s->size * s->size, s->size, i * SQUARE, k * SQUARE))
+          mark(s, face, i, k);
 }
 
-/* Returns the most bytes that the sky's file may have in the end: until each view has been seen, those of all texels
- * undeflated, then those of the texels that are seen. */
-static pags_result most_sky_bytes(const pags_train_state *s, int64_t *bytes) {
+/* Returns the most bytes that the sky's file may have in the end: of the texels that the views look at, and once each
+ * view has been seen, of those that they show. */
+static pags_result most_sky_bytes(const pags_dataset *dataset, const pags_train_state *s, int64_t *bytes) {
   const pags_sky *const sky = &s->sky.sky;
-  const int64_t texels = (int64_t)sky->size * sky->size, all = 6 * texels * SKY_TEXEL;
-  const size_t pitch = (size_t)(sky->size / SQUARE + 3);
-  *bytes = sky->size > 0 ? all + HEADER_BYTES : 0;
-  if (sky->size == 0 || s->step * s->schedule.batch < s->schedule.views)
+  const int64_t all = 6 * (int64_t)sky->size * sky->size * SKY_TEXEL;
+  shown_squares squares = {.size = sky->size, .across = (sky->size + SQUARE - 1) / SQUARE};
+  const int64_t count = 6 * (int64_t)squares.across * squares.across;
+  int64_t shown = 0;
+  *bytes = 0;
+  if (sky->size == 0)
     return PAGS_OK;
-  PAGS_AUTOFREE uint8_t *uneven = malloc(pitch * pitch);
-  int64_t seen = 0;
-  PAGS_CHECK_MEMORY(uneven, "a sky of %d texels a side", sky->size);
-  for (int face = 0; face < 6; face++)
-    seen += uneven_texels(sky->texels + 3 * texels * face, sky->size, uneven);
-  const int64_t packed =
-      seen * SKY_TEXEL * 21 / 20 + all / 200 + HEADER_BYTES; /* deflate packs even texels 1000 to 1 */
-  *bytes = packed < *bytes ? packed : *bytes;
+  PAGS_AUTOFREE uint8_t *marks = squares.shown = calloc((size_t)count, 1);
+  PAGS_CHECK_MEMORY(marks, "a sky of %d texels a side", sky->size);
+  if (s->step * s->schedule.batch < s->schedule.views)
+    mark_views(&squares, dataset);
+  else
+    mark_uneven(&squares, sky->texels);
+  for (int64_t i = 0; i < count; i++)
+    shown += marks[i];
+  const int64_t packed = shown * SQUARE * SQUARE * SKY_TEXEL * 21 / 20 + all / 200; /* even texels: 1000 to 1 */
+  *bytes = (packed < all ? packed : all) + HEADER_BYTES;
   return PAGS_OK;
 }
 
@@ -87,7 +117,7 @@ pags_result pags_size_limit_rows(const pags_dataset *dataset, const pags_train_s
   uint64_t rest = 0;
   int64_t sky;
   PAGS_TRY(pags_output_bytes(dataset, s, &rest));
-  PAGS_TRY(most_sky_bytes(s, &sky));
+  PAGS_TRY(most_sky_bytes(dataset, s, &sky));
   *bytes = (int64_t)(s->schedule.config.size_limit.target_size * 1e6) - (int64_t)rest - sky -
            HEADER_BYTES * s->model_count - to_come(dataset, s);
   return PAGS_OK;

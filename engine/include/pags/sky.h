@@ -43,6 +43,10 @@ PAGS_API pags_result pags_sky_save(const char *path, const pags_sky *sky);
  * PAGS_ERROR_ARGUMENT, _MEMORY as pags_sky_save. */
 PAGS_API pags_result pags_sky_file_size(const pags_sky *sky, uint64_t *bytes);
 
+/* Returns the face (0..5) of the cube that `direction` (world, any length > 0) meets; at: the point's column and row on
+ * it, as fractions of the face, 0..1. */
+PAGS_API int pags_sky_face(const double direction[3], double at[2]);
+
 /* Computes the colour of the sky (size > 0) in `direction` (world, any length > 0), display-referred sRGB. */
 PAGS_API void pags_sky_sample(const pags_sky *sky, const double direction[3], float rgb[3]);
 
