@@ -86,6 +86,26 @@ typedef struct pags_scan {
   float eye1[3], eye2[3];           /* the camera's centre is eye + u eye1 + u^2 eye2 */
 } pags_scan;
 
+/* A lens as the kernels see points through it (lens.h); filled in by the engine. */
+enum { PAGS_LENS_STEPS = 512 };
+typedef enum pags_lens_terms { /* of what the tangential and prism terms are */
+                               PAGS_LENS_NO_TERMS,
+                               PAGS_LENS_TERMS_OF_SLOPE, /* X / Z, Y / Z */
+                               PAGS_LENS_TERMS_OF_ANGLE,
+                               PAGS_LENS_TERMS_OF_RADIUS
+} pags_lens_terms;
+typedef struct pags_lens_table {
+  float turn;     /* px per full turn, of longitude and latitude; 0: any other lens */
+  float a[4];     /* from focal lengths to px, row by row */
+  float farthest; /* means are drawn up to this angle from the axis, radians */
+  int32_t clamps; /* derivatives are taken at x/z and y/z clamped to [least, most] */
+  float least[2], most[2];
+  int32_t terms_of;                 /* pags_lens_terms */
+  float p[2], prism[4];             /* prism: coefficients of r^2 and r^4 of x, then of y */
+  float per_radian;                 /* steps a radian */
+  float radius[PAGS_LENS_STEPS][4]; /* cubics in steps from 0 to `farthest`, in focal lengths */
+} pags_lens_table;
+
 /* The parameters of projection: a camera and the pose of a part, computed in double and stored as floats. */
 typedef struct pags_projection {
   float r[9], t[3];                     /* camera_from_model: p_cam = r p + t */
@@ -99,8 +119,16 @@ typedef struct pags_projection {
   pags_alpha_cut alpha;
   int32_t antialiased;
   int32_t sh_degree;
-  const pags_scan *scan; /* NULL: all pixels are read at once */
+  const pags_scan *scan;       /* NULL: all pixels are read at once */
+  const pags_lens_table *lens; /* NULL: a pinhole. Depth is the distance, and the near plane a sphere */
+  int32_t turned;              /* seen at its second place, over the seam of longitude */
 } pags_projection;
+
+/* What `project` has counted. */
+typedef struct pags_project_counts {
+  int32_t held;   /* rows that are drawn at mid-exposure since they are too fast for the read-out (scan.h) */
+  int32_t beyond; /* rows beyond the angle to which a lens is drawn */
+} pags_project_counts;
 
 enum { PAGS_SLOT_FLOATS = 12 }; /* partial gradient of one (Gaussian, tile) pair; the last is 0 */
 enum {                          /* the layout of a slot: sums over the pair's pixels; s = dL/d(exponent), base 2 */
@@ -342,10 +370,10 @@ typedef struct pags_kernels {
    * splatting (Zwicker et al. 2001) with INRIA's constants; the determinant of the covariance is computed by the
    * Cauchy-Binet formula, as a sum of squares that is never negative. `factor`: per row, the opacity is multiplied by
    * this, readable as far as the planes; 0: the row isn't drawn; NULL: 1. The backward pass needs no factor, since it
-   * differentiates by the logarithm of the opacity. Returns how many rows are drawn at mid-exposure since they are
-   * too fast for the read-out (scan.h); 0 without `scan`. */
-  int (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                 pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches);
+   * differentiates by the logarithm of the opacity. */
+  pags_project_counts (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor,
+                                 int count, pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes,
+                                 pags_reach *reaches);
 
   /* Computes the colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `sh`: planes of the
    * SH coefficients, `stride` floats apart, that replace those of the data; NULL: those of the data are used. */

@@ -24,16 +24,16 @@ typedef struct packed_splats {
   float extent_x[PACKED_ROWS], extent_y[PACKED_ROWS];
   int32_t rows[PACKED_ROWS];
   int count;
+  pags_project_counts counts;
 } packed_splats;
 
-/* Projects the sixteen rows from `first` on and appends those that are drawn to `out`; returns how many of them are
- * drawn at mid-exposure. */
-V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride,
-                          const float *factor, int first, int count, uint32_t *keys, pags_reach *reaches,
-                          packed_splats *out) {
+/* Projects the sixteen rows from `first` on and appends those that are drawn to `out`. */
+V_INLINE void project_rows(bool rolls, bool bends, const pags_projection *view, const float *data, int64_t stride,
+                           const float *factor, int first, int count, uint32_t *keys, pags_reach *reaches,
+                           packed_splats *out) {
   projected s;
   scanned scan;
-  project_all(&s, rolls ? &scan : NULL, view, data + first, stride);
+  project_all(&s, rolls ? &scan : NULL, bends, view, data + first, stride);
   if (factor)
     s.opacity = v_mul(s.opacity, v_load(factor + first));
   /* Antialiasing lowers the opacity of what is smaller than a pixel, and the cut of the part with it, but not below
@@ -53,7 +53,13 @@ V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *
   const vf extent_y = v_sqrt(v_max(v_mul(reach, s.c), v_zero()));
   /* Comparisons are false for NaN, so a row with any non-finite value that matters drops out here. */
   const vf huge = v_set(1e18f);
-  vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, least));
+  vm drawn = m_and(v_gt(s.depth, v_set(view->near_plane)), v_ge(s.opacity, least));
+  if (bends) {
+    const vm seen = v_le(s.seen.angle, v_set(view->lens->farthest));
+    const vm apart = m_and(v_gt(s.depth, v_set(view->near_plane)), v_lt(s.depth, huge));
+    out->counts.beyond += __builtin_popcount(m_bits(m_and(m_andnot(apart, seen), m_first(count - first))));
+    drawn = m_and(drawn, seen);
+  }
   for (int k = 0; k < view->clip_count; k++) {
     const float *const p = view->clips[k];
     const vf x = rolls ? scan.c0[0] : s.x, y = rolls ? scan.c0[1] : s.y, z = rolls ? scan.c0[2] : s.z;
@@ -64,15 +70,15 @@ V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *
   drawn = m_and(drawn, m_and(v_gt(s.d, v_zero()), v_lt(s.d, v_set(1e36f))));
   drawn = m_and(drawn, m_and(v_gt(v_add(s.mx, extent_x), v_zero()), v_lt(v_sub(s.mx, extent_x), v_set(view->width))));
   drawn = m_and(drawn, m_and(v_gt(v_add(s.my, extent_y), v_zero()), v_lt(v_sub(s.my, extent_y), v_set(view->height))));
-  drawn = m_and(drawn, m_and(v_lt(s.z, huge), m_and(v_lt(v_abs(s.mx), huge), v_lt(v_abs(s.my), huge))));
+  drawn = m_and(drawn, m_and(v_lt(s.depth, huge), m_and(v_lt(v_abs(s.mx), huge), v_lt(v_abs(s.my), huge))));
   drawn = m_and(drawn, m_first(count - first));
 
   const int lanes = count - first < V_LANES ? count - first : V_LANES;
   int32_t key[V_LANES];
-  i_store(key, i_select(drawn, v_bits(s.z), i_set(-1)));
+  i_store(key, i_select(drawn, v_bits(s.depth), i_set(-1)));
   memcpy(keys + first, key, (size_t)lanes * sizeof *keys);
   if (m_bits(drawn) == 0)
-    return 0;
+    return;
   if (reaches) { /* outside of which u^2 + v^2 exceeds the cut-off of the rasteriser's test of blocks (tiles.h) */
     const vf wide = v_mul(v_add(l, v_sub(v_set(PAGS_CUT_SLACK), cut)), v_set(1.0f / PAGS_HALF_LOG2E));
     int32_t x0[V_LANES], x1[V_LANES], y0[V_LANES], y1[V_LANES];
@@ -91,31 +97,38 @@ V_INLINE int project_rows(bool rolls, const pags_projection *view, const float *
   v_pack(out->h + at, packing, v_mul(s.b, inv_c));
   v_pack(out->w + at, packing, v_sqrt(v_mul(v_set(PAGS_HALF_LOG2E), inv_c)));
   v_pack(out->log2_opacity + at, packing, l);
-  v_pack(out->z + at, packing, s.z);
+  v_pack(out->z + at, packing, s.depth);
   v_pack(out->slope + at, packing, v_div(s.b, s.a));
   v_pack(out->cut + at, packing, cut);
   v_pack(out->floor + at, packing, floor);
   v_pack(out->extent_x + at, packing, extent_x);
   v_pack(out->extent_y + at, packing, extent_y);
   out->count += i_compress(out->rows + out->count, drawn, i_add(v_to_i(v_iota()), i_set(first)));
-  return rolls ? __builtin_popcount(m_bits(drawn) & ~m_bits(scan.found)) : 0;
+  if (rolls)
+    out->counts.held += __builtin_popcount(m_bits(drawn) & ~m_bits(scan.found));
 }
 
-/* Whether the shutter rolls is a constant, so that a global one has code of its own. */
-V_INLINE int pack_rows(bool rolls, const pags_projection *view, const float *data, int64_t stride, const float *factor,
-                       int count, uint32_t *keys, pags_reach *reaches, packed_splats *packed) {
-  int at_middle = 0;
+/* Whether the shutter rolls and a lens bends rays are constants, so that a pinhole has code of its own. */
+V_INLINE void pack_rows(bool rolls, bool bends, const pags_projection *view, const float *data, int64_t stride,
+                        const float *factor, int count, uint32_t *keys, pags_reach *reaches, packed_splats *packed) {
   packed->count = 0;
+  packed->counts = (pags_project_counts){0, 0};
   for (int first = 0; first < count; first += V_LANES)
-    at_middle += project_rows(rolls, view, data, stride, factor, first, count, keys, reaches, packed);
-  return at_middle;
+    project_rows(rolls, bends, view, data, stride, factor, first, count, keys, reaches, packed);
 }
 
-int KERNEL(project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                    pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes, pags_reach *reaches) {
+pags_project_counts KERNEL(project)(const pags_projection *view, const float *data, int64_t stride, const float *factor,
+                                    int count, pags_splat *splats, uint32_t *keys, bool tiles, pags_tile_box *boxes,
+                                    pags_reach *reaches) {
   packed_splats packed;
-  const int at_middle = view->scan ? pack_rows(true, view, data, stride, factor, count, keys, reaches, &packed)
-                                   : pack_rows(false, view, data, stride, factor, count, keys, reaches, &packed);
+  if (view->lens && view->scan)
+    pack_rows(true, true, view, data, stride, factor, count, keys, reaches, &packed);
+  else if (view->lens)
+    pack_rows(false, true, view, data, stride, factor, count, keys, reaches, &packed);
+  else if (view->scan)
+    pack_rows(true, false, view, data, stride, factor, count, keys, reaches, &packed);
+  else
+    pack_rows(false, false, view, data, stride, factor, count, keys, reaches, &packed);
 
   const int tiles_x = ((int)view->width + PAGS_TILE - 1) / PAGS_TILE,
             tiles_y = ((int)view->height + PAGS_TILE - 1) / PAGS_TILE;
@@ -142,5 +155,5 @@ int KERNEL(project)(const pags_projection *view, const float *data, int64_t stri
       store_splat(splats + rows[k], fields[k]);
     large_boxes(found.large, rows, splats, boxes);
   }
-  return at_middle;
+  return packed.counts;
 }

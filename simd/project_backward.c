@@ -98,6 +98,35 @@ V_INLINE void camera_backward(const projected *s, const scanned *scan, const pag
   gcam[2] = v_fma(free_x, s->tx, v_fma(free_y, s->ty, v_fnma(gj, s->inv_z, v_sub(gdepth, gshift))));
 }
 
+/* As camera_backward through a lens: dL/d(J W) acts on J where it was taken, on the mean or at the clamped direction,
+ * t = clamp z there. */
+V_INLINE void lens_backward(const projected *s, const scanned *scan, const pags_projection *view, const vf *gt, vf gmx,
+                            vf gmy, vf gdepth, vf *gcam) {
+  const vf gm[2] = {gmx, gmy};
+  vf by_held[3] = {v_zero(), v_zero(), v_zero()}, slopes[3];
+  for (int k = 0; k < 3; k++)
+    gcam[k] = v_mul(gdepth, s->seen.n[k]);
+  for (int i = 0; i < 2; i++) {
+    vf gj[3]; /* dL/dJ_i */
+    for (int k = 0; k < 3; k++)
+      gj[k] = v_dot3(gt[3 * i], gt[3 * i + 1], gt[3 * i + 2], scan_turn(scan, view, 3 * k),
+                     scan_turn(scan, view, 3 * k + 1), scan_turn(scan, view, 3 * k + 2));
+    lens_bend(&s->held, i, gj, by_held);
+    lens_slopes(&s->seen, i, slopes);
+    for (int k = 0; k < 3; k++)
+      gcam[k] = v_fma(gm[i], slopes[k], gcam[k]);
+  }
+  if (view->lens->clamps) {
+    const vm all = m_from_bits(0xFFFFu);
+    by_held[2] = v_add(by_held[2], v_add(v_maskz(s->clamped_x, v_mul(by_held[0], s->tx)),
+                                         v_maskz(s->clamped_y, v_mul(by_held[1], s->ty))));
+    by_held[0] = v_maskz(m_andnot(all, s->clamped_x), by_held[0]);
+    by_held[1] = v_maskz(m_andnot(all, s->clamped_y), by_held[1]);
+  }
+  for (int k = 0; k < 3; k++)
+    gcam[k] = v_add(gcam[k], by_held[k]);
+}
+
 /* Back through the shear of scan.h, t = (I + h (x, y)) J W with h = m' / q: turns dL/dt into dL/d(J W), and returns
  * dL/dm' in gdrift. */
 static inline void shear_backward(const scanned *s, const pags_scan *scan, vf *gt, vf *gdrift) {
@@ -117,14 +146,23 @@ static inline void shear_backward(const scanned *s, const pags_scan *scan, vf *g
 
 /* dL/d(mean) with a rolling shutter, added to gmean, which holds what the colours give. gt: dL/d(J W); gcam: dL/dc with
  * u and m' held. L depends on u by c, c', W and the eye, and u on the mean by du = (x J_x + y J_y) W dp / q. */
-static inline void scan_backward(const projected *p, const scanned *s, const pags_projection *view, const vf *gt,
-                                 const vf *gdrift, vf *gcam, vf *gmean) {
+V_INLINE void scan_backward(const projected *p, const scanned *s, bool bends, const pags_projection *view, const vf *gt,
+                            const vf *gdrift, vf *gcam, vf *gmean) {
   const pags_scan *const scan = view->scan;
   const vf two = v_set(2.0f), focal[2] = {v_set(view->fx), v_set(view->fy)}, slope[2] = {s->dx, s->dy};
-  vf gv[3], rate[9], gu = v_zero();
-  /* m'_i = f_i / Z (v_i - slope_i v_Z) */
-  gv[2] = v_zero();
-  for (int i = 0; i < 2; i++) {
+  vf gv[3], rate[9], gu = v_zero(), j[2][3], taken[2][3]; /* J at the mean, and where it was taken */
+  gv[0] = gv[1] = gv[2] = v_zero();
+  for (int i = 0; i < 2 && bends; i++) { /* m'_i = J_i v */
+    vf along[3];
+    lens_slopes(&p->seen, i, j[i]);
+    lens_slopes(&p->held, i, taken[i]);
+    for (int k = 0; k < 3; k++) {
+      gv[k] = v_fma(gdrift[i], j[i][k], gv[k]);
+      along[k] = v_mul(gdrift[i], s->v[k]);
+    }
+    lens_bend(&p->seen, i, along, gcam);
+  }
+  for (int i = 0; i < 2 && !bends; i++) {                     /* m'_i = f_i / Z (v_i - slope_i v_Z) */
     const vf g = v_mul(gdrift[i], v_mul(focal[i], p->inv_z)); /* by v_i - slope_i v_Z */
     const vf gslope = v_sub(v_zero(), v_mul(g, s->v[2]));
     gv[i] = g;
@@ -136,7 +174,8 @@ static inline void scan_backward(const projected *p, const scanned *s, const pag
     gu = v_fma(gcam[k], s->v[k], v_fma(v_mul(two, gv[k]), s->c2[k], gu));
   for (int k = 0; k < 9; k++) { /* W' */
     rate[k] = v_fma(v_mul(two, s->u), v_set(scan->r2[k]), v_set(scan->r1[k]));
-    const vf gturn = k < 3   ? v_mul(p->j00, gt[k])
+    const vf gturn = bends   ? v_fma(taken[0][k / 3], gt[k % 3], v_mul(taken[1][k / 3], gt[3 + k % 3]))
+                     : k < 3 ? v_mul(p->j00, gt[k])
                      : k < 6 ? v_mul(p->j11, gt[k])
                              : v_fma(p->j02, gt[k - 6], v_mul(p->j12, gt[k - 3]));
     gu = v_fma(gturn, rate[k], gu);
@@ -144,11 +183,16 @@ static inline void scan_backward(const projected *p, const scanned *s, const pag
   for (int k = 0; k < 3; k++)
     gu = v_fnma(gmean[k], v_fma(v_mul(two, s->u), v_set(scan->eye2[k]), v_set(scan->eye1[k])), gu);
 
-  const vf by_line = v_mul(gu, s->gain), gx = v_mul(by_line, v_mul(v_set(scan->x), p->j00)),
-           gy = v_mul(by_line, v_mul(v_set(scan->y), p->j11));
-  gcam[0] = v_add(gcam[0], gx);
-  gcam[1] = v_add(gcam[1], gy);
-  gcam[2] = v_fnma(gx, s->dx, v_fnma(gy, s->dy, gcam[2]));
+  const vf by_line = v_mul(gu, s->gain);
+  if (bends) {
+    for (int k = 0; k < 3; k++)
+      gcam[k] = v_fma(by_line, v_fma(v_set(scan->x), j[0][k], v_mul(v_set(scan->y), j[1][k])), gcam[k]);
+  } else {
+    const vf gx = v_mul(by_line, v_mul(v_set(scan->x), p->j00)), gy = v_mul(by_line, v_mul(v_set(scan->y), p->j11));
+    gcam[0] = v_add(gcam[0], gx);
+    gcam[1] = v_add(gcam[1], gy);
+    gcam[2] = v_fnma(gx, s->dx, v_fnma(gy, s->dy, gcam[2]));
+  }
   for (int k = 0; k < 3; k++) {
     gmean[k] = v_add(gmean[k], v_dot3(gcam[0], gcam[1], gcam[2], s->turn[k], s->turn[3 + k], s->turn[6 + k]));
     gmean[k] = v_add(gmean[k], v_dot3(gv[0], gv[1], gv[2], rate[k], rate[3 + k], rate[6 + k]));
@@ -213,12 +257,12 @@ V_INLINE void shade_backward(const pags_projection *view, const vf *u, const flo
     gmean[k] = v_fma(v_fnma(along, direction[k], gdirection[k]), inverse_distance, gmean[k]);
 }
 
-V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride, const float *sh,
-                           const slot_sums *sums, unsigned drawn, const pags_splat *splats, float *out,
+V_INLINE int rows_backward(bool rolls, bool bends, const pags_projection *view, const float *data, int64_t stride,
+                           const float *sh, const slot_sums *sums, unsigned drawn, const pags_splat *splats, float *out,
                            int64_t out_stride, float *mean2d, float *radius, uint8_t *name) {
   projected s;
   scanned scan;
-  project_all(&s, rolls ? &scan : NULL, view, data, stride);
+  project_all(&s, rolls ? &scan : NULL, bends, view, data, stride);
   const vf *const f = sums->field, two = v_set(2.0f);
   const vf inv_c = v_div(v_set(1.0f), s.c), inv_d = v_div(v_set(1.0f), s.d), inv_root_d = v_sqrt(inv_d);
   const vf p = v_sqrt(v_mul(v_mul(v_set(PAGS_HALF_LOG2E), s.c), inv_d)), h = v_mul(s.b, inv_c);
@@ -261,7 +305,10 @@ V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float 
     v_store(out + (6 + k) * out_stride, gq[k]);
   if (rolls)
     shear_backward(&scan, view->scan, gt, gdrift);
-  camera_backward(&s, rolls ? &scan : NULL, view, gt, gmx, gmy, f[PAGS_SLOT_Z], gcam);
+  if (bends)
+    lens_backward(&s, rolls ? &scan : NULL, view, gt, gmx, gmy, f[PAGS_SLOT_Z], gcam);
+  else
+    camera_backward(&s, rolls ? &scan : NULL, view, gt, gmx, gmy, f[PAGS_SLOT_Z], gcam);
   for (int k = 0; k < 3; k++)
     gmean[k] = rolls
                    ? v_zero()
@@ -275,7 +322,7 @@ V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float 
   if (rolls) {
     const vf u = scan_time(view->scan, splats, drawn);
     shade_backward(view, &u, data, stride, sh, gcolour, out, out_stride, gmean);
-    scan_backward(&s, &scan, view, gt, gdrift, gcam, gmean);
+    scan_backward(&s, &scan, bends, view, gt, gdrift, gcam, gmean);
   } else {
     shade_backward(view, NULL, data, stride, sh, gcolour, out, out_stride, gmean);
   }
@@ -306,7 +353,7 @@ V_INLINE int rows_backward(bool rolls, const pags_projection *view, const float 
   return __builtin_popcount(bad);
 }
 
-V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const float *data, int64_t stride,
+V_INLINE int all_rows_backward(bool rolls, bool bends, const pags_projection *view, const float *data, int64_t stride,
                                const float *sh, int count, const uint32_t *keys, const pags_splat *splats,
                                const int64_t *slot_start, const float *slots, const pags_row_gradient *out) {
   const int planes = 11 + 3 * (view->sh_degree + 1) * (view->sh_degree + 1);
@@ -318,9 +365,9 @@ V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const fl
     const int lanes = count - first < V_LANES ? count - first : V_LANES;
     const unsigned drawn = gather_slots(&sums, lanes, keys + first, splats + first, slot_start + first, slots);
     if (drawn) {
-      bad +=
-          rows_backward(rolls, view, data + first, stride, sh + first, &sums, drawn, splats + first, out->data + first,
-                        out->stride, out->mean2d + first, out->radius + first, out->bad ? out->bad + first : NULL);
+      bad += rows_backward(rolls, bends, view, data + first, stride, sh + first, &sums, drawn, splats + first,
+                           out->data + first, out->stride, out->mean2d + first, out->radius + first,
+                           out->bad ? out->bad + first : NULL);
       continue;
     }
     for (int p = 0; p < planes; p++)
@@ -334,7 +381,11 @@ V_INLINE int all_rows_backward(bool rolls, const pags_projection *view, const fl
 int KERNEL(project_backward)(const pags_projection *view, const float *data, int64_t stride, const float *sh, int count,
                              const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start,
                              const float *slots, const pags_row_gradient *out) {
+  if (view->lens && view->scan)
+    return all_rows_backward(true, true, view, data, stride, sh, count, keys, splats, slot_start, slots, out);
+  if (view->lens)
+    return all_rows_backward(false, true, view, data, stride, sh, count, keys, splats, slot_start, slots, out);
   if (view->scan)
-    return all_rows_backward(true, view, data, stride, sh, count, keys, splats, slot_start, slots, out);
-  return all_rows_backward(false, view, data, stride, sh, count, keys, splats, slot_start, slots, out);
+    return all_rows_backward(true, false, view, data, stride, sh, count, keys, splats, slot_start, slots, out);
+  return all_rows_backward(false, false, view, data, stride, sh, count, keys, splats, slot_start, slots, out);
 }

@@ -5,6 +5,8 @@
  *   covariance [A B; B C] = M M' + low_pass I
  *   D0 = det(M M') = sum of the squared 2x2 minors of M (Cauchy-Binet), D = D0 + low_pass (A0 + C0) + low_pass^2
  *
+ * Through a lens (lens.h) J is that of the lens.
+ *
  * Every term of D is non-negative, so a needle's determinant keeps its digits where A C - B^2 loses all of them. */
 #ifndef PAGS_SIMD_PROJECTION_H
 #define PAGS_SIMD_PROJECTION_H
@@ -20,7 +22,9 @@ typedef struct projected {
   vf sigma[3];
   vf q[4], q_inv_norm;   /* unit quaternion, and 1/|q|, at most 1e15; 0 for a zero quaternion, which is the identity */
   vf rotation[9];        /* R */
-  vf j00, j02, j11, j12; /* J */
+  vf j00, j02, j11, j12; /* J; with a lens in place of it and of inv_z: */
+  lens_seen seen, held;  /* the mean, and the nearest direction of a lens that clamps, where J is taken */
+  vf depth;              /* z, or the distance */
   vf t[6];               /* J W, 2x3 */
   vf m[6];               /* M */
   vf minor[3];           /* 12, 13, 23 */
@@ -68,10 +72,37 @@ static inline void rotation_from_quaternion(projected *s, const float *data, int
   s->rotation[8] = v_fnma(two, v_add(xx, yy), one);
 }
 
+/* As project_mean, from camera space on. */
+static inline void project_through_lens(projected *s, bool rolls, const pags_projection *view, const vf cam[3]) {
+  const pags_lens_table *const lens = view->lens;
+  if (!rolls) {
+    lens_see(&s->seen, view, cam);
+    if (view->turned)
+      s->seen.m[0] = v_add(s->seen.m[0], lens_turn(view, s->seen.m[0], s->seen.m[0]));
+  }
+  s->mx = s->seen.m[0], s->my = s->seen.m[1];
+  s->depth = s->seen.d;
+  s->clamped_x = s->clamped_y = m_from_bits(0);
+  if (lens->clamps) {
+    const vf dx = v_div(cam[0], cam[2]), dy = v_div(cam[1], cam[2]);
+    s->clamped_x = m_or(v_lt(dx, v_set(lens->least[0])), v_gt(dx, v_set(lens->most[0])));
+    s->clamped_y = m_or(v_lt(dy, v_set(lens->least[1])), v_gt(dy, v_set(lens->most[1])));
+    s->tx = v_clamp(dx, v_set(lens->least[0]), v_set(lens->most[0]));
+    s->ty = v_clamp(dy, v_set(lens->least[1]), v_set(lens->most[1]));
+  }
+  if (m_bits(m_or(s->clamped_x, s->clamped_y)) == 0) {
+    s->held = s->seen;
+    return;
+  }
+  const vf at[3] = {v_select(s->clamped_x, v_mul(s->tx, cam[2]), cam[0]),
+                    v_select(s->clamped_y, v_mul(s->ty, cam[2]), cam[1]), cam[2]};
+  lens_see(&s->held, view, at);
+}
+
 /* Computes the mean in camera space and in pixels, and the Jacobian J at the clamped direction. The clamp (INRIA's
  * 1.3 tan, around the principal point as in gsplat) bounds how far a Gaussian outside of the picture is stretched
  * into it; the mean itself is not clamped. */
-V_INLINE void project_mean(projected *s, scanned *scan, const pags_projection *view, const float *data,
+V_INLINE void project_mean(projected *s, scanned *scan, bool bends, const pags_projection *view, const float *data,
                            int64_t stride) {
   const vf px = v_load(data), py = v_load(data + stride), pz = v_load(data + 2 * stride);
   vf cam[3];
@@ -79,8 +110,12 @@ V_INLINE void project_mean(projected *s, scanned *scan, const pags_projection *v
     cam[k] = v_fma(v_set(view->r[3 * k]), px,
                    v_fma(v_set(view->r[3 * k + 1]), py, v_fma(v_set(view->r[3 * k + 2]), pz, v_set(view->t[k]))));
   if (scan)
-    scan_mean(scan, view, px, py, pz, cam);
-  s->x = cam[0], s->y = cam[1], s->z = cam[2];
+    scan_mean(scan, bends ? &s->seen : NULL, view, px, py, pz, cam);
+  s->x = cam[0], s->y = cam[1], s->z = s->depth = cam[2];
+  if (bends) {
+    project_through_lens(s, scan != NULL, view, cam);
+    return;
+  }
   /* A Gaussian behind the near plane is masked later; z = 1 keeps the division finite until then. */
   const vf z = v_select(v_gt(s->z, v_set(view->near_plane)), s->z, v_set(1.0f));
   s->inv_z = v_div(v_set(1.0f), z);
@@ -97,10 +132,18 @@ V_INLINE void project_mean(projected *s, scanned *scan, const pags_projection *v
   s->j12 = v_mul(v_set(-1.0f), v_mul(s->j11, s->ty));
 }
 
-V_INLINE void project_covariance(projected *s, scanned *scan, const pags_projection *view, const float *data,
-                                 int64_t stride) {
+V_INLINE void project_covariance(projected *s, scanned *scan, bool bends, const pags_projection *view,
+                                 const float *data, int64_t stride) {
+  vf j[2][3];
+  for (int i = 0; i < 2 && bends; i++)
+    lens_slopes(&s->held, i, j[i]);
   for (int k = 0; k < 3; k++) {
     s->sigma[k] = v_exp(v_load(data + (3 + k) * stride));
+    for (int i = 0; i < 2 && bends; i++)
+      s->t[3 * i + k] = v_dot3(j[i][0], j[i][1], j[i][2], scan_turn(scan, view, k), scan_turn(scan, view, 3 + k),
+                               scan_turn(scan, view, 6 + k));
+    if (bends)
+      continue;
     s->t[k] = v_fma(s->j00, scan_turn(scan, view, k), v_mul(s->j02, scan_turn(scan, view, 6 + k)));
     s->t[3 + k] = v_fma(s->j11, scan_turn(scan, view, 3 + k), v_mul(s->j12, scan_turn(scan, view, 6 + k)));
   }
@@ -127,11 +170,13 @@ V_INLINE void project_covariance(projected *s, scanned *scan, const pags_project
   s->d = v_add(s->d0, v_fma(low, v_add(a0, c0), v_mul(low, low)));
 }
 
-/* `scan`: NULL without a rolling shutter; a constant, so that each has code of its own. */
-V_INLINE void project_all(projected *s, scanned *scan, const pags_projection *view, const float *data, int64_t stride) {
+/* `scan`: NULL without a rolling shutter. Whether it is, and whether a lens bends rays, are constants, so that each
+ * has code of its own. */
+V_INLINE void project_all(projected *s, scanned *scan, bool bends, const pags_projection *view, const float *data,
+                          int64_t stride) {
   rotation_from_quaternion(s, data, stride);
-  project_mean(s, scan, view, data, stride);
-  project_covariance(s, scan, view, data, stride);
+  project_mean(s, scan, bends, view, data, stride);
+  project_covariance(s, scan, bends, view, data, stride);
 
   const vf logit = v_load(data + 10 * stride);
   const vf fade = v_exp(v_sub(v_zero(), logit));

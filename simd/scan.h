@@ -19,7 +19,7 @@
 #ifndef PAGS_SIMD_SCAN_H
 #define PAGS_SIMD_SCAN_H
 
-#include "kernel.h"
+#include "lens.h"
 
 enum { SCAN_STEPS = 4 }; /* each step squares the error; at q = 1/2 the last step changes less than rounding */
 #define SCAN_DONE 1e-4f  /* a mean whose last step was smaller takes no further step, independent of its neighbours */
@@ -28,14 +28,16 @@ enum { SCAN_STEPS = 4 }; /* each step squares the error; at q = 1/2 the last ste
 typedef struct scanned {
   vf c0[3], c1[3], c2[3];
   vf u;
-  vm found;    /* false: drawn at mid-exposure */
-  vm free;     /* found and not clamped: u depends on the mean */
-  vf v[3];     /* c' at u */
-  vf dx, dy;   /* X / Z, Y / Z */
-  vf drift[2]; /* m' */
-  vf gain;     /* 1 / q where free, else 0 */
-  vf along[3]; /* (x, y) J W */
-  vf turn[9];  /* W */
+  vm found;        /* false: drawn at mid-exposure */
+  vm free;         /* found and not clamped: u depends on the mean */
+  vf v[3];         /* c' at u */
+  vf dx, dy;       /* X / Z, Y / Z */
+  vf drift[2];     /* m' */
+  vf gain;         /* 1 / q where free, else 0 */
+  vf along[3];     /* (x, y) J W */
+  vf turn[9];      /* W */
+  lens_seen *seen; /* with a lens: c as it is seen; else NULL */
+  vf middle;       /* with a lens: across, at mid-exposure, px */
 } scanned;
 
 /* Row k of an affine map. */
@@ -44,30 +46,46 @@ static inline vf scan_row(const float *r, const float *t, int k, vf x, vf y, vf 
 }
 
 /* Writes c and c' at u, and m' there; returns tau(m). *q: 1 - (x, y) m'. */
-static inline vf scan_at(scanned *s, const pags_projection *view, vf u, vf cam[3], vf *q) {
+V_INLINE vf scan_at(scanned *s, const pags_projection *view, vf u, vf cam[3], vf *q) {
   const pags_scan *const scan = view->scan;
   const vf two_u = v_add(u, u);
   for (int k = 0; k < 3; k++) {
     cam[k] = v_fma(u, v_fma(u, s->c2[k], s->c1[k]), s->c0[k]);
     s->v[k] = v_fma(two_u, s->c2[k], s->c1[k]);
   }
-  const vf z = v_select(v_gt(cam[2], v_set(view->near_plane)), cam[2], v_set(1.0f)), inv_z = v_div(v_set(1.0f), z);
-  s->dx = v_mul(cam[0], inv_z), s->dy = v_mul(cam[1], inv_z);
-  s->drift[0] = v_mul(v_mul(v_set(view->fx), inv_z), v_fnma(s->dx, s->v[2], s->v[0]));
-  s->drift[1] = v_mul(v_mul(v_set(view->fy), inv_z), v_fnma(s->dy, s->v[2], s->v[1]));
+  vf mx, my;
+  if (s->seen) {
+    lens_see(s->seen, view, cam);
+    for (int i = 0; i < 2; i++)
+      s->drift[i] = lens_rate(s->seen, i, s->v);
+    if (view->lens->turn > 0.0f)
+      s->seen->m[0] = v_add(s->seen->m[0], lens_turn(view, s->seen->m[0], s->middle));
+    mx = s->seen->m[0], my = s->seen->m[1];
+  } else {
+    const vf z = v_select(v_gt(cam[2], v_set(view->near_plane)), cam[2], v_set(1.0f)), inv_z = v_div(v_set(1.0f), z);
+    s->dx = v_mul(cam[0], inv_z), s->dy = v_mul(cam[1], inv_z);
+    s->drift[0] = v_mul(v_mul(v_set(view->fx), inv_z), v_fnma(s->dx, s->v[2], s->v[0]));
+    s->drift[1] = v_mul(v_mul(v_set(view->fy), inv_z), v_fnma(s->dy, s->v[2], s->v[1]));
+    mx = v_fma(v_set(view->fx), s->dx, v_set(view->cx)), my = v_fma(v_set(view->fy), s->dy, v_set(view->cy));
+  }
   *q = v_fnma(v_set(scan->x), s->drift[0], v_fnma(v_set(scan->y), s->drift[1], v_set(1.0f)));
-  const vf mx = v_fma(v_set(view->fx), s->dx, v_set(view->cx)), my = v_fma(v_set(view->fy), s->dy, v_set(view->cy));
   return v_fma(v_set(scan->x), mx, v_fma(v_set(scan->y), my, v_set(scan->start)));
 }
 
-/* Finds the time of sixteen means and replaces their camera coordinates at u = 0 by those at that time. */
-static inline void scan_mean(scanned *s, const pags_projection *view, vf px, vf py, vf pz, vf cam[3]) {
+/* Finds the time of sixteen means and replaces their camera coordinates at u = 0 by those at that time. `seen`: with a
+ * lens, receives how they are seen then; else NULL. */
+V_INLINE void scan_mean(scanned *s, lens_seen *seen, const pags_projection *view, vf px, vf py, vf pz, vf cam[3]) {
   const pags_scan *const scan = view->scan;
   const vf one = v_set(1.0f), minus_one = v_set(-1.0f), least = v_set(PAGS_SCAN_LEAST);
   for (int k = 0; k < 3; k++) {
     s->c0[k] = cam[k];
     s->c1[k] = scan_row(scan->r1, scan->t1, k, px, py, pz);
     s->c2[k] = scan_row(scan->r2, scan->t2, k, px, py, pz);
+  }
+  s->seen = seen;
+  if (seen && view->lens->turn > 0.0f) {
+    lens_see(seen, view, cam);
+    s->middle = seen->m[0];
   }
   vf q, u = v_zero();
   vm moves_on = m_first(V_LANES);

@@ -186,7 +186,7 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
   PAGS_CHECK_MEMORY(dataset->views && dataset->cameras, "%s", dataset->path);
   int64_t training = 0;
   const char *lossy = NULL, *bent = NULL; /* the first view of each sort */
-  int64_t bent_count = 0, rolling = 0;
+  int64_t bent_count = 0;
   double worst = 0;
   for (int64_t i = 0; i < dataset->count; i++) {
     const pags_parsed_view *from = &dataset->parsed.views[i];
@@ -212,8 +212,6 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
     if (pags_camera_bends(&camera)) {
       bent = bent ? bent : view->name;
       bent_count++;
-      rolling += pags_camera_rolls(&camera);
-      camera.shutter = (pags_shutter){0};
     }
     PAGS_AUTOFREE char *what = pags_text_format("%s (%s)", from->where, view->name);
     PAGS_CHECK_MEMORY(what, "%s", from->where);
@@ -236,11 +234,6 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
                      "%s: %lld of %lld views keep their lens, of which a pinhole would lose a tenth or more, the first "
                      "is %s (--undistort resamples them to pinholes)",
                      dataset->parsed.source, (long long)bent_count, (long long)dataset->count, bent);
-  if (rolling)
-    PAGS_WARN(
-        "%s: %lld views that keep their lens have a rolling shutter, which isn't used with a lens: their pictures are "
-        "taken as exposed at once",
-        dataset->parsed.source, (long long)rolling);
   if (training == 0)
     return pags_fail_at(dataset->parsed.source,
                         "all of its views are held out; expected more views, or --split-every 0");

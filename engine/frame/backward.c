@@ -12,7 +12,7 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#include "frame/lens_view.h"
+#include "frame/members.h"
 
 typedef struct backward_context {
   pags_frame *frame;
@@ -106,10 +106,9 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
     const pags_row_gradient rows = {scratch, stride, extra, extra + stride, bad_planes};
     memset(bad_planes, 0, (size_t)v->count);
     const frame_members members = pags_frame_members(f, v, c->members, worker);
-    const int bad = f->lens ? pags_frame_lens_backward(f, v, &members, c->slots, &rows)
-                            : f->kernels->project_backward(
-                                  view, g->data + v->first, g->stride, part->sh ? part->sh + v->first : NULL, v->count,
-                                  members.keys, members.splats, members.slot_start, c->slots, &rows);
+    const int bad =
+        f->kernels->project_backward(view, g->data + v->first, g->stride, part->sh ? part->sh + v->first : NULL,
+                                     v->count, members.keys, members.splats, members.slot_start, c->slots, &rows);
     if (bad)
       atomic_fetch_add(&c->bad_rows, bad);
     float *const squared = f->options.squared ? extra + 2 * stride : NULL;

@@ -102,18 +102,23 @@ static void motion_bound(const pags_scan *s, const float centre[3], const float 
   }
 }
 
+/* The most by which the pose's stretch while the picture is read exceeds its value at mid-exposure. */
+static float turn_bound(const cull_context *c) {
+  const pags_scan *const s = c->view->scan;
+  float first = 0.0f, second = 0.0f;
+  for (int k = 0; k < 9; k++) {
+    first += s->r1[k] * s->r1[k];
+    second += s->r2[k] * s->r2[k];
+  }
+  return 1.0001f + 1.0001f * (sqrtf(first) + sqrtf(second)) / c->stretch;
+}
+
 /* The factors by which the shear and the turn of a rolling shutter widen Gaussians along x and y at most; lo, hi
  * and z0: the box of their means in camera space. */
 static void shear_bound(const cull_context *c, const float lo[3], const float hi[3], float z0, const float speed[3],
                         float widened[2]) {
   const pags_projection *const v = c->view;
-  float first = 0.0f, second = 0.0f;
-  for (int k = 0; k < 9; k++) {
-    first += v->scan->r1[k] * v->scan->r1[k];
-    second += v->scan->r2[k] * v->scan->r2[k];
-  }
-  /* The most by which the pose's stretch exceeds its value at mid-exposure. */
-  const float turned = 1.0001f + 1.0001f * (sqrtf(first) + sqrtf(second)) / c->stretch;
+  const float turned = turn_bound(c);
   const float x = fmaxf(fabsf(lo[0]), fabsf(hi[0])) / z0, y = fmaxf(fabsf(lo[1]), fabsf(hi[1])) / z0;
   const float across = fabsf(v->scan->x), down = fabsf(v->scan->y), most = 1.0001f * PAGS_SCAN_MOST / (across + down);
   const float drift[2] = {fminf(most, v->fx / z0 * (speed[0] + x * speed[2])),
@@ -134,7 +139,7 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
     centre[a] = 0.5f * (k->lo[a][i] + k->hi[a][i]);
     half[a] = 0.5f * (k->hi[a][i] - k->lo[a][i]);
   }
-  float moved[3] = {0.0f, 0.0f, 0.0f}, speed[3], widened[2] = {1.0f, 1.0f};
+  float moved[3] = {0.0f, 0.0f, 0.0f}, speed[3] = {0.0f, 0.0f, 0.0f}, widened[2] = {1.0f, 1.0f};
   if (v->scan)
     motion_bound(v->scan, centre, half, moved, speed);
   for (int a = 0; a < 3; a++) {
@@ -145,7 +150,8 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
     hi[a] = s.middle + s.reach + slack;
   }
   if (c->frame->lens)
-    return pags_frame_lens_misses(c->frame->lens, v, lo, hi, k->sigma[i] * c->stretch, c->reach_max, bound);
+    return pags_frame_lens_misses(c->frame->lens, v, lo, hi, speed,
+                                  k->sigma[i] * c->stretch * (v->scan ? turn_bound(c) : 1.0f), c->reach_max, bound);
   if (hi[2] <= v->near_plane)
     return true;
   const float z0 = lo[2] > v->near_plane ? lo[2] : v->near_plane, z1 = hi[2];
@@ -244,7 +250,7 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
   for (int p = 0; p < frame->part_count; p++)
     all += frame->parts[p].clusters->count;
   /* The gradients of a cluster are handed over once, so it is drawn once. */
-  const bool seams = frame->lens && frame->lens->turn > 0 && !frame->options.keep_for_backward;
+  const bool seams = frame->lens && frame->lens->sphere && !frame->options.keep_for_backward;
   const int64_t most = seams ? 2 * all : all;
   cull_context *parts;
   int64_t *first_block;
@@ -255,14 +261,14 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
   PAGS_TRY(pags_frame_alloc(frame, &seen, all, 1, "cluster flags"));
   PAGS_TRY(pags_frame_alloc(frame, &frame->clusters, most, sizeof *frame->clusters, "clusters in view"));
   frame->bounds = NULL;
-  frame->held = NULL;
+  frame->counts = NULL;
   if (bounded) {
     PAGS_TRY(pags_frame_alloc(frame, &bounds, all, sizeof *bounds, "cluster bounds"));
     PAGS_TRY(pags_frame_alloc(frame, &frame->bounds, most, sizeof *frame->bounds, "cluster bounds"));
   }
   if (frame->scans || frame->lens) {
-    PAGS_TRY(pags_frame_alloc(frame, &frame->held, most, sizeof *frame->held, "clusters in view"));
-    memset(frame->held, 0, (size_t)most * sizeof *frame->held);
+    PAGS_TRY(pags_frame_alloc(frame, &frame->counts, most, sizeof *frame->counts, "clusters in view"));
+    memset(frame->counts, 0, (size_t)most * sizeof *frame->counts);
   }
   frame->cluster_count = frame->dense_count = 0;
   for (int64_t p = 0, at = 0; p < frame->part_count; p++) {

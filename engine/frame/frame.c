@@ -193,7 +193,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   frame->stats.ms_cull = pags_clock_lap_ms(&since);
   frame->stats.tiles = (int64_t)frame->tiles_x * frame->tiles_y;
   if (frame->touch && frame->lens &&
-      frame->lens->turn > 0) { /* each cluster once, before either of its two places is read */
+      frame->lens->sphere) { /* each cluster once, before either of its two places is read */
     PAGS_TRY(pags_stage_touch(frame));
     frame->touch = NULL;
   }
@@ -215,8 +215,10 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
     const int64_t pairs = frame->stats.pairs_binned;
     frame->hiding = pairs > 0 ? 1.0 - (double)frame->stats.pairs_reached / (double)pairs : 0.0;
   }
-  for (int64_t i = 0; frame->held && i < frame->cluster_count; i++)
-    *(frame->lens ? &frame->stats.beyond : &frame->stats.held) += frame->held[i];
+  for (int64_t i = 0; frame->counts && i < frame->cluster_count; i++) {
+    frame->stats.held += frame->counts[i].held;
+    frame->stats.beyond += frame->counts[i].beyond;
+  }
   pags_frame_show(frame, out);
   return PAGS_OK;
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a frame knows of its lens: how far means are drawn, how fast pixels change with directions, and the direction of
- * each pixel's centre, along which the sky is seen. The directions are kept for the next frame of the same lens. */
+/* What a frame knows of its lens: its table for the kernels, how far means are drawn, how fast pixels change with
+ * directions, and the direction of each pixel's centre, along which the sky is seen. The directions are kept for the
+ * next frame of the same lens. */
 #include "frame/lens_view.h"
 
 #include <math.h>
@@ -75,6 +76,61 @@ static void find_reach(struct frame_lens *l) {
   }
 }
 
+/* ---- The kernels' table ---- */
+
+/* The radial function and its derivative at an angle, in focal lengths. */
+static void radius_at(const pags_lens_model *round, double angle, double out[2]) {
+  const double v[3] = {pags_sin(angle), 0, pags_cos(angle)};
+  double at[2], j[6];
+  pags_lens_see(round, v, at, j);
+  out[0] = at[0], out[1] = j[0] * v[2] - j[2] * v[0];
+}
+
+/* Cubics that have the radial function's value and derivative at the ends of each step. least, most: the range of x/z
+ * and y/z at the picture's border. */
+static void fill_table(struct frame_lens *l, const double least[2], const double most[2]) {
+  const pags_camera *const c = &l->camera;
+  const pags_lens_model *const lens = &c->lens;
+  const bool matrix = lens->kind == PAGS_LENS_FTHETA;
+  const double a[4] = {c->fx * (1 + (matrix ? lens->s[0] : 0)), matrix ? c->fx * lens->s[1] : 0,
+                       matrix ? c->fy * lens->s[2] : 0, c->fy};
+  pags_lens_table *const t = &l->table;
+  t->turn = l->sphere ? (float)(2 * pi * c->fx) : 0.0f;
+  t->clamps = !l->sphere && !pags_lens_is_of_angle(lens->kind);
+  t->farthest = l->sphere ? INFINITY : (float)l->farthest;
+  for (int k = 0; k < 2; k++) {
+    const double more = 0.15 * (most[k] - least[k]); /* 0.3 of half the field, as a pinhole's */
+    t->least[k] = (float)fmin(least[k] - more, 0), t->most[k] = (float)fmax(most[k] + more, 0); /* towards the axis */
+    t->p[k] = (float)lens->p[k];
+  }
+  double prism[4];
+  pags_lens_prism(lens, prism);
+  for (int k = 0; k < 4; k++)
+    t->a[k] = (float)a[k], t->prism[k] = (float)prism[k];
+  if (lens->kind == PAGS_LENS_PERSPECTIVE || lens->kind == PAGS_LENS_RATIONAL)
+    t->terms_of = PAGS_LENS_TERMS_OF_SLOPE;
+  else if (lens->kind == PAGS_LENS_THIN_PRISM)
+    t->terms_of = PAGS_LENS_TERMS_OF_ANGLE;
+  else if (lens->kind == PAGS_LENS_ARIA)
+    t->terms_of = PAGS_LENS_TERMS_OF_RADIUS;
+  if (l->sphere)
+    return;
+  pags_lens_model round = *lens;
+  memset(round.p, 0, sizeof round.p);
+  memset(round.s, 0, sizeof round.s);
+  const double step = l->farthest / PAGS_LENS_STEPS;
+  double here[2], next[2];
+  t->per_radian = (float)(1 / step);
+  radius_at(&round, 0, here);
+  for (int i = 0; i < PAGS_LENS_STEPS; i++) {
+    radius_at(&round, (i + 1) * step, next);
+    const double rise = next[0] - here[0], first = step * here[1], last = step * next[1];
+    t->radius[i][0] = (float)here[0], t->radius[i][1] = (float)first;
+    t->radius[i][2] = (float)(3 * rise - 2 * first - last), t->radius[i][3] = (float)(first + last - 2 * rise);
+    memcpy(here, next, sizeof here);
+  }
+}
+
 /* ---- Directions of the pixels ---- */
 
 typedef struct rays_context {
@@ -137,23 +193,18 @@ pags_result pags_frame_prepare_lens(pags_frame *f) {
   PAGS_TRY(pags_frame_alloc(f, &l, 1, sizeof *l, "lens"));
   *l = (struct frame_lens){.camera = f->camera};
   PAGS_TRY(pags_lens_model_check(&l->camera.lens, "the camera's lens"));
-  if (pags_camera_rolls(&f->camera))
-    return pags_fail(PAGS_ERROR_UNSUPPORTED, "a rolling shutter and a lens other than a pinhole aren't drawn together");
-  double angle;
-  look_at_border(&l->camera, &angle, l->least, l->most);
+  double angle, least[2], most[2];
+  look_at_border(&l->camera, &angle, least, most);
   l->farthest = fmin(l->camera.lens.limit, fmin(angle, pags_lens_model_widest(&l->camera.lens)) + beyond);
   l->sphere = l->camera.lens.kind == PAGS_LENS_EQUIRECTANGULAR;
-  l->turn = l->sphere ? 2 * pi * l->camera.fx : 0;
-  l->clamps = !l->sphere && !pags_lens_is_of_angle(l->camera.lens.kind);
-  for (int k = 0; k < 2; k++) {
-    const double more = 0.15 * (l->most[k] - l->least[k]); /* 0.3 of half the field, as a pinhole's */
-    l->least[k] = fmin(l->least[k] - more, 0), l->most[k] = fmax(l->most[k] + more, 0); /* towards the axis, always */
-  }
+  fill_table(l, least, most);
   if (!l->sphere)
     find_reach(l);
   PAGS_TRY(find_rays(f, &l->camera));
   l->rays = f->lens_rays;
   f->lens = l;
+  for (int p = 0; p < f->part_count; p++)
+    f->projections[p].lens = &l->table;
   return PAGS_OK;
 }
 
@@ -189,15 +240,35 @@ static int32_t sky_axis(float position, int size, float *rest) {
   return first;
 }
 
+/* The camera's rotations when the lines of a tile are read, columns or rows; all the same with a global shutter. */
+typedef struct line_turns {
+  float r[PAGS_TILE][9];
+  bool across; /* the lines are columns */
+} line_turns;
+
+static void find_turns(const pags_frame *f, int x0, int y0, line_turns *out) {
+  const pags_camera *const c = &f->camera;
+  out->across = c->shutter.across != 0;
+  for (int line = 0; line < PAGS_TILE; line++) {
+    double m[12];
+    memcpy(m, c->world_from_camera, sizeof m);
+    if (pags_camera_rolls(c))
+      pags_rigid_move(m, c->shutter.velocity, pags_camera_read_at(c, x0 + line + 0.5, y0 + line + 0.5), m);
+    for (int k = 0; k < 9; k++)
+      out->r[line][k] = (float)m[k / 3 * 4 + k % 3];
+  }
+}
+
 /* The cell that pixel (x, y) sees, as simd/sky.c finds it from a direction; the first one where nothing is seen. */
-static void find_cell(const pags_frame *f, int x, int y, int32_t *row, int32_t *column, float *along, float *down) {
+static void find_cell(const pags_frame *f, const line_turns *turns, int x, int y, int32_t *row, int32_t *column,
+                      float *along, float *down) {
   const int64_t pixel = (int64_t)y * f->stride + x;
-  const double *const m = f->camera.world_from_camera;
+  const float *const m = turns->r[(turns->across ? x : y) % PAGS_TILE];
   float d[3], a[3];
   for (int k = 0; k < 3; k++) {
     d[k] = 0.0f;
     for (int j = 0; j < 3; j++)
-      d[k] += (float)m[4 * k + j] * f->lens->rays[j * f->plane_size + pixel];
+      d[k] += m[3 * k + j] * f->lens->rays[j * f->plane_size + pixel];
     a[k] = fabsf(d[k]);
   }
   *row = *column = 0;
@@ -212,20 +283,24 @@ static void find_cell(const pags_frame *f, int x, int y, int32_t *row, int32_t *
 }
 
 void pags_frame_lens_sky(const pags_frame *f, int x0, int y0, pags_sky_tile *tile) {
+  line_turns turns;
+  find_turns(f, x0, y0, &turns);
   for (int i = 0; i < PAGS_TILE_PIXELS; i++) {
     int32_t row, column;
-    find_cell(f, x0 + i % PAGS_TILE, y0 + i / PAGS_TILE, &row, &column, tile->along + i, tile->down + i);
+    find_cell(f, &turns, x0 + i % PAGS_TILE, y0 + i / PAGS_TILE, &row, &column, tile->along + i, tile->down + i);
     tile->texel[i] = row * f->rays.size + column;
   }
 }
 
 void pags_frame_lens_cells(const pags_frame *f, int x0, int y0, int step, int32_t *row, int32_t *column,
                            float *const weight[4]) {
+  line_turns turns;
+  find_turns(f, x0, y0, &turns);
   for (int y = 0; y * step < PAGS_TILE; y++)
     for (int x = 0; x < PAGS_TILE; x++) {
       const int i = y * PAGS_TILE + x;
       float along, down;
-      find_cell(f, x0 + x, y0 + y * step, row + i, column + i, &along, &down);
+      find_cell(f, &turns, x0 + x, y0 + y * step, row + i, column + i, &along, &down);
       weight[0][i] = (1.0f - down) * (1.0f - along), weight[1][i] = (1.0f - down) * along;
       weight[2][i] = down * (1.0f - along), weight[3][i] = down * along;
     }

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Drawing through a lens (pags/lens.h). A Gaussian's mean is projected by the lens itself, its covariance by the lens's
- * derivatives at the mean, in double precision, one Gaussian at a time. The resulting splats have the form that the
- * kernels write for a pinhole, so all later stages are the same. Depth, key and near plane are distances from the
+/* Drawing through a lens (pags/lens.h). The kernels project means and covariances (simd/lens.h) to splats of the form
+ * that they have for a pinhole, so all later stages are the same. Depth, key and near plane are distances from the
  * camera. Internal to engine/frame. */
 #ifndef PAGS_FRAME_LENS_VIEW_H
 #define PAGS_FRAME_LENS_VIEW_H
@@ -16,12 +15,8 @@ enum { LENS_STEPS = 128 };
 struct frame_lens {
   pags_camera camera; /* checked */
   double farthest;    /* angle from the axis, radians, up to which means are drawn: a little beyond the field of view */
-  bool sphere;        /* equirectangular: every direction is seen */
-  /* Lenses of r (pags/lens.h): the directions x/z, y/z up to which derivatives are taken; others take those at the
-   * nearest one of these, as a pinhole's do. */
-  bool clamps;
-  double least[2], most[2];
-  double turn; /* px per full turn, after which the picture repeats; 0: never */
+  bool sphere;        /* equirectangular: every direction is seen; the picture repeats after table.turn px */
+  pags_lens_table table; /* for the kernels. Lenses of r (pags/lens.h) clamp, as a pinhole does */
   /* reach[i]: no derivative of the pixel by the direction, px a radian, is larger within i / LENS_STEPS of `farthest`
    */
   float reach[LENS_STEPS + 1];
@@ -42,24 +37,17 @@ static inline void lens_blocks(double middle, double aside, double size, uint16_
   *end = (uint16_t)fmin(fmax(floor((middle + aside - 0.5) * 0.25) + 1, 0), blocks);
 }
 
-/* As pags_kernels.project for the Gaussians of a cluster: writes splats, keys, and the boxes' extents. Returns how many
- * lie beyond the angle that is drawn. */
-int pags_frame_project_lens(const pags_frame *frame, const view_cluster *cluster, const float *rows, int64_t stride,
-                            pags_reach *reaches);
-
-/* As pags_kernels.project_backward, by the same derivatives. */
-int pags_frame_lens_backward(const pags_frame *frame, const view_cluster *cluster, const frame_members *members,
-                             const float *slots, const pags_row_gradient *out);
-
-/* Whether no member of a cluster is drawn whose means lie in the box [lo, hi] of camera space, whose sigmas there are
- * at most `sigma`, and which ends at `reach_max` squared sigmas; if any may be, *bound receives its nearest depth, its
- * pixels, and whether it may reach over the seam. */
+/* Whether no member of a cluster is drawn whose means lie in the box [lo, hi] of camera space while the picture is
+ * read, with at most the speed `speed` along its axes per read-out (used with a rolling shutter), whose sigmas there
+ * are at most `sigma`, and which ends at `reach_max` squared sigmas; if any may be, *bound receives its nearest depth,
+ * its pixels, and whether it may reach over the seam. */
 bool pags_frame_lens_misses(const struct frame_lens *lens, const pags_projection *view, const float lo[3],
-                            const float hi[3], float sigma, float reach_max, cluster_bound *bound);
+                            const float hi[3], const float speed[3], float sigma, float reach_max,
+                            cluster_bound *bound);
 
 /* Ends a tile: pixels outside of the lens's field of view get no colour, depth or id, and a transmittance of 1. */
 void pags_frame_mask_lens(const pags_frame *frame, int64_t tile);
-/* As pags_kernels.sky_find and sky_cells, with the lens's directions. */
+/* As pags_kernels.sky_find and sky_cells, with the lens's directions, as the camera stands when each line is read. */
 void pags_frame_lens_sky(const pags_frame *frame, int x0, int y0, pags_sky_tile *tile);
 void pags_frame_lens_cells(const pags_frame *frame, int x0, int y0, int step, int32_t *row, int32_t *column,
                            float *const weight[4]);

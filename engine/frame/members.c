@@ -33,8 +33,9 @@ frame_members pags_frame_members(const pags_frame *frame, const view_cluster *c,
     const pags_gaussians *const g = frame->parts[c->part].gaussians;
     for (int k = 0; k < MOST_MEMBERS; k++)
       scratch->factors[k] = large_factor;
-    frame->kernels->project(frame->projections + c->part, g->data + c->first, g->stride, scratch->factors, c->count,
-                            scratch->splats, scratch->keys, false, scratch->boxes, NULL);
+    const pags_projection view = frame_projection(frame, c);
+    frame->kernels->project(&view, g->data + c->first, g->stride, scratch->factors, c->count, scratch->splats,
+                            scratch->keys, false, scratch->boxes, NULL);
   }
   for (int k = 0; k < c->count; k++) {
     const uint8_t flags = frame->member_flags[c->base + k];

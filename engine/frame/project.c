@@ -4,7 +4,7 @@
  * and simd/sh.h. Where nothing is left out in between, clusters are shaded while their splats are in the cache. */
 #include <string.h>
 
-#include "frame/lens_view.h"
+#include "frame/stages.h"
 
 enum { CLUSTERS_AT_A_TIME = 8 }; /* a worker's block, whose splats stay in its cache until they are shaded */
 
@@ -26,18 +26,12 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
   row_scratch scratch;
   int64_t stride;
   const float *const rows = pags_frame_geometry(part, c, &scratch, &stride);
-  int held;
-  if (frame->lens) {
-    held = pags_frame_project_lens(frame, c, rows, stride, reaches);
-    if (tiles)
-      pags_frame_box_members(frame, c->base, c->count);
-  } else {
-    held = frame->kernels->project(frame->projections + c->part, rows, stride,
-                                   part->opacity_factor ? part->opacity_factor + c->first : NULL, c->count, splats,
-                                   keys, tiles, frame->boxes + c->base, reaches);
-  }
-  if (frame->held)
-    frame->held[c - frame->clusters] = held;
+  const pags_projection view = frame_projection(frame, c);
+  const pags_project_counts counts =
+      frame->kernels->project(&view, rows, stride, part->opacity_factor ? part->opacity_factor + c->first : NULL,
+                              c->count, splats, keys, tiles, frame->boxes + c->base, reaches);
+  if (frame->counts)
+    frame->counts[c - frame->clusters] = counts;
   /* Drops Gaussians that aren't critical and whose opacity times area on the picture, px, is below options.rest_cut.
    * With k = log2(e) / 2: area = 2 pi sqrt(det),  p w = k / sqrt(det). */
   for (int k = 0; k < c->count && frame->options.rest_cut > 0.0f; k++)

@@ -28,7 +28,7 @@ pags_result pags_frame_scan(pags_frame *frame) {
   const double direction = c->shutter.across + c->shutter.down > 0.0 ? 1.0 : -1.0;
   const double read_out = fabs(c->shutter.across + c->shutter.down); /* one of them is 0 */
   frame->scans = NULL;
-  frame->held = NULL;
+  frame->counts = NULL;
   if (!pags_camera_rolls(c))
     return PAGS_OK;
   PAGS_TRY(pags_frame_alloc(frame, &frame->scans, frame->part_count, sizeof *frame->scans, "parts"));

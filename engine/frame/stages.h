@@ -92,8 +92,8 @@ struct pags_frame {
   pags_sky_rays rays; /* directions of the pixels in the sky's cube map; set where has_sky */
 
   view_cluster *clusters;
-  cluster_bound *bounds; /* per cluster in view; NULL unless drawn in slabs or with PAGS_EARLY_Z_PAPER */
-  int32_t *held; /* per cluster in view: members too fast for a rolling shutter or beyond a lens; NULL: neither */
+  cluster_bound *bounds;       /* per cluster in view; NULL unless drawn in slabs or with PAGS_EARLY_Z_PAPER */
+  pags_project_counts *counts; /* per cluster in view, with a rolling shutter or a lens; else NULL */
   int64_t cluster_count, dense_count;
   pags_splat *splats;   /* dense_count */
   uint32_t *keys;       /* dense_count sort keys: the bits of z; UINT32_MAX where the Gaussian isn't drawn */
@@ -233,6 +233,12 @@ static inline bool frame_is_critical(const pags_part *part, int64_t row) {
 /* Projects one cluster's members: writes their splats (without colours), ids and keys, if `tiles` their boxes and
  * tiles, else the boxes' extents, and, unless `reaches` is NULL, the 4x4-pixel blocks that each may change. */
 void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *cluster, bool tiles, pags_reach *reaches);
+/* The projection of a cluster: its part's, or that of the second place over the seam. */
+static inline pags_projection frame_projection(const pags_frame *frame, const view_cluster *cluster) {
+  pags_projection view = frame->projections[cluster->part];
+  view.turned = cluster->turned;
+  return view;
+}
 /* The projection to shade a cluster with: the part's own, with the SH degree lowered by options.rest_sh_less where
  * the cluster holds nothing critical. */
 pags_projection pags_frame_shading(const pags_frame *frame, const view_cluster *cluster);

@@ -264,10 +264,6 @@ pags_result pags_camera_check(pags_camera *camera, const char *what) {
                         "finite velocity; found %g s across, %g s down and a velocity of %g",
                         s->across, s->down, speed);
   PAGS_TRY(pags_lens_model_check(&camera->lens, what));
-  if (pags_camera_bends(camera) && pags_camera_rolls(camera))
-    return pags_fail_at(what,
-                        "has a rolling shutter and a lens other than a pinhole, which aren't drawn together; "
-                        "expected one of them (the photographs can be undistorted)");
   return pags_rigid_check(camera->world_from_camera, what);
 }
 

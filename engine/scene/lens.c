@@ -225,6 +225,12 @@ static void along_e(const aside *a, double value, double rate, double at[2], dou
   }
 }
 
+void pags_lens_prism(const pags_lens_model *lens, double out[4]) {
+  const double *const s = lens->s;
+  const double thin[4] = {s[0], 0, s[1], 0}, none[4] = {0, 0, 0, 0};
+  memcpy(out, lens->kind == PAGS_LENS_ARIA ? s : lens->kind == PAGS_LENS_THIN_PRISM ? thin : none, sizeof thin);
+}
+
 /* Adds the terms of p and of the prism at w, with the derivatives wj of w. `prism`: coefficients of |w|^2 and |w|^4 of
  * x, then of y. */
 static void add_terms(const double p[2], const double prism[4], const double w[2], const double wj[6], double at[2],
@@ -265,17 +271,14 @@ void pags_lens_see(const pags_lens_model *lens, const double v[3], double at[2],
     a.s = rho / v[2], a.s_rho = 1 / v[2], a.s_z = -a.s / v[2];
   const double radius = radial(lens, a.s), rate = slope(lens, a.s);
   along_e(&a, radius, rate, at, j);
-  if (lens->kind == PAGS_LENS_PERSPECTIVE || lens->kind == PAGS_LENS_RATIONAL) {
-    static const double none[4] = {0, 0, 0, 0};
-    along_e(&a, a.s, 1, w, wj);
-    add_terms(lens->p, none, w, wj, at, j);
-  } else if (lens->kind == PAGS_LENS_THIN_PRISM) {
-    const double prism[4] = {lens->s[0], 0, lens->s[1], 0};
+  double prism[4];
+  pags_lens_prism(lens, prism);
+  if (lens->kind == PAGS_LENS_PERSPECTIVE || lens->kind == PAGS_LENS_RATIONAL || lens->kind == PAGS_LENS_THIN_PRISM) {
     along_e(&a, a.s, 1, w, wj);
     add_terms(lens->p, prism, w, wj, at, j);
   } else if (lens->kind == PAGS_LENS_ARIA) {
     along_e(&a, radius, rate, w, wj);
-    add_terms(lens->p, lens->s, w, wj, at, j);
+    add_terms(lens->p, prism, w, wj, at, j);
   } else if (lens->kind == PAGS_LENS_FTHETA) {
     const double c = 1 + lens->s[0], d = lens->s[1], e = lens->s[2], x = at[0], y = at[1];
     at[0] = c * x + d * y;

@@ -12,6 +12,9 @@
  * the plane z = 1. */
 bool pags_lens_is_of_angle(pags_lens_kind kind);
 
+/* The coefficients of r^2 and r^4 of the lens's prism, of x, then of y; 0 without one. */
+void pags_lens_prism(const pags_lens_model *lens, double out[4]);
+
 /* A lens with its picture; `limit` is that of the plane z = 1. */
 typedef struct pags_lens {
   pags_lens_model model;

@@ -34,12 +34,12 @@ void pags_rigid_velocity(const double a[12], const double m[12], const double b[
 /* By iteration: the error shrinks in each step by the lines that the point moves while one is read. */
 void pags_camera_see(const pags_camera *camera, const double middle[3], double out[3]) {
   const double stand[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, from[3] = {middle[0], middle[1], middle[2]};
+  const double most = fabs(camera->shutter.across + camera->shutter.down);
+  double at[2], moved[12];
   memcpy(out, from, sizeof from);
-  for (int step = 0; pags_camera_rolls(camera) && step < 5 && out[2] > 0; step++) {
-    const double x = camera->fx * out[0] / out[2] + camera->cx, y = camera->fy * out[1] / out[2] + camera->cy;
-    const double most = fabs(camera->shutter.across + camera->shutter.down);
-    double moved[12];
-    pags_rigid_move(stand, camera->shutter.velocity, fmin(fmax(pags_camera_read_at(camera, x, y), -most), most), moved);
+  for (int step = 0; pags_camera_rolls(camera) && step < 5 && pags_camera_project(camera, out, at, NULL); step++) {
+    const double read = pags_camera_read_at(camera, at[0], at[1]);
+    pags_rigid_move(stand, camera->shutter.velocity, fmin(fmax(read, -most), most), moved);
     pags_rigid_inverse(moved, moved);
     pags_rigid_point(moved, from, out);
   }

@@ -92,10 +92,8 @@ pags_result pags_faults_check(const pags_street_faults *f) {
   for (int i = 0; i < FAULTS; i++)
     if (is_set(f, &faults[i]) || isnan(value_of(f, &faults[i])))
       PAGS_TRY(check(&faults[i], value_of(f, &faults[i])));
-  if (f->fisheye > 0.0 && (f->rolling > 0.0 || f->distortion != 0.0))
-    return pags_fail(PAGS_ERROR_ARGUMENT,
-                     "fault fisheye: expected neither a rolling shutter nor distortion with it, found %s",
-                     f->rolling > 0.0 ? "a rolling shutter" : "distortion");
+  if (f->fisheye > 0.0 && f->distortion != 0.0)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "fault fisheye: expected no distortion with it, found %g", f->distortion);
   return PAGS_OK;
 }
 

@@ -12,17 +12,16 @@ static pags_seen_point project(const pags_camera *camera, const double camera_fr
   double p[3], q[3], at[2];
   pags_widen3(xyz, q);
   pags_rigid_point(camera_from_sweep, q, p);
-  double depth = p[2];
-  bool seen = depth > 0.1;
-  if (pags_camera_bends(camera)) { /* whose depth is the distance */
-    depth = pags_length3(p);
-    seen = depth > 0.1 && pags_camera_project(camera, p, at, NULL);
-  } else if (seen) {
-    pags_camera_see(camera, p, p); /* where the photograph shows it, whether or not training knows of the shutter */
-    depth = p[2];
-    at[0] = camera->fx * p[0] / depth + camera->cx;
-    at[1] = camera->fy * p[1] / depth + camera->cy;
-  }
+  const bool bends = pags_camera_bends(camera); /* whose depth is the distance */
+  if (!((bends ? pags_length3(p) : p[2]) > 0.1))
+    return (pags_seen_point){0};
+  pags_camera_see(camera, p, p); /* where the photograph shows it, whether or not training knows of the shutter */
+  const double depth = bends ? pags_length3(p) : p[2];
+  bool seen = true;
+  if (bends)
+    seen = pags_camera_project(camera, p, at, NULL);
+  else
+    at[0] = camera->fx * p[0] / depth + camera->cx, at[1] = camera->fy * p[1] / depth + camera->cy;
   if (!seen || !(at[0] >= 0 && at[1] >= 0 && at[0] < camera->width && at[1] < camera->height))
     return (pags_seen_point){0};
   return (pags_seen_point){(float)at[0], (float)at[1], (float)depth};

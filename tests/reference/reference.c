@@ -334,6 +334,8 @@ static reference_view view_at(const reference_part *part, const reference_view *
   const reference_moment moment = reference_moment_at(part, camera, seconds);
   reference_view view = reference_view_of(&moment.part, &moment.camera, options);
   view.widened = middle->widened;
+  view.lens = middle->lens;
+  view.sigma_points = middle->sigma_points;
   return view;
 }
 

@@ -60,8 +60,8 @@ static void turn(const double pose[12], const double v[3], double out[3]) {
 
 /* p_world = R (Exp(t w) p + t v) + T with the derivative R (Exp(t w) (w x p) + v). The camera's point is C' (p_world -
  * c) with C = C_0 Exp(t w_c): its derivative is C' (p_world' - c') - w_c x point. */
-static passing pass(const reference_part *part, int64_t i, const pags_camera *camera, const pags_frame_options *options,
-                    double seconds) {
+static passing pass_plane(const reference_part *part, int64_t i, const pags_camera *camera,
+                          const pags_frame_options *options, double seconds) {
   const reference_moment moment = reference_moment_at(part, camera, seconds);
   const reference_view view = reference_view_of(&moment.part, &moment.camera, options);
   const double mean[3] = {reference_value(part, PAGS_MEAN, i), reference_value(part, PAGS_MEAN + 1, i),
@@ -87,6 +87,26 @@ static passing pass(const reference_part *part, int64_t i, const pags_camera *ca
   for (int k = 0; k < 2; k++) {
     p.pixel[k] = f[k] * p.at[k] / p.at[2] + c[k];
     p.drift[k] = f[k] * (p.rate[k] - p.at[k] / p.at[2] * p.rate[2]) / p.at[2];
+  }
+  p.read = pags_camera_read_at(camera, p.pixel[0], p.pixel[1]);
+  return p;
+}
+
+/* The same through a lens. Longitudes are at most half a turn from that of the middle of the exposure. */
+static passing pass(const reference_part *part, int64_t i, const pags_camera *camera, const pags_frame_options *options,
+                    double seconds) {
+  passing p = pass_plane(part, i, camera, options, seconds);
+  double j[6], middle[2];
+  if (!reference_has_lens(camera))
+    return p;
+  const double turn = camera->lens.kind == PAGS_LENS_EQUIRECTANGULAR ? 6.283185307179586 * camera->fx : 0;
+  reference_lens_pixel(camera, p.at, p.pixel);
+  reference_lens_jacobian(camera, p.at, j);
+  for (int k = 0; k < 2; k++)
+    p.drift[k] = j[3 * k] * p.rate[0] + j[3 * k + 1] * p.rate[1] + j[3 * k + 2] * p.rate[2];
+  if (turn > 0) {
+    reference_lens_pixel(camera, pass_plane(part, i, camera, options, 0).at, middle);
+    p.pixel[0] -= turn * round((p.pixel[0] - middle[0]) / turn);
   }
   p.read = pags_camera_read_at(camera, p.pixel[0], p.pixel[1]);
   return p;

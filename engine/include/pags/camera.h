@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A camera: a pinhole, or one with a lens, or with a rolling shutter; rigid motions and rotations, and the JSON files
+/* A camera: a pinhole or a lens, with a global or a rolling shutter; rigid motions and rotations, and the JSON files
  * that hold one camera or a path of cameras. All functions are safe to call from several threads at once. */
 #ifndef PAGS_CAMERA_H
 #define PAGS_CAMERA_H
@@ -76,9 +76,8 @@ PAGS_API const char *pags_shutter_direction(const pags_shutter *shutter);
 
 /* Checks the size (1..65535 pixels a side), that the focal lengths are positive and finite, that the principal
  * point is finite, that a rolling shutter reads in one direction, in at most a second and with a finite velocity, the
- * lens as pags_lens_model_check does and that it has no rolling shutter, and the pose as pags_rigid_check does, which
- * also makes R exactly orthonormal. Returns PAGS_ERROR_FORMAT if a check fails; `what` names the camera in the
- * message. */
+ * lens as pags_lens_model_check does, and the pose as pags_rigid_check does, which also makes R exactly orthonormal.
+ * Returns PAGS_ERROR_FORMAT if a check fails; `what` names the camera in the message. */
 PAGS_API pags_result pags_camera_check(pags_camera *camera, const char *what);
 
 /* Returns the same camera at width/factor x height/factor pixels (rounded down, at least 1); factor >= 1. Focal

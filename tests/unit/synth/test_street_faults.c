@@ -83,24 +83,30 @@ static int line_difference(const pags_image *a, const pags_image *b, int i, bool
 }
 
 /* Each line of a picture that is read out in 0.16 s equals that line of a global-shutter picture at the line's time.
- * Line i is read (i - 7.5) 0.01 s after the middle. */
-static void test_rolling(void **state) {
-  (void)state;
+ * Line i is read (i - 7.5) 0.01 s after the middle. `lens`: a fault of both pictures, or NULL. */
+static void check_rolling(const char *lens) {
   static const char *const faults[4] = {"rolling-down=0.16", "rolling-up=0.16", "rolling-right=0.16",
                                         "rolling-left=0.16"};
+  char folder[2][32];
   static const char *const words[4] = {"top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"};
-  const pags_street_options fast = small_street(200);
-  write_street("fast", &fast, 2);
+  pags_street_options fast = small_street(200);
+  if (lens)
+    set_fault(&fast, lens);
+  snprintf(folder[0], sizeof folder[0], "fast%s", lens ? " lens" : "");
+  write_street(folder[0], &fast, 2);
   for (int d = 0; d < 4; d++) {
     pags_street_options options = small_street(10);
     set_fault(&options, faults[d]);
-    write_street(words[d], &options, 1 + d % 2);
+    if (lens)
+      set_fault(&options, lens);
+    snprintf(folder[1], sizeof folder[1], "%s%s", words[d], lens ? " lens" : "");
+    write_street(folder[1], &options, 1 + d % 2);
     for (int c = 0; c < CAMERAS; c++) {
-      pags_image rolling = load(words[d], 1, c);
+      pags_image rolling = load(folder[1], 1, c);
       int64_t same = 0, other = 0;
       for (int i = 0; i < SIDE; i++) {
         const int line = d % 2 ? SIDE - 1 - i : i; /* the line that is read as number i */
-        pags_image then = load("fast", 5 + 2 * i, c);
+        pags_image then = load(folder[0], 5 + 2 * i, c);
         same += line_difference(&rolling, &then, line, d >= 2) <= 1;
         other += line_difference(&rolling, &then, SIDE - 1 - line, d >= 2) <= 1;
         pags_image_destroy(&then);
@@ -112,12 +118,12 @@ static void test_rolling(void **state) {
     }
     char name[96];
     pags_json *json = NULL;
-    snprintf(name, sizeof name, "%s/dataset.json", words[d]);
+    snprintf(name, sizeof name, "%s/dataset.json", folder[1]);
     assert_int_equal(pags_json_parse_file(scratch(name), &json), PAGS_OK);
     assert_string_equal(pags_json_member(pags_json_member(pags_json_root(json), "rolling_shutter"), "2")->text,
                         words[d]);
     pags_json_destroy(json);
-    snprintf(name, sizeof name, "%s/timestamps.json", words[d]);
+    snprintf(name, sizeof name, "%s/timestamps.json", folder[1]);
     assert_int_equal(pags_json_parse_file(scratch(name), &json), PAGS_OK);
     const pags_json_value *root = pags_json_root(json);
     const double begin = pags_json_member(pags_json_member(root, "trigger"), "1")->first->next->number,
@@ -125,6 +131,12 @@ static void test_rolling(void **state) {
     pags_json_destroy(json);
     assert_true(fabs(begin - 0.02) < 1e-12 && fabs(end - 0.18) < 1e-12);
   }
+}
+
+static void test_rolling(void **state) {
+  (void)state;
+  check_rolling(NULL);
+  check_rolling("fisheye=170");
 }
 
 /* A delayed camera shows what a later frame would show, and the data set doesn't state the delay. */
