@@ -239,17 +239,42 @@ static void test_clips(const pags_kernels *k) {
   CHECK(clipped > 100 && tally[1] > 50);
 }
 
-/* With a rolling shutter every machine gives the scalar kernel's bits, and unusable rows aren't drawn.
- * tests/unit/frame/test_shutter.c compares the values with the oracle's. */
-static void test_rolling(const pags_kernels *k) {
-  int drawn = 0, moved = 0, held = 0;
+/* A lens whose radius is the angle, with tangential terms; of kind 1 as clamped at a slope of 1; of kind 2 longitude
+ * and latitude. */
+static void lens_random(const pags_projection *view, int kind, pags_lens_table *out) {
+  memset(out, 0, sizeof *out);
+  *out = (pags_lens_table){.turn = kind == 2 ? 6.2831853f * view->fx : 0.0f,
+                           .a = {view->fx, 0.1f, 0.2f, view->fy},
+                           .farthest = kind == 2 ? INFINITY : 1.4f,
+                           .clamps = kind == 1,
+                           .least = {-1.0f, -1.0f},
+                           .most = {1.0f, 1.0f},
+                           .terms_of = 1 + (int32_t)check_below(3),
+                           .p = {0.01f, -0.02f},
+                           .prism = {0.01f, 0.0f, 0.003f, 0.001f},
+                           .per_radian = (float)PAGS_LENS_STEPS / 1.4f};
+  for (int i = 0; i < PAGS_LENS_STEPS; i++)
+    out->radius[i][0] = (float)i / out->per_radian, out->radius[i][1] = 1.0f / out->per_radian;
+}
+
+/* With a lens, a rolling shutter or both every machine gives the scalar kernel's bits, and unusable rows aren't drawn.
+ * tests/unit/frame/test_shutter.c and test_lens.c compare the values with the oracle's. */
+static void check_moving(const pags_kernels *k, bool rolls, int kind) {
+  static pags_lens_table lens;
+  int drawn = 0, moved = 0, held = 0, beyond = 0;
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
-    for (int kind = ROWS_ORDINARY; kind <= ROWS_AWKWARD; kind++) {
+    for (int awkward = ROWS_ORDINARY; awkward <= ROWS_AWKWARD; awkward++) {
       pags_projection view = view_random(check_below(4), n % 2);
       const pags_scan scan = scan_random(&view);
-      const rows r = rows_random(&view, counts[n], (row_kind)kind);
+      const rows r = rows_random(&view, counts[n], (row_kind)awkward);
+      if (kind >= 0) {
+        lens_random(&view, kind, &lens);
+        view.lens = &lens;
+        view.turned = kind == 2 && n % 2;
+      }
       const projection still = project(k, &view, &r);
-      view.scan = &scan;
+      if (rolls)
+        view.scan = &scan;
       const projection got = project(k, &view, &r), want = project(&pags_kernels_scalar, &view, &r);
       check_scalar(&got, &want, r.count);
       for (int i = 0; i < r.count; i++) {
@@ -259,25 +284,54 @@ static void test_rolling(const pags_kernels *k) {
         drawn += got.keys[i] != UINT32_MAX;
         moved += got.keys[i] != UINT32_MAX && still.keys[i] != UINT32_MAX && got.splats[i].x != still.splats[i].x;
       }
-      const int here = k->project(&view, r.data, r.stride, NULL, r.count, got.splats, got.keys, false, got.boxes, NULL);
-      const int there = pags_kernels_scalar.project(&view, r.data, r.stride, NULL, r.count, want.splats, want.keys,
-                                                    false, want.boxes, NULL);
-      CHECK(!CHECK_EXACT || here == there);
-      held += here;
+      const pags_project_counts here =
+          k->project(&view, r.data, r.stride, NULL, r.count, got.splats, got.keys, false, got.boxes, NULL);
+      const pags_project_counts there = pags_kernels_scalar.project(&view, r.data, r.stride, NULL, r.count, want.splats,
+                                                                    want.keys, false, want.boxes, NULL);
+      CHECK(!CHECK_EXACT || (here.held == there.held && here.beyond == there.beyond));
+      held += here.held;
+      beyond += here.beyond;
       check_release();
     }
-  check_note("%d rows drawn, %d elsewhere than at mid-exposure, %d held", drawn, moved, held);
-  CHECK(drawn > 300 && moved > 200 && held > 0 && held < drawn / 2);
+  check_note("%d rows drawn, %d elsewhere than at mid-exposure, %d held, %d beyond", drawn, moved, held, beyond);
+  CHECK(drawn > (kind < 0 ? 300 : 30) && held < drawn / 2);
+  CHECK(rolls ? moved > drawn / 2 && (kind >= 0 || held > 0) : moved == 0 && held == 0);
+  CHECK((beyond > 0) == (kind == 0 || kind == 1));
 }
 
-static void test_rolling_bench(const pags_kernels *k) {
+static void test_rolling(const pags_kernels *k) {
+  check_moving(k, true, -1);
+}
+
+static void test_lens(const pags_kernels *k) {
+  for (int kind = 0; kind < 6; kind++)
+    check_moving(k, kind % 2, kind / 2);
+}
+
+/* A pinhole (-1) or the lens of a kind. */
+static void bench_moving(const pags_kernels *k, const char *what, bool rolls, int kind) {
+  static pags_lens_table lens;
   pags_projection view = view_random(3, false);
   const pags_scan scan = scan_random(&view);
   const rows r = rows_random(&view, 256, ROWS_ORDINARY);
-  view.scan = &scan;
+  if (kind >= 0) {
+    lens_random(&view, kind, &lens);
+    lens.terms_of = PAGS_LENS_NO_TERMS;
+    view.lens = &lens;
+  }
+  view.scan = rolls ? &scan : NULL;
   const projection p = project(k, &view, &r);
-  CHECK_BENCH("project, rolling", r.count, "row")
+  CHECK_BENCH(what, r.count, "row")
   k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, false, p.boxes, NULL);
+}
+
+static void test_rolling_bench(const pags_kernels *k) {
+  bench_moving(k, "project, rolling", true, -1);
+}
+
+static void test_lens_bench(const pags_kernels *k) {
+  bench_moving(k, "project, lens", false, 0);
+  bench_moving(k, "project, rolling, lens", true, 0);
 }
 
 static void test_bench(const pags_kernels *k) {
@@ -349,6 +403,8 @@ int main(int argc, char **argv) {
       {"project tiles", test_tiles},
       {"project reaches", test_reaches},
       {"project bench", test_bench},
+      {"project lens", test_lens},
+      {"project lens bench", test_lens_bench},
       {"project rolling", test_rolling},
       {"project rolling bench", test_rolling_bench},
   };
