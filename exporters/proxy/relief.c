@@ -320,7 +320,8 @@ typedef struct looking {
 } looking;
 
 /* Asks all views about each cell of some columns: a cell is seen if the surface along the rays through it is near the
- * plane and of a building, and empty if more rays go on behind the plane. Rays that end before it say nothing. */
+ * plane and of a building, and empty if more rays go on behind the plane. Rays that end before it say nothing, nor do
+ * those that go on to a building behind a measured cell: Gaussians may lie metres behind their wall. */
 static void look_at_columns(void *context, int64_t begin, int64_t end, PAGS_UNUSED int worker) {
   const looking *l = context;
   pags_relief *r = l->relief;
@@ -340,15 +341,16 @@ static void look_at_columns(void *context, int64_t begin, int64_t end, PAGS_UNUS
           continue;
         const int64_t pixel = (int64_t)y * view->camera.width + x;
         const double depth = (double)view->depth[pixel];
+        const bool wall = !view->labels || pags_class_of_label(view->labels[pixel]) == PAGS_CHUNK_BUILDING;
+        const bool measured = view->labels && wall && r->state[j * r->n[0] + i] == PAGS_RELIEF_MEASURED;
         if (depth > 0) {
           double q[3];
           pags_depth_view_point(view, x, y, depth, q);
           const double beyond = r->plane.offset - pags_dot3(q, r->plane.normal);
-          const bool wall = !view->labels || pags_class_of_label(view->labels[pixel]) == PAGS_CHUNK_BUILDING;
           near += wall && beyond > -vague && beyond < inside;
-          through += beyond > (wall ? inside : vague);
+          through += !measured && beyond > (wall ? inside : vague);
         } else if (depth < 0) {
-          through += -depth > z + vague;
+          through += !measured && -depth > z + vague;
         }
       }
       uint8_t *state = &r->state[j * r->n[0] + i];

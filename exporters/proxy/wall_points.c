@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Gathers points on walls.
  *
- * A LiDAR point is a wall's if most views that see it, by their depth, show the class of buildings there. Its normal is
- * level: the minor axis of the points in the columns around it, seen from above, towards the views. */
+ * A LiDAR point is a wall's if most views that see it show the class of buildings there. Views see it unless their
+ * depth is nearer: LiDAR is right about the place, and Gaussians may lie metres behind it. Its normal is level: the
+ * minor axis of the points in the columns around it, seen from above, towards the views. */
 #include "exporters/proxy/wall_points.h"
 
 #include <math.h>
@@ -14,7 +15,7 @@
 
 static const double column = 0.5;  /* side of the columns in which normals are found, metres */
 static const double flat = 0.3;    /* largest standard deviation of points across a wall, metres */
-static const double vague = 1;     /* difference of a point's depth from that of a view that sees it, metres and */
+static const double vague = 1;     /* a view sees a point if its depth is at most this much nearer, metres and */
 static const double vaguer = 0.05; /* of the depth */
 static const double foot = 0.2;    /* points lower over the ground are not used, metres */
 static const int64_t most_points = 4000000; /* of LiDAR: of more, every second, third, ... is used */
@@ -96,11 +97,13 @@ static void ask_views(void *context, int64_t begin, int64_t end, PAGS_UNUSED int
       if (!view->labels || !pags_depth_view_project(view, p, &x, &y, &z))
         continue;
       const int64_t pixel = (int64_t)y * view->camera.width + x;
-      if (!(fabs((double)view->depth[pixel] - z) < vague + vaguer * z))
+      const double depth = fabs((double)view->depth[pixel]);
+      const uint8_t class = pags_class_of_label(view->labels[pixel]);
+      /* Sky, people and vehicles are beside the point or before it. */
+      if (class >= PAGS_CHUNK_SURFACE || (depth > 0 && depth < z - vague - vaguer * z))
         continue;
-      const bool wall = pags_class_of_label(view->labels[pixel]) == PAGS_CHUNK_BUILDING;
-      walls += wall;
-      others += !wall;
+      walls += class == PAGS_CHUNK_BUILDING;
+      others += class != PAGS_CHUNK_BUILDING;
       pags_pose_position(view->camera.world_from_camera, eye);
       const double far = pags_hypot(eye[0] - p[0], eye[1] - p[1]) + 1e-9;
       for (int k = 0; k < 2; k++)

@@ -10,10 +10,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "exporters/proxy/blocks.h"
 #include "exporters/proxy/mesh_query.h"
 
-enum { SIDE = 200 }; /* points of the ground's lattice a side, 0.2 m apart */
+enum { SIDE = 200, WIDE = 64 }; /* points of the ground's lattice a side, 0.2 m apart; pixels of a picture */
 
 static const double step = 0.1; /* of the points on walls, metres */
 
@@ -194,6 +195,60 @@ static void test_what_hangs_stays_up(void **state) {
   assert_near(hit(s, 0, -5, 2, 0, 1, 0), 5, 0.02);
 }
 
+/* A camera at (0, -8), 1.6 m high, that looks along y. */
+static void look_ahead(pags_depth_view *view, float *depth, uint8_t *labels, uint8_t *rgb) {
+  const double pose[12] = {1, 0, 0, 0, 0, 0, 1, -8, 0, -1, 0, 1.6};
+  *view = (pags_depth_view){.depth = depth, .labels = labels, .rgb = rgb};
+  view->camera.width = view->camera.height = WIDE;
+  view->camera.fx = view->camera.fy = WIDE / 2;
+  view->camera.cx = view->camera.cy = WIDE / 2;
+  memcpy(view->camera.world_from_camera, pose, sizeof pose);
+  pags_rigid_inverse(pose, view->camera_from_model);
+}
+
+/* LiDAR measured a wall 8 m before two cameras. It becomes a block if the pictures show a building there, although
+ * their depths are 3 m too far, and a car is before it in one of them; not if depths or labels say that something else
+ * is there. */
+static void test_lidar_knows_better_where_walls_are(void **state) {
+  static float points[100000], depths[2][WIDE * WIDE];
+  static uint8_t labels[2][WIDE * WIDE], rgb[3 * WIDE * WIDE];
+  enum { CAR = 13, BUILDING = 2, PLANTS = 8 };
+  static const struct {
+    float depth;
+    uint8_t labels[2];
+    bool wall;
+  } cases[] = {{11, {BUILDING, BUILDING}, true}, {PAGS_DEPTH_VIEW_FREE, {BUILDING, BUILDING}, true},
+               {11, {BUILDING, CAR}, true},      {5, {BUILDING, BUILDING}, false},
+               {11, {PLANTS, PLANTS}, false},    {11, {CAR, CAR}, false}};
+  for (size_t c = 0; c < sizeof cases / sizeof *cases; c++) {
+    pags_depth_view views[2];
+    int64_t count = 0;
+    street *s;
+    set_up(state);
+    s = *state;
+    for (double x = -4; x < 4; x += step)
+      for (double z = 0.1; z < 4; z += step) {
+        pags_narrow3((const double[3]){x, 0.01 * sin(30 * x * z), z}, points + 3 * count++);
+      }
+    for (int v = 0; v < 2; v++) {
+      look_ahead(&views[v], depths[v], labels[v], rgb);
+      memset(labels[v], cases[c].labels[v], sizeof labels[v]);
+      for (int i = 0; i < WIDE * WIDE; i++)
+        depths[v][i] = cases[c].depth;
+    }
+    s->maker.lidar = (pags_lidar){.count = count, .points = points};
+    s->made.labelled = true;
+    s->made.depth_views = (pags_depth_views){.count = 2, .list = views};
+    make(s);
+    assert_int_equal(s->made.chunk_count > 0, cases[c].wall);
+    if (cases[c].wall)
+      assert_near(hit(s, 0.05, -5, 1, 0, 1, 0), 5, 0.03);
+    s->made.depth_views = (pags_depth_views){0};
+    tear_down(state);
+  }
+  set_up(state); /* for the tear-down that follows */
+}
+
 static void test_nothing_to_build(void **state) {
   street *s = *state;
   static const float grey[3] = {0}, points[4][3] = {{0, 0, 0}, {0.1f, 0, 0}, {0.1f, 0, 0.1f}, {0, 0, 0.1f}};
@@ -250,6 +305,7 @@ int main(void) {
       cmocka_unit_test_setup_teardown(test_window_set_back, set_up, tear_down),
       cmocka_unit_test_setup_teardown(test_corner_of_a_house, set_up, tear_down),
       cmocka_unit_test_setup_teardown(test_what_hangs_stays_up, set_up, tear_down),
+      cmocka_unit_test_setup_teardown(test_lidar_knows_better_where_walls_are, set_up, tear_down),
       cmocka_unit_test_setup_teardown(test_nothing_to_build, set_up, tear_down),
       cmocka_unit_test_setup_teardown(test_no_ground, set_up, tear_down),
   };
