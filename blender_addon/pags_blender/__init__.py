@@ -16,61 +16,17 @@ bl_info = {
     "category": "Import-Export",
 }
 
+import importlib
 import sys
 
 import addon_utils
 import bpy
 
-from . import (
-    cameras,
-    cleanup,
-    comparison,
-    composite,
-    engine,
-    exporter,
-    guard,
-    handlers,
-    importer,
-    inspect_panel,
-    inspector,
-    jobs,
-    legend,
-    measure,
-    native,
-    native_splats,
-    overlay,
-    picked,
-    properties,
-    proxies,
-    recording,
-    select_tool,
-    surface,
-    sweeps,
-    ui,
-    watch,
-)
+from . import native, properties, registry
 
-PARTS = (
-    properties,
-    cleanup,
-    guard,
-    jobs,
-    importer,
-    cameras,
-    engine,
-    overlay,
-    inspector,
-    select_tool,
-    comparison,
-    measure,
-    surface,
-    recording,
-    sweeps,
-    composite,
-)
-PARTS += (exporter, native_splats, proxies, legend, picked, ui, inspect_panel, handlers, watch)
-
-
+NAMES = """properties cleanup guard jobs importer cameras engine overlay inspector select_tool comparison measure surface
+recording sweeps composite exporter native_splats proxies legend picked ui inspect_panel handlers timing watch"""
+PARTS = [importlib.import_module(f".{name}", __package__) for name in NAMES.split()]
 FORMER = "pags"  # the add-on's former name, which is now that of the Python module
 
 
@@ -99,7 +55,7 @@ def register():
     kept = leave_former_copy()
     native.publish()
     for part in PARTS:
-        part.register()
+        registry.register(part)
     chosen = properties.preferences(bpy.context)
     for name, value in kept.items() if chosen else ():
         setattr(chosen, name, value)
@@ -107,4 +63,4 @@ def register():
 
 def unregister():
     for part in reversed(PARTS):
-        part.unregister()
+        registry.unregister(part)

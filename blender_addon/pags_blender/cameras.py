@@ -65,10 +65,10 @@ class Frame:
         self.origin = np.array(self.info["origin"])
 
     def frame_of(self, time):
-        return self.root.pags.frame_start + (time - self.info["time_begin"]) * self.root.pags.fps
+        return self.entry.frame_of(self.root, time)
 
     def time_of(self, frame):
-        return self.info["time_begin"] + (frame - self.root.pags.frame_start) / self.root.pags.fps
+        return self.entry.time_of(self.root, frame)
 
     def local(self, view):
         """4x4 pose of a view's camera relative to the root, in Blender's camera axes (x right, y up, looking along -z)."""
@@ -146,6 +146,22 @@ def go_to(context, frame, view):
         context.region_data.view_perspective = "CAMERA"
 
 
+def view_at(context, frame, name="", step=0):
+    """The view of this name or, without one, of the scene's camera nearest in time, `step` views on; None if there are none."""
+    views = frame.scene.views
+    if name:
+        return next((v for v in views if v["name"] == name), None)
+    current = context.scene.camera
+    sensor = current.data.pags.sensor if current is not None and current.type == "CAMERA" else -1
+    group = [v for v in views if v["sensor"] == sensor and "time" in v] or views
+    if not group or "time" not in group[0]:
+        return group[0] if group else None
+    group = sorted(group, key=lambda v: v["time"])
+    now = frame.time_of(context.scene.frame_current_final)
+    nearest = min(range(len(group)), key=lambda i: abs(group[i]["time"] - now))
+    return group[min(max(nearest + step, 0), len(group) - 1)]
+
+
 class PAGS_OT_jump(OnScene, bpy.types.Operator):
     """Go to the time of a photograph and look through its camera"""
 
@@ -164,27 +180,13 @@ class PAGS_OT_jump(OnScene, bpy.types.Operator):
 
     def work(self, context, root):
         frame = Frame(context, root)
-        view = self.find(context, frame)
+        view = view_at(context, frame, self.name, self.step)
         if view is None:
             raise native.SceneError(
                 f"the scene has no photograph {self.name}" if self.name else "the scene has no photographs"
             )
         go_to(context, frame, view)
         return view["name"] + (" (held out)" if view["test"] else "")
-
-    def find(self, context, frame):
-        views = frame.scene.views
-        if self.name:
-            return next((v for v in views if v["name"] == self.name), None)
-        current = context.scene.camera
-        sensor = current.data.pags.sensor if current is not None and current.type == "CAMERA" else -1
-        group = [v for v in views if v["sensor"] == sensor and "time" in v] or views
-        if "time" not in group[0] if group else True:
-            return group[0] if group else None
-        group = sorted(group, key=lambda v: v["time"])
-        now = frame.time_of(context.scene.frame_current_final)
-        nearest = min(range(len(group)), key=lambda i: abs(group[i]["time"] - now))
-        return group[min(max(nearest + self.step, 0), len(group) - 1)]
 
 
 class PAGS_OT_camera_here(bpy.types.Operator):
@@ -271,11 +273,8 @@ class PAGS_OT_ego_path(OnScene, bpy.types.Operator):
         context.scene.camera = camera
 
     def source(self, context, root):
-        cameras = [
-            o
-            for o in context.scene.objects
-            if o.pags.kind == "CAMERA" and o.pags.root == root and o.parent and o.parent.pags.kind == "EGO"
-        ]
+        cameras = [o for o in context.scene.objects if o.pags.kind == "CAMERA" and o.pags.root == root]
+        cameras = [o for o in cameras if o.parent and o.parent.pags.kind == "EGO"]
         cameras.sort(key=lambda o: o.data.pags.sensor)
         return next((c for c in cameras if self.sensor in (-1, c.data.pags.sensor)), None)
 
@@ -294,32 +293,18 @@ def record_of(view):
 
 
 def quaternion(r):
-    """Quaternion w x y z of a 3x3 rotation in double precision (mathutils has single precision only)."""
-    w = np.sqrt(max(0.0, 1 + r[0, 0] + r[1, 1] + r[2, 2])) / 2
-    x = np.sqrt(max(0.0, 1 + r[0, 0] - r[1, 1] - r[2, 2])) / 2
-    y = np.sqrt(max(0.0, 1 - r[0, 0] + r[1, 1] - r[2, 2])) / 2
-    z = np.sqrt(max(0.0, 1 - r[0, 0] - r[1, 1] + r[2, 2])) / 2
-    q = np.array(
-        [w, np.copysign(x, r[2, 1] - r[1, 2]), np.copysign(y, r[0, 2] - r[2, 0]), np.copysign(z, r[1, 0] - r[0, 1])]
-    )
-    if w < 1e-4:  # a rotation by 180 degrees: signs from the off-diagonal products
-        k = int(np.argmax(q[1:] ** 2))
-        for j in range(3):
-            if j != k:
-                q[1 + j] = np.copysign(q[1 + j], r[k, j] + r[j, k])
-        q[1 + k] = abs(q[1 + k])
-    return [float(v) for v in q / np.linalg.norm(q)]
+    """Quaternion w x y z of a 3x3 rotation in double precision, which mathutils lacks: an eigenvector (Bar-Itzhack, J. Guidance 23(6), 2000)."""
+    k = np.empty((4, 4))
+    k[0, 0], k[1:, 1:] = np.trace(r), r + r.T - np.trace(r) * np.eye(3)
+    k[0, 1:] = k[1:, 0] = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+    q = np.linalg.eigh(k)[1][:, 3]
+    return [float(v) for v in (-q if q[0] < 0 else q)]
 
 
 def rotation(q):
     w, x, y, z = np.array(q, dtype=np.float64) / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * (w * cross + cross @ cross)
 
 
 class PAGS_OT_write_path(jobs.Long, OnScene, bpy.types.Operator, ExportHelper):
@@ -342,9 +327,8 @@ class PAGS_OT_write_path(jobs.Long, OnScene, bpy.types.Operator, ExportHelper):
             raise native.SceneError("there is no camera in the scene")
         if os.path.exists(path) and not os.stat(path).st_mode & 0o222:  # refused even for root, which could write it
             raise native.SceneError(f"{path}: can't write: it is read-only")
-        numbers = (
-            [scene.frame_current_final] if single else range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        )
+        every = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        numbers = [scene.frame_current_final] if single else every
         (width, height), scene_path = lens.picture_size(scene.render), whereabouts.absolute_path(root)
 
         def work(job):
@@ -426,21 +410,5 @@ class PAGS_OT_read_path(OnScene, bpy.types.Operator, ImportHelper):
         context.scene.collection.objects.link(camera)
         camera.parent = root
         curves.set_track(camera, frames, poses)
-        width = lenses[0]["width"]
-        if any(one != lenses[0] for one in lenses):
-            curves.set_curve(data, "lens", 0, frames, [one["fx"] * 36.0 / one["width"] for one in lenses])
-            curves.set_curve(data, "shift_x", 0, frames, [0.5 - one["cx"] / one["width"] for one in lenses])
-            curves.set_curve(data, "shift_y", 0, frames, [(one["cy"] - one["height"] / 2) / width for one in lenses])
+        curves.set_lens(data, frames, lenses)
         context.scene.camera = camera
-
-
-CLASSES = (
-    PAGS_OT_jump,
-    PAGS_OT_camera_here,
-    PAGS_OT_size_of_camera,
-    PAGS_OT_ego_path,
-    PAGS_OT_write_path,
-    PAGS_OT_read_path,
-)
-
-register, unregister = bpy.utils.register_classes_factory(CLASSES)

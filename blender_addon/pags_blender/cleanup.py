@@ -15,113 +15,42 @@ from . import cameras, draw, lens, reasons
 LUMA = np.array([0.2126, 0.7152, 0.0722])  # luminance weights of Rec. 709
 LOOKS = ("exposure", "tint", "saturation", "contrast", "opacity", "sh")
 LIMITS = ("least_opacity", "least_size", "greatest_size", "least_views")
-
-
-def changed(settings, context):
-    for _, region in draw.regions():
-        region.tag_redraw()
+SIDES = [("KEEP", "Keep inside", "Hide Gaussians outside"), ("REMOVE", "Remove inside", "Hide Gaussians inside")]
 
 
 class PagsCrop(bpy.types.PropertyGroup):
-    volume: PointerProperty(
-        name="Volume",
-        description="Empty displayed as a cube or a sphere; move, rotate and scale it",
-        type=bpy.types.Object,
-        update=changed,
-    )
-    mode: EnumProperty(
-        name="Crop",
-        description="Effect on the Gaussians inside",
-        items=[
-            ("KEEP", "Keep inside", "Show only Gaussians inside"),
-            ("REMOVE", "Remove inside", "Hide Gaussians inside"),
-        ],
-        update=changed,
-    )
+    volume: draw.live(PointerProperty, "Volume", "Empty displayed as a cube or a sphere", type=bpy.types.Object)
+    mode: draw.live(EnumProperty, "Crop", "Effect on the Gaussians inside", items=SIDES)
+
+
+FACTOR = {"default": 1, "min": 0, "soft_max": 2, "max": 10}
+LENGTH = {"min": 0, "max": 1e5, "unit": "LENGTH", "precision": 3}
 
 
 class PagsLook(bpy.types.PropertyGroup):
-    exposure: FloatProperty(
-        name="Exposure", description="Exposure in stops", soft_min=-5, soft_max=5, min=-20, max=20, update=changed
+    exposure: draw.live(FloatProperty, "Exposure", "Exposure in stops", soft_min=-5, soft_max=5, min=-20, max=20)
+    tint: draw.live(
+        FloatVectorProperty, "Tint", "Factor per channel", subtype="COLOR", **{**FACTOR, "default": (1, 1, 1)}
     )
-    tint: FloatVectorProperty(
-        name="Tint",
-        description="Factor per colour channel",
-        subtype="COLOR",
-        default=(1, 1, 1),
-        min=0,
-        max=10,
-        soft_max=1,
-        update=changed,
+    saturation: draw.live(FloatProperty, "Saturation", "Saturation: 0 is grey, 1 is unchanged", **FACTOR)
+    contrast: draw.live(FloatProperty, "Contrast", "Contrast about middle grey: 1 is unchanged", **FACTOR)
+    opacity: draw.live(
+        FloatProperty, "Opacity", "Factor of each Gaussian's opacity; 0 hides all", **{**FACTOR, "max": 1000}
     )
-    saturation: FloatProperty(
-        name="Saturation",
-        description="Saturation: 0 is grey, 1 is unchanged",
-        default=1,
-        min=0,
-        soft_max=2,
-        max=10,
-        update=changed,
+    sh: draw.live(FloatProperty, "View dependence", "Factor of the view-dependent colour; 0 removes it", **FACTOR)
+    least_opacity: draw.live(
+        FloatProperty, "Minimum opacity", "Hide Gaussians with a lower opacity, 0 to 1", min=0, max=1, precision=3
     )
-    contrast: FloatProperty(
-        name="Contrast",
-        description="Contrast about middle grey: 1 is unchanged",
-        default=1,
-        min=0,
-        soft_max=2,
-        max=10,
-        update=changed,
+    least_size: draw.live(FloatProperty, "Minimum size", "Hide Gaussians whose largest sigma is below this", **LENGTH)
+    greatest_size: draw.live(
+        FloatProperty, "Maximum size", "Hide Gaussians whose largest sigma is above this; 0: none", **LENGTH
     )
-    opacity: FloatProperty(
-        name="Opacity",
-        description="Factor of each Gaussian's opacity; 0 hides all",
-        default=1,
-        min=0,
-        soft_max=2,
-        max=1000,
-        update=changed,
-    )
-    sh: FloatProperty(
-        name="View dependence",
-        description="Factor of the view-dependent colour; 0 removes it",
-        default=1,
-        min=0,
-        max=10,
-        soft_max=1,
-        update=changed,
-    )
-    least_opacity: FloatProperty(
-        name="Minimum opacity",
-        description="Hide Gaussians with a lower opacity, 0 to 1",
-        min=0,
-        max=1,
-        precision=3,
-        update=changed,
-    )
-    least_size: FloatProperty(
-        name="Minimum size",
-        description="Hide Gaussians whose largest sigma is below this",
-        min=0,
-        max=1e5,
-        unit="LENGTH",
-        precision=3,
-        update=changed,
-    )
-    greatest_size: FloatProperty(
-        name="Maximum size",
-        description="Hide Gaussians whose largest sigma is above this; 0: none",
-        min=0,
-        max=1e5,
-        unit="LENGTH",
-        precision=3,
-        update=changed,
-    )
-    least_views: IntProperty(
-        name="Minimum views",
-        description="Hide Gaussians seen in fewer than this number of training views (floaters); background and parked objects only",
+    least_views: draw.live(
+        IntProperty,
+        "Minimum views",
+        "Hide Gaussians of the background that fewer than this number of views see",
         min=0,
         max=100000,
-        update=changed,
     )
     crops: CollectionProperty(name="Crops", description="Empties that limit the visible Gaussians", type=PagsCrop)
 
@@ -162,26 +91,13 @@ def rules_of(owner, index, depsgraph, everything=False):
     """The rules (none or one) of an evaluated Blender object: of a root (whole scene), or of the part of object `index`."""
     if not owner.is_property_set("pags_look"):  # unchanged settings return early: each redraw visits thousands of parts
         return []
-    look, rule = owner.pags_look, {}
-    for name in LIMITS:
-        if getattr(look, name) > 0:
-            rule[name] = getattr(look, name)
-    for name in ("opacity", "sh"):
-        if getattr(look, name) != 1:
-            rule[name] = getattr(look, name)
-    matrix = matrix_of(look)
-    if matrix is not None:
-        rule["matrix"] = matrix
-    crops = [
-        found
-        for found in (crop_of(crop, owner, depsgraph) for crop in owner.original.pags_look.crops)
-        if found is not None
-    ]
-    if crops:
-        rule["crops"] = crops
-    if not rule:
-        return []
-    return [rule] if everything else [{"object": index, **rule}]
+    look = owner.pags_look
+    crops = [crop_of(crop, owner, depsgraph) for crop in owner.original.pags_look.crops]
+    rule = {name: getattr(look, name) for name in LIMITS if getattr(look, name) > 0}
+    rule |= {name: getattr(look, name) for name in ("opacity", "sh") if getattr(look, name) != 1}
+    rule |= {"matrix": matrix_of(look), "crops": [crop for crop in crops if crop is not None]}
+    rule = {name: value for name, value in rule.items() if value}
+    return [rule if everything else {"object": index, **rule}] if rule else []
 
 
 def text_of(rules):
@@ -257,7 +173,7 @@ class PAGS_OT_add_crop(OnOwner, bpy.types.Operator):
     mode: EnumProperty(
         name="Crop",
         description="Side of the volume that stays visible",
-        items=[("KEEP", "Keep inside", "Hide Gaussians outside"), ("REMOVE", "Remove inside", "Hide Gaussians inside")],
+        items=SIDES,
     )
 
     def execute(self, context):
@@ -302,7 +218,7 @@ class PAGS_OT_reset_look(OnOwner, bpy.types.Operator):
         for name in (*LOOKS, *LIMITS):
             owner_of(context).pags_look.property_unset(name)
         owner_of(context).update_tag()  # unlike setting a property, unsetting it tells nobody
-        changed(None, context)
+        draw.again()
         return {"FINISHED"}
 
 
@@ -342,16 +258,4 @@ class PAGS_PT_cleanup(bpy.types.Panel):
         layout.operator("pags.reset_look", icon="LOOP_BACK")
 
 
-CLASSES = (PagsCrop, PagsLook, PAGS_OT_add_crop, PAGS_OT_remove_crop, PAGS_OT_reset_look, PAGS_PT_cleanup)
-
-
-def register():
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.types.Object.pags_look = PointerProperty(type=PagsLook)
-
-
-def unregister():
-    del bpy.types.Object.pags_look
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+PROPERTIES = ((bpy.types.Object, "pags_look", PointerProperty(type=PagsLook)),)

@@ -15,7 +15,7 @@ import gpu
 import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, StringProperty
 
-from . import cameras, draw, inspector, jobs, lens, native, photographs, program, whereabouts
+from . import cameras, draw, inspector, jobs, lens, native, photographs, program, registry, whereabouts
 
 REST = 0.15  # seconds that the view must rest on a photograph before the comparison starts
 TICK = 0.02
@@ -25,7 +25,7 @@ ORDER = ("WIPE", "DIFFERENCE", "SSIM")  # numbers of the modes in the shader
 
 _pairs = {}  # by (entry, data set folder as set by the user, name of the view): Pair, or an error text
 _wanted, _since, _job, _job_key = None, 0.0, None, None
-_handle, _filling = None, False
+_filling = False
 
 
 # ---- Figures ----
@@ -103,16 +103,13 @@ def current(context):
     if entry.scene is None:
         return "loading ..."
     sensor = camera.data.pags.sensor
-    group = [
-        v
-        for v in entry.views
-        if (v["sensor"] == sensor and "time" in v if sensor >= 0 else v["name"] == camera.get("pags_view"))
-    ]
+    own = lambda v: v["sensor"] == sensor and "time" in v if sensor >= 0 else v["name"] == camera.get("pags_view")
+    group = [v for v in entry.views if own(v)]
     if not group:
         return f"comparison: the scene has no photographs of {camera.name}"
     if sensor < 0:
         return root, entry, group[0]
-    now = entry.info["time_begin"] + (scene.frame_current_final - root.pags.frame_start) / root.pags.fps
+    now = entry.time_of(root, scene.frame_current_final)
     view = min(group, key=lambda v: abs(v["time"] - now))
     if abs(view["time"] - now) * root.pags.fps > 0.5 + 1e-3:
         return "comparison: no photograph at this frame (sidebar > PAGS > Cameras > Nearest goes to one)"
@@ -133,14 +130,10 @@ def pair_of(context):
     if _job is not None and _job_key == key:
         return f"comparing {view['name']} ..."
     if _wanted is None or _wanted[0] != (key, pair is not None):
-        steps = (
-            (lambda job: add_ssim(job, pair))
-            if pair is not None
-            else (lambda job: make(job, root, entry, view, context.scene.pags.threads))
-        )
+        threads = context.scene.pags.threads
+        steps = lambda job: make(job, root, entry, view, threads) if pair is None else add_ssim(job, pair)
         _wanted, _since = ((key, pair is not None), steps), time.monotonic()
-    if not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, first_interval=TICK)
+    registry.start(tick, TICK)
     return f"comparing {view['name']} ..."
 
 
@@ -171,8 +164,7 @@ def tick():
         _pairs[_job_key] = made
         for key in list(_pairs)[:-MOST]:
             del _pairs[key]
-    for _, region in draw.regions():
-        region.tag_redraw()
+    draw.again()
     return TICK
 
 
@@ -219,18 +211,8 @@ _made = {}
 
 def shader():
     if "shader" not in _made:
-        info, face = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("pags_comparison")
-        face.smooth("VEC2", "uv")
-        info.vertex_in(0, "VEC2", "at")
-        info.vertex_out(face)
-        for number, name in enumerate(("first", "second")):
-            info.sampler(number, "FLOAT_2D", name)
-        info.push_constant("VEC4", "place")
-        info.push_constant("VEC4", "how")
-        info.fragment_out(0, "VEC4", "color")
-        info.vertex_source(VERTEX)
-        info.fragment_source(FRAGMENT)
-        _made["shader"] = gpu.shader.create_from_info(info)
+        constants, pictures = [("VEC4", "place"), ("VEC4", "how")], ["first", "second"]
+        _made["shader"] = draw.compiled("comparison", VERTEX, FRAGMENT, draw.AT, draw.UV, constants, pictures)
         _made["quad"] = draw.rectangle(_made["shader"], -1, 1)
     return _made["shader"]
 
@@ -242,21 +224,16 @@ def place_of(context, view):
     x = [values["fx"] * (u - view["cx"]) / view["fx"] + values["cx"] for u in (0, view["width"])]
     y = [values["fy"] * (v - view["cy"]) / view["fy"] + values["cy"] for v in (view["height"], 0)]
     return [
-        2 * x[0] / region.width - 1,
-        1 - 2 * y[0] / region.height,
-        2 * x[1] / region.width - 1,
-        1 - 2 * y[1] / region.height,
+        f(k) for k in (0, 1) for f in (lambda k: 2 * x[k] / region.width - 1, lambda k: 1 - 2 * y[k] / region.height)
     ]
 
 
 def on_draw():
     context = bpy.context
     settings, region = context.scene.pags, context.region
-    if (
-        settings.comparison == "NONE"
-        or context.region_data is None
-        or not any(o.pags.kind == "ROOT" for o in context.scene.objects)
-    ):
+    if settings.comparison == "NONE" or context.region_data is None:
+        return
+    if not any(o.pags.kind == "ROOT" for o in context.scene.objects):
         return
     try:
         pair = pair_of(context)
@@ -283,12 +260,8 @@ def on_draw():
         "DIFFERENCE": f"difference, {GAIN} times amplified",
         "SSIM": "SSIM from dark (1, equal) to light (0)",
     }
-    draw.text(
-        context,
-        0.5 + 0.25 * (place[0] + place[2]),
-        0.5 + 0.5 * place[1],
-        f"{pair.line()}; {legend[settings.comparison]}",
-    )
+    said = f"{pair.line()}; {legend[settings.comparison]}"
+    draw.text(context, 0.5 + 0.25 * (place[0] + place[2]), 0.5 + 0.5 * place[1], said)
 
 
 # ---- The list ----
@@ -354,9 +327,7 @@ class PAGS_OT_rank(jobs.Long, cameras.OnScene, bpy.types.Operator):
             entry = yield jobs.in_thread(native.load, path)
             if not entry.scene.views:
                 raise native.SceneError("the scene has no photographs")
-            photographs.find(
-                root, entry, entry.scene.views[0]["name"]
-            )  # the error names the searched folders and the setting to change
+            photographs.find(root, entry, entry.scene.views[0]["name"])  # its error names the searched folders
             photographs.tell(job, root, entry)
             given = photographs.moved(root, entry)
             with tempfile.TemporaryDirectory(prefix="pags-list-") as folder:
@@ -386,10 +357,8 @@ def rows_of(entry, figures):
         worst = {"view": found["worst_view"], "object": found["id"], "psnr": found["psnr"]}
         rows.append({"kind": "OBJECT", "name": found["id"], **worst})
     rows += gaps_of(entry)
-    order = list(ICONS)
-    return sorted(
-        rows, key=lambda r: (order.index(r["kind"]), -r["psnr"] if r["kind"] == "GAP" else r["psnr"], r["name"])
-    )
+    order, worse = list(ICONS), lambda r: -r["psnr"] if r["kind"] == "GAP" else r["psnr"]
+    return sorted(rows, key=lambda r: (order.index(r["kind"]), worse(r), r["name"]))
 
 
 def gaps_of(entry):
@@ -402,7 +371,7 @@ def gaps_of(entry):
     for index, record in enumerate(entry.objects):
         if not record["tracked"]:
             continue
-        own = np.array(entry.scene.track(index)).reshape(-1, 13)[:, 0]
+        own = entry.track(index)[0]
         for begin, length in zip(own[:-1], np.diff(own)):
             if length > 1.5 * step:
                 view = min(views, key=lambda v: (abs(v["time"] - begin - length / 2), v["sensor"]))
@@ -428,38 +397,18 @@ def fill(scene, root, rows):
     return f"{len(found)} photographs; lowest PSNR: {found[0]['name']}, {found[0]['psnr']:.2f} dB"
 
 
-CLASSES = (PagsPhotograph, PAGS_UL_photographs, PAGS_OT_rank)
+ROWS = CollectionProperty(type=PagsPhotograph, name="Photographs", description="Worst first")
+ROW = IntProperty(name="Row", description="Selected row; a click goes to its camera and time", default=-1, update=go)
+SAID = StringProperty(name="Message", description="Why the selected photograph could not be shown")
+PROPERTIES = (
+    (bpy.types.Scene, "pags_photographs", ROWS),
+    (bpy.types.Scene, "pags_photograph", ROW),
+    (bpy.types.Scene, "pags_photographs_said", SAID),
+)
+DRAWN = ((on_draw, "POST_PIXEL"),)
+TIMERS = (tick,)
 
 
-def register():
-    global _handle
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    scene = bpy.types.Scene
-    scene.pags_photographs = CollectionProperty(type=PagsPhotograph, name="Photographs", description="Worst first")
-    scene.pags_photograph = IntProperty(
-        name="Row",
-        description="Number of the selected row; a click goes to its camera and time",
-        default=-1,
-        update=go,
-    )
-    scene.pags_photographs_said = StringProperty(
-        name="Message", description="Why the selected photograph could not be shown"
-    )
-    if not bpy.app.background:
-        _handle = bpy.types.SpaceView3D.draw_handler_add(on_draw, (), "WINDOW", "POST_PIXEL")
-
-
-def unregister():
-    global _handle
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+def on_unregister():
     forget()
     _made.clear()
-    scene = bpy.types.Scene
-    del scene.pags_photographs_said, scene.pags_photograph, scene.pags_photographs
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)

@@ -14,10 +14,7 @@ SECOND = "PAGS street"
 CATCHERS = "PAGS shadow catchers"
 BEFORE = "pags_before"  # custom property of a scene with a composite: its settings before, as JSON
 MINE = "pags_composite"  # marks our nodes in the compositor
-SAMPLES = {
-    True: 64,
-    False: 128,
-}  # Cycles samples with and without a denoiser; Blender's default of 4096 takes hours on a CPU
+SAMPLES = {True: 64, False: 128}  # Cycles samples with and without a denoiser; Blender's 4096 take hours on a CPU
 SLACK = 0.15  # fraction of the distance by which a mesh may lie behind the splats; seen from 1.6 m above the road it is 0.25 m in height
 
 
@@ -39,15 +36,7 @@ def second_scene(scene):
 
 
 def copy_settings(scene, second):
-    for name in (
-        "resolution_x",
-        "resolution_y",
-        "resolution_percentage",
-        "pixel_aspect_x",
-        "pixel_aspect_y",
-        "fps",
-        "fps_base",
-    ):
+    for name in "resolution_x resolution_y resolution_percentage pixel_aspect_x pixel_aspect_y fps fps_base".split():
         setattr(second.render, name, getattr(scene.render, name))
     second.frame_start, second.frame_end = scene.frame_start, scene.frame_end
     second.frame_set(scene.frame_current)
@@ -93,10 +82,7 @@ def follow_visibility(scene, proxy):
     if proxy.parent is None or proxy.parent.pags.kind != "TRACK" or part is None:
         return
     proxy.hide_render = part.hide_render
-    if part.animation_data is None or part.animation_data.action is None:
-        return
-    curve = curves.fcurve_owner(part).find("hide_render")
-    if curve is not None:
+    for curve in (c for c in curves.all_of(part) if c.data_path == "hide_render"):
         keys = [key.co for key in curve.keyframe_points]
         curves.set_curve(proxy, "hide_render", 0, [k[0] for k in keys], [k[1] for k in keys], "CONSTANT")
 
@@ -142,36 +128,28 @@ def output_of(tree, scene):
     """The tree's output node; created if missing."""
     kind = "NodeGroupOutput" if hasattr(scene, "compositing_node_group") else "CompositorNodeComposite"
     known = [node for node in tree.nodes if node.bl_idname == kind]
-    return (
-        next((node for node in known if getattr(node, "is_active_output", True)), None)
-        or next(iter(known), None)
-        or tree.nodes.new(kind)
-    )
+    active = [node for node in known if getattr(node, "is_active_output", True)]
+    return (active + known or [tree.nodes.new(kind)])[0]
 
 
 def take_over(tree, scene):
     """Removes the nodes of an earlier call. Returns the inputs to connect to the composite: those of the removed nodes, and those of the scene's own Render
     Layers node. The user's nodes and links stay."""
     mine = [node for node in tree.nodes if MINE in node]
-    sources = mine + [
-        node
-        for node in tree.nodes
-        if node.bl_idname == "CompositorNodeRLayers" and MINE not in node and node.scene == scene
-    ]
-    links = [
-        link
-        for node in sources
-        for output in node.outputs
-        if node in mine or output.name == "Image"
-        for link in output.links
-    ]
-    fed = [(link.to_node, link.to_socket) for link in links if MINE not in link.to_node]
+    outputs = [output for node in mine for output in node.outputs]
+    outputs += [node.outputs["Image"] for node in layers_of(tree, scene)]
+    fed = [link.to_socket for output in outputs for link in output.links if MINE not in link.to_node]
     out = output_of(tree, scene)
-    if not out.inputs[0].is_linked and out.inputs[0] not in [socket for _, socket in fed]:
-        fed.append((out, out.inputs[0]))
+    if not out.inputs[0].is_linked and out.inputs[0] not in fed:
+        fed.append(out.inputs[0])
     for node in mine:
         tree.nodes.remove(node)
-    return [socket for _, socket in fed]
+    return fed
+
+
+def layers_of(tree, scene):
+    """The user's Render Layers nodes of the scene."""
+    return [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and MINE not in n and n.scene == scene]
 
 
 def math_node(tree, operation, first, second):
@@ -190,12 +168,9 @@ def math_node(tree, operation, first, second):
 
 def alpha_over(tree, behind, front):
     node = tree.nodes.new("CompositorNodeAlphaOver")
-    if "Background" in node.inputs:  # names of 5.x
-        tree.links.new(behind, node.inputs["Background"])
-        tree.links.new(front, node.inputs["Foreground"])
-    else:
-        tree.links.new(behind, node.inputs[1])
-        tree.links.new(front, node.inputs[2])
+    newer = "Background" in node.inputs  # names of 5.x
+    tree.links.new(behind, node.inputs["Background" if newer else 1])
+    tree.links.new(front, node.inputs["Foreground" if newer else 2])
     return node.outputs[0]
 
 
@@ -350,9 +325,8 @@ def remember(scene, layer, world):
     render, cycles = scene.render, getattr(scene, "cycles", None)
     found = {"engine": render.engine, "transparent": render.film_transparent, "compositing": render.use_compositing}
     found |= {"z": layer.use_pass_z, "world": world.name if world is not None else ""}
-    found["nodes"] = (
-        scene.compositing_node_group is not None if hasattr(scene, "compositing_node_group") else scene.use_nodes
-    )
+    newer = hasattr(scene, "compositing_node_group")  # 5.x
+    found["nodes"] = scene.compositing_node_group is not None if newer else scene.use_nodes
     if cycles is not None:
         found["samples"] = cycles.samples if cycles.is_property_set("samples") else None
         found["denoising"] = cycles.use_denoising
@@ -365,9 +339,9 @@ def restore(scene, layer):
     del scene[BEFORE]
     tree = node_tree(scene)
     fed = take_over(tree, scene)
-    own = next((n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene), None)
-    for socket in fed if own is not None else ():
-        tree.links.new(own.outputs["Image"], socket)
+    own = layers_of(tree, scene)
+    for socket in fed if own else ():
+        tree.links.new(own[0].outputs["Image"], socket)
     if not before["nodes"]:
         if hasattr(scene, "compositing_node_group"):
             bpy.data.node_groups.remove(tree)
@@ -416,8 +390,3 @@ def set_engine(scene, engine):
         return
     names = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items}
     scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in names else "BLENDER_EEVEE"
-
-
-CLASSES = (PAGS_OT_composite, PAGS_OT_remove_composite)
-
-register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -42,16 +42,13 @@ def fcurve_owner(block):
     data = block.animation_data or block.animation_data_create()
     if data.action is None:
         data.action = bpy.data.actions.new(block.name)
+    slots = getattr(data.action, "slots", None)
+    if slots is not None and data.action_slot is None:
+        data.action_slot = slots[0] if slots else slots.new(block.id_type, block.name)
     if hasattr(data.action, "fcurves"):
-        if hasattr(data, "action_slot") and data.action_slot is None and hasattr(data.action, "slots"):
-            slots = data.action.slots
-            data.action_slot = slots[0] if slots else slots.new(block.id_type, block.name)
         return data.action.fcurves
     from bpy_extras import anim_utils
 
-    if data.action_slot is None:
-        slots = data.action.slots
-        data.action_slot = slots[0] if slots else slots.new(block.id_type, block.name)
     return anim_utils.action_ensure_channelbag_for_slot(data.action, data.action_slot).fcurves
 
 
@@ -98,6 +95,14 @@ def set_track(block, frames, poses):
         set_curve(block, "location", k, frames, poses[:, k, 3])
     for k in range(4):
         set_curve(block, "rotation_quaternion", k, frames, turns[:, k])
+
+
+def set_lens(camera, frames, views):
+    """Keyframes of focal length and principal point, if they change from view to view."""
+    values = np.array([[v["fx"] * 36, v["width"] / 2 - v["cx"], v["cy"] - v["height"] / 2] for v in views])
+    values /= np.array([[v["width"]] for v in views])
+    for path, own in zip(("lens", "shift_x", "shift_y"), values.T if np.ptp(values, axis=0).max() > 1e-9 else ()):
+        set_curve(camera, path, 0, frames, own)
 
 
 def set_visibility(block, begin, end):

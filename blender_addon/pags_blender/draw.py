@@ -7,6 +7,8 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
+from . import native
+
 VERTEX = "void main() { uv = 0.5 * at + 0.5; gl_Position = vec4(at, 0.0, 1.0); }"
 
 PLAIN = """
@@ -33,24 +35,45 @@ void main() {
 _made = {}
 
 
-def shader(name):
-    if name in _made:
-        return _made[name]
-    info = gpu.types.GPUShaderCreateInfo()
-    info.vertex_in(0, "VEC2", "at")
-    face = gpu.types.GPUStageInterfaceInfo("pags_" + name)
-    face.smooth("VEC2", "uv")
+def compiled(name, vertex, fragment, inputs, between, constants=(), pictures=(), depth=False):
+    """A shader. inputs, between, constants: (type, name) of the vertices' attributes, of what the fragments get, and of the push constants; pictures: names
+    of the textures; depth: it writes the depth buffer."""
+    info, face = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("pags_" + name)
+    for number, value in enumerate(inputs):
+        info.vertex_in(number, *value)
+    for value in between:
+        face.smooth(*value)
     info.vertex_out(face)
-    info.sampler(0, "FLOAT_2D", "picture")
-    if name == "depth":
-        info.sampler(1, "FLOAT_2D", "depths")
-        info.push_constant("VEC4", "lens")
-        if hasattr(info, "depth_write"):
-            info.depth_write("ANY")
+    for number, picture in enumerate(pictures):
+        info.sampler(number, "FLOAT_2D", picture)
+    for value in constants:
+        info.push_constant(*value)
+    if depth and hasattr(info, "depth_write"):
+        info.depth_write("ANY")
     info.fragment_out(0, "VEC4", "color")
-    info.vertex_source(VERTEX)
-    info.fragment_source(DEPTH if name == "depth" else PLAIN)
-    _made[name] = gpu.shader.create_from_info(info)
+    info.vertex_source(vertex)
+    info.fragment_source(fragment)
+    return gpu.shader.create_from_info(info)
+
+
+def builtin(*names):
+    """The first of Blender's own shaders that this version has."""
+    for name in names:
+        try:
+            return gpu.shader.from_builtin(name)
+        except (ValueError, SystemError):
+            continue
+    raise native.SceneError(f"this Blender has no shader {names[0]}")
+
+
+AT, UV = [("VEC2", "at")], [("VEC2", "uv")]
+
+
+def shader(name):
+    if name not in _made and name == "depth":
+        _made[name] = compiled(name, VERTEX, DEPTH, AT, UV, [("VEC4", "lens")], ["picture", "depths"], True)
+    elif name not in _made:
+        _made[name] = compiled(name, VERTEX, PLAIN, AT, UV, pictures=["picture"])
     return _made[name]
 
 
@@ -135,11 +158,20 @@ def clear():
     _made.clear()
 
 
+def live(kind, name, description, **more):
+    """A property whose change redraws the views, also from a script."""
+    return kind(name=name, description=description, update=again, **more)
+
+
+def again(settings=None, context=None):
+    """Redraws all 3D views."""
+    for _, _, region in regions():
+        region.tag_redraw()
+
+
 def regions():
-    """Pairs (area, main region) of all open 3D views."""
+    """Window, area and main region of all open 3D views."""
     for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "WINDOW":
-                        yield area, region
+        for area in (area for area in window.screen.areas if area.type == "VIEW_3D"):
+            for region in (region for region in area.regions if region.type == "WINDOW"):
+                yield window, area, region

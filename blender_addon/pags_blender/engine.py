@@ -54,15 +54,11 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         passes.register(self, scene, renderlayer)
 
     def render(self, depsgraph):
-        width, height = (
-            self.resolution_x,
-            self.resolution_y,
-        )  # the scene being rendered; in a compositor that differs from the active one
+        # Of the scene being rendered; in a compositor that differs from the active one.
+        width, height = self.resolution_x, self.resolution_y
         window = border_window(depsgraph.scene.render, width, height)
         size = window[2:] if window else (width, height)
-        result = self.begin_result(
-            0, 0, *size, layer=depsgraph.view_layer_eval.name if hasattr(depsgraph, "view_layer_eval") else ""
-        )
+        result = self.begin_result(0, 0, *size, layer=depsgraph.view_layer_eval.name)
         cancelled = False
         try:
             cancelled = not self.draw_into(depsgraph, result, width, height, window)
@@ -81,16 +77,15 @@ class PagsRenderEngine(bpy.types.RenderEngine):
 
     def draw_into(self, depsgraph, result, width, height, window):
         """Waits for the job and reports progress; false if the user cancelled."""
-        scene, layer = depsgraph.scene, layer_of(result)
+        scene, layer = depsgraph.scene, result.layers[0]
         state = gather.gather(depsgraph)
         if state is None:
             self.leave_empty(depsgraph, result)
             return True
         if scene.camera is None:
             raise SceneError("there is no camera in the scene")
-        said = (
-            [f"omitted, since a scale of 0 flattens them: {', '.join(state.flat)}"] if state.flat else []
-        ) + ignored.of_render(depsgraph, state)
+        said = [f"omitted, since a scale of 0 flattens them: {', '.join(state.flat)}"] if state.flat else []
+        said += ignored.of_render(depsgraph, state)
         for text in said:
             self.warn(text)
         frame, camera, now = state.load(True), scene.camera.original, scene.frame_current_final
@@ -131,11 +126,10 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         text = f"view layer {depsgraph.view_layer_eval.name}: no PAGS scene is visible, so the layer is empty"
         self.warn(text)
         self.update_stats("PAGS", text)
-        for render_pass in layer_of(result).passes:
+        for render_pass in result.layers[0].passes:
             if render_pass.name == "Depth":
-                fill_pass(
-                    render_pass, np.full(result.resolution_x * result.resolution_y, EMPTY_DEPTH, dtype=np.float32)
-                )
+                pixels = result.resolution_x * result.resolution_y
+                fill_pass(render_pass, np.full(pixels, EMPTY_DEPTH, dtype=np.float32))
 
     def arguments(self, depsgraph, frame, drawn, camera, now, size, window, point=None):
         """The view of a picture and the keyword arguments of its job, colours only. point: on the aperture; None: its centre."""
@@ -171,12 +165,10 @@ class PagsRenderEngine(bpy.types.RenderEngine):
                 state = gather.gather(depsgraph)
                 nothing = state is None
                 then = frame if nothing else state.load(True)
-            drawn = [
-                ([], []) if nothing else then.parts(k, time, settings.hide_noncritical) for k in range(len(then.scenes))
-            ]
-            view, arguments = self.arguments(
-                depsgraph, then, drawn, camera, time, size, window, point if samples.focuses else None
-            )
+            scenes, only = range(len(then.scenes)), settings.hide_noncritical
+            drawn = [([], []) if nothing else then.parts(k, time, only) for k in scenes]
+            point = point if samples.focuses else None
+            view, arguments = self.arguments(depsgraph, then, drawn, camera, time, size, window, point)
             return then.entry.scene, view, arguments
 
         def submit(scene, view, arguments):
@@ -231,10 +223,6 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         self.view.draw_rendered(self, context, depsgraph)
 
 
-def layer_of(result):
-    return result.layers[0]
-
-
 OUTPUTS = {"Combined": "rgba", "Depth": "depth", "IndexOB": "object", "PriorityHeat": "heat"}
 
 
@@ -252,14 +240,12 @@ def compatible_panels():
             yield panel
 
 
-def register():
-    bpy.utils.register_class(PagsRenderEngine)
+def on_register():
     for panel in compatible_panels():
         panel.COMPAT_ENGINES.add("PAGS")
 
 
-def unregister():
+def on_unregister():
     for panel in compatible_panels():
         panel.COMPAT_ENGINES.discard("PAGS")
-    bpy.utils.unregister_class(PagsRenderEngine)
     native.close()

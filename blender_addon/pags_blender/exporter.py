@@ -14,9 +14,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from . import cameras, cleanup, files, gather, jobs, lens, native, photographs, program, reasons, whereabouts
-
-ROWS = 65536  # rows of a splat file per block
+from . import cameras, cleanup, curves, files, gather, jobs, lens, native, photographs, program, reasons, whereabouts
 
 
 def parts_by_index(context, root):
@@ -54,7 +52,11 @@ class Edited:
         with open(os.path.join(self.source, "scene.json"), encoding="utf-8") as file:
             self.scene = json.load(file)
         self.inverse = np.linalg.inv(lens.matrix(root.matrix_world))
-        self.moved, self.gone, self.scaled = [], [], set()
+        self.moved, self.gone, self.scaled = (
+            {},
+            [],
+            set(),
+        )  # moved: motion of the world, 4x4, by index; None: of a track
 
     def collect(self, job):
         """Steps that find moved objects and their new track poses in one pass over the timeline. Between steps the timeline returns to the user's frame."""
@@ -93,23 +95,19 @@ class Edited:
         if exact is None:
             return
         wanted = np.array(exact).reshape(3, 4)
-        same = (
-            np.abs(wanted[:, :3] - pose[:3, :3]).max() < gather.SNAP_ROTATION
-            and np.abs(wanted[:, 3] - pose[:3, 3]).max() < gather.SNAP_METRES
-        )
-        if same:
+        apart = np.abs(wanted - pose[:3])
+        if apart[:, :3].max() < gather.SNAP_ROTATION and apart[:, 3].max() < gather.SNAP_METRES:
             return
         if not self.entry.objects[index]["tracked"]:
             if first:
-                self.moved.append((index, pose, wanted))
+                self.moved[index] = pose @ np.linalg.inv(np.vstack([wanted, [0, 0, 0, 1]]))
             return
         for knot in record["knots"]:
             if abs(knot["time"] - time) < 1e-6:
                 knot.update(
                     world_from_object=lens.pose12(pose), rotation=[0, 0, 0], translation=[0, 0, 0], trained=True
                 )
-                if index not in [m[0] for m in self.moved]:
-                    self.moved.append((index, None, None))
+                self.moved[index] = None
 
     def left_out(self):
         """A report suffix with the edits missing from the written scene; empty if complete."""
@@ -117,133 +115,51 @@ class Edited:
 
     def write(self, folder, job):
         """Runs in a background thread. Unchanged models become links to the old files, or copies if links fail. The Gaussians of a parked object belong to
-        the background: they are moved or removed in a new file. Never replaces files; on failure, removes its own."""
-        gone_models = {self.scene["objects"][i]["model"] for i in self.gone if self.scene["objects"][i].get("model")}
-        rewrite = {i: None for i in self.gone if not self.entry.objects[i]["tracked"]}
-        rewrite.update({i: (pose, wanted) for i, pose, wanted in self.moved if pose is not None and i not in self.gone})
-        self.scene["models"] = [m for m in self.scene["models"] if m["name"] not in gone_models]
-        with files.NewFiles(os.path.abspath(folder)) as new:
+        the background, of which the engine writes a new file. Never replaces files; on failure, removes its own."""
+        records, parked = self.scene.get("objects", []), [not o["tracked"] for o in self.entry.objects]
+        rules = [{"object": i, "opacity": 0} for i in self.gone if parked[i]]
+        rules += [
+            {"object": i, "motion": lens.pose12(motion)}
+            for i, motion in self.moved.items()
+            if parked[i] and i not in self.gone
+        ]
+        with (
+            tempfile.TemporaryDirectory(prefix="pags-parked-") as beside,
+            files.NewFiles(os.path.abspath(folder)) as new,
+        ):
+            renewed = ""
+            if rules:
+                place = os.path.join(beside, "scene")
+                native.module.write_edited(self.source, json.dumps(rules), place)
+                with open(os.path.join(place, "scene.json"), encoding="utf-8") as file:
+                    made = json.load(file)
+                renewed = os.path.join(place, made["models"][0]["file"])
+                self.scene["models"][0]["gaussians"] = made["models"][0]["gaussians"]
+                for i, motion in self.moved.items():
+                    if parked[i]:
+                        records[i] = made["objects"][i]
+            gone_models = {records[i]["model"] for i in self.gone if records[i].get("model")}
+            self.scene["models"] = [m for m in self.scene["models"] if m["name"] not in gone_models]
+            for i in self.gone:
+                if records[i].get("model"):
+                    records[i]["model"] = None
             put = new.copy if self.cleaned else new.link
             for number, model in enumerate(self.scene["models"]):
                 job.check()
                 job.tell(number / len(self.scene["models"]), "writing models")
-                source = os.path.join(self.source, model["file"])
-                if model is self.scene["models"][0] and rewrite:
-                    model["gaussians"], blocks = rewrite_background(source, rewrite, self.frame.origin)
-                    new.write(model["file"], blocks)
+                if number == 0 and renewed:
+                    new.copy(renewed, model["file"])
                 else:
-                    put(source, model["file"])
+                    put(os.path.join(self.source, model["file"]), model["file"])
             if self.scene.get("sky"):
                 put(os.path.join(self.source, self.scene["sky"]), self.scene["sky"])
-            for i in self.gone:
-                if self.scene["objects"][i].get("model"):
-                    self.scene["objects"][i]["model"] = None
-            for i, pose, wanted in self.moved:
-                if pose is not None:
-                    carry = pose @ np.linalg.inv(np.vstack([wanted, [0, 0, 0, 1]]))
-                    for knot in self.scene["objects"][i]["knots"]:
-                        knot["world_from_object"] = lens.pose12(
-                            carry @ np.array([*knot["world_from_object"], 0, 0, 0, 1.0]).reshape(4, 4)
-                        )
             self.scene["dataset"] = self.dataset
-            new.write("scene.json", [json.dumps(self.scene).encode()])
+            new.write("scene.json", json.dumps(self.scene))
         return folder
 
 
 def animated(block, path):
-    data = block.animation_data
-    if data is None or data.action is None:
-        return False
-    from . import curves
-
-    return curves.fcurve_owner(block).find(path) is not None
-
-
-def rewrite_background(source, rewrite, origin):
-    """Row count and blocks of bytes of a PLY written by PAGS, without the Gaussians of objects that map to None, and with those of other objects moved from
-    the old pose to the new. Spherical harmonics are rotated up to degree 1; higher degrees stay unchanged."""
-    with open(source, "rb") as file:
-        header = b""
-        while not header.endswith(b"end_header\n"):
-            line = file.readline()
-            if not line:
-                raise native.SceneError(f"{source}: incomplete PLY header")
-            header += line
-    lines = header.decode().splitlines()
-    kinds = {"float": "<f4", "int": "<i4"}
-    fields = np.dtype([(line.split()[2], kinds[line.split()[1]]) for line in lines if line.startswith("property")])
-    rows = (os.path.getsize(source) - len(header)) // fields.itemsize
-    count = sum(int(kept(block, rewrite).sum()) for block in blocks_of(source, len(header), fields, rows))
-    head = "\n".join(f"element vertex {count}" if line.startswith("element vertex") else line for line in lines) + "\n"
-
-    def blocks():
-        yield head.encode()
-        for block in blocks_of(source, len(header), fields, rows):
-            for index, poses in rewrite.items():
-                mine = of_object(block, index)
-                if poses is not None and mine.any():
-                    carry(block, mine, poses[0], poses[1], origin)
-            yield block[kept(block, rewrite)].tobytes()
-
-    return count, blocks()
-
-
-def blocks_of(source, offset, fields, rows):
-    """The rows of a PLY, at most ROWS at a time, which bounds the memory and the time that Python's lock is held."""
-    with open(source, "rb") as file:
-        file.seek(offset)
-        for first in range(0, rows, ROWS):
-            yield np.fromfile(file, fields, min(ROWS, rows - first))
-
-
-def of_object(rows, index):
-    return rows["object_id"] == index if "object_id" in rows.dtype.names else np.zeros(len(rows), dtype=bool)
-
-
-def kept(rows, rewrite):
-    """Mask of the rows that stay: all except those of objects that map to None."""
-    keep = np.ones(len(rows), dtype=bool)
-    for index, poses in rewrite.items():
-        if poses is None:
-            keep &= ~of_object(rows, index)
-    return keep
-
-
-def carry(rows, mine, new, old, origin):
-    motion = new @ np.linalg.inv(np.vstack([old, [0, 0, 0, 1]]))
-    points = np.stack([rows[k][mine] for k in "xyz"], axis=1).astype(np.float64) + origin
-    moved = points @ motion[:3, :3].T + motion[:3, 3] - origin
-    for k, name in enumerate("xyz"):
-        rows[name][mine] = moved[:, k]
-    q = cameras.quaternion(motion[:3, :3])
-    old_q = np.stack([rows[f"rot_{k}"][mine] for k in range(4)], axis=1).astype(np.float64)
-    for k, values in enumerate(product(q, old_q)):
-        rows[f"rot_{k}"][mine] = values
-    rotate_first_degree(rows, mine, motion[:3, :3])
-
-
-def product(q, p):
-    w, x, y, z = q
-    a, b, c, d = p.T
-    return (
-        w * a - x * b - y * c - z * d,
-        w * b + x * a + y * d - z * c,
-        w * c - x * d + y * a + z * b,
-        w * d + x * c - y * b + z * a,
-    )
-
-
-def rotate_first_degree(rows, mine, turn):
-    """Rotates degree 1 of the spherical harmonics: coefficients 1 to 3 are a vector (-y, z, -x) times a constant."""
-    rest = [name for name in rows.dtype.names if name.startswith("f_rest_")]
-    if not rest:
-        return
-    step = len(rest) // 3
-    for channel in range(3):
-        names = [f"f_rest_{channel * step + k}" for k in range(3)]
-        y, z, x = (rows[name][mine].astype(np.float64) for name in names)
-        v = np.stack([-x, -y, z], axis=1) @ turn.T
-        rows[names[0]][mine], rows[names[1]][mine], rows[names[2]][mine] = -v[:, 1], v[:, 2], -v[:, 0]
+    return any(curve.data_path == path for curve in curves.all_of(block))
 
 
 LEVELS = [
@@ -344,10 +260,7 @@ def cleaned_of(job, root, path, folder):
     if not rules:
         return ""
     job.tell(0, "clean-up and look")
-    try:
-        yield jobs.in_thread(native.module.write_edited, path, rules, folder)
-    except (native.module.Error, MemoryError) as error:
-        raise native.SceneError(str(error)) from error
+    yield jobs.in_thread(native.module.write_edited, path, rules, folder)
     return folder
 
 
@@ -389,16 +302,4 @@ def menu(self, context):
     self.layout.operator(PAGS_OT_export.bl_idname, text="From PAGS scene (proxies, splats)")
 
 
-CLASSES = (PAGS_OT_export, PAGS_OT_save_edited)
-
-
-def register():
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.types.TOPBAR_MT_file_export.append(menu)
-
-
-def unregister():
-    bpy.types.TOPBAR_MT_file_export.remove(menu)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+MENUS = ((bpy.types.TOPBAR_MT_file_export, menu),)

@@ -46,12 +46,6 @@ def complete(target, write, problem):
             os.remove(part)  # left by a failed write
 
 
-def write_blocks(path, blocks):
-    with open(path, "xb") as file:
-        for block in blocks:
-            file.write(block)
-
-
 class NewFiles:
     """Context manager (`with NewFiles(folder) as new`) for files that belong together: on failure, all of them and their new folders are removed."""
 
@@ -95,8 +89,11 @@ class NewFiles:
         complete(path, lambda part: shutil.copyfile(source, part), f"can't copy {source}")
         self.made.append(path)
 
-    def write(self, name, blocks):
-        """Writes blocks of bytes in order."""
+    def write(self, name, text):
+        def put(part):
+            with open(part, "x", encoding="utf-8") as file:
+                file.write(text)
+
         path = self.path(name)
-        complete(path, lambda part: write_blocks(part, blocks), "can't write")
+        complete(path, put, "can't write")
         self.made.append(path)

@@ -31,11 +31,8 @@ class Gathered:
         self.rules = cleanup.rules_of(root, -1, depsgraph, everything=True)
         self.world_from_root = lens.matrix(root.matrix_world)
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
-        self.keys, self.indices, self.poses = (
-            [],
-            [],
-            [],
-        )  # for each part: key, object index (-1: background) and root_from_object, 4x4
+        # For each part: key, object index (-1: background) and root_from_object, 4x4.
+        self.keys, self.indices, self.poses = [], [], []
         self.pass_index, self.looks = {}, {}
 
     def add(self, key, drawn, index, matrix_world):
@@ -68,15 +65,8 @@ class Gathered:
         keys = [self.keys[i] for i in order]
         self.indices, self.poses = np.array(self.indices)[order][~flat], poses[~flat]
         self.keys = [key for key, left_out in zip(keys, flat) if not left_out]
-        self.identity = (
-            self.path,
-            self.edits,
-            self.world_from_root.tobytes(),
-            self.fps,
-            self.frame_start,
-            self.indices.tobytes(),
-            self.poses.tobytes(),
-        )
+        arrays = [array.tobytes() for array in (self.world_from_root, self.indices, self.poses)]
+        self.identity = (self.path, self.edits, self.fps, self.frame_start, *arrays)
         return [key[0] for key, left_out in zip(keys, flat) if left_out]
 
 
@@ -88,10 +78,7 @@ class Visible:
         self.scenes = [scene for scene in scenes if len(scene.indices)]
         self.camera_root = camera_root
         self.frame = None
-        self.strangers, self.ignored = (
-            [],
-            [],
-        )  # Blender objects that are not drawn, and settings of parts that are ignored
+        self.strangers, self.ignored = [], []  # objects that are not drawn, and settings of parts
 
     def key(self):
         return (self.camera_root, *(scene.identity for scene in self.scenes))
@@ -106,19 +93,13 @@ class Visible:
         if any(entry.loading or entry.scene is None for entry in entries):
             return None
         if self.frame is None or self.stamp != entries:
-            order = sorted(
-                range(len(entries)),
-                key=lambda i: (
-                    not entries[i].info["sky"],
-                    hollow(self.scenes[i], entries[i]),
-                    self.scenes[i].root_name != self.camera_root,
-                    i,
-                ),
-            )
-            self.stamp, self.frame = (
-                entries,
-                Frame([self.scenes[i] for i in order], [entries[i] for i in order], self.flat),
-            )
+
+            def rank(pair):
+                scene, entry = pair
+                return not entry.info["sky"], hollow(scene, entry), scene.root_name != self.camera_root
+
+            scenes, ordered = zip(*sorted(zip(self.scenes, entries), key=rank))
+            self.stamp, self.frame = entries, Frame(list(scenes), list(ordered), self.flat)
         return self.frame
 
 
@@ -186,10 +167,8 @@ class Frame:
         found = []
         for k, (scene, entry) in enumerate(zip(self.scenes, self.entries)):
             own = {"placements": drawn[k]}
-            if object_values:
-                own["object_values"] = [
-                    float(scene.pass_index.get(i, 0)) for i in range(len(entry.objects))
-                ]  # 0: deleted
+            if object_values:  # 0: deleted
+                own["object_values"] = [float(scene.pass_index.get(i, 0)) for i in range(len(entry.objects))]
             if k > 0:
                 own.update(scene=entry.scene, time=self.time(k, frame), world_from_scene=self.world_from_scene(k))
             found.append(own)
@@ -209,43 +188,29 @@ class Frame:
         """Keyword argument with the exposure of a recorded camera (a Blender object or None)."""
         if not settings.exposure or camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0:
             return {}
-        root = camera.original.pags.root
-        k = next(
-            (k for k, scene in enumerate(self.scenes) if root is not None and scene.root_name == root.name_full), 0
-        )
+        name = camera.original.pags.root.name_full if camera.original.pags.root is not None else ""
+        k = next((k for k, scene in enumerate(self.scenes) if scene.root_name == name), 0)
         return {"exposure": self.entries[k].scene.exposure(camera.data.pags.sensor, self.time(k, frame))}
 
     def counts(self, stats):
         """Text on the Gaussians of a picture from its statistics; the first number is the total that the sidebar shows."""
         told, absent = f"{self.gaussians:,} Gaussians", self.gaussians - stats["gaussians"]
-        told += (
-            f", {absent:,} absent at this time"
-            if absent > 0
-            else f", {stats['gaussians']:,} with duplicates"
-            if absent < 0
-            else ""
-        )
+        if absent:
+            told += f", {absent:,} absent at this time" if absent > 0 else f", {stats['gaussians']:,} with duplicates"
         told += f", {stats['gaussians'] - stats['shaded']:,} culled, {stats['ms']:.0f} ms"
         early = stats["in_view"] - stats["loaded"] + stats["hidden"]
         return told + (f" ({early:,} by Early-Z)" if early > 0 else "")
 
     def remarks(self, settings):
         """A note on several scenes and omitted parts; empty if neither applies."""
-        count = len({scene.root_name for scene in self.scenes})
-        behind = (
-            f", {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}"
-            if own_background(settings, self) is None
-            else ""
-        )
+        count, behind = len({scene.root_name for scene in self.scenes}), ""
+        if own_background(settings, self) is None:
+            behind = f", {'sky' if self.entry.info['sky'] else 'background'} of {self.lead.root_name}"
+        drawn = list(zip(self.scenes, self.entries))[self.lent :]
         said = [f"{count} scenes{behind}"] if count > 1 else []
-        said += [
-            f"clean-up and look hide all of {s.root_name}"
-            for s, entry in zip(self.scenes[self.lent :], self.entries[self.lent :])
-            if entry.bare
-        ]
-        return "; ".join(
-            said + ([f"omitted, since a scale of 0 flattens them: {', '.join(self.flat[:3])}"] if self.flat else [])
-        )
+        said += [f"clean-up and look hide all of {scene.root_name}" for scene, entry in drawn if entry.bare]
+        said += [f"omitted, since a scale of 0 flattens them: {', '.join(self.flat[:3])}"] if self.flat else []
+        return "; ".join(said)
 
 
 def hollow(scene, entry):
@@ -273,11 +238,8 @@ def hidden_in(space, depsgraph):
     if space.local_view is None and not space.use_local_collections and space.show_object_viewport_mesh:
         return frozenset()
     # Only evaluated objects know whether they are in a local view.
-    return frozenset(
-        o.name_full
-        for o in depsgraph.view_layer.objects
-        if not o.evaluated_get(depsgraph).visible_in_viewport_get(space)
-    )
+    layer = depsgraph.view_layer.objects
+    return frozenset(o.name_full for o in layer if not o.evaluated_get(depsgraph).visible_in_viewport_get(space))
 
 
 def gather(depsgraph, hidden=frozenset(), only="", without=""):
@@ -317,9 +279,7 @@ def known_parts(state, entry, critical_only=False):
     """Visibility of each part."""
     known = state.indices < len(entry.objects)  # higher indices come from another version of the scene file
     if critical_only:
-        critical = np.array(
-            [*(bool(o["critical"]) for o in entry.objects), False]
-        )  # the last entry is the background, index -1
+        critical = np.array([*(bool(o["critical"]) for o in entry.objects), False])  # the last: background, index -1
         known &= critical[np.where(known, state.indices, -1)]
     return known
 
@@ -358,8 +318,8 @@ def job_arguments(settings, frame, final):
     out["exp_degree"] = 5 if final else 3
     if settings.antialiased != "SCENE":
         out["antialiased"] = int(settings.antialiased == "ON")
-    if own_background(settings, frame) is not None:
-        out["background"] = own_background(settings, frame)
+    if (background := own_background(settings, frame)) is not None:
+        out["background"] = background
     out["depth_scale"] = frame.scale
     out["early_z"] = settings.early_z if settings.early_z != "bounded" else f"bounded={settings.early_z_eps:.6f}"
     return out

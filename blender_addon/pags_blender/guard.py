@@ -8,7 +8,7 @@ from bpy.app.handlers import persistent
 from bpy.props import StringProperty
 from mathutils import Matrix
 
-from . import lens
+from . import lens, registry
 
 PARTS = {"BACKGROUND", "OBJECT"}
 REST = "pags_rest"  # custom property of a part's mesh: positions of a few of its vertices at the import
@@ -109,8 +109,7 @@ def later(action, why):
     """Calls `action` and shows a message once Blender is idle: handlers must do neither."""
     if why not in [text for _, text in _waiting]:
         _waiting.append((action, why))
-    if not bpy.app.background and not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, first_interval=0.01)
+    registry.start(tick, 0.01)
 
 
 def tick():
@@ -123,15 +122,9 @@ def tick():
             bpy.ops.pags.say("INVOKE_DEFAULT", text=why)
 
 
-CLASSES = (PAGS_OT_say,)
+HANDLERS = ((bpy.app.handlers.depsgraph_update_post, after_change),)
+TIMERS = (tick,)
 
 
-def register():
-    bpy.utils.register_class(PAGS_OT_say)
-
-
-def unregister():
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+def on_unregister():
     _waiting.clear()
-    bpy.utils.unregister_class(PAGS_OT_say)

@@ -4,21 +4,34 @@
 import bpy
 from bpy.app.handlers import persistent
 
-from . import comparison, draw, guard, meshes, native, overlay, photographs, sweeps, timing, viewport, whereabouts
+from . import comparison, draw, meshes, native, overlay, photographs, picked, sweeps, viewport, whereabouts
+
+
+def drop():
+    """Drops all cached scenes and pictures."""
+    for view in list(viewport.views):
+        view.drop()
+    for part in (overlay, comparison, sweeps, native, picked):
+        part.forget()
+
+
+class PAGS_OT_reload(bpy.types.Operator):
+    """Reload the scene from its files"""
+
+    bl_idname = "pags.reload"
+    bl_label = "Reload"
+
+    def execute(self, context):
+        drop()
+        return {"FINISHED"}
 
 
 @persistent
 def after_load(*_):
-    """After opening another .blend: drops all cached scenes, renderers and pictures."""
-    for view in list(viewport.views):
-        view.drop()
-    overlay.forget()
-    photographs.forget()
-    comparison.forget()
-    sweeps.forget()
-    native.forget()
-    meshes.forget()
-    whereabouts.forget()
+    """After opening another .blend."""
+    drop()
+    for part in (photographs, meshes, whereabouts):
+        part.forget()
     draw.clear()
     whereabouts.tell()
     viewport.start_timer()
@@ -89,22 +102,15 @@ HANDLERS = (
     (bpy.app.handlers.save_pre, before_save),
     (bpy.app.handlers.save_post, after_save),
     (bpy.app.handlers.depsgraph_update_post, after_change),
-    (bpy.app.handlers.depsgraph_update_post, guard.after_change),
-    (bpy.app.handlers.depsgraph_update_post, timing.after_change),
     (bpy.app.handlers.frame_change_post, after_frame),
 )
 
 
-def register():
-    for handlers, function in HANDLERS:
-        handlers.append(function)
+def on_register():
     viewport.start_timer()
 
 
-def unregister():
+def on_unregister():
     viewport.stop_timer()
-    for handlers, function in HANDLERS:
-        if function in handlers:
-            handlers.remove(function)
     native.close()
     draw.clear()

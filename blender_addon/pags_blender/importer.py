@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Quaternion, Vector
 
-from . import curves, exporter, guard, jobs, lens, native, photographs, program, proxies, reasons, whereabouts
+from . import curves, draw, exporter, guard, jobs, lens, native, photographs, program, proxies, reasons, whereabouts
 from .properties import preview_budget
 
 # Rotations from a file's up axis to Blender's z: quarter and half turns about x, or about y for files with x up.
@@ -23,13 +23,8 @@ FROM_UP = {
     "x": [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
     "-x": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
 }
-UP_AXES = [
-    (
-        "AUTO",
-        "As stored in the file",
-        "From the file; -Y, as most training programs write, for splat files that store none",
-    )
-]
+AS_STORED = "From the file; -Y, as most training programs write, for splat files that store none"
+UP_AXES = [("AUTO", "As stored in the file", AS_STORED)]
 UP_AXES += [(axis.upper(), axis.upper(), f"The file's {axis.upper()} axis points up") for axis in FROM_UP]
 EMPTY_SIZE = 0.25  # metres, of the Empties of tracks
 MAP = 20e3  # metres; scenes in map coordinates within this distance keep their relative position
@@ -107,10 +102,9 @@ class Import:
                 yield from self.add_cameras()
             else:
                 self.add_framing_camera()
-            if self.context.scene.camera is None or self.replaces_camera:
-                self.context.scene.camera = next(
-                    (o for o in self.collection.objects if o.type == "CAMERA"), self.context.scene.camera
-                )
+            mine, scene = [o for o in self.collection.objects if o.type == "CAMERA"], self.context.scene
+            if mine and (scene.camera is None or self.replaces_camera):
+                scene.camera = mine[0]
 
     def place(self):
         """Location of the root: zero, or for a scene in map coordinates its offset to the first such scene, unless that is too far for Blender's single
@@ -120,11 +114,8 @@ class Import:
             return turn
         note(self.root, "origin", self.origin.tolist())
         note(self.root, "up", self.up)
-        others = [
-            o
-            for o in self.context.scene.objects
-            if o.pags.kind == "ROOT" and o != self.root and o.get("pags_up") == self.up
-        ]
+        roots = [o for o in self.context.scene.objects if o.pags.kind == "ROOT" and o != self.root]
+        others = [o for o in roots if o.get("pags_up") == self.up]
         if not others:
             return turn
         apart = self.origin - np.array(others[0]["pags_origin"])
@@ -154,9 +145,7 @@ class Import:
         return self.link(empty, kind, parent, collection)
 
     def add_part(self, name, index, kind, parent, budget, collection=None):
-        points, colors = (
-            self.scene.points(index, max(1, int(budget))) if budget >= 1 else (np.zeros((0, 3)), np.zeros((0, 4)))
-        )
+        points, colors = self.scene.points(index, int(budget)) if budget >= 1 else (np.zeros((0, 3)), np.zeros((0, 4)))
         points = np.ascontiguousarray(points, dtype=np.float32)
         mesh = bpy.data.meshes.new(name)
         mesh.vertices.add(len(points))
@@ -168,38 +157,24 @@ class Import:
         part = self.link(bpy.data.objects.new(name, mesh), kind, parent, collection)
         part.pags.index = index
         part.pass_index = index + 1
-        part.display_type = (
-            "BOUNDS"  # Blender would draw the vertices of a mesh without faces as black dots over the splats
-        )
+        part.display_type = "BOUNDS"  # Blender would draw vertices of a mesh without faces as black dots
         return part
 
     def add_object(self, index, record, budget):
         collection = self.collection_of(record["class"])
-        track = self.add_empty(
-            f"{record['class'][: 59 - len(record['id'])]} {record['id']}"[:60],
-            "TRACK",
-            self.root,
-            EMPTY_SIZE,
-            collection,
-        )
+        name = f"{record['class'][: 59 - len(record['id'])]} {record['id']}"[:60]
+        track = self.add_empty(name, "TRACK", self.root, EMPTY_SIZE, collection)
         track.pags.index = index
         part = self.add_part(record["id"][:60], index, "OBJECT", track, budget, collection)
         for key in NOTES:
             if key in record:
                 note(part, key, record[key])
-        begin = self.info["time_begin"]
-        if not record["tracked"]:
-            pose = np.array(self.scene.pose(index, begin)).reshape(1, 3, 4)
-            pose[:, :, 3] -= self.origin
-            curves.set_track(track, [self.first], pose)
-            return
-        rows = np.array(self.scene.track(index)).reshape(-1, 13)
-        poses = rows[:, 1:].reshape(-1, 3, 4).copy()
-        poses[:, :, 3] -= self.origin
-        curves.set_track(track, self.frame_of(rows[:, 0]), poses)
-        self.limit(part, index, rows[:, 0])
+        times, poses = self.entry.track(index)
+        curves.set_track(track, self.frame_of(times), poses)
+        if record["tracked"]:
+            self.limit(part, times)
 
-    def limit(self, part, index, times):
+    def limit(self, part, times):
         """Hides a part before and after its track; a track is valid for half a time step before its first and after its last pose."""
         step = float(np.median(np.diff(times)) if len(times) > 1 else 1 / (self.info["fps"] or 10)) / 2
         begin, end = float(times[0]) - step, float(times[-1]) + step
@@ -269,28 +244,18 @@ class Import:
 
     def ego_at(self, time):
         """4x4 pose of the ego at a time, interpolated between keyframes as in Blender; other sensors' poses are relative to it."""
-        at = int(np.searchsorted(self.ego_times, time))
-        if at < len(self.ego_times) and abs(self.ego_times[at] - time) < 1e-6:
-            return self.ego_poses[at]
-        if at > 0 and abs(self.ego_times[at - 1] - time) < 1e-6:
-            return self.ego_poses[at - 1]
-        low, high = max(0, min(at - 1, len(self.ego_times) - 2)), min(max(at, 1), len(self.ego_times) - 1)
-        span = self.ego_times[high] - self.ego_times[low]
-        share = min(max((time - self.ego_times[low]) / span, 0), 1) if span > 0 else 0
-        turns = curves.quaternions(self.ego_poses[[low, high], :3, :3])
-        turn = (1 - share) * turns[0] + share * turns[1]
+        turns = curves.quaternions(self.ego_poses[:, :3, :3])
+        columns = np.hstack([turns, self.ego_poses[:, :3, 3]]).T
+        found = np.array([np.interp(time, self.ego_times, column) for column in columns])
         out = np.eye(4)
-        out[:3, :3] = np.array(Quaternion(turn / np.linalg.norm(turn)).to_matrix())
-        out[:3, 3] = (1 - share) * self.ego_poses[low, :3, 3] + share * self.ego_poses[high, :3, 3]
+        out[:3, :3], out[:3, 3] = np.array(Quaternion(found[:4]).normalized().to_matrix()), found[4:]
         return out
 
     def new_camera(self, name, view, parent):
         data = bpy.data.cameras.new(name)
         lens.set_blender_lens(data, view)
         data.display_size, data.clip_start, data.clip_end = 0.5, 0.05, 10000
-        data.show_passepartout = (
-            False  # the darkened area outside of the camera would hide the street and costs 5 % of a redraw
-        )
+        data.show_passepartout = False  # would hide the street and costs 5 % of a redraw
         camera = self.link(bpy.data.objects.new(name, data), "CAMERA", parent)
         note(camera, "view", view["name"])
         note(camera, "test", view["test"])
@@ -300,19 +265,8 @@ class Import:
         camera = self.new_camera(f"camera {sensor}", group[0], ego)
         poses = [np.linalg.inv(self.ego_at(view["time"])) @ self.local_pose(view) for view in group]
         curves.set_track(camera, self.frame_of([v["time"] for v in group]), np.array(poses)[:, :3])
-        self.animate_lens(camera, group)
+        curves.set_lens(camera.data, self.frame_of([v["time"] for v in group]), group)
         self.sensors.append(camera)
-
-    def animate_lens(self, camera, group):
-        """Adds keyframes of focal length and principal point if they change along the drive."""
-        values = np.array([[v["fx"], v["fy"], v["cx"], v["cy"]] for v in group])
-        if np.ptp(values, axis=0).max() < 1e-6:
-            return
-        frames = self.frame_of([v["time"] for v in group])
-        width, height = group[0]["width"], group[0]["height"]
-        curves.set_curve(camera.data, "lens", 0, frames, values[:, 0] * 36.0 / width)
-        curves.set_curve(camera.data, "shift_x", 0, frames, (width / 2 - values[:, 2]) / width)
-        curves.set_curve(camera.data, "shift_y", 0, frames, (values[:, 3] - height / 2) / width)
 
     def add_still(self, view):
         camera = self.new_camera(view["name"], view, self.root)
@@ -347,16 +301,14 @@ def adopt_settings(scene, work, frame):
 
 def look_through_camera(context):
     """Shows the import in all open 3D views: Rendered, through the scene's camera, fitted to the view."""
-    for window in context.window_manager.windows:
-        for area in (area for area in window.screen.areas if area.type == "VIEW_3D"):
-            space = area.spaces.active
-            space.shading.type = "RENDERED"
-            space.clip_end = max(space.clip_end, 10000)
-            if context.scene.camera is not None:
-                space.region_3d.view_perspective = "CAMERA"
-                region = next(r for r in area.regions if r.type == "WINDOW")
-                with context.temp_override(window=window, area=area, region=region):
-                    bpy.ops.view3d.view_center_camera()
+    for window, area, region in draw.regions():
+        space = area.spaces.active
+        space.shading.type = "RENDERED"
+        space.clip_end = max(space.clip_end, 10000)
+        if context.scene.camera is not None:
+            space.region_3d.view_perspective = "CAMERA"
+            with context.temp_override(window=window, area=area, region=region):
+                bpy.ops.view3d.view_center_camera()
 
 
 def scene_of(path):
@@ -432,13 +384,8 @@ def more(job, work, options):
             job.notes.append(f"imported without proxies: {error}")
 
 
-EXTENSIONS = (
-    ".json",
-    ".ply",
-    ".spz",
-    ".splat",
-    ".pagsz",
-)  # Blender matches a filter with the whole path: "scene.json" as a filter would match nothing, "*scene.json" does
+# Blender matches a filter with the whole path: "scene.json" as a filter would match nothing, "*scene.json" does.
+EXTENSIONS = (".json", ".ply", ".spz", ".splat", ".pagsz")
 OPTIONS = ("whole", "up", "cameras", "photographs", "proxies", "use_rate", "use_standard", "use_engine", "relative")
 
 
@@ -513,19 +460,14 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
             return {"CANCELLED"}
         path, options = os.path.abspath(path), types.SimpleNamespace(**{name: getattr(self, name) for name in OPTIONS})
         whole = scene_of(path) if self.whole else None
-        said = (
-            [f"{os.path.basename(path)} belongs to {whole}; imported the whole scene (disable: Whole scene)"]
-            if whole
-            else []
-        )
+        belongs = f"{os.path.basename(path)} belongs to {whole}; imported the whole scene (disable: Whole scene)"
+        said = [belongs] if whole else []
         try:
             jobs.begin(self, lambda job: bring_in(job, whole or path, options, said))
         except jobs.ERRORS as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        return (
-            {"CANCELLED"} if self.by_hand else {"FINISHED"}
-        )  # started from the interface: no undo step is pending yet
+        return {"CANCELLED"} if self.by_hand else {"FINISHED"}  # from the interface no undo step is pending yet
 
     def draw(self, context):
         lacking = program.lacking(context)
@@ -547,7 +489,6 @@ def menu(self, context):
     self.layout.operator(PAGS_OT_import.bl_idname, text="PAGS scene (scene.json, .ply, .spz, .splat, .pagsz)")
 
 
-CLASSES = [PAGS_OT_import]
 if hasattr(bpy.types, "FileHandler"):
 
     class PAGS_FH_import(bpy.types.FileHandler):
@@ -560,16 +501,5 @@ if hasattr(bpy.types, "FileHandler"):
         def poll_drop(cls, context):
             return context.area and context.area.type in {"VIEW_3D", "OUTLINER"}
 
-    CLASSES.append(PAGS_FH_import)
 
-
-def register():
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.types.TOPBAR_MT_file_import.append(menu)
-
-
-def unregister():
-    bpy.types.TOPBAR_MT_file_import.remove(menu)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+MENUS = ((bpy.types.TOPBAR_MT_file_import, menu),)

@@ -63,8 +63,3 @@ class PAGS_PT_measure(ui.OfScene, bpy.types.Panel):
             row.operator("pags.forget_distance", text="", icon="X")
         layout.operator("pags.stand", icon="TRIA_DOWN_BAR")
         layout.operator("pags.stand_on_road", icon="TRIA_DOWN_BAR")
-
-
-CLASSES = (PAGS_PT_inspect, PAGS_PT_recording, PAGS_PT_measure)
-
-register, unregister = bpy.utils.register_classes_factory(CLASSES)

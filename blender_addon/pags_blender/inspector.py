@@ -7,8 +7,27 @@ from bpy.props import BoolProperty, IntProperty, StringProperty
 
 from . import cameras, gather, jobs, lens, native, photographs, whereabouts
 
+ERRORS = (native.SceneError, RuntimeError, ValueError)  # of a pick
 
-class PAGS_OT_pick(bpy.types.Operator):
+
+class InView:
+    """Base of the operators in a 3D view. A subclass defines `act`, which returns the message to report."""
+
+    @classmethod
+    def poll(cls, context):
+        return context.region_data is not None
+
+    def execute(self, context):
+        try:
+            told = self.act(context)
+        except ERRORS as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, told)
+        return {"FINISHED"}
+
+
+class PAGS_OT_pick(InView, bpy.types.Operator):
     """Click on the scene to show object, class, priority and depth"""
 
     bl_idname = "pags.pick"
@@ -17,10 +36,6 @@ class PAGS_OT_pick(bpy.types.Operator):
 
     x: IntProperty(name="X", description="Pixels from the left of the view", default=0, subtype="PIXEL")
     y: IntProperty(name="Y", description="Pixels from the bottom of the view", default=0, subtype="PIXEL")
-
-    @classmethod
-    def poll(cls, context):
-        return context.region_data is not None
 
     def invoke(self, context, event):
         context.window.cursor_modal_set("EYEDROPPER")
@@ -37,16 +52,11 @@ class PAGS_OT_pick(bpy.types.Operator):
             return {"CANCELLED"}
         return {"RUNNING_MODAL"}
 
-    def execute(self, context):
-        try:
-            found = aim(context).pick(self.x, self.y)
-        except (native.SceneError, RuntimeError, ValueError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+    def act(self, context):
+        found = aim(context).pick(self.x, self.y)
         context.scene.pags_picked = describe(found)
-        self.report({"INFO"}, context.scene.pags_picked)
         select(context, found)
-        return {"FINISHED"}
+        return context.scene.pags_picked
 
 
 class Aim:
@@ -115,13 +125,9 @@ def select(context, found, extend=False):
         other.select_set(False)
     for part in context.view_layer.objects:
         settings = part.pags
-        if (
-            settings.kind in {"OBJECT", "BACKGROUND"}
-            and settings.index == index
-            and settings.root
-            and settings.root.name_full == found["root"]
-            and part.visible_get()
-        ):
+        if settings.kind not in {"OBJECT", "BACKGROUND"} or settings.index != index or not settings.root:
+            continue
+        if settings.root.name_full == found["root"] and part.visible_get():
             if extend and part.select_get() and context.view_layer.objects.active == part:
                 part.select_set(False)
                 return
@@ -140,9 +146,8 @@ def psnr(a, b):
 
 def exposed(picture, view):
     """Applies the photograph's exposure to a picture: photograph = gain * picture + offset."""
-    return np.clip(
-        picture * np.array(view["gain"], dtype=np.float32) + np.array(view["offset"], dtype=np.float32), 0, 1
-    )
+    gain, offset = (np.array(view[name], dtype=np.float32) for name in ("gain", "offset"))
+    return np.clip(picture * gain + offset, 0, 1)
 
 
 def draw_view(entry, view, threads):
@@ -175,17 +180,15 @@ class PAGS_OT_compare(jobs.Long, cameras.OnScene, bpy.types.Operator):
         def work(job):
             yield jobs.in_thread(native.load, path)
             frame = cameras.Frame(bpy.context, root)
-            finder = type("Finder", (), {"name": name, "step": 0})
-            view = cameras.PAGS_OT_jump.find(finder, bpy.context, frame)
+            view = cameras.view_at(bpy.context, frame, name)
             if view is None:
                 raise native.SceneError("the scene has no photographs")
             photograph = yield from photographs.load(job, root, frame.entry, view)
             picture, value = yield jobs.in_thread(measure, frame.entry, view, threads, use_exposure, photograph)
             photographs.compare(bpy.context, photograph, picture)
-            bpy.context.scene.pags_compared = f"{view['name']}: PSNR {value:.2f} dB" + (
-                " (held out)" if view["test"] else ""
-            )
-            return bpy.context.scene.pags_compared
+            told = f"{view['name']}: PSNR {value:.2f} dB" + (" (held out)" if view["test"] else "")
+            bpy.context.scene.pags_compared = told
+            return told
 
         return work
 
@@ -198,18 +201,7 @@ def measure(entry, view, threads, use_exposure, photograph):
     return picture, psnr(picture, photograph)
 
 
-CLASSES = (PAGS_OT_pick, PAGS_OT_compare)
-
-
-def register():
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.types.Scene.pags_picked = StringProperty(name="Picked", options={"SKIP_SAVE"})
-    bpy.types.Scene.pags_compared = StringProperty(name="Compared", options={"SKIP_SAVE"})
-
-
-def unregister():
-    del bpy.types.Scene.pags_compared
-    del bpy.types.Scene.pags_picked
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+PROPERTIES = (
+    (bpy.types.Scene, "pags_picked", StringProperty(name="Picked", options={"SKIP_SAVE"})),
+    (bpy.types.Scene, "pags_compared", StringProperty(name="Compared", options={"SKIP_SAVE"})),
+)

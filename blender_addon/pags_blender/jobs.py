@@ -12,7 +12,7 @@ import time
 
 import bpy
 
-from . import lens, native
+from . import draw, lens, native
 
 SLICE = 0.02  # seconds of the main thread per turn
 TICK = 0.02  # seconds between turns
@@ -198,7 +198,7 @@ class PAGS_OT_job(bpy.types.Operator):
             return self.end(context)
         if self.shown != current.line():
             self.shown = current.line()
-            redraw(context)
+            redraw()
         return {"PASS_THROUGH"}
 
     def end(self, context):
@@ -207,7 +207,7 @@ class PAGS_OT_job(bpy.types.Operator):
         context.window_manager.event_timer_remove(self.timer)
         if job is not None and job.changes:
             bpy.ops.ed.undo_push(message=job.title)
-        redraw(context)
+        redraw()
         return {"FINISHED"}
 
     def cancel(self, context):
@@ -259,28 +259,18 @@ def draw_header(self, context):
     row.operator("pags.cancel_job", text="", icon="X")
 
 
-def redraw(context):
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "HEADER":
-                        region.tag_redraw()
+def redraw():
+    for _, area, _ in draw.regions():
+        for region in (region for region in area.regions if region.type == "HEADER"):
+            region.tag_redraw()
 
 
-CLASSES = (PAGS_OT_job, PAGS_OT_cancel_job)
-
-
-def register():
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+def on_register():
     bpy.types.VIEW3D_HT_header.prepend(draw_header)  # the right end of the header is often outside of the window
     atexit.register(abort)  # no program keeps running after Blender's end
 
 
-def unregister():
+def on_unregister():
     atexit.unregister(abort)
     abort()
     bpy.types.VIEW3D_HT_header.remove(draw_header)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)

@@ -9,35 +9,21 @@ import bpy
 
 from . import draw, native, overlay
 
+COUNTS = [(v, str(v)) for v in (1, 10, 100, 1000)]
 # For each mode: title, ends of the scale (logarithmic from the first, unless that is 0), whether the low end is light, and the labelled
 # values, as in `mode_color` in blender_addon/native/picture.c.
 SCALES = {
-    "priority": (
-        "Semantic priority",
-        (0, 1),
-        False,
-        ((0, "0"), (0.25, "0.25"), (0.5, "0.5"), (0.75, "0.75"), (1, "1")),
-    ),
+    "priority": ("Semantic priority", (0, 1), False, [(v / 4, f"{v / 4:g}") for v in range(5)]),
     "depth": ("Depth, metres", (1, 200), True, ((1, "1 m"), (3, "3"), (10, "10"), (30, "30"), (200, "200 m"))),
     "size": ("Largest sigma", (0.003, 3), False, ((0.003, "3 mm"), (0.03, "3 cm"), (0.3, "0.3 m"), (3, "3 m"))),
-    "count": ("Gaussians blended per pixel", (1, 1000), False, ((1, "1"), (10, "10"), (100, "100"), (1000, "1000"))),
-    "overdraw": (
-        "Gaussians computed per pixel",
-        (1, 1000),
-        False,
-        ((1, "1"), (10, "10"), (100, "100"), (1000, "1000")),
-    ),
+    "count": ("Gaussians blended per pixel", (1, 1000), False, COUNTS),
+    "overdraw": ("Gaussians computed per pixel", (1, 1000), False, COUNTS),
 }
-# The mode with two colours instead of a scale: title and meaning of the highlighted colour.
-KINDS = {"critical": (((1, 0.45, 0.1), "vehicles, pedestrians, cyclists"), ((0.35, 0.35, 0.4), "all else"))}
+# The two colours of the mode "critical", which has no scale.
+KINDS = (((1, 0.45, 0.1), "vehicles, pedestrians, cyclists"), ((0.35, 0.35, 0.4), "all else"))
 STOPS = 5  # the colour map is linear between this number of equally spaced colours
-WIDTH, HEIGHT, BOTTOM = (
-    280,
-    12,
-    62,
-)  # of the bar, and its distance from the view's lower edge, in pixels at interface scale 1
-
-_handle = None
+# Of the bar, and its distance from the view's lower edge, in pixels at interface scale 1.
+WIDTH, HEIGHT, BOTTOM = 280, 12, 62
 
 
 def share(mode, value):
@@ -89,35 +75,17 @@ def on_draw():
     margin = 14 * scale
     draw.strip(left - margin, bottom - 20 * scale, width + 2 * margin, (HEIGHT + 42) * scale, (shade, shade))
     blf.color(0, 1, 1, 1, 1)
-    if mode in KINDS:
-        draw_kinds(mode, left, bottom, width, scale)
-    else:
-        draw_scale(mode, left, bottom, width, scale)
     title = SCALES[mode][0] if mode in SCALES else "Critical"
     write(title + note(context.scene), left, bottom + (HEIGHT + 6) * scale)
-
-
-def draw_scale(mode, left, bottom, width, scale):
+    if mode not in SCALES:
+        for (shade, text), at in zip(KINDS, (left, left + 0.75 * width)):
+            draw.strip(at, bottom, 0.25 * width, HEIGHT * scale, [(*shade, 1.0)] * 2)
+            write(text, at, bottom - 14 * scale)
+        return
     draw.strip(left, bottom, width, HEIGHT * scale, [color(mode, k / (STOPS - 1)) for k in range(STOPS)])
     for value, text in SCALES[mode][3]:
         at = share(mode, value)
         write(text, left + at * width, bottom - 14 * scale, at if at in (0, 1) else 0.5)
 
 
-def draw_kinds(mode, left, bottom, width, scale):
-    for (shade, text), at, align in zip(KINDS[mode], (left, left + 0.75 * width), (0, 0)):
-        draw.strip(at, bottom, 0.25 * width, HEIGHT * scale, [(*shade, 1.0)] * 2)
-        write(text, at, bottom - 14 * scale, align)
-
-
-def register():
-    global _handle
-    if not bpy.app.background:
-        _handle = bpy.types.SpaceView3D.draw_handler_add(on_draw, (), "WINDOW", "POST_PIXEL")
-
-
-def unregister():
-    global _handle
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-    _handle = None
+DRAWN = ((on_draw, "POST_PIXEL"),)

@@ -13,8 +13,6 @@ from . import draw, gather, inspector, lens, native
 BESIDE = 0.4  # metres between the vertical rays; the ground is the median of nine
 DOWN = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])  # a camera that looks down, in the engine's axes
 
-_handles = ()
-
 
 # ---- Distance ----
 
@@ -27,7 +25,7 @@ def place_at(context, x, y):
     return found["place"]
 
 
-class PAGS_OT_distance(bpy.types.Operator):
+class PAGS_OT_distance(inspector.InView, bpy.types.Operator):
     """Click on two points of the scene to measure their distance. The view can be moved between the clicks; Escape ends it"""
 
     bl_idname = "pags.distance"
@@ -37,18 +35,13 @@ class PAGS_OT_distance(bpy.types.Operator):
     start: IntVectorProperty(name="From", description="Pixels from the left and the bottom of the view", size=2)
     end: IntVectorProperty(name="To", description="Pixels from the left and the bottom of the view", size=2)
 
-    @classmethod
-    def poll(cls, context):
-        return context.region_data is not None
-
     def invoke(self, context, event):
         self.first, self.dragged = None, event.value == "CLICK_DRAG"
         if self.dragged:  # with Blender's tool Measure: from the press to the release of the mouse button
+            x, y = event.mouse_prev_press_x - context.region.x, event.mouse_prev_press_y - context.region.y
             try:
-                self.first = place_at(
-                    context, event.mouse_prev_press_x - context.region.x, event.mouse_prev_press_y - context.region.y
-                )
-            except (native.SceneError, RuntimeError, ValueError):
+                self.first = place_at(context, x, y)
+            except inspector.ERRORS:
                 return {"PASS_THROUGH"}
         context.window.cursor_modal_set("EYEDROPPER")
         context.workspace.status_text_set("Click on the first point; Escape: cancel")
@@ -62,14 +55,14 @@ class PAGS_OT_distance(bpy.types.Operator):
             return {"PASS_THROUGH"}  # the view can be moved meanwhile
         try:
             place = place_at(context, event.mouse_region_x, event.mouse_region_y)
-        except (native.SceneError, RuntimeError, ValueError) as error:
+        except inspector.ERRORS as error:
             self.report({"WARNING"}, f"{error}; click on another point")
             return {"RUNNING_MODAL"}
         if self.first is None:
             self.first = place
             context.workspace.status_text_set("Click on the second point; Escape: cancel")
             return {"RUNNING_MODAL"}
-        self.tell(context, self.first, place)
+        self.report({"INFO"}, self.tell(context, self.first, place))
         return self.close(context, {"FINISHED"})
 
     def close(self, context, answer):
@@ -77,22 +70,16 @@ class PAGS_OT_distance(bpy.types.Operator):
         context.workspace.status_text_set(None)
         return answer
 
-    def execute(self, context):
-        try:
-            self.tell(context, place_at(context, *self.start), place_at(context, *self.end))
-        except (native.SceneError, RuntimeError, ValueError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+    def act(self, context):
+        return self.tell(context, place_at(context, *self.start), place_at(context, *self.end))
 
     def tell(self, context, a, b):
         unit = context.scene.unit_settings.scale_length
         apart = unit * (b - a)
         context.scene.pags_measured = [*a, *b]
-        context.scene.pags_distance = (
-            f"{np.linalg.norm(apart):.3f} m ({np.linalg.norm(apart[:2]):.3f} m level, {apart[2]:+.3f} m up)"
-        )
-        self.report({"INFO"}, context.scene.pags_distance)
+        far, level = np.linalg.norm(apart), np.linalg.norm(apart[:2])
+        context.scene.pags_distance = f"{far:.3f} m ({level:.3f} m level, {apart[2]:+.3f} m up)"
+        return context.scene.pags_distance
 
 
 class PAGS_OT_forget_distance(bpy.types.Operator):
@@ -107,23 +94,12 @@ class PAGS_OT_forget_distance(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def line_shader():
-    for name in ("UNIFORM_COLOR", "3D_UNIFORM_COLOR"):
-        try:
-            return gpu.shader.from_builtin(name)
-        except (ValueError, SystemError):
-            continue
-    return None
-
-
 def on_draw():
     context = bpy.context
     if not context.scene.pags_distance or context.region_data is None:
         return
     points = np.array(context.scene.pags_measured).reshape(2, 3).tolist()
-    shader = line_shader()
-    if shader is None:
-        return
+    shader = draw.builtin("UNIFORM_COLOR", "3D_UNIFORM_COLOR")
     gpu.state.depth_test_set("NONE")
     gpu.state.line_width_set(2.0)
     gpu.state.point_size_set(6.0)
@@ -183,7 +159,7 @@ def lidar_below(context, place):
     return float(np.percentile(heights, 5)) if heights else None
 
 
-class PAGS_OT_stand(bpy.types.Operator):
+class PAGS_OT_stand(inspector.InView, bpy.types.Operator):
     """Move the view or its camera to eye height above the ground, level, in the same direction. Cameras of the recording stay; the view moves instead"""
 
     bl_idname = "pags.stand"
@@ -199,26 +175,15 @@ class PAGS_OT_stand(bpy.types.Operator):
         unit="LENGTH",
     )
 
-    @classmethod
-    def poll(cls, context):
-        return context.region_data is not None
-
-    def execute(self, context):
+    def act(self, context):
         view = context.region_data
         eye = view.view_matrix.inverted()
         place = np.array(eye.translation if view.is_perspective else view.view_location, dtype=np.float64)
-        try:
-            ground = ground_below(context, place)
-        except (native.SceneError, RuntimeError, ValueError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        ground = ground_below(context, place)
         if ground is None:
-            self.report({"ERROR"}, "no surface and no LiDAR point below the view; move it over the ground")
-            return {"CANCELLED"}
+            raise native.SceneError("no surface and no LiDAR point below the view; move it over the ground")
         towards = eye.to_3x3() @ Vector((0, 0, -1))
-        if (
-            towards.xy.length < 0.05 * towards.length
-        ):  # looking straight up or down: the top of the picture becomes the direction
+        if towards.xy.length < 0.05 * towards.length:  # looking straight up or down: the picture's top is ahead
             towards = eye.to_3x3() @ Vector((0, 1, 0))
         turn = Vector((towards.x, towards.y, 0)).to_track_quat("-Z", "Y")
         stand = Vector((place[0], place[1], ground + self.height))
@@ -229,33 +194,10 @@ class PAGS_OT_stand(bpy.types.Operator):
             view.view_perspective = "PERSP"
             view.view_rotation = turn
             view.view_location = stand + turn @ Vector((0, 0, -view.view_distance))
-        self.report({"INFO"}, f"{self.height:g} m above the ground at height {ground:.2f} m")
-        return {"FINISHED"}
+        return f"{self.height:g} m above the ground at height {ground:.2f} m"
 
 
-CLASSES = (PAGS_OT_distance, PAGS_OT_forget_distance, PAGS_OT_stand)
-
-
-def register():
-    global _handles
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.types.Scene.pags_measured = FloatVectorProperty(
-        name="Measured", description="The two measured points", size=6, options={"SKIP_SAVE"}
-    )
-    bpy.types.Scene.pags_distance = StringProperty(
-        name="Distance", description="Distance between the two points", options={"SKIP_SAVE"}
-    )
-    if not bpy.app.background:
-        add = bpy.types.SpaceView3D.draw_handler_add
-        _handles = (add(on_draw, (), "WINDOW", "POST_VIEW"), add(on_draw_text, (), "WINDOW", "POST_PIXEL"))
-
-
-def unregister():
-    global _handles
-    for handle in _handles:
-        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
-    _handles = ()
-    del bpy.types.Scene.pags_distance, bpy.types.Scene.pags_measured
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+MEASURED = FloatVectorProperty(name="Measured", description="The two points", size=6, options={"SKIP_SAVE"})
+DISTANCE = StringProperty(name="Distance", description="Distance between the two points", options={"SKIP_SAVE"})
+PROPERTIES = ((bpy.types.Scene, "pags_measured", MEASURED), (bpy.types.Scene, "pags_distance", DISTANCE))
+DRAWN = ((on_draw, "POST_VIEW"), (on_draw_text, "POST_PIXEL"))

@@ -8,7 +8,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
 
-from . import gather, lens
+from . import draw, gather, lens
 
 DRAWN = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 VERTEX = """
@@ -74,9 +74,8 @@ def arrays_of(block):
     else:
         mesh.calc_normals_split()
         mesh.loops.foreach_get("normal", normals)
-    colors = np.array(
-        [base_color(slot.material) for slot in block.material_slots] or [base_color(None)], dtype=np.float32
-    )
+    materials = [slot.material for slot in block.material_slots] or [None]
+    colors = np.array([base_color(material) for material in materials], dtype=np.float32)
     block.to_mesh_clear()
     if count == 0:
         return None
@@ -107,22 +106,13 @@ def collect(depsgraph, hidden):
 
 def shader():
     if "shader" not in _made:
-        info, face = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("pags_meshes")
-        face.smooth("VEC3", "lit")
-        face.smooth("VEC4", "paint")
-        for number, (kind, name) in enumerate((("VEC3", "pos"), ("VEC3", "normal"), ("VEC4", "shade"))):
-            info.vertex_in(number, kind, name)
-        info.vertex_out(face)
-        for name in ("clip", "turn"):
-            info.push_constant("MAT4", name)
-        info.fragment_out(0, "VEC4", "color")
-        info.vertex_source(VERTEX)
-        info.fragment_source(FRAGMENT)
-        _made["shader"] = gpu.shader.create_from_info(info)
+        inputs, between = [("VEC3", "pos"), ("VEC3", "normal"), ("VEC4", "shade")], [("VEC3", "lit"), ("VEC4", "paint")]
+        constants = [("MAT4", "clip"), ("MAT4", "turn")]
+        _made["shader"] = draw.compiled("meshes", VERTEX, FRAGMENT, inputs, between, constants)
     return _made["shader"]
 
 
-def draw(context, found):
+def show(context, found):
     """Draws them over a picture of the splats that has written its depth."""
     view, program = context.region_data, shader()
     gpu.state.depth_test_set("LESS_EQUAL")

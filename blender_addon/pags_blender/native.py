@@ -6,6 +6,8 @@ import sys
 import threading
 import types
 
+import numpy as np
+
 from . import bl_info, system, whereabouts
 
 VERSION = ".".join(str(number) for number in bl_info["version"][:2])
@@ -75,6 +77,22 @@ class Entry:
                 if not self.bare:
                     raise
         return module.load(self.path)
+
+    def track(self, index):
+        """Times (n) and poses (n, 3, 4), relative to the scene's origin, of an object's labels; a parked object has one."""
+        rows = np.array(self.scene.track(index) if self.objects[index]["tracked"] else []).reshape(-1, 13)
+        if not len(rows):
+            rows = np.array([[self.info["time_begin"], *self.scene.pose(index, self.info["time_begin"])]])
+        poses = rows[:, 1:].reshape(-1, 3, 4).copy()
+        poses[:, :, 3] -= self.info["origin"]
+        return rows[:, 0], poses
+
+    def frame_of(self, root, time):
+        """The frame of the timeline at a time of the scene with this root."""
+        return root.pags.frame_start + (time - self.info["time_begin"]) * root.pags.fps
+
+    def time_of(self, root, frame):
+        return self.info["time_begin"] + (frame - root.pags.frame_start) / root.pags.fps
 
     def counts(self):
         """The size of the scene as text."""

@@ -60,8 +60,7 @@ def frame_of(entry, index):
     if index < 0 or entry.objects[index]["tracked"]:
         return Matrix()
     pose = np.eye(4)
-    pose[:3] = np.array(entry.scene.pose(index, entry.info["time_begin"])).reshape(3, 4)
-    pose[:3, 3] -= entry.info["origin"]
+    pose[:3] = entry.track(index)[1][0]
     return Matrix(np.linalg.inv(pose).tolist())
 
 
@@ -122,8 +121,3 @@ class PAGS_OT_native_splats(cameras.OnScene, bpy.types.Operator):
             collection.objects.link(converted)
             gaussians += len(cloud.points)
         return f"{len(parts)} point clouds with {gaussians:,} Gaussians in the collection {name}"
-
-
-CLASSES = (PAGS_OT_native_splats,)
-
-register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -12,7 +12,6 @@ from .native import SceneError
 
 _views = {}  # by region pointer
 _batches = {}  # by mesh
-_handle = None
 _version = 0
 
 
@@ -108,12 +107,7 @@ def put(context, shown, left, right):
 
 
 def point_shader():
-    for name in ("POINT_FLAT_COLOR", "FLAT_COLOR", "3D_FLAT_COLOR"):
-        try:
-            return gpu.shader.from_builtin(name)
-        except (ValueError, SystemError):
-            continue
-    return None
+    return draw.builtin("POINT_FLAT_COLOR", "FLAT_COLOR", "3D_FLAT_COLOR")
 
 
 def batch_of(mesh, shader):
@@ -133,19 +127,13 @@ def batch_of(mesh, shader):
 
 def draw_points(context):
     shader = point_shader()
-    if shader is None:
-        return
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.depth_mask_set(True)
     gpu.state.point_size_set(2.0)
     depsgraph = context.evaluated_depsgraph_get()
     for instance in gather.instances(depsgraph, gather.hidden_in(context.space_data, depsgraph)):
         part = instance.object
-        if (
-            part.original.pags.kind not in {"BACKGROUND", "OBJECT"}
-            or part.type != "MESH"
-            or not len(part.original.data.vertices)
-        ):
+        if part.original.pags.kind not in gather.PARTS or part.type != "MESH" or not part.original.data.vertices:
             continue
         with gpu.matrix.push_pop():
             gpu.matrix.multiply_matrix(instance.matrix_world)
@@ -170,20 +158,8 @@ def on_draw_text():
     draw.lines([text], max(left, 20 * scale), 20 * scale, scale)
 
 
-def register():
-    global _handle
-    if bpy.app.background:
-        return
-    space = bpy.types.SpaceView3D
-    _handle = (
-        space.draw_handler_add(on_draw, (), "WINDOW", "POST_VIEW"),
-        space.draw_handler_add(on_draw_text, (), "WINDOW", "POST_PIXEL"),
-    )
+DRAWN = ((on_draw, "POST_VIEW"), (on_draw_text, "POST_PIXEL"))
 
 
-def unregister():
-    global _handle
-    for handle in _handle or ():
-        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
-    _handle = None
+def on_unregister():
     forget()

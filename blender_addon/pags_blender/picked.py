@@ -53,14 +53,3 @@ HANDLERS = (
     (bpy.app.handlers.frame_change_post, after_time),
     (bpy.app.handlers.depsgraph_update_post, after_change),
 )
-
-
-def register():
-    for handlers, function in HANDLERS:
-        handlers.append(function)
-
-
-def unregister():
-    for handlers, function in HANDLERS:
-        if function in handlers:
-            handlers.remove(function)

@@ -44,27 +44,21 @@ COMPARISONS = [
 ]
 
 
-def draw_again(settings, context):
-    """Redraws the views after a property changed, also from a script."""
-    for _, region in draw.regions():
-        region.tag_redraw()
-
-
 def critical_only(settings, context):
     picked.forget()  # the picked object may be hidden now
-    draw_again(settings, context)
+    draw.again()
 
 
 def wipe_moved(settings, context):
     photographs.wipe(context, settings.wipe)
-    draw_again(settings, context)
+    draw.again()
 
 
 def recolor(settings, context):
     from . import sweeps
 
     sweeps.after_frame(settings.id_data)
-    draw_again(settings, context)
+    draw.again()
 
 
 LISTED = [
@@ -144,99 +138,78 @@ class PagsCamera(bpy.types.PropertyGroup):
 
 
 class PagsScene(bpy.types.PropertyGroup):
-    sh_degree: IntProperty(
-        name="SH degree",
-        description="Highest degree of the spherical harmonics used for view-dependent colour",
+    sh_degree: draw.live(
+        IntProperty,
+        "SH degree",
+        "Highest degree of the spherical harmonics used for view-dependent colour",
         default=3,
         min=0,
         max=3,
-        update=draw_again,
     )
-    antialiased: EnumProperty(
-        name="Antialiasing",
-        description="Compensate opacities for the low-pass filter (Mip-Splatting)",
+    antialiased: draw.live(
+        EnumProperty,
+        "Antialiasing",
+        "Compensate opacities for the low-pass filter (Mip-Splatting)",
         items=[("SCENE", "As trained", "As stored in the scene file"), ("ON", "On", "Always"), ("OFF", "Off", "Never")],
-        update=draw_again,
     )
-    early_z: EnumProperty(
-        name="Early-Z",
-        description="Skip Gaussians hidden behind opaque surfaces before they are loaded and coloured",
+    early_z: draw.live(
+        EnumProperty,
+        "Early-Z",
+        "Skip Gaussians hidden behind opaque surfaces before they are loaded and coloured",
         items=[
             ("off", "Off", "Render everything in view"),
             ("lossless", "Lossless", "Skip only if the picture stays the same to the bit"),
             ("bounded", "Bounded", "Skip if no colour channel changes by more than the bound"),
         ],
         default="lossless",
-        update=draw_again,
     )
-    early_z_eps: FloatProperty(
-        name="Bound",
-        description="Maximum error of a colour channel, 0 to 1",
+    early_z_eps: draw.live(
+        FloatProperty,
+        "Bound",
+        "Maximum error of a colour channel, 0 to 1",
         default=1 / 255,
         min=1e-5,
         max=0.5,
         precision=4,
-        update=draw_again,
     )
-    exposure: BoolProperty(
-        name="Recorded exposure",
-        description="Through a camera of the recording, apply that camera's exposure at that time, as found in training",
-        update=draw_again,
+    exposure: draw.live(
+        BoolProperty,
+        "Recorded exposure",
+        "Through a camera of the recording, apply that camera's exposure at that time, as found in training",
     )
-    threads: IntProperty(
-        name="Threads",
-        description="Threads of the engine; 0: all processors",
-        default=0,
-        min=0,
-        max=256,
-        update=draw_again,
-    )
-    deadline: FloatProperty(
-        name="Deadline (ms)",
-        description="Maximum milliseconds per picture while something moves; reduces detail of non-critical areas first, then resolution",
+    threads: draw.live(IntProperty, "Threads", "Threads of the engine; 0: all processors", default=0, min=0, max=256)
+    deadline: draw.live(
+        FloatProperty,
+        "Deadline (ms)",
+        "Maximum milliseconds per picture while something moves; reduces detail of non-critical areas first, then resolution",
         default=50,
         min=10,
         max=2000,
         precision=0,
-        update=draw_again,
     )
-    mode: EnumProperty(
-        name="Show",
-        description="Content of the colours in viewport and F12",
-        items=MODES,
-        update=draw_again,
-    )
+    mode: draw.live(EnumProperty, "Show", "Content of the colours in viewport and F12", items=MODES)
     hide_noncritical: BoolProperty(
         name="Critical only",
         description="Show only vehicles, pedestrians and cyclists, without background and sky",
         update=critical_only,
     )
-    overlay: BoolProperty(
-        name="Splats in Solid and Material",
-        description="Show the scene among the meshes in Solid and Material shading, occluded by depth",
+    overlay: draw.live(
+        BoolProperty,
+        "Splats in Solid and Material",
+        "Show the scene among the meshes in Solid and Material shading, occluded by depth",
         default=True,
-        update=draw_again,
     )
-    points: BoolProperty(
-        name="Points",
-        description="Show preview points where splats are not drawn",
-        default=True,
-        update=draw_again,
-    )
-    use_background: BoolProperty(
-        name="Own background",
-        description="Replace the scene's sky or background with this colour",
-        update=draw_again,
-    )
-    background: FloatVectorProperty(
-        name="Background",
-        description="Background colour, as the screen shows it",
+    points: draw.live(BoolProperty, "Points", "Show preview points where splats are not drawn", default=True)
+    use_background: draw.live(BoolProperty, "Own background", "Replace the scene's sky or background with this colour")
+    background: draw.live(
+        FloatVectorProperty,
+        "Background",
+        "Background colour, as the screen shows it",
         subtype="COLOR_GAMMA",
         size=3,
         default=(0.5, 0.5, 0.5),
         min=0,
         max=1,
-        update=draw_again,
     )
     blur_samples: IntProperty(
         name="Samples",
@@ -247,11 +220,11 @@ class PagsScene(bpy.types.PropertyGroup):
         max=4096,
     )
     use_pass_heat: BoolProperty(name="Priority heat", description="Add a pass that shows the priority as colours")
-    comparison: EnumProperty(
-        name="Compare",
-        description="Overlay of a 3D view through a camera of the recording, at the times of its photographs",
+    comparison: draw.live(
+        EnumProperty,
+        "Compare",
+        "Overlay of a 3D view through a camera of the recording, at the times of its photographs",
         items=COMPARISONS,
-        update=draw_again,
     )
     listed: EnumProperty(name="List", description="Content of the list of errors", items=LISTED)
     lidar_color: EnumProperty(
@@ -264,12 +237,12 @@ class PagsScene(bpy.types.PropertyGroup):
         ],
         update=recolor,
     )
-    wipe_root: PointerProperty(
-        name="Beside",
-        description="A second scene, shown right of the wipe's edge in the 3D views; other scenes are left of it. F12 renders all together",
+    wipe_root: draw.live(
+        PointerProperty,
+        "Beside",
+        "A second scene, shown right of the wipe's edge in the 3D views; other scenes are left of it. F12 renders all together",
         type=bpy.types.Object,
         poll=lambda settings, candidate: candidate.pags.kind == "ROOT",
-        update=draw_again,
     )
     wipe: FloatProperty(
         name="Wipe",
@@ -317,20 +290,8 @@ def preview_budget(context):
     return chosen.budget if chosen else POINTS
 
 
-CLASSES = (PagsObject, PagsCamera, PagsScene, PagsPreferences)
-
-
-def register():
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.types.Object.pags = PointerProperty(type=PagsObject, **OWN)
-    bpy.types.Camera.pags = PointerProperty(type=PagsCamera)
-    bpy.types.Scene.pags = PointerProperty(type=PagsScene)
-
-
-def unregister():
-    del bpy.types.Scene.pags
-    del bpy.types.Camera.pags
-    del bpy.types.Object.pags
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+PROPERTIES = (
+    (bpy.types.Object, "pags", PointerProperty(type=PagsObject, **OWN)),
+    (bpy.types.Camera, "pags", PointerProperty(type=PagsCamera)),
+    (bpy.types.Scene, "pags", PointerProperty(type=PagsScene)),
+)

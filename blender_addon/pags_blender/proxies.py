@@ -223,8 +223,3 @@ class PAGS_PT_proxies(ui.OfScene, bpy.types.Panel):
         if collection is not None:
             layout.prop(collection, "hide_viewport", text="Hide proxies")
             layout.operator("pags.rigid_bodies", icon="RIGID_BODY")
-
-
-CLASSES = (PAGS_OT_import_proxies, PAGS_OT_rigid_bodies, PAGS_PT_proxies)
-
-register, unregister = bpy.utils.register_classes_factory(CLASSES)

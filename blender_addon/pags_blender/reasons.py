@@ -9,15 +9,9 @@ from . import native, whereabouts
 
 def entries(context):
     """The loaded PAGS scenes in the Blender scene."""
-    found = []
-    for root in (o for o in context.scene.objects if o.pags.kind == "ROOT"):
-        try:
-            entry = native.entry(whereabouts.absolute_path(root), False)
-        except native.SceneError:
-            continue
-        if entry.scene is not None:
-            found.append(entry)
-    return found
+    roots = [o for o in context.scene.objects if o.pags.kind == "ROOT"]
+    found = [native.known(whereabouts.absolute_path(root)) for root in roots]
+    return [entry for entry in found if entry is not None]
 
 
 def critical(context):

@@ -8,9 +8,8 @@ from . import cameras, curves, jobs, native, whereabouts
 from .timing import MARKER
 
 CORNERS = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
-BOX_EDGES = [(a, b) for a in range(8) for b in range(a) if bin(a ^ b).count("1") == 1] + [
-    (8, 9)
-]  # the last edge: from the centre to the front
+BOX_EDGES = [(a, b) for a in range(8) for b in range(a) if bin(a ^ b).count("1") == 1]
+BOX_EDGES += [(8, 9)]  # from the centre to the front
 
 # ---- Boxes ----
 
@@ -31,9 +30,8 @@ class PAGS_OT_boxes(jobs.Long, cameras.OnScene, bpy.types.Operator):
                 raise native.SceneError(f"{root.name}: the scene has no labelled objects")
             job.changes = True
             name = f"{root.name} boxes"
-            collection = next(
-                (c for c in scene.collection.children_recursive if c.get("pags_boxes") == root.name), None
-            )
+            known = (c for c in scene.collection.children_recursive if c.get("pags_boxes") == root.name)
+            collection = next(known, None)
             if collection is None:
                 collection = bpy.data.collections.new(name)
                 collection["pags_boxes"] = root.name
@@ -61,30 +59,13 @@ def add_box(collection, frame, index, record):
     collection.objects.link(block)
     block.parent, block.hide_render, block.display_type = frame.root, True, "WIRE"
     block["pags_box"], block["pags_class"] = record["id"], record["class"]
-    rows = np.array(frame.scene.track(index)).reshape(-1, 13)
-    if not record["tracked"] or len(rows) == 0:  # a parked box has one pose for all times
-        poses, times = (
-            np.array(frame.scene.pose(index, frame.info["time_begin"])).reshape(1, 3, 4),
-            [frame.info["time_begin"]],
-        )
-    else:
-        poses, times = rows[:, 1:].reshape(-1, 3, 4).copy(), rows[:, 0]
-    poses[:, :, 3] -= frame.origin
-    frames = [frame.frame_of(time) for time in times]
+    times, poses = frame.entry.track(index)
+    frames = frame.frame_of(times)
     curves.set_track(block, frames, poses)
-    if record["tracked"] and len(frames) > 0:
-        half = (
-            float(np.median(np.diff(frames)) if len(frames) > 1 else frame.root.pags.fps / (frame.info["fps"] or 10))
-            / 2
-        )
-        curves.set_curve(
-            block,
-            "hide_viewport",
-            0,
-            [frames[0] - half - 1, frames[0] - half, frames[-1] + half + 1e-3],
-            [1, 0, 1],
-            "CONSTANT",
-        )
+    if record["tracked"]:
+        step = float(np.median(np.diff(frames))) if len(frames) > 1 else frame.root.pags.fps / (frame.info["fps"] or 10)
+        begin, end = frames[0] - step / 2, frames[-1] + step / 2 + 1e-3
+        curves.set_curve(block, "hide_viewport", 0, [begin - 1, begin, end], [1, 0, 1], "CONSTANT")
 
 
 # ---- Held-out steps ----
@@ -120,8 +101,3 @@ class PAGS_OT_mark(cameras.OnScene, bpy.types.Operator):
 
 def marked(scene):
     return any(marker.name.startswith(MARKER) for marker in scene.timeline_markers)
-
-
-CLASSES = (PAGS_OT_boxes, PAGS_OT_mark)
-
-register, unregister = bpy.utils.register_classes_factory(CLASSES)

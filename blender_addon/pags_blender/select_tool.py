@@ -8,9 +8,8 @@ import bpy
 from bpy.props import BoolProperty
 from bpy_extras import view3d_utils
 
-from . import draw, inspector, native
+from . import draw, inspector, registry
 
-KEY = "Y"  # an unused key in Blender's keymaps of the 3D view
 REST = 0.12  # seconds that the mouse must rest before a pick
 TICK = 0.05
 
@@ -34,7 +33,7 @@ class PAGS_OT_select(bpy.types.Operator):
         x, y = event.mouse_region_x, event.mouse_region_y
         try:
             found = inspector.aim(context).pick(x, y)
-        except (native.SceneError, RuntimeError, ValueError) as error:
+        except inspector.ERRORS as error:
             self.report({"WARNING"}, str(error))
             found = None
         if found is None or mesh_before(context, x, y, found["depth"]):
@@ -70,13 +69,13 @@ class Hover:
     def moved(self, place):
         if place != self.place:
             self.place, self.since, self.text = place, time.monotonic(), ""
-            if not bpy.app.timers.is_registered(tick):
-                bpy.app.timers.register(tick, first_interval=TICK)
+            registry.start(tick, TICK)
 
     def look(self):
         """Starts a pick under the mouse."""
         self.asked = self.place
-        for window, space, region in regions():
+        for window, area, region in draw.regions():
+            space = area.spaces.active
             if region.as_pointer() == self.place[0] and not space.region_quadviews:
                 aim = inspector.aim_of(space, space.region_3d, region, window.view_layer.depsgraph, wait=False)
                 if aim.frame is not None:
@@ -92,14 +91,6 @@ class Hover:
             self.text, self.shown = found, False
 
 
-def regions():
-    """Window, space and main region of all open 3D views."""
-    for window in bpy.context.window_manager.windows:
-        for area in (area for area in window.screen.areas if area.type == "VIEW_3D"):
-            for region in (region for region in area.regions if region.type == "WINDOW"):
-                yield window, area.spaces.active, region
-
-
 hover = Hover()
 
 
@@ -110,11 +101,11 @@ def tick():
     if hover.thread is None and hover.place != hover.asked and time.monotonic() - hover.since >= REST:
         try:
             hover.look()
-        except (native.SceneError, RuntimeError, ValueError) as error:
+        except inspector.ERRORS as error:
             hover.text, hover.shown = str(error), False
     if not hover.shown:
         hover.shown = True
-        for _, _, region in regions():
+        for _, _, region in draw.regions():
             if region.as_pointer() == hover.place[0]:
                 region.tag_redraw()
     return TICK if hover.thread is not None or hover.place != hover.asked else None
@@ -153,28 +144,18 @@ class PAGS_TL_select(bpy.types.WorkSpaceTool):
             draw.lines(said, xy[0] + 18 * scale, xy[1] - (3 + 15 * len(said)) * scale, scale)
 
 
-_keys = []
+KEYS = ((PAGS_OT_select, "Object Mode", {"type": "Y", "value": "PRESS"}),)  # an unused key in Blender's key maps
+TIMERS = (tick,)
 _tools = []
 
 
-def register():
-    bpy.utils.register_class(PAGS_OT_select)
-    keyconfigs = bpy.context.window_manager.keyconfigs
-    if keyconfigs.default is not None:  # `blender -b` has no keymaps when it enables the user's add-ons, and no toolbar
+def on_register():
+    if bpy.context.window_manager.keyconfigs.default is not None:
+        # `blender -b` has no key maps when it enables the user's add-ons, and no toolbar
         bpy.utils.register_tool(PAGS_TL_select, separator=True)
         _tools.append(PAGS_TL_select)
-    config = keyconfigs.addon
-    if config is not None:
-        keymap = config.keymaps.new(name="Object Mode")
-        _keys.append((keymap, keymap.keymap_items.new(PAGS_OT_select.bl_idname, KEY, "PRESS")))
 
 
-def unregister():
-    for keymap, item in _keys:
-        keymap.keymap_items.remove(item)
-    _keys.clear()
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+def on_unregister():
     while _tools:
         bpy.utils.unregister_tool(_tools.pop())
-    bpy.utils.unregister_class(PAGS_OT_select)

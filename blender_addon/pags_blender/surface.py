@@ -9,10 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from . import gather, inspector, lens, measure, native, overlay, select_tool
-
-ERRORS = (native.SceneError, RuntimeError, ValueError)
-_keys = []
+from . import gather, inspector, lens, measure, overlay, select_tool
 
 
 def aim(context, without=frozenset()):
@@ -24,7 +21,7 @@ def aim(context, without=frozenset()):
         return None
     try:
         found = inspector.aim_of(space, view, context.region, context.evaluated_depsgraph_get(), False, without)
-    except ERRORS:
+    except inspector.ERRORS:
         return None
     return found if found.frame is not None else None
 
@@ -36,7 +33,7 @@ def under_mouse(context, event):
         return None
     try:
         hit = found.pick(x, y)
-    except ERRORS:
+    except inspector.ERRORS:
         return None
     return None if hit is None or select_tool.mesh_before(context, x, y, hit["depth"]) else hit
 
@@ -190,7 +187,6 @@ class PAGS_OT_stand_on_road(bpy.types.Operator):
         return {"FINISHED"} if len(floating) < len(blocks) else {"CANCELLED"}
 
 
-CLASSES = (PAGS_OT_cursor, PAGS_OT_auto_depth, PAGS_OT_place, PAGS_OT_stand_on_road)
 KEYS = (  # operator, key map, event
     (PAGS_OT_cursor, "3D View", {"type": "RIGHTMOUSE", "value": "PRESS", "shift": True}),
     (PAGS_OT_cursor, "3D View Tool: Cursor", {"type": "LEFTMOUSE", "value": "PRESS"}),
@@ -204,21 +200,4 @@ def menu(self, context):
     self.layout.operator(PAGS_OT_stand_on_road.bl_idname)
 
 
-def register():
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.types.VIEW3D_MT_object.append(menu)
-    config = bpy.context.window_manager.keyconfigs.addon
-    for cls, name, event in KEYS if config is not None else ():
-        space = "EMPTY" if name == "Object Mode" else "VIEW_3D"
-        keymap = config.keymaps.new(name=name, space_type=space)
-        _keys.append((keymap, keymap.keymap_items.new(cls.bl_idname, **event)))
-
-
-def unregister():
-    for keymap, item in _keys:
-        keymap.keymap_items.remove(item)
-    _keys.clear()
-    bpy.types.VIEW3D_MT_object.remove(menu)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+MENUS = ((bpy.types.VIEW3D_MT_object, menu),)

@@ -13,12 +13,11 @@ import numpy as np
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from . import cameras, draw, jobs, native, overlay, photographs, whereabouts
+from . import cameras, draw, jobs, native, overlay, photographs, registry, whereabouts
 
 POSES = {"ego": "ego_pose", "laser": "lidar_pose", "world": None}
-PALETTE = np.array(
-    ((0.13, 0.18, 0.55), (0.1, 0.55, 0.6), (0.45, 0.8, 0.3), (0.98, 0.9, 0.15))
-)  # linear, from low to high
+# Linear, from low to high.
+PALETTE = np.array(((0.13, 0.18, 0.55), (0.1, 0.55, 0.6), (0.45, 0.8, 0.3), (0.98, 0.9, 0.15)))
 SIDE = 512  # pixels of a side of the cube of depths around the car
 NEAR = 4  # pixels around one whose mean depth counts
 FAR = 0.5  # metres: the highest colour of a distance
@@ -26,7 +25,6 @@ KEPT = 100  # sweeps in memory, some 2 MB each
 TICK = 0.02
 
 _sets, _batches, _shown = {}, {}, {}
-_handle = None
 
 
 class Sweeps:
@@ -54,9 +52,8 @@ class Sweeps:
                 f"{os.path.join(self.folder, 'lidar')}: no sweep for the scene's {len(steps)} time steps, such as {self.path(min(steps, default='000'))}"
             )
         self.times, self.steps = (list(column) for column in zip(*sorted(found)))
-        self.half = (
-            0.75 * float(np.median(np.diff(self.times))) if len(found) > 1 else 0.05
-        )  # seconds for which a sweep is shown before and after its time
+        # Seconds for which a sweep is shown before and after its time.
+        self.half = 0.75 * float(np.median(np.diff(self.times))) if len(found) > 1 else 0.05
         self.kept, self.thread = {}, None  # (points, colours) by number of the sweep and kind of colours
 
     def path(self, step):
@@ -123,7 +120,7 @@ class Sweeps:
             drawn = depth > 0
             inverse = np.where(drawn, 1 / np.maximum(depth, 1e-6), 0)
             with np.errstate(divide="ignore", invalid="ignore"):
-                mean = around(inverse) / around(drawn.astype(np.float64))
+                mean = around(inverse, NEAR) / around(drawn.astype(np.float64), NEAR)
                 ray = local[:, :2] / local[:, 2:]
                 cell = (SIDE / 2 * (1 + ray)).astype(int)
                 x, y = np.clip(cell, NEAR, SIDE - 1 - NEAR).T
@@ -146,8 +143,7 @@ class Sweeps:
         if ahead and not wait and (self.thread is None or not self.thread.is_alive()):
             self.thread = threading.Thread(target=self.prepare, args=(ahead, up, threads), daemon=True)
             self.thread.start()
-            if not bpy.app.timers.is_registered(tick):
-                bpy.app.timers.register(tick, first_interval=TICK)
+            registry.start(tick, TICK)
         found = self.kept.get(key)
         if isinstance(found, Exception):
             raise found
@@ -168,10 +164,10 @@ class Sweeps:
                 )
 
 
-def around(plane):
-    """Sum of the values within NEAR pixels of each pixel."""
-    size = 2 * NEAR + 1
-    sums = np.pad(plane, ((NEAR + 1, NEAR), (NEAR + 1, NEAR))).cumsum(axis=0).cumsum(axis=1)
+def around(plane, reach):
+    """Sum of the values within `reach` pixels of each pixel, to all sides."""
+    size = 2 * reach + 1
+    sums = np.pad(plane, ((reach + 1, reach), (reach + 1, reach))).cumsum(axis=0).cumsum(axis=1)
     return sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size] + sums[:-size, :-size]
 
 
@@ -226,9 +222,7 @@ def show_sweep(block, scene):
     if entry.scene is None:
         return
     sweeps = sweeps_of(root, entry)
-    number = sweeps.nearest(
-        entry.info["time_begin"] + (scene.frame_current_final - root.pags.frame_start) / root.pags.fps
-    )
+    number = sweeps.nearest(entry.time_of(root, scene.frame_current_final))
     if [number, kind] == [block.get("pags_sweep"), block.get("pags_colors")] and block.data.name_full in _shown:
         return
     found = np.zeros((0, 3), dtype=np.float32), np.zeros((0, 4), dtype=np.float32)
@@ -262,15 +256,13 @@ def tick():
             o for o in scene.objects if "pags_lidar" in o and not o.hide_viewport and o.get("pags_sweep", -2) >= -1
         ]
         busy = busy or any(o.data.name_full not in _shown for o in blocks)
-    for _, region in draw.regions():
-        region.tag_redraw()
+    draw.again()
     return TICK if busy else None
 
 
 def after_load():
     """After opening a file: its sweeps appear once its scenes are loaded."""
-    if not bpy.app.background:
-        bpy.app.timers.register(tick, first_interval=TICK)
+    registry.start(tick, TICK)
 
 
 def forget():
@@ -312,46 +304,27 @@ def on_draw():
     """Draws the points of LiDAR objects: Blender would show the vertices of a mesh without faces as black dots."""
     context = bpy.context
     blocks = [o for o in context.visible_objects or () if "pags_lidar" in o and o.data.name_full in _shown]
-    shader = overlay.point_shader() if blocks else None
-    if shader is None:
+    if not blocks:
         return
+    shader = overlay.point_shader()
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.point_size_set(2.0)
     for block in blocks:
         name = block.data.name_full
         if name not in _batches:
             points, colors = _shown[name]
-            _batches[name] = (
-                batch_for_shader(shader, "POINTS", {"pos": points, "color": colors}) if len(points) else None
-            )
-        if _batches[name] is not None:
+            _batches[name] = batch_for_shader(shader, "POINTS", {"pos": points, "color": colors})
+        if len(_shown[name][0]):
             with gpu.matrix.push_pop():
                 gpu.matrix.multiply_matrix(block.matrix_world)
                 _batches[name].draw(shader)
     gpu.state.depth_test_set("NONE")
 
 
-CLASSES = (PAGS_OT_lidar,)
+HANDLERS = ((bpy.app.handlers.frame_change_post, after_frame),)
+DRAWN = ((on_draw, "POST_VIEW"),)
+TIMERS = (tick,)
 
 
-def register():
-    global _handle
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.app.handlers.frame_change_post.append(after_frame)
-    if not bpy.app.background:
-        _handle = bpy.types.SpaceView3D.draw_handler_add(on_draw, (), "WINDOW", "POST_VIEW")
-
-
-def unregister():
-    global _handle
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
-    if after_frame in bpy.app.handlers.frame_change_post:
-        bpy.app.handlers.frame_change_post.remove(after_frame)
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+def on_unregister():
     forget()
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)

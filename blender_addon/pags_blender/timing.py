@@ -31,7 +31,7 @@ def of_keys(root):
             first = min((v["sensor"] for v in views), default=-1)
             times = np.sort([v["time"] for v in views if v["sensor"] == first])
         elif entry.objects[block.pags.index]["tracked"] if block.pags.index < len(entry.objects) else False:
-            times = np.array(entry.scene.track(block.pags.index)).reshape(-1, 13)[:, 0]
+            times = entry.track(block.pags.index)[0]
         else:
             continue
         frames = keyed(block)
@@ -101,3 +101,6 @@ def after_change(scene, depsgraph=None):
         found = of_keys(root)
         if found is not None and not same(root, found):
             root.pags.frame_start, root.pags.fps = found
+
+
+HANDLERS = ((bpy.app.handlers.depsgraph_update_post, after_change),)

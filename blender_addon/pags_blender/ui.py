@@ -6,22 +6,7 @@ import textwrap
 import bpy
 from bl_operators.presets import AddPresetBase
 
-from . import (
-    blur,
-    cameras,
-    comparison,
-    jobs,
-    native,
-    native_splats,
-    overlay,
-    photographs,
-    picked,
-    program,
-    reasons,
-    sweeps,
-    viewport,
-    whereabouts,
-)
+from . import blur, cameras, jobs, native, native_splats, overlay, photographs, program, reasons, whereabouts
 
 
 class Sidebar:
@@ -200,14 +185,8 @@ class PAGS_OT_add_preset(AddPresetBase, bpy.types.Operator):
     preset_menu = "PAGS_MT_presets"
     preset_defines = ["settings = bpy.context.scene.pags"]
     preset_values = [
-        "settings.sh_degree",
-        "settings.antialiased",
-        "settings.early_z",
-        "settings.early_z_eps",
-        "settings.deadline",
-        "settings.blur_samples",
-        "settings.use_background",
-        "settings.background",
+        f"settings.{name}"
+        for name in "sh_degree antialiased early_z early_z_eps deadline blur_samples use_background background".split()
     ]
     preset_subdir = "pags/render"
 
@@ -238,11 +217,9 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
         own.active = settings.use_background
         own.prop(settings, "background", text="")
         layout.prop(context.scene.render, "film_transparent", text="Transparent sky")
-        for said in filter(
-            None,
-            (plain, f"Critical only: {none}" if none else "", f"Recorded exposure: {unexposed}" if unexposed else ""),
-        ):
-            reasons.explain(layout, said, width=48)
+        for what, why in (("", plain), ("Critical only: ", none), ("Recorded exposure: ", unexposed)):
+            if why:
+                reasons.explain(layout, what + why, width=48)
 
 
 class PAGS_PT_viewport(RenderPanel, bpy.types.Panel):
@@ -287,23 +264,6 @@ class PAGS_PT_passes(RenderPanel, bpy.types.Panel):
         layout.prop(context.view_layer, "use_pass_cryptomatte_asset", text="Cryptomatte of classes")
 
 
-class PAGS_OT_reload(bpy.types.Operator):
-    """Reload the scene from its files"""
-
-    bl_idname = "pags.reload"
-    bl_label = "Reload"
-
-    def execute(self, context):
-        native.forget()
-        picked.forget()
-        comparison.forget()
-        sweeps.forget()
-        overlay.forget()
-        for view in list(viewport.views):
-            view.drop()
-        return {"FINISHED"}
-
-
 class PAGS_OT_photographs(jobs.Long, cameras.OnScene, bpy.types.Operator):
     """Show the recording's photographs as the active camera's background, along the timeline"""
 
@@ -319,22 +279,3 @@ class PAGS_OT_photographs(jobs.Long, cameras.OnScene, bpy.types.Operator):
     def steps(self, context, root):
         camera = context.scene.camera
         return lambda job: photographs.show(job, camera, camera.pags.root)
-
-
-CLASSES = (
-    PAGS_OT_reload,
-    PAGS_OT_photographs,
-    PAGS_MT_presets,
-    PAGS_OT_add_preset,
-    PAGS_PT_scene,
-    PAGS_PT_show,
-    PAGS_PT_cameras,
-    PAGS_PT_export,
-    PAGS_PT_object,
-    PAGS_PT_settings,
-    PAGS_PT_viewport,
-    PAGS_PT_blur,
-    PAGS_PT_passes,
-)
-
-register, unregister = bpy.utils.register_classes_factory(CLASSES)

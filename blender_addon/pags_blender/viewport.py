@@ -11,15 +11,13 @@ import weakref
 import bpy
 import gpu
 
-from . import draw, gather, ignored, lens, meshes, native, stopwatch
+from . import draw, gather, ignored, lens, meshes, native, registry, stopwatch
 from .native import SceneError
 
 STILL = 0.12  # seconds without change before the picture of full quality is rendered
 TICK = 0.008
 PERIOD = 95  # milliseconds per picture as the target: a little more than ten pictures per second
-UNANSWERED = (
-    50  # unanswered redraw requests before a view counts as closed: Blender 5 keeps a view's engine after its region
-)
+UNANSWERED = 50  # redraw requests until a view counts as closed: Blender 5 keeps a view's engine after its region
 
 EMPTY = 1e9  # depth of pixels without a surface
 
@@ -38,9 +36,9 @@ class Shown:
         self.place = (x, values["height"] - y - height, width, height)  # in the region, in pixels from its bottom
         begin = time.perf_counter()
         self.color = draw.texture(picture.rgba, picture.width, picture.height, 4)
-        self.depth = (
-            draw.texture(picture.depth, picture.width, picture.height, 1) if picture.depth is not None else None
-        )
+        self.depth = None
+        if picture.depth is not None:
+            self.depth = draw.texture(picture.depth, picture.width, picture.height, 1)
         self.ms_upload = 1e3 * (time.perf_counter() - begin)
 
 
@@ -121,13 +119,8 @@ class View:
         if region.view_perspective == "CAMERA":
             job_arguments.update(frame.exposure(settings, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)
-        key += (
-            native.generation,
-            tuple(map(id, frame.entries)),
-            self.state.key(),
-            settings.hide_noncritical,
-            tuple(sorted(job_arguments.items())),
-        )
+        key += (native.generation, tuple(map(id, frame.entries)), self.state.key(), settings.hide_noncritical)
+        key += (tuple(sorted(job_arguments.items())),)
         self.error = ""
         return key, frame, camera, values, job_arguments, settings, now
 
@@ -187,11 +180,9 @@ class View:
         """Whether the timer has to watch this view: it loads, renders, or shows a picture that is not final."""
         if self.loading or self.job is not None:
             return True
-        return (
-            self.shown is not None
-            and self.requested is not None
-            and (self.shown.key != self.requested or self.shown.unsharp)
-        )
+        if self.shown is None or self.requested is None:
+            return False
+        return self.shown.key != self.requested or self.shown.unsharp
 
     # ---- Statistics ----
 
@@ -242,7 +233,7 @@ class View:
         if self.second is not None and self.second.shown is not None:
             self.second.put(context, edge + 4 / context.region.width, 1)  # a gap of two pixels is the edge
         if self.meshes and self.shown is not None and self.shown.depth is not None:
-            meshes.draw(context, self.meshes)
+            meshes.show(context, self.meshes)
         self.watch.add(begin, middle, upload)
 
     def put(self, context, left, right):
@@ -310,8 +301,7 @@ def tick():
         for view in busy
     )
     if due or any(view.loading for view in busy):
-        for _, region in draw.regions():
-            region.tag_redraw()
+        draw.again()
         for view in busy:
             view.unanswered += 1
             if view.unanswered > UNANSWERED:
@@ -321,12 +311,10 @@ def tick():
 
 
 def start_timer():
-    if not bpy.app.background and not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, persistent=True)
+    registry.start(tick, persistent=True)
 
 
 def stop_timer():
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+    registry.stop(tick)
     for view in list(views):
         view.drop()

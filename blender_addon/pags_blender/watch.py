@@ -5,7 +5,7 @@ Blender stay so. Objects are matched by their ids; unedited tracks take the new 
 import bpy
 import numpy as np
 
-from . import curves, draw, jobs, native, whereabouts
+from . import curves, draw, jobs, native, registry, whereabouts
 
 PERIOD = 2.0  # seconds between checks of the files, and for which they must be unchanged
 
@@ -50,8 +50,7 @@ def read_anew(job, path):
         return None
     native.replace(path, fresh)
     told = [adopt(root, old, fresh) for root in roots_of(path)]
-    for _, region in draw.regions():
-        region.tag_redraw()
+    draw.again()
     for scene in (s for s in bpy.data.scenes if s.pags_photographs):
         scene.pags_photographs_said = "the scene has changed since the list was made"
     before, now = old.info["gaussians"], fresh.info["gaussians"]
@@ -81,43 +80,36 @@ def adopt(root, old, fresh):
     return told + (f"; new objects: {more}; import it again to add them" if more > 0 else "")
 
 
-def poses_of(root, entry, index):
-    """Frames and poses (n, 3, 4) of an object's track, as imported."""
-    rows = np.array(entry.scene.track(index)).reshape(-1, 13)
-    poses = rows[:, 1:].reshape(-1, 3, 4).copy()
-    poses[:, :, 3] -= np.array(entry.info["origin"])
-    return root.pags.frame_start + (rows[:, 0] - entry.info["time_begin"]) * root.pags.fps, poses
-
-
 def renew_track(root, track, old, old_index, fresh, index):
     """Replaces a track's poses if its keyframes are still those of the previously loaded scene."""
     if not (old.objects[old_index]["tracked"] and fresh.objects[index]["tracked"]):
         return
-    frames, poses = poses_of(root, old, old_index)
-    if track.animation_data is None or track.animation_data.action is None or len(frames) < 2:
+    times, poses = old.track(old_index)
+    frames = old.frame_of(root, times)
+    if len(frames) < 2:
         return
     wanted = [("location", k, poses[:, k, 3]) for k in range(3)]
     wanted += [("rotation_quaternion", k, values) for k, values in enumerate(curves.quaternions(poses[:, :, :3]).T)]
+    known = {(curve.data_path, curve.array_index): curve for curve in curves.all_of(track)}
     for path, k, values in wanted:
-        curve = curves.fcurve_owner(track).find(path, index=k)
+        curve = known.get((path, k))
         if curve is None or len(curve.keyframe_points) != len(frames):
             return
         keyed = np.empty(2 * len(frames), dtype=np.float32)
         curve.keyframe_points.foreach_get("co", keyed)
-        if not (
-            np.allclose(keyed[0::2], frames, rtol=0, atol=1e-3) and np.allclose(keyed[1::2], values, rtol=0, atol=1e-3)
-        ):
+        if not np.allclose(keyed.reshape(-1, 2), np.stack([frames, values], axis=1), rtol=0, atol=1e-3):
             return
-    curves.set_track(track, *poses_of(root, fresh, index))
+    times, poses = fresh.track(index)
+    curves.set_track(track, fresh.frame_of(root, times), poses)
 
 
-def register():
-    if not bpy.app.background:
-        bpy.app.timers.register(tick, first_interval=PERIOD, persistent=True)
+TIMERS = (tick,)
 
 
-def unregister():
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+def on_register():
+    registry.start(tick, PERIOD, persistent=True)
+
+
+def on_unregister():
     _changed.clear()
     _tried.clear()

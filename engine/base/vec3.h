@@ -179,4 +179,13 @@ static inline void pags_pose_subtract(double pose[12], const double by[3]) {
     pose[4 * k + 3] -= by[k];
 }
 
+/* The quaternion w x y z of the rotation b followed by the rotation a; `out` may be either. */
+static inline void pags_quaternion_multiply(const double a[4], const double b[4], double out[4]) {
+  const double product[4] = {
+      a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3], a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+      a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1], a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]};
+  for (int k = 0; k < 4; k++)
+    out[k] = product[k];
+}
+
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Clean-up and look: rules, given as JSON, that leave out Gaussians by place, opacity, size and support, and change the
- * colours and opacities of those that stay.
+/* Clean-up and look: rules, given as JSON, that leave out Gaussians by place, opacity, size and support, change the
+ * colours and opacities of those that stay, and move parked objects.
  *
  * A colour is c = 1/2 + C0 dc + sum of C_k(d) sh_k over directions d, so that the affine map c' = M c + t takes each
  * triple of coefficients to M sh_k, and the constant one to M dc + (M (1/2, 1/2, 1/2) + t - 1/2) / C0: exact but for
@@ -16,6 +16,7 @@
 #include "base/text.h"
 #include "base/vec3.h"
 #include "maths/maths.h"
+#include "scene/axes.h"
 
 enum { MOST_CROPS = 64 };
 static const double C0 = 0.28209479177387814;
@@ -33,8 +34,9 @@ typedef struct rule {
   pags_filter limits;
   crop crops[MOST_CROPS];
   int crop_count;
-  bool has_matrix;
+  bool has_matrix, moves;
   double matrix[12], opacity, sh;
+  double motion[12]; /* of the world */
 } rule;
 
 /* ---- Reading ---- */
@@ -70,14 +72,14 @@ static pags_result read_crop(const pags_json *json, const pags_json_value *value
   return pags_json_numbers(json, value, "unit_from_frame", 12, out->unit_from_frame);
 }
 
-static pags_result read_rule(const pags_json *json, const pags_json_value *value, int64_t objects, rule *out) {
+static pags_result read_rule(const pags_json *json, const pags_json_value *value, const pags_scene *scene, rule *out) {
   static const char *const known[] = {"object", "least_opacity", "least_size", "greatest_size", "least_views", "crops",
-                                      "matrix", "opacity",       "sh"};
+                                      "matrix", "opacity",       "sh",         "motion"};
   *out = (rule){0};
   PAGS_TRY(pags_json_as_object(json, value, "a rule"));
   PAGS_TRY(check_keys(json, value, known, sizeof known / sizeof *known));
   out->everything = !pags_json_member(value, "object");
-  PAGS_TRY(pags_json_integer_or(json, value, "object", -1, objects - 1, -1, &out->object));
+  PAGS_TRY(pags_json_integer_or(json, value, "object", -1, scene->object_count - 1, -1, &out->object));
   PAGS_TRY(read_number(json, value, "least_opacity", 0, 1, 0, &out->limits.least_opacity));
   PAGS_TRY(read_number(json, value, "least_size", 0, 1e6, 0, &out->limits.least_size));
   PAGS_TRY(read_number(json, value, "greatest_size", 0, 1e6, 0, &out->limits.greatest_size));
@@ -87,6 +89,13 @@ static pags_result read_rule(const pags_json *json, const pags_json_value *value
   out->has_matrix = pags_json_member(value, "matrix") != NULL;
   if (out->has_matrix)
     PAGS_TRY(pags_json_numbers(json, value, "matrix", 12, out->matrix));
+  out->moves = pags_json_member(value, "motion") != NULL;
+  if (out->moves) {
+    PAGS_TRY(pags_json_numbers(json, value, "motion", 12, out->motion));
+    PAGS_TRY(pags_rigid_check(out->motion, "motion"));
+    if (out->object < 0 || scene->objects[out->object].model >= 0)
+      return pags_json_fail(json, value, "expected a 'motion' of a parked object; others follow their tracks");
+  }
   const pags_json_value *crops = pags_json_member(value, "crops");
   if (!crops)
     return PAGS_OK;
@@ -182,6 +191,43 @@ static void look_behind(const double m[12], float rgb[3]) {
     rgb[k] = (float)fmax((double)rgb[k] + m[4 * k + 3], 0);
 }
 
+/* ---- Motion ---- */
+
+/* Moves a parked object: its Gaussians, and the places of its labels. */
+static void move(pags_scene *scene, const rule *r) {
+  const double *const m = r->motion;
+  const double rotation[9] = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
+  pags_object *const object = &scene->objects[r->object].record;
+  double turn[4];
+  pags_sh_rotation harmonics;
+  pags_quaternion_from_rotation(rotation, turn);
+  pags_sh_rotation_make(rotation, &harmonics);
+  for (int64_t k = 0; k < object->keyframe_count; k++) {
+    double *const pose = object->keyframes[k].world_from_object;
+    pags_rigid_multiply(m, pose, pose);
+  }
+  for (int64_t model = 0; model < scene->model_count; model++) {
+    pags_gaussians *const g = &scene->models[model].gaussians;
+    for (int64_t i = 0; i < g->count; i++) {
+      if (!g->object_id || g->object_id[i] != r->object)
+        continue;
+      double p[3], moved[3], q[4];
+      pags_gaussian_mean(g, i, p);
+      pags_add3(p, scene->origin, p);
+      pags_rigid_point(m, p, moved);
+      pags_subtract3(moved, scene->origin, moved);
+      for (int k = 0; k < 3; k++)
+        pags_plane(g, PAGS_MEAN + k)[i] = (float)moved[k];
+      for (int k = 0; k < 4; k++)
+        q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[i];
+      pags_quaternion_multiply(turn, q, q);
+      for (int k = 0; k < 4; k++)
+        pags_plane(g, PAGS_ROTATION + k)[i] = (float)q[k];
+      pags_sh_rotation_apply_row(&harmonics, g->sh_degree, g, i);
+    }
+  }
+}
+
 /* ---- Rules ---- */
 
 static pags_result apply_to_model(pags_scene *scene, int64_t model, const rule *r, const pags_support *support,
@@ -218,6 +264,8 @@ static pags_result apply(pags_scene *scene, const rule *r, const pags_support *s
   PAGS_TRY(pags_support_check(support, r->limits.least_views));
   for (int64_t m = 0; m < scene->model_count; m++)
     PAGS_TRY(apply_to_model(scene, m, r, support, index));
+  if (r->moves)
+    move(scene, r);
   if (!r->everything || !r->has_matrix)
     return PAGS_OK;
   look_behind(r->matrix, scene->background);
@@ -240,7 +288,7 @@ pags_result pags_scene_cleanup(pags_scene *scene, const char *name, const char *
     return pags_json_fail(json, root, "expected an array of rules of clean-up and look");
   for (const pags_json_value *value = root->first; value; value = value->next) {
     rule r;
-    PAGS_TRY(read_rule(json, value, scene->object_count, &r));
+    PAGS_TRY(read_rule(json, value, scene, &r));
     PAGS_TRY(apply(scene, &r, &support, index));
   }
   if (before && !pags_scene_gaussian_count(scene))

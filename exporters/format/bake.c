@@ -10,6 +10,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "maths/maths.h"
 #include "scene/axes.h"
 #include "scene/splat_formats.h"
@@ -28,10 +29,8 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
   pags_gaussian_mean(g, i, p);
   for (int k = 0; k < 4; k++)
     q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[i];
-  const double *t = turn_q;
-  const double product[4] = {
-      t[0] * q[0] - t[1] * q[1] - t[2] * q[2] - t[3] * q[3], t[0] * q[1] + t[1] * q[0] + t[2] * q[3] - t[3] * q[2],
-      t[0] * q[2] - t[1] * q[3] + t[2] * q[0] + t[3] * q[1], t[0] * q[3] + t[1] * q[2] - t[2] * q[1] + t[3] * q[0]};
+  if (turn)
+    pags_quaternion_multiply(turn_q, q, q);
   pags_rigid_point(part->world_from_model, p, moved);
   for (int k = 0; k < 3; k++) {
     pags_plane(out, PAGS_MEAN + k)[at] = (float)moved[k];
@@ -39,7 +38,7 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
     pags_plane(out, PAGS_SH + k)[at] = sh[k * g->stride + i];
   }
   for (int k = 0; k < 4; k++)
-    pags_plane(out, PAGS_ROTATION + k)[at] = turn ? (float)product[k] : (float)q[k];
+    pags_plane(out, PAGS_ROTATION + k)[at] = (float)q[k];
   pags_plane(out, PAGS_OPACITY)[at] = pags_plane(g, PAGS_OPACITY)[i];
   for (int c = 0; c < 3 && degree; c++) {
     int count = pags_sh_coefficients(degree) - 1;

@@ -98,7 +98,7 @@ class Edits(BlenderCase):
         full = mock.patch("shutil.copyfile", side_effect=OSError(errno.ENOSPC, "No space left on device"))
         with self.no_links(), full:
             self.raises(
-                [self.path("full", "objects", "car.ply"), "No space"],
+                [self.path("full", "background.ply"), "No space"],
                 bpy.ops.pags.save_edited,
                 directory=self.path("full"),
             )

@@ -16,7 +16,7 @@ class Interface(BlenderCase):
         """All operators and properties have tooltips."""
         silent = []
         for part in addon.PARTS:
-            for cls in getattr(part, "CLASSES", ()):
+            for cls in addon.registry.classes_of(part):
                 if issubclass(cls, bpy.types.Operator) and not cls.__doc__:
                     silent.append(cls.__name__)
                 for name, kind in cls.__dict__.get("__annotations__", {}).items():

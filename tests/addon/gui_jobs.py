@@ -21,7 +21,7 @@ from test_drive import make_drive, with_object_id  # noqa: E402
 SCENE, SET = os.path.join(FOLDER, "street"), os.path.join(FOLDER, "set")
 CALLED = ("execute", "invoke", "modal", "cancel", "draw", "check", "view_draw", "view_update")
 part = lambda name: sys.modules[f"{addon.__name__}.{name}"]
-jobs, program, overlay, viewport = part("jobs"), part("program"), part("overlay"), part("viewport")
+jobs, program, overlay, viewport, registry = map(part, ("jobs", "program", "overlay", "viewport", "registry"))
 
 # ---- A stopwatch for all functions that Blender calls ----
 
@@ -66,12 +66,9 @@ def watch():
         for at, handler in enumerate(handlers if isinstance(handlers, list) else ()):
             if handler.__module__.startswith(addon.__name__):
                 handlers[at] = timed(handler, handler.__name__)
-    overlay.unregister()
-    overlay.on_draw, overlay.on_draw_text = (
-        timed(overlay.on_draw, "on_draw"),
-        timed(overlay.on_draw_text, "on_draw_text"),
-    )
-    overlay.register()
+    registry.unregister(overlay)
+    overlay.DRAWN = [(timed(function, function.__name__), when) for function, when in overlay.DRAWN]
+    registry.register(overlay)
     bpy.app.timers.unregister(viewport.tick)
     viewport.tick = timed(viewport.tick, "tick")
     viewport.start_timer()

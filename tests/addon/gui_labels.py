@@ -174,13 +174,13 @@ def legends(shading):
     settings = bpy.context.scene.pags
     settings.mode = "rgb"
     plain = yield from sharp_shot(f"legend-{shading.lower()}-rgb")
-    for mode in (*legend.SCALES, *legend.KINDS):
+    for mode in (*legend.SCALES, "critical"):
         settings.mode = mode
         name = f"legend-{shading.lower()}-{mode}"
         picture = yield from sharp_shot(name)
         left, y, width = bar()
-        if mode in legend.KINDS:
-            near(at(picture, left + 0.1 * width, y), [255 * v for v in legend.KINDS[mode][0][0]], LIFTED)
+        if mode == "critical":
+            near(at(picture, left + 0.1 * width, y), [255 * v for v in legend.KINDS[0][0]], LIFTED)
         else:
             for share in (0.1, 0.35, 0.6, 0.9):
                 near(at(picture, left + share * width, y), [255 * v for v in legend.color(mode, share)[:3]], LIFTED)

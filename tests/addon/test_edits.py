@@ -131,6 +131,26 @@ class Drive(Case):
         white = any(min(p) > 150 for p in pixels)
         return red, green, white, pixels[0][2]
 
+    def test_motion(self):
+        """A parked object is moved with its harmonics and its label; a tracked one can't be."""
+        turned = [0, -1, 0, 3, 1, 0, 0, -2, 0, 0, 1, 0.5]  # about z by 90 degrees, and an offset
+        before, after = (pags.load(self.path("scene"), json.dumps(r)) for r in ([], [{"object": 0, "motion": turned}]))
+        places = [memoryview(scene.arrays()["means"]).tolist() for scene in (before, after)]
+        origin = before.info["origin"]
+        for number, (was, now) in enumerate(zip(*places)):
+            x, y, z = (a + b for a, b in zip(was, origin))
+            mine = memoryview(before.object_of).tolist()[number] == 0
+            wanted = (3 - y, x - 2, z + 0.5) if mine else (x, y, z)
+            self.near([a + b for a, b in zip(now, origin)] if mine else [*now], wanted if mine else was)
+        was, now = (scene.pose(0, 100.0) for scene in (before, after))
+        self.near(now[:3:2] + now[3::4], [-was[4], -was[6], 3 - was[7], was[3] - 2, was[11] + 0.5])
+        with self.assertRaises(pags.Error) as caught:
+            pags.load(self.path("scene"), json.dumps([{"object": 1, "motion": turned}]))
+        self.assertIn("parked", str(caught.exception))
+
+    def near(self, a, b):
+        self.assertLess(max(abs(x - y) for x, y in zip(a, b, strict=True)), 1e-3)
+
     def test_objects(self):
         self.assertEqual(self.colours()[:3], (True, True, True))
         self.assertEqual(self.colours({"object": 1, "opacity": 0})[:3], (False, True, True))
