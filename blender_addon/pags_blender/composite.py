@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from . import cameras, curves, jobs, lens, light, native, whereabouts
+from . import cameras, curves, jobs, lens, light, native, sun, whereabouts
 
 SECOND = "PAGS street"
 CATCHERS = "PAGS shadow catchers"
@@ -269,6 +269,11 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
         unit="LENGTH",
     )
 
+    use_sun: BoolProperty(
+        name="Recorded sun",
+        description="Light the meshes with a sun as the shadows of parked cars show it, unless the file has a sun",
+        default=True,
+    )
     use_light: BoolProperty(
         name="Light of the surroundings",
         description="Light the meshes with a world made of the recording's sky and of the static scene around the camera",
@@ -286,7 +291,7 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
         if self.engine == "CYCLES" and not hasattr(scene, "cycles"):
             raise native.SceneError("this Blender has no Cycles, or its add-on is not enabled (Preferences > Add-ons)")
         path, engine, tolerance = whereabouts.absolute_path(root), self.engine, self.tolerance
-        use_light = self.use_light
+        use_light, use_sun = self.use_light, self.use_sun
         root_from_world = np.linalg.inv(lens.matrix(root.matrix_world))
         eye = (root_from_world @ lens.matrix(scene.camera.matrix_world))[:3, 3]
         turn = lens.rigid(root_from_world)[0][:3, :3]
@@ -298,8 +303,16 @@ class PAGS_OT_composite(jobs.Long, cameras.OnScene, bpy.types.Operator):
             if use_light:
                 surroundings = yield jobs.in_thread(light.panorama, entry, eye, turn, threads)
                 light.light_up(scene, surroundings)
+            shining = None
+            if use_sun and not any(o.type == "LIGHT" and o.data.type == "SUN" for o in scene.objects):
+                try:
+                    shining = yield jobs.in_thread(sun.estimate, entry, threads, job.tell)
+                except native.SceneError as error:
+                    job.notes.append(str(error))
             job.changes = True
             remember(scene, layer, world)
+            if shining is not None:
+                light.shine(scene, turn.T @ shining[0], shining[1])
             set_engine(scene, engine)
             scene.render.film_transparent = True
             scene.render.use_compositing = True
@@ -355,6 +368,8 @@ def restore(scene, layer):
         if before["samples"] is None:
             cycles.property_unset("samples")
     show_splats(scene, True)
+    if light.SUN in bpy.data.lights:
+        bpy.data.lights.remove(bpy.data.lights[light.SUN])  # and its lamp
     collection, second = bpy.data.collections.get(CATCHERS), bpy.data.scenes.get(SECOND)
     for block in list(collection.objects) if collection is not None else ():
         if block.get("pags_catcher") == "road":

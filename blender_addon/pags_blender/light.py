@@ -3,11 +3,11 @@
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
-from . import gather, undistort
-from .sweeps import cube, face_of
+from . import gather, native
 
-LIGHT = "PAGS surroundings"  # name of the world and of its picture
+LIGHT, SUN = "PAGS surroundings", "PAGS sun"  # names of the world and its picture, and of the lamp
 
 
 def eyes_of(entry):
@@ -32,25 +32,17 @@ def road_height(entry):
     return float(np.median(below[np.abs(below - level) < 0.1]))
 
 
-def panorama(entry, eye, turn, threads, width=512, side=192):
-    """Environment picture around a point (relative to the scene's origin), without objects: linear RGB (height, width, 3), row 0 at the bottom, in Cycles'
-    equirectangular mapping. `turn`: 3x3, from Blender's world to the scene's axes. Rendered as the six faces of a cube."""
+def panorama(entry, eye, turn, threads, width=512):
+    """Environment picture around a point (relative to the scene's origin), without objects: linear RGB (width / 2, width, 3), row 0 at the bottom, in Cycles'
+    equirectangular mapping. `turn`: 3x3, from Blender's world to the scene's axes."""
     height = width // 2
-    longitude = 2 * np.pi * (0.5 - (np.arange(width) + 0.5) / width)
-    latitude = np.pi * ((np.arange(height) + 0.5) / height - 0.5)
-    flat = np.cos(latitude)[:, None] * np.stack([np.cos(longitude), np.sin(longitude)])[:, None]
-    up = np.broadcast_to(np.sin(latitude)[:, None], (height, width))
-    directions = np.stack([*flat, up], axis=2) @ turn.T
-    face, out = face_of(directions), np.zeros((height, width, 3), dtype=np.float32)
-    begin = entry.info["time_begin"]
-    options = {"placements": [(-1, gather.IDENTITY)], "linear": True}
-    for number, axes, drawn in cube(entry, eye, begin, threads, ("rgba",), side, **options):
-        picture, here = np.asarray(drawn.rgba)[..., :3], face == number
-        seen = directions[here] @ axes
-        out[here] = undistort.sample(
-            picture, side / 2 * (1 + seen[:, 0] / seen[:, 2]), side / 2 * (1 + seen[:, 1] / seen[:, 2])
-        )
-    return out
+    axes = turn @ np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # columns: right, down, forward
+    pose = np.hstack([axes, (eye + np.array(entry.info["origin"]))[:, None]])
+    camera = {"width": width, "height": height, "cx": width / 2, "cy": height / 2, "lens": {"kind": "equirectangular"}}
+    camera.update(fx=width / (2 * np.pi), fy=height / np.pi, world_from_camera=pose, time=entry.info["time_begin"])
+    options = {"placements": [(-1, gather.IDENTITY)], "linear": True, "flip": True}
+    picture = native.renderer("cube", threads).submit(entry.scene, camera, **options).take()
+    return np.asarray(picture.rgba)[..., :3]
 
 
 def light_up(scene, picture):
@@ -74,3 +66,13 @@ def light_up(scene, picture):
     if scene.world not in (None, world):
         scene.world.use_fake_user = True
     scene.world = world
+
+
+def shine(scene, towards, color):
+    """Adds the sun as a lamp. towards: unit vector in Blender's world; color: linear, of a white surface that faces it, which is 1 / pi of the lamp's strength."""
+    data = bpy.data.lights.new(SUN, "SUN")
+    data.energy, data.color = np.pi * max(color), color / max(color)
+    data.angle = np.radians(0.53)
+    lamp = bpy.data.objects.new(SUN, data)
+    lamp.rotation_euler = Vector(towards).to_track_quat("Z", "Y").to_euler()
+    scene.collection.objects.link(lamp)

@@ -290,13 +290,6 @@ def to_road():
     yield 0.2
 
 
-def turn_sun(strength):
-    sun = bpy.context.object
-    sun.rotation_euler, sun.data.energy, sun.data.angle = (0.3, 0.9, 0), float(strength), 0.02
-    deselect()
-    yield 0.2
-
-
 def build_car():
     """Builds a green car from meshes ahead on the same lane, with wheels on the road and axes as the recording
     car's."""
@@ -358,7 +351,6 @@ WORDS = {
     r"select `([^`]+)` in the outliner": select,
     r"name the (folder|file) `([^`]+)`": name_it,
     r"build a car of meshes": build_car,
-    r"turn it and set its strength to `(\d+)`": turn_sun,
 }
 
 

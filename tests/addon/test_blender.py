@@ -20,6 +20,7 @@ from blender_jobs import Jobs  # noqa: E402
 from blender_native_splats import NativeSplats  # noqa: E402
 from blender_program import Program  # noqa: E402
 from blender_scenes import SeveralScenes  # noqa: E402
+from blender_sun import Sun  # noqa: E402
 from blender_tools import Tools  # noqa: E402
 from blender_whereabouts import Whereabouts  # noqa: E402
 
@@ -37,6 +38,7 @@ __all__ = [
     "NativeSplats",
     "Program",
     "SeveralScenes",
+    "Sun",
     "Tools",
     "Whereabouts",
 ]
