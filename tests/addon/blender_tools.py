@@ -3,12 +3,14 @@
 background."""
 
 import os
+import struct
 import sys
 
 import bpy
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
+import fixtures  # noqa: E402
 from blender_case import BlenderCase, addon, main, pixel  # noqa: E402
 from fixtures import ply_bytes, some_splats, splat  # noqa: E402
 from test_drive import make_drive  # noqa: E402
@@ -18,7 +20,12 @@ guard, timing, curves = (sys.modules[f"{addon.__name__}.{name}"] for name in ("g
 
 class Tools(BlenderCase):
     def test_retimed_scene(self):
-        """First frame and frame rate move cameras, tracks, visibility and markers together with the scene's time."""
+        """First frame and frame rate move cameras, tracks, visibility and markers together with the scene's time, which
+        sets the changing colour of the car, too."""
+        car, terms = self.path("scene", "objects", "car.ply"), [f"f_dc_t{k}_{c}" for k in range(1, 5) for c in range(3)]
+        head, row = fixtures.read(car).split(b"end_header\n", 1)
+        head += b"".join(f"property float {term}\n".encode() for term in terms) + b"end_header\n"
+        fixtures.write(car, head + row + struct.pack("<12f", *[0.0, 1.5, 0.8] * 4))
         root = self.bring_in()
         root.pags.fps = 25.0
         bpy.ops.pags.mark_held_out()
