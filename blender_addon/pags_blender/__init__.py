@@ -38,11 +38,8 @@ def leave_former_copy():
     if package not in {"", __package__, FORMER}:
         raise RuntimeError(f"another copy of this add-on is enabled as {package}; disable that copy first")
     former = bpy.context.preferences.addons.get(FORMER) if __package__ == "pags_blender" else None
-    kept = (
-        {name: getattr(former.preferences, name) for name in ("program", "budget") if hasattr(former.preferences, name)}
-        if former
-        else {}
-    )
+    names = [name for name in ("program", "budget") if former and hasattr(former.preferences, name)]
+    kept = {name: getattr(former.preferences, name) for name in names}
     if package == FORMER != __package__:
         addon_utils.disable(FORMER, default_set=True)
         sys.modules.pop(FORMER)  # now the name of the Python module

@@ -213,18 +213,22 @@ class PAGS_OT_camera_here(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class PAGS_OT_size_of_camera(bpy.types.Operator):
-    """Set the render size to that of the recording's camera"""
-
-    bl_idname = "pags.size_of_camera"
-    bl_label = "Recording's size"
-    bl_options = {"REGISTER", "UNDO"}
+class OfRecording:
+    """Base of the operators on a camera of the recording."""
 
     @classmethod
     def poll(cls, context):
         camera = context.scene.camera
         cls.poll_message_set("the scene's camera is not from the recording; choose one with Nearest")
         return camera is not None and camera.type == "CAMERA" and camera.data.pags.width > 0
+
+
+class PAGS_OT_size_of_camera(OfRecording, bpy.types.Operator):
+    """Set the render size to that of the recording's camera"""
+
+    bl_idname = "pags.size_of_camera"
+    bl_label = "Recording's size"
+    bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
         size, render = context.scene.camera.data.pags, context.scene.render

@@ -44,14 +44,8 @@ class PagsRenderEngine(bpy.types.RenderEngine):
     # ---- F12 ----
 
     def update_render_passes(self, scene=None, renderlayer=None):
-        self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
-        if renderlayer.use_pass_z:
-            self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
-        if renderlayer.use_pass_object_index:
-            self.register_pass(scene, renderlayer, "IndexOB", 1, "X", "VALUE")
-        if scene.pags.use_pass_heat:
-            self.register_pass(scene, renderlayer, "PriorityHeat", 4, "RGBA", "COLOR")
-        passes.register(self, scene, renderlayer)
+        for name, channels, kind in passes.enabled(scene, renderlayer):
+            self.register_pass(scene, renderlayer, name, len(channels), channels, kind)
 
     def render(self, depsgraph):
         # Of the scene being rendered; in a compositor that differs from the active one.

@@ -68,6 +68,11 @@ def is_same(path, record, identity_of):
         return False
 
 
+def absolute(value, blend):
+    """A path as stored in a .blend, in absolute form."""
+    return os.path.normpath(os.path.join(os.path.dirname(blend), value[2:])) if value.startswith("//") else value
+
+
 def choose(value, here, blend, record, identity_of=identity):
     """Resolves the path of a scene or data set: (path, remark, problem). value: the path as stored in the root; here: its absolute form with the root in
     `blend`; record: the note that the add-on stored when the path was chosen or saved, may be empty. A file of the same name elsewhere is used, with a
@@ -77,17 +82,11 @@ def choose(value, here, blend, record, identity_of=identity):
     if recorded and os.path.exists(here):
         return here, "", ""
     beside = os.path.join(os.path.dirname(blend), os.path.basename(here)) if blend else here
-    owned = (
-        os.path.normpath(os.path.join(os.path.dirname(record["blend"]), value[2:]))
-        if record.get("blend") and value.startswith("//")
-        else here
-    )
+    owned = absolute(value, record["blend"]) if record.get("blend") else here
     there = [path for path in dict.fromkeys((here, owned, place or here, beside)) if os.path.exists(path)]
-    lost = (
-        f"{here} is not the file that the .blend was saved with"
-        if os.path.exists(here)
-        else f"{here}, which the .blend was saved with, is missing"
-    )
+    lost = f"{here}, which the .blend was saved with, is missing"
+    if os.path.exists(here):
+        lost = f"{here} is not the file that the .blend was saved with"
     for path in there:
         if is_same(path, record, identity_of):
             return path, "" if path == here else f"{lost}; using the same file at {path}", ""
@@ -119,19 +118,15 @@ def faults(bpy):
         if list(map(int, version.split("."))) < [int(number) for number in needs["version"].split(".")[:2]]:
             found.append(f"the PAGS add-on has version {version}; the file was saved with {needs['version']}")
         for record in needs["scenes"]:
-            own = (
-                bpy.path.abspath(scene.library.filepath, library=scene.library.parent)
-                if scene.library is not None
-                else bpy.data.filepath
-            )
+            own, library = bpy.data.filepath, scene.library
+            if library is not None:
+                own = bpy.path.abspath(library.filepath, library=library.parent)
             blend = bpy.path.abspath(record["library"], start=os.path.dirname(own)) if record["library"] else own
             if (blend, record["root"]) in checked:
                 continue
             checked.add((blend, record["root"]))
             value = record["path"]
-            here = (
-                os.path.normpath(os.path.join(os.path.dirname(blend), value[2:])) if value.startswith("//") else value
-            )
+            here = absolute(value, blend)
             path, _, problem = choose(value, here, blend, record if record.get("sha256") else {})
             if problem:
                 found.append(f"{record['root']}: {problem}")
@@ -162,9 +157,8 @@ def main():
 if __name__ == "__main__":
     import bpy
 
-    if any(
-        text.use_module and text.name.startswith("pags_check") for text in bpy.data.texts
-    ):  # run when the file was opened, perhaps not for a render
+    if any(text.use_module and text.name.startswith("pags_check") for text in bpy.data.texts):
+        # run when the file was opened, perhaps not for a render
         bpy.app.handlers.render_init.append(lambda *_: main())
     else:
         main()

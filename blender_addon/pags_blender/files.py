@@ -79,21 +79,21 @@ class NewFiles:
             self.made.append(folder)
         return path
 
-    def link(self, source, name):
+    def put(self, name, make):
         path = self.path(name)
-        link_or_copy(source, path)
+        make(path)
         self.made.append(path)
 
+    def link(self, source, name):
+        self.put(name, lambda path: link_or_copy(source, path))
+
     def copy(self, source, name):
-        path = self.path(name)
-        complete(path, lambda part: shutil.copyfile(source, part), f"can't copy {source}")
-        self.made.append(path)
+        copy = lambda part: shutil.copyfile(source, part)
+        self.put(name, lambda path: complete(path, copy, f"can't copy {source}"))
 
     def write(self, name, text):
         def put(part):
             with open(part, "x", encoding="utf-8") as file:
                 file.write(text)
 
-        path = self.path(name)
-        complete(path, put, "can't write")
-        self.made.append(path)
+        self.put(name, lambda path: complete(path, put, "can't write"))

@@ -160,7 +160,9 @@ class Frame:
         if k == 0 and self.lent or self.entries[k].bare:
             return [], []
         scene, entry = self.scenes[k], self.entries[k]
-        return keys(scene, entry, critical_only), placements(scene, entry, self.time(k, frame), critical_only)
+        known = known_parts(scene, entry, critical_only)
+        keys = [key for key, here in zip(scene.keys, known) if here]
+        return keys, placements(scene, entry, self.time(k, frame), known)
 
     def contents(self, frame, drawn, object_values=False):
         """Keyword arguments of submit, render and pick. drawn: placements of each scene; object_values: include the values of the object pass."""
@@ -275,8 +277,8 @@ def gather(depsgraph, hidden=frozenset(), only="", without=""):
     return visible if visible.scenes else None
 
 
-def known_parts(state, entry, critical_only=False):
-    """Visibility of each part."""
+def known_parts(state, entry, critical_only):
+    """Whether each part is drawn."""
     known = state.indices < len(entry.objects)  # higher indices come from another version of the scene file
     if critical_only:
         critical = np.array([*(bool(o["critical"]) for o in entry.objects), False])  # the last: background, index -1
@@ -284,14 +286,8 @@ def known_parts(state, entry, critical_only=False):
     return known
 
 
-def keys(state, entry, critical_only=False):
-    """The keys of the parts in `placements`."""
-    return [key for key, known in zip(state.keys, known_parts(state, entry, critical_only)) if known]
-
-
-def placements(state, entry, time, critical_only=False):
-    """Pairs (index, world_from_object) of all parts; unmoved parts get the exact pose of their track."""
-    known = known_parts(state, entry, critical_only)
+def placements(state, entry, time, known):
+    """Pairs (index, world_from_object) of the known parts; unmoved parts get the exact pose of their track."""
     indices, poses = state.indices[known], state.poses[known, :3]
     mine, origin = indices[:, None] >= 0, np.array(entry.info["origin"])
     found = [entry.scene.pose(int(i), time) if i >= 0 else IDENTITY for i in indices]

@@ -38,12 +38,8 @@ def after_load(*_):
     sweeps.after_load()
 
 
-_saving = {
-    "from": "",
-    "to": "",
-    "targets": [],
-    "before": [],
-}  # during a save: old and new path of the .blend, stored paths (whereabouts.py), their old values
+# During a save: old and new path of the .blend, stored paths (whereabouts.py), their old values.
+_saving = {"from": "", "to": "", "targets": [], "before": []}
 
 
 @persistent

@@ -17,11 +17,8 @@ def of_render(depsgraph, state):
     render, said = depsgraph.scene.render, list(state.ignored)
     said += ["stereoscopy"] if render.use_multiview else []
     said += ["Freestyle"] if render.use_freestyle else []
-    lines = (
-        [f"not drawn by PAGS: {some(state.strangers)} (Composite with Cycles/EEVEE adds meshes)"]
-        if state.strangers
-        else []
-    )
+    strangers = f"not drawn by PAGS: {some(state.strangers)} (Composite with Cycles/EEVEE adds meshes)"
+    lines = [strangers] if state.strangers else []
     lines += [f"ignored by PAGS: {', '.join(said)}"] if said else []
     return lines + [scene.remark for scene in state.scenes if scene.remark]
 
@@ -37,7 +34,5 @@ def of_view(context, state):
         ("F12 alone", ", ".join(final)),
         ("ignored", ", ".join(state.ignored)),
     )
-    return "; ".join(
-        [scene.remark for scene in state.scenes if scene.remark]
-        + [f"{what}: {names}" for what, names in lists if names]
-    )
+    said = [scene.remark for scene in state.scenes if scene.remark]
+    return "; ".join(said + [f"{what}: {names}" for what, names in lists if names])

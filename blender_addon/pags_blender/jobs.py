@@ -179,20 +179,21 @@ class PAGS_OT_job(bpy.types.Operator):
             return {"PASS_THROUGH"}
         if current is None:  # the add-on was disabled and enabled again
             return self.end(context)
+        kind, said = "ERROR", ""
         try:
             done = advance(current)
         except Cancelled:
-            self.report({"INFO"}, f"{current.title}: cancelled")
-            return self.end(context)
+            kind, said = "INFO", "cancelled"
         except ERRORS as error:
-            self.report({"ERROR"}, f"{current.title}: {error}")
-            return self.end(context)
+            said = str(error)
         except ReferenceError:  # its objects were deleted or undone meanwhile
-            self.report({"ERROR"}, f"{current.title}: the scene has changed; try again")
-            return self.end(context)
+            said = "the scene has changed; try again"
         except BaseException:
             self.end(context)
             raise
+        if said:
+            self.report({kind}, f"{current.title}: {said}")
+            return self.end(context)
         if done:
             report(self, current)
             return self.end(context)

@@ -52,9 +52,7 @@ def of_camera(camera, world_from_camera, width, height, aspect_x=1.0, aspect_y=1
     """(intrinsics, world_from_camera 4x4 in OpenCV's axes) of a Blender camera object."""
     lens = intrinsics(camera, width, height, aspect_x, aspect_y)
     pose = matrix(world_from_camera)
-    if (
-        np.linalg.det(pose[:3, :3]) < 0
-    ):  # mirrored together with its scene: it sees the mirrored scene, as any camera there would
+    if np.linalg.det(pose[:3, :3]) < 0:  # mirrored with its scene, which it sees as any camera there would
         pose[:3, 0] *= -1
     pose = rigid(pose)[0] @ FLIP
     if camera.type == "ORTHO":

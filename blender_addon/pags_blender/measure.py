@@ -98,7 +98,7 @@ def on_draw():
     context = bpy.context
     if not context.scene.pags_distance or context.region_data is None:
         return
-    points = np.array(context.scene.pags_measured).reshape(2, 3).tolist()
+    points = np.array(context.scene.pags_measured).reshape(2, 3)
     shader = draw.builtin("UNIFORM_COLOR", "3D_UNIFORM_COLOR")
     gpu.state.depth_test_set("NONE")
     gpu.state.line_width_set(2.0)

@@ -105,7 +105,7 @@ class Entry:
         return self.thread.is_alive()
 
 
-_entries = {}
+cached = {}  # by path
 _edited = {}  # by path and name of the root: entries with rules of clean-up and look, first the displayed one, then the one being made
 _renderers = {}
 generation = 0  # number of reloads, which invalidate earlier pictures
@@ -115,11 +115,11 @@ def entry(path, wait):
     """The entry of an absolute path; loads the scene if needed. wait=False: returns immediately, possibly while loading."""
     if not module:
         raise SceneError(problem)
-    known = _entries.get(path)
+    known = cached.get(path)
     if known and not known.loading and known.error and known.stamp != whereabouts.stamp_of(path):
         known = None  # loading failed, but the files have changed since
     if not known:
-        known = _entries[path] = Entry(path)
+        known = cached[path] = Entry(path)
     if wait:
         known.thread.join()
     if known.error and not known.loading:
@@ -156,20 +156,16 @@ def is_making(path, owner, edits):
 
 def known(path):
     """The entry of a loaded scene, or None."""
-    found = _entries.get(path)
+    found = cached.get(path)
     return found if found is not None and found.scene is not None else None
-
-
-def entries():
-    """Pairs (path, entry) of all scenes in the cache."""
-    return list(_entries.items())
 
 
 def replace(path, fresh):
     """Replaces the cached scene with the reloaded one."""
     global generation
-    _entries[path] = fresh
-    forget_edited(path)
+    cached[path] = fresh
+    for key in [key for key in _edited if key[0] == path]:
+        del _edited[key]
     generation += 1
 
 
@@ -186,19 +182,10 @@ def load(path):
     return entry(path, True)
 
 
-def forget_edited(path):
-    for key in [key for key in _edited if key[0] == path]:
-        del _edited[key]
-
-
-def forget(path=None):
-    """Drops a scene from the cache, so that its next use reloads it; without a path all scenes."""
-    if path is None:
-        _entries.clear()
-        _edited.clear()
-    else:
-        _entries.pop(path, None)
-        forget_edited(path)
+def forget():
+    """Drops all scenes, so that their next use reloads them."""
+    cached.clear()
+    _edited.clear()
 
 
 def renderer(kind, threads):
@@ -211,5 +198,4 @@ def renderer(kind, threads):
 
 def close():
     _renderers.clear()
-    _entries.clear()
-    _edited.clear()
+    forget()

@@ -24,15 +24,18 @@ def mattes(view_layer):
     return {layer: [f"{layer}{k:02d}" for k in range(count)] for layer in MATTES if asked[layer]}
 
 
-def register(engine, scene, view_layer):
-    """Registers the enabled passes."""
-    if view_layer.use_pass_normal:
-        engine.register_pass(scene, view_layer, "Normal", 3, "XYZ", "VECTOR")
-    if view_layer.use_pass_vector:
-        engine.register_pass(scene, view_layer, "Vector", 4, "XYZW", "VECTOR")
-    for names in mattes(view_layer).values():
-        for name in names:
-            engine.register_pass(scene, view_layer, name, 4, "RGBA", "COLOR")
+def enabled(scene, layer):
+    """Name, channels and kind of the enabled passes."""
+    found = [
+        (True, "Combined", "RGBA", "COLOR"),
+        (layer.use_pass_z, "Depth", "Z", "VALUE"),
+        (layer.use_pass_object_index, "IndexOB", "X", "VALUE"),
+        (scene.pags.use_pass_heat, "PriorityHeat", "RGBA", "COLOR"),
+        (layer.use_pass_normal, "Normal", "XYZ", "VECTOR"),
+        (layer.use_pass_vector, "Vector", "XYZW", "VECTOR"),
+    ]
+    found += [(True, name, "RGBA", "COLOR") for names in mattes(layer).values() for name in names]
+    return [own for on, *own in found if on]
 
 
 def outputs(layer):

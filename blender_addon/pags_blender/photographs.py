@@ -25,16 +25,17 @@ def candidates(root, entry):
         yield whereabouts.locate(root, "dataset")[0]
     recorded = entry.info.get("dataset")
     if recorded:
-        base = os.path.dirname(entry.path)
-        yield from map(
-            os.path.normpath,
-            [recorded]
-            if os.path.isabs(recorded)
-            else [os.path.join(entry.path, recorded), os.path.join(base, recorded)],
-        )
-        beside = os.path.normpath(os.path.join(base, os.path.basename(os.path.normpath(recorded.replace("\\", "/")))))
+        for base in (entry.path, os.path.dirname(entry.path)) if not os.path.isabs(recorded) else ("",):
+            yield os.path.normpath(os.path.join(base, recorded))
+        beside = beside_scene(entry)
         if not os.path.exists(beside) or not why_not(root, entry, beside):
             yield beside
+
+
+def beside_scene(entry):
+    """The folder next to the scene with the name of the data set used in training, perhaps on another system."""
+    name = os.path.basename(os.path.normpath((entry.info.get("dataset") or "").replace("\\", "/")))
+    return os.path.normpath(os.path.join(os.path.dirname(entry.path), name))
 
 
 def why_not(root, entry, folder):
@@ -42,15 +43,8 @@ def why_not(root, entry, folder):
     record = whereabouts.record_of(root, "photographs", entry.info["dataset"])
     if record:
         return "" if farm_check.is_same(folder, record, whereabouts.identity_of) else "is another data set"
-    lacking = next(
-        (
-            v["name"]
-            for v in entry.views
-            if not any(os.path.exists(os.path.join(folder, inner, v["name"])) for inner in ("images", ""))
-        ),
-        None,
-    )
-    return f"lacks {lacking}" if lacking is not None else ""
+    held = lambda name: any(os.path.exists(os.path.join(folder, inner, name)) for inner in ("images", ""))
+    return next((f"lacks {v['name']}" for v in entry.views if not held(v["name"])), "")
 
 
 def places(root, entry):
@@ -110,8 +104,7 @@ def find(root, entry, name, looked_in=None):
 
 def refused(root, entry):
     """A clause that explains why a folder of the data set's name next to the scene was rejected."""
-    recorded = entry.info.get("dataset") or ""
-    beside = os.path.join(os.path.dirname(entry.path), os.path.basename(os.path.normpath(recorded.replace("\\", "/"))))
+    recorded, beside = entry.info.get("dataset") or "", beside_scene(entry)
     why = why_not(root, entry, beside) if recorded and os.path.isdir(beside) and not os.path.exists(recorded) else ""
     return f"; {beside} has the same name, but {why}" if why else ""
 
@@ -230,9 +223,8 @@ def show(job, camera, root):
         yield from convert(job, items)
     yield jobs.in_thread(link_all, job, links)
     job.changes = True
-    put_behind(
-        camera, bpy.data.images.load(os.path.join(folder, "00001" + extension), check_existing=True), count, root
-    )
+    image = bpy.data.images.load(os.path.join(folder, "00001" + extension), check_existing=True)
+    put_behind(camera, image, count, root)
 
 
 def put_behind(camera, image, count, root):

@@ -2,6 +2,7 @@
 """Imports proxy meshes, shown as wire: those of objects on their tracks, ground and background below the root. The source is a .glb from `pags export`
 (docs/export.md), read here: Blender's own importer takes seconds of the main thread and changes the axes."""
 
+import collections
 import json
 import os
 import re
@@ -30,12 +31,8 @@ def make(job, root, command, level="mesh"):
 # ---- Reading ----
 
 
-class Proxy:
-    """A mesh of the file: name, object index (-1: none), vertices, triangles, linear colours."""
-
-    def __init__(self, name, index, points, triangles, colors, smooth):
-        self.name, self.index, self.points, self.triangles = name, index, points, triangles
-        self.colors, self.smooth = colors, smooth
+# A mesh of the file: name, object index (-1: none), vertices, triangles, linear colours, whether it has normals.
+Proxy = collections.namedtuple("Proxy", "name index points triangles colors smooth")
 
 
 def read(path):
@@ -71,14 +68,8 @@ def proxies_of(gltf, buffer):
                 raise ValueError("it has textures; export it without --texture")
             colors = values_of(gltf, buffer, attributes["COLOR_0"]) / np.float32(65535)
             triangles = values_of(gltf, buffer, primitive["indices"]).astype(np.int32).reshape(-1, 3)
-            yield Proxy(
-                node["name"],
-                index,
-                values_of(gltf, buffer, attributes["POSITION"]),
-                triangles,
-                colors,
-                "NORMAL" in attributes,
-            )
+            points = values_of(gltf, buffer, attributes["POSITION"])
+            yield Proxy(node["name"], index, points, triangles, colors, "NORMAL" in attributes)
         waiting += [(child, index) for child in reversed(node.get("children", []))]
 
 
@@ -86,9 +77,8 @@ def values_of(gltf, buffer, accessor):
     found = gltf["accessors"][accessor]
     view = gltf["bufferViews"][found["bufferView"]]
     width = WIDTHS[found["type"]]
-    values = np.frombuffer(
-        buffer, COMPONENTS[found["componentType"]], found["count"] * width, view.get("byteOffset", 0)
-    )
+    kind, count = COMPONENTS[found["componentType"]], found["count"] * width
+    values = np.frombuffer(buffer, kind, count, view.get("byteOffset", 0))
     return values.reshape(found["count"], width)
 
 
@@ -101,9 +91,7 @@ def bring_in(job, root, path):
     collection, material = collection_for(root), material_for()
     tracks = {o.pags.index: o for o in bpy.context.scene.objects if o.pags.kind == "TRACK" and o.pags.root == root}
     job.changes = True
-    found = [
-        proxy for proxy in found if proxy.index < 0 or proxy.index in tracks
-    ]  # skips those of objects deleted here
+    found = [proxy for proxy in found if proxy.index < 0 or proxy.index in tracks]  # others are deleted here
     for number, proxy in enumerate(found):
         add(proxy, tracks.get(proxy.index, root), collection, material)
         job.tell((number + 1) / len(found), "adding meshes")

@@ -27,11 +27,8 @@ def exposure(context):
     camera = context.scene.camera
     if camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0 or camera.pags.root is None:
         return "the scene's camera is not from the recording"
-    try:
-        entry = native.entry(whereabouts.absolute_path(camera.pags.root), False)
-    except native.SceneError:
-        return "the camera's scene can't be read"
-    return "" if entry.scene is None or entry.exposed else "training found no exposures in this recording"
+    entry = native.known(whereabouts.absolute_path(camera.pags.root))
+    return "" if entry is None or entry.exposed else "training found no exposures in this recording"
 
 
 def harmonics(context):

@@ -21,9 +21,7 @@ class PAGS_OT_select(bpy.types.Operator):
     bl_label = "Select splats under the mouse"
     bl_options = {"UNDO"}
 
-    extend: BoolProperty(
-        name="Extend", description="Extend the selection, or deselect the active object", default=False
-    )
+    extend: BoolProperty(name="Extend", description="Extend the selection, or deselect the active object")
 
     @classmethod
     def poll(cls, context):
@@ -37,9 +35,8 @@ class PAGS_OT_select(bpy.types.Operator):
             self.report({"WARNING"}, str(error))
             found = None
         if found is None or mesh_before(context, x, y, found["depth"]):
-            return bpy.ops.view3d.select(
-                "INVOKE_DEFAULT", location=(x, y), extend=self.extend, deselect_all=not self.extend
-            )
+            how = {"extend": self.extend, "deselect_all": not self.extend}
+            return bpy.ops.view3d.select("INVOKE_DEFAULT", location=(x, y), **how)
         context.scene.pags_picked = inspector.describe(found)
         self.report({"INFO"}, context.scene.pags_picked)
         inspector.select(context, found, self.extend)
@@ -111,23 +108,20 @@ def tick():
     return TICK if hover.thread is not None or hover.place != hover.asked else None
 
 
+CLICK = {"type": "LEFTMOUSE", "value": "PRESS"}
+
+
 class PAGS_TL_select(bpy.types.WorkSpaceTool):
     bl_space_type = "VIEW_3D"
     bl_context_mode = "OBJECT"
     bl_idname = "pags.select_tool"
     bl_label = "Select splats"
-    bl_description = (
-        "Click: select the object whose Gaussians are under the mouse. Its name and depth are shown next to the mouse"
-    )
+    bl_description = "Click: select the object under the mouse. Its name and depth are shown next to the mouse"
     bl_icon = "ops.generic.select"
     bl_widget = None
     bl_keymap = (
-        (PAGS_OT_select.bl_idname, {"type": "LEFTMOUSE", "value": "PRESS"}, None),
-        (
-            PAGS_OT_select.bl_idname,
-            {"type": "LEFTMOUSE", "value": "PRESS", "shift": True},
-            {"properties": [("extend", True)]},
-        ),
+        (PAGS_OT_select.bl_idname, CLICK, None),
+        (PAGS_OT_select.bl_idname, {**CLICK, "shift": True}, {"properties": [("extend", True)]}),
     )
 
     def draw_settings(context, layout, tool):

@@ -8,9 +8,7 @@ import sys
 import sysconfig
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-ADDON = __package__.removesuffix(
-    ".pags_blender"
-)  # the module that Blender enables; if a whole zip was unpacked, the folder around
+ADDON = __package__.removesuffix(".pags_blender")  # what Blender enables; of an unpacked zip the folder around
 SYSTEMS = {"linux": "linux", "darwin": "macos", "win32": "windows"}
 PROCESSORS = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64", "arm64": "arm64"}
 MODULES = ("pags.abi3.so", "pags.pyd")

@@ -144,19 +144,16 @@ class PAGS_PT_object(bpy.types.Panel):
 def facts(block):
     """Facts on an object of a PAGS scene, one per line. Its kind is read-only: the scene depends on it."""
     kind = block.pags.bl_rna.properties["kind"].enum_items[block.pags.kind]
+    told = {
+        "class": str,
+        "id": str,
+        "critical": lambda value: "yes" if value else "no",
+        "gaussians": "{:,}".format,
+        "size": lambda value: " x ".join(f"{v:.2f}" for v in value) + " m",
+    }
     found = [f"{kind.name}: {kind.description}"]
-    if block.pags.root is not None:
-        found.append(f"Scene: {block.pags.root.name}")
-    for key, label in (("pags_class", "Class"), ("pags_id", "Id")):
-        if key in block:
-            found.append(f"{label}: {block[key]}")
-    if "pags_critical" in block:
-        found.append(f"Critical: {'yes' if block['pags_critical'] else 'no'}")
-    if "pags_gaussians" in block:
-        found.append(f"Gaussians: {block['pags_gaussians']:,}")
-    if "pags_size" in block:
-        found.append("Size: " + " x ".join(f"{v:.2f}" for v in block["pags_size"]) + " m")
-    return found
+    found += [f"Scene: {block.pags.root.name}"] if block.pags.root is not None else []
+    return found + [f"{k.title()}: {say(block['pags_' + k])}" for k, say in told.items() if "pags_" + k in block]
 
 
 class RenderPanel:
@@ -211,6 +208,7 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
         where(layout, none and not settings.hide_noncritical).prop(settings, "hide_noncritical")
         where(layout, unexposed).prop(settings, "exposure")
         layout.prop(settings, "threads")
+        layout.prop(settings, "deadline")
         row = layout.row(heading="Background")
         row.prop(settings, "use_background", text="")
         own = row.row()
@@ -220,15 +218,6 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
         for what, why in (("", plain), ("Critical only: ", none), ("Recorded exposure: ", unexposed)):
             if why:
                 reasons.explain(layout, what + why, width=48)
-
-
-class PAGS_PT_viewport(RenderPanel, bpy.types.Panel):
-    bl_label = "Viewport"
-    bl_parent_id = "PAGS_PT_settings"
-
-    def draw(self, context):
-        self.layout.use_property_split = True
-        self.layout.prop(context.scene.pags, "deadline")
 
 
 class PAGS_PT_blur(RenderPanel, bpy.types.Panel):
@@ -248,6 +237,10 @@ class PAGS_PT_blur(RenderPanel, bpy.types.Panel):
         column.template_curve_mapping(render, "motion_blur_shutter_curve")
 
 
+PASSES = {"z": "Depth", "object_index": "Object index", "normal": "Normal", "vector": "Vector (motion)"}
+PASSES |= {"cryptomatte_object": "Cryptomatte of objects", "cryptomatte_asset": "Cryptomatte of classes"}
+
+
 class PAGS_PT_passes(RenderPanel, bpy.types.Panel):
     bl_label = "Passes"
     bl_context = "view_layer"
@@ -255,26 +248,16 @@ class PAGS_PT_passes(RenderPanel, bpy.types.Panel):
     def draw(self, context):
         layout = self.layout
         layout.use_property_split = True
-        layout.prop(context.view_layer, "use_pass_z", text="Depth")
-        layout.prop(context.view_layer, "use_pass_object_index", text="Object index")
+        for name, text in PASSES.items():
+            layout.prop(context.view_layer, f"use_pass_{name}", text=text)
         layout.prop(context.scene.pags, "use_pass_heat")
-        layout.prop(context.view_layer, "use_pass_normal", text="Normal")
-        layout.prop(context.view_layer, "use_pass_vector", text="Vector (motion)")
-        layout.prop(context.view_layer, "use_pass_cryptomatte_object", text="Cryptomatte of objects")
-        layout.prop(context.view_layer, "use_pass_cryptomatte_asset", text="Cryptomatte of classes")
 
 
-class PAGS_OT_photographs(jobs.Long, cameras.OnScene, bpy.types.Operator):
+class PAGS_OT_photographs(cameras.OfRecording, jobs.Long, cameras.OnScene, bpy.types.Operator):
     """Show the recording's photographs as the active camera's background, along the timeline"""
 
     bl_idname = "pags.photographs"
     bl_label = "Show photographs"
-
-    @classmethod
-    def poll(cls, context):
-        camera = context.scene.camera
-        cls.poll_message_set("the scene's camera is not from the recording; choose one with Nearest")
-        return camera is not None and camera.pags.kind == "CAMERA" and camera.data.pags.sensor >= 0
 
     def steps(self, context, root):
         camera = context.scene.camera

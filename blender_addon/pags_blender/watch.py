@@ -26,7 +26,7 @@ def due(path, entry):
 def tick():
     windows = bpy.context.window_manager.windows
     if jobs.current is None and len(windows):
-        for path, entry in native.entries():
+        for path, entry in list(native.cached.items()):
             if due(path, entry) and roots_of(path):
                 with bpy.context.temp_override(window=windows[0]):
                     jobs.start("Scene", lambda job: read_anew(job, path))

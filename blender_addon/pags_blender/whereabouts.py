@@ -64,11 +64,9 @@ def resolve(root, name):
 
 def blend_of(root, name):
     library = library_of(root, name)
-    return (
-        os.path.abspath(bpy.path.abspath(library.filepath, library=library.parent))
-        if library is not None
-        else bpy.data.filepath
-    )
+    if library is None:
+        return bpy.data.filepath
+    return os.path.abspath(bpy.path.abspath(library.filepath, library=library.parent))
 
 
 @functools.lru_cache(maxsize=64)
@@ -148,12 +146,8 @@ def note(root, name, value, path, blend):
             size, sha256 = identity_of(path)
         except (OSError, ValueError):
             return chosen(root.pags, name)
-    text = json.dumps(
-        {
-            **parsed(root.pags.record),
-            name: {"path": value, "place": path, "blend": blend, "stamp": stamp, "size": size, "sha256": sha256},
-        }
-    )
+    record = {"path": value, "place": path, "blend": blend, "stamp": stamp, "size": size, "sha256": sha256}
+    text = json.dumps({**parsed(root.pags.record), name: record})
     if root.pags.record != text:
         root.pags.record = text
 
@@ -173,12 +167,8 @@ def place(root, name, path, blend, relative):
 
 def owned():
     """Pairs (root, name) of the paths stored in this file."""
-    return [
-        (root, name)
-        for root in roots()
-        for name in NAMES
-        if root.library is None and getattr(root.pags, name) and origin_of(root, name) is None
-    ]
+    mine = [(root, name) for root in roots() if root.library is None for name in NAMES if getattr(root.pags, name)]
+    return [(root, name) for root, name in mine if origin_of(root, name) is None]
 
 
 def targets():

@@ -250,7 +250,7 @@ def awake():
         return 0.01
 
     bpy.app.timers.register(tick)
-    entry = next(iter(native._entries.values()))
+    entry = next(iter(native.cached.values()))
     camera = {**entry.scene.views[0], "width": 4000, "height": 4000}
     job = native.renderer("test", 0).submit(entry.scene, camera, outputs=("rgba", "depth"))
     begin = time.monotonic()

@@ -133,11 +133,11 @@ class Labels(BlenderCase):
         root = self.bring_in()
         part("native").forget()
         root.pags.path = self.path("a folder that is nowhere", "and has a long name")
-        for thread in [part("native")._entries[p].thread for p in list(part("native")._entries)]:
+        for thread in [part("native").cached[p].thread for p in list(part("native").cached)]:
             thread.join()
         panel = bpy.types.PAGS_PT_scene
         self.drawn(panel)
-        part("native")._entries[root.pags.path].thread.join()
+        part("native").cached[root.pags.path].thread.join()
         said = self.said(panel)
         for word in ("nowhere", "long name"):
             self.assertIn(word, said)
