@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty
 from . import cameras, curves, jobs, lens, light, native, sun, whereabouts
 
 SECOND = "PAGS street"
-CATCHERS = "PAGS shadow catchers"
+CATCHERS, GREY = "PAGS shadow catchers", "PAGS road"  # names of the collection, and of the plane's material
 BEFORE = "pags_before"  # custom property of a scene with a composite: its settings before, as JSON
 MINE = "pags_composite"  # marks our nodes in the compositor
 SAMPLES = {True: 64, False: 128}  # Cycles samples with and without a denoiser; Blender's 4096 take hours on a CPU
@@ -53,6 +53,10 @@ def shadow_plane(scene, root, eyes, z):
     mesh.from_pydata(
         [(low[0], low[1], z), (high[0], low[1], z), (high[0], high[1], z), (low[0], high[1], z)], [], [(0, 1, 2, 3)]
     )
+    grey = bpy.data.materials.get(GREY) or bpy.data.materials.new(GREY)  # a white road would bleach the meshes' sides
+    grey.use_nodes = True
+    grey.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.15, 0.15, 0.15, 1)
+    mesh.materials.append(grey)
     plane = bpy.data.objects.new("road", mesh)
     plane["pags_catcher"] = "road"
     plane.parent = root
