@@ -35,12 +35,14 @@ setup: ## Install everything that make check uses (Debian; 2.9 GB), with the Pyt
 	sh scripts/venv.sh benchmarks || echo "setup: continuing without matplotlib, which plots of the benchmarks need"
 	for tool in segment recordings; do sh scripts/venv.sh tools/$$tool || echo "setup: continuing without tools/$$tool and its tests"; done
 	sh tests/outside/setup.sh
+	python3 -B scripts/lpips_weights.py || echo "setup: continuing without LPIPS (docs/eval.md)"
 
 setup-%: ## Install the tools of make cross (setup-cross), a newer Blender, Godot, or Python for Windows (scripts/setup_NAME.sh).
 	sh scripts/setup_$(subst -,_,$*).sh
 
 demo: ## Make a synthetic street, train, render, evaluate and export it (Debian: installs setup-min and Embree first).
 	sh scripts/setup.sh demo
+	python3 -B scripts/lpips_weights.py || echo "demo: continuing without LPIPS (docs/eval.md)"
 	$(MAKE) all
 	sh scripts/demo.sh
 

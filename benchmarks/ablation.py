@@ -727,7 +727,7 @@ def common_options():
         metavar="N",
         help="on N held-out views [default %(default)s]",
     )
-    p.add_argument("--lpips-weights", metavar="FILE", help="as for pags eval [default: no LPIPS]")
+    p.add_argument("--lpips-weights", metavar="FILE", help="as for pags eval [default: AlexNet's, if installed]")
     for name in PASSED:
         p.add_argument(f"--{name}", metavar="VALUE", help="for every row, as for pags train")
     p.add_argument(

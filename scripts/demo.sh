@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# A reconstruction from end to end, without downloads: makes a recording of a drive along a ray-traced street, trains on it, renders the drive
+# A reconstruction from end to end: makes a recording of a drive along a ray-traced street, trains on it, renders the drive
 # and the same drive 2 m to the right, compares held-out views with their photographs, and exports proxies.
 # OUT=FOLDER: results (default build/demo). ITERATIONS=N: training steps (default 3000).
 set -eu
@@ -43,7 +43,8 @@ train, scores, export = (json.load(open(f"{sys.argv[1]}/{name}.json")) for name 
 test = scores["test"]
 print(f"  {train['gaussians']} Gaussians after {train['iterations']} steps in {train['seconds']:.0f} s, "
       f"{train['iterations_per_second']:.0f} steps a second at the end")
-print(f"  held-out views: PSNR {test['psnr']:.2f} dB, SSIM {test['ssim']:.4f}; critical pixels {test['psnr_critical']:.2f} dB, "
+lpips = f", LPIPS {test['lpips']:.4f} ({scores['lpips_network']})" if test["lpips"] is not None else ""
+print(f"  held-out views: PSNR {test['psnr']:.2f} dB, SSIM {test['ssim']:.4f}{lpips}; critical pixels {test['psnr_critical']:.2f} dB, "
       f"moving pixels {test['psnr_moving']:.2f} dB")
 for shift in scores["shift"]:
     print(f"  camera moved, {shift['name']}: PSNR {shift['psnr']:.2f} dB, SSIM {shift['ssim']:.4f}")

@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "cli/html_report/page.h"
+#include "eval/metric.h"
 
 /* ---- Reading ---- */
 
@@ -51,10 +52,12 @@ static void close_runs(pags_report_run (*runs)[2]) {
 
 /* ---- Writing ---- */
 
-static pags_result write_page(const pags_report_run *runs, int count, const char *output) {
+static pags_result write_page(const pags_report_run *runs, const pags_html_report_settings *settings,
+                              const char *output) {
+  const int count = settings->count;
   PAGS_AUTO(pags_html_destroy) pags_html html = {0};
   pags_page_begin(&html, runs, count);
-  pags_page_figures(&html, runs, count);
+  pags_page_figures(&html, runs, count, settings->lpips ? pags_lpips_network(settings->lpips) : "");
   pags_page_curves(&html, runs, count);
   pags_page_quality(&html, runs, count);
   pags_page_views(&html, runs, count);
@@ -83,10 +86,11 @@ pags_result pags_html_report_write(const pags_html_report_settings *settings, co
                                         .measured = views->mean.views,
                                         .pictures = pags_report_views_pictures(views),
                                         .psnr = views->mean.mean.psnr[PAGS_REGION_WHOLE],
-                                        .ssim = views->mean.mean.ssim[PAGS_REGION_WHOLE]};
+                                        .ssim = views->mean.mean.ssim[PAGS_REGION_WHOLE],
+                                        .lpips = views->mean.mean.lpips};
   }
   PAGS_TRY(pags_session_check(settings->session));
-  return write_page(runs, settings->count, output);
+  return write_page(runs, settings, output);
 }
 
 void pags_html_report_of_training(const pags_session *session, const char *scene,
@@ -94,6 +98,8 @@ void pags_html_report_of_training(const pags_session *session, const char *scene
   PAGS_AUTOFREE char *page = pags_path_join(scene, "report.html");
   pags_html_report_facts facts;
   pags_progress progress = pags_progress_begin(session->people);
+  PAGS_AUTO(pags_lpips_destroy_auto) pags_lpips *lpips = NULL;
+  pags_result written = page ? pags_view_lpips_load(NULL, &lpips) : pags_out_of_memory("a path");
   const pags_html_report_settings settings = {
       .scenes = {scene, NULL},
       .count = 1,
@@ -102,9 +108,11 @@ void pags_html_report_of_training(const pags_session *session, const char *scene
       .seconds = result->finished ? fmin(fmax(result->seconds / 30, 1), 10) : 1,
       .session = session,
       .progress = &progress,
+      .lpips = lpips,
       .cancel = result->finished ? pags_interrupt_flag() : NULL, /* else the signal is known already */
   };
-  const pags_result written = page ? pags_html_report_write(&settings, page, &facts) : pags_out_of_memory("a path");
+  if (written == PAGS_OK)
+    written = pags_html_report_write(&settings, page, &facts);
   pags_progress_end(&progress);
   if (written == PAGS_OK)
     pags_say(session, "report: %s\n", page);

@@ -8,6 +8,7 @@
 #include "cli/common/session.h"
 
 #include <pags/dataset.h>
+#include <pags/eval.h>
 
 enum { PAGS_REPORT_PICTURES = 48 }; /* views shown unless a number is given: a page of about 2 MB */
 
@@ -20,12 +21,13 @@ typedef struct pags_html_report_settings {
   double seconds;              /* time limit for rendering views, seconds; the remaining views are named. 0: no limit */
   const pags_session *session; /* its threads; with --strict a warning about a scene leaves the page unwritten */
   pags_progress *progress;
+  const pags_lpips *lpips;    /* NULL: none */
   const volatile int *cancel; /* a non-zero value ends the work; NULL: none */
 } pags_html_report_settings;
 
 typedef struct pags_html_report_facts {
   int64_t views, measured, pictures; /* held-out views; measured ones; ones with pictures */
-  double psnr, ssim;                 /* means over the held-out views that were measured; NaN: none was */
+  double psnr, ssim, lpips;          /* means over the held-out views that were measured; NaN: none was */
 } pags_html_report_facts;
 
 /* Writes the page to `output`; nothing is written on failure. `facts` has room for settings->count. PAGS_CANCELLED if

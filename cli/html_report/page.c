@@ -120,11 +120,12 @@ static void put_state(pags_html *html, const pags_run_log *log, const char *lett
                   letter, bad, pags_html_text(html, first ? first : "not noted"));
 }
 
-void pags_page_figures(pags_html *html, const pags_report_run *runs, int count) {
-  enum { FIGURES = 9 };
-  char labels[2][64];
+void pags_page_figures(pags_html *html, const pags_report_run *runs, int count, const char *network) {
+  enum { FIGURES = 10 };
+  char labels[2][64], lpips[64];
   double values[2][FIGURES];
   pags_html_put(html, "<h2>Figures</h2>\n");
+  snprintf(lpips, sizeof lpips, "LPIPS (%s), %lld views", network, (long long)runs[0].views.with_lpips);
   for (int k = 0; k < 2; k++) {
     const pags_report_run *const run = &runs[k];
     const bool measured = k < count && run->views.mean.views > 0;
@@ -133,6 +134,7 @@ void pags_page_figures(pags_html *html, const pags_report_run *runs, int count) 
     const double nothing = (double)NAN;
     const double known[FIGURES] = {measured ? run->views.mean.mean.psnr[PAGS_REGION_WHOLE] : nothing,
                                    measured ? run->views.mean.mean.ssim[PAGS_REGION_WHOLE] : nothing,
+                                   measured ? run->views.mean.mean.lpips : nothing,
                                    pags_spoken_number(run->log.facts, "psnr"),
                                    k < count ? (double)run->contents.gaussians : nothing,
                                    k < count ? run->contents.bytes : nothing,
@@ -149,6 +151,7 @@ void pags_page_figures(pags_html *html, const pags_report_run *runs, int count) 
     figure_kind kind;
   } figures[FIGURES] = {{labels[0], DECIBELS},
                         {labels[1], RATIO},
+                        {lpips, RATIO},
                         {"PSNR, training views", DECIBELS},
                         {"Gaussians", COUNT},
                         {"files", BYTES},
@@ -269,6 +272,8 @@ static void put_view(pags_html *html, const pags_report_view *const *views, int 
     if (!isnan(score->psnr[PAGS_REGION_WHOLE]))
       pags_html_put(html, " &middot; %.2f dB, SSIM %.4f", score->psnr[PAGS_REGION_WHOLE],
                     score->ssim[PAGS_REGION_WHOLE]);
+    if (!isnan(score->lpips))
+      pags_html_put(html, ", LPIPS %.4f", score->lpips);
   }
   pags_html_put(html, "</h3>\n<div class=\"row\">\n");
   const bool first = views[0]->jpeg[PAGS_VIEW_PICTURE_PHOTOGRAPH].size || count == 1;

@@ -88,6 +88,7 @@ typedef struct pags_report_views {
   pags_report_view *items;
   pags_mean_score mean; /* over the views that were measured */
   int64_t drawn;        /* how many were */
+  int64_t with_lpips;   /* measured views with LPIPS */
 } pags_report_views;
 
 /* Opens the photographs, if they are there, and lists the held-out views. Where the settings name a data set, it must
@@ -128,7 +129,8 @@ typedef struct pags_report_run {
 } pags_report_run;
 
 void pags_page_begin(pags_html *html, const pags_report_run *runs, int count);
-void pags_page_figures(pags_html *html, const pags_report_run *runs, int count);
+/* `network`: of LPIPS. */
+void pags_page_figures(pags_html *html, const pags_report_run *runs, int count, const char *network);
 void pags_page_curves(pags_html *html, const pags_report_run *runs, int count);
 void pags_page_quality(pags_html *html, const pags_report_run *runs, int count);
 void pags_page_views(pags_html *html, const pags_report_run *runs, int count);

@@ -179,30 +179,37 @@ static pags_result encode_float(const pags_image *image, pags_report_view *view,
   return encode(&bytes, NULL, view, which);
 }
 
-/* Renders a view, measures it against its photograph, if that is there, and makes the small pictures. */
-static pags_result draw_view(pags_report_views *views, pags_report_view *view, pags_composition *composition,
-                             pags_frame *frame, const pags_html_report_settings *settings) {
+/* Renders a view and reads its photograph, if it is there. */
+static pags_result render_view(pags_report_views *views, const pags_report_view *view, pags_composition *composition,
+                               pags_frame *frame, pags_image *render, pags_photograph *photograph, bool *there) {
   pags_frame_options options = pags_composition_options(composition);
-  PAGS_AUTO(pags_photograph_destroy) pags_photograph photograph = {0};
-  bool there = view->photograph >= 0;
-  if (there) {
-    const pags_result read = pags_photographs_read(&views->photographs, view->photograph, &photograph);
+  *there = view->photograph >= 0;
+  if (*there) {
+    const pags_result read = pags_photographs_read(&views->photographs, view->photograph, photograph);
     PAGS_TRY(is_absence(read) ? note_absence(view->name, views) : read);
-    there = read == PAGS_OK;
+    *there = read == PAGS_OK;
   }
   const pags_camera camera =
       view->photograph >= 0 ? pags_photographs_camera(&views->photographs, view->photograph) : view->scene_view->camera;
   const pags_part *parts;
   int part_count;
   pags_picture picture;
-  PAGS_AUTO(pags_image_destroy) pags_image render = {0};
   pags_compose(composition, camera.time, &parts, &part_count);
   if (view->scene_view) {
     options.photometric = view->scene_view->photometric;
     pags_frame_options_expose(&options, view->scene_view->gain, view->scene_view->offset);
   }
   PAGS_TRY(pags_frame_render(frame, parts, part_count, &camera, &options, NULL, NULL, &picture));
-  PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
+  return pags_picture_to_image(&picture, PAGS_F32, render);
+}
+
+/* Renders a view, measures PSNR and SSIM against its photograph, if that is there, and makes the small pictures. */
+static pags_result draw_view(pags_report_views *views, pags_report_view *view, pags_composition *composition,
+                             pags_frame *frame, const pags_html_report_settings *settings) {
+  PAGS_AUTO(pags_photograph_destroy) pags_photograph photograph = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image render = {0};
+  bool there;
+  PAGS_TRY(render_view(views, view, composition, frame, &render, &photograph, &there));
   if (there)
     PAGS_TRY(pags_view_score_measure(&render, &photograph, settings->session->tasks, &view->score));
   view->drawn = true;
@@ -212,6 +219,17 @@ static pags_result draw_view(pags_report_views *views, pags_report_view *view, p
     return PAGS_OK;
   PAGS_TRY(encode_float(&photograph.image, view, PAGS_VIEW_PICTURE_PHOTOGRAPH));
   return encode_error(&render, &photograph, view);
+}
+
+/* Renders a view again for its LPIPS. */
+static pags_result add_lpips(pags_report_views *views, pags_report_view *view, pags_composition *composition,
+                             pags_frame *frame, const pags_html_report_settings *settings) {
+  PAGS_AUTO(pags_photograph_destroy) pags_photograph photograph = {0};
+  PAGS_AUTO(pags_image_destroy) pags_image render = {0};
+  bool there;
+  PAGS_TRY(render_view(views, view, composition, frame, &render, &photograph, &there));
+  return there ? pags_view_score_lpips(settings->lpips, &render, &photograph, settings->session->tasks, &view->score)
+               : PAGS_OK;
 }
 
 pags_result pags_report_views_draw(pags_report_views *views, pags_composition *composition,
@@ -230,6 +248,21 @@ pags_result pags_report_views_draw(pags_report_views *views, pags_composition *c
     views->drawn++;
     if (pags_progress_due(settings->progress))
       pags_progress_show(settings->progress, "report: view %lld of %lld", (long long)views->drawn,
+                         (long long)views->count);
+  }
+
+  /* LPIPS takes many times as long as drawing: it gets the time that is left, and at least one view. */
+  for (int64_t i = 0; settings->lpips && i < views->count; i = next_spread(i, views->count)) {
+    if (settings->cancel && *settings->cancel)
+      return PAGS_CANCELLED;
+    if (settings->seconds > 0 && i > 0 && pags_seconds() - begun > settings->seconds)
+      break;
+    if (isnan(views->items[i].score.psnr[PAGS_REGION_WHOLE]))
+      continue;
+    PAGS_TRY(add_lpips(views, &views->items[i], composition, frame, settings));
+    views->with_lpips += !isnan(views->items[i].score.lpips);
+    if (pags_progress_due(settings->progress))
+      pags_progress_show(settings->progress, "report: LPIPS of view %lld of %lld", (long long)views->with_lpips,
                          (long long)views->count);
   }
 

@@ -7,10 +7,13 @@
 #include "cli/measure/view_scores.h"
 
 #include <math.h>
-#include <pags/eval.h>
+#include <string.h>
 
+#include "base/file.h"
 #include "base/memory.h"
 #include "base/psnr.h"
+#include "base/vec3.h"
+#include "port/port.h"
 
 static const char *const suffixes[PAGS_REGION_COUNT] = {"",          "_critical",    "_noncritical", "_moving",
                                                         "_vehicles", "_pedestrians", "_cyclists"};
@@ -51,6 +54,33 @@ pags_result pags_view_score_measure(const pags_image *render, const pags_photogr
     score->psnr[r] = pags_psnr_capped(score->psnr[r]);
   return PAGS_OK;
 }
+
+/* ---- LPIPS ---- */
+
+pags_result pags_view_lpips_load(const char *given, pags_lpips **out) {
+  char folder[4096];
+  *out = NULL;
+  if (given)
+    return strcmp(given, "none") ? pags_lpips_load(given, out) : PAGS_OK;
+  if (!pags_port_data_folder(folder, sizeof folder))
+    return PAGS_OK;
+  PAGS_AUTOFREE char *path = pags_path_join(folder, "lpips_alex.npz");
+  PAGS_CHECK_MEMORY(path, NULL);
+  return pags_file_exists(path) ? pags_lpips_load(path, out) : PAGS_OK;
+}
+
+pags_result pags_view_score_lpips(const pags_lpips *lpips, pags_image *render, const pags_photograph *photograph,
+                                  pags_tasks *tasks, pags_view_score *score) {
+  if (render->width < PAGS_LPIPS_SMALLEST || render->height < PAGS_LPIPS_SMALLEST)
+    return PAGS_OK;
+  const size_t count = photograph->mask ? (size_t)render->width * (size_t)render->height : 0;
+  for (size_t i = 0; i < count; i++)
+    if (!photograph->mask[i])
+      pags_copy3f((const float *)photograph->image.data + 3 * i, (float *)render->data + 3 * i);
+  return pags_lpips_distance(lpips, render, &photograph->image, tasks, &score->lpips);
+}
+
+/* ---- Means and tables ---- */
 
 /* The mean of the doubles at `offset` in the scores of a split, without those that are NaN; NaN if all are. */
 static double mean_of(const pags_view_score *scores, int64_t count, int test, size_t offset) {

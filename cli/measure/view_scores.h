@@ -7,6 +7,7 @@
 #include "cli/common/photographs.h"
 #include "cli/common/session.h"
 
+#include <pags/eval.h>
 #include <pags/image.h>
 
 /* Regions of a photograph, defined by its pixel labels. */
@@ -36,6 +37,14 @@ pags_view_score pags_view_score_make(const char *name, int test);
 /* Computes PSNR and SSIM of each region from the rendering (F32) and the photograph. */
 pags_result pags_view_score_measure(const pags_image *render, const pags_photograph *photograph, pags_tasks *tasks,
                                     pags_view_score *score);
+
+/* Loads weights of LPIPS: of the file `given`; if that is NULL, of lpips_alex.npz in the user's data folder
+ * (pags_port_data_folder), if it is there; none if it is "none". *out is NULL without weights. */
+pags_result pags_view_lpips_load(const char *given, pags_lpips **out);
+/* Computes the view's LPIPS. Pixels of the rendering that the photograph masks are replaced by the photograph's, since
+ * LPIPS has no mask. Pictures that are too small for the network have none. */
+pags_result pags_view_score_lpips(const pags_lpips *lpips, pags_image *render, const pags_photograph *photograph,
+                                  pags_tasks *tasks, pags_view_score *score);
 
 typedef struct pags_mean_score {
   int64_t views;

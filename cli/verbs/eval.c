@@ -34,8 +34,8 @@ typedef struct eval_arguments {
 
 static const pags_option options[] = {
     PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "the scene's training data", "Data set with the photographs."),
-    PAGS_TEXT("lpips-weights", 0, AT(lpips_weights), "FILE", "none: no LPIPS",
-              "Weights of LPIPS v0.1 on SqueezeNet 1.1 or AlexNet (.npz)."),
+    PAGS_TEXT("lpips-weights", 0, AT(lpips_weights), "FILE|none", "AlexNet's, if installed",
+              "Weights of LPIPS v0.1 on SqueezeNet 1.1 or AlexNet (.npz); none: no LPIPS."),
     PAGS_TEXT("images", 0, AT(images), "FOLDER", NULL,
               "Write NAME_render.png and NAME_photo.png of every view compared."),
     PAGS_FLAG("shift", 0, AT(shift),
@@ -134,19 +134,8 @@ static pags_result measure(const evaluation *eval, int64_t view, pags_image *ren
     PAGS_TRY(save_image(images, eval->names.items[view], "render", render));
     PAGS_TRY(save_image(images, eval->names.items[view], "photo", &photo->image));
   }
-  if (!eval->lpips)
-    return PAGS_OK;
-  if (photo->mask) {
-    /* LPIPS has no mask: copy the photograph's pixels into the rendering where the mask is 0, so that these pixels add
-     * no distance. */
-    float *to = render->data;
-    const float *from = photo->image.data;
-    const size_t count = (size_t)render->width * (size_t)render->height;
-    for (size_t i = 0; i < count; i++)
-      if (!photo->mask[i])
-        pags_copy3f(from + 3 * i, to + 3 * i);
-  }
-  return pags_lpips_distance(eval->lpips, render, &photo->image, eval->arguments->session.tasks, &score->lpips);
+  return eval->lpips ? pags_view_score_lpips(eval->lpips, render, photo, eval->arguments->session.tasks, score)
+                     : PAGS_OK;
 }
 
 /* Renders the scene's colours without the camera's exposure and measures their PSNR against the photograph. */
@@ -362,8 +351,7 @@ static pags_result open_all(evaluation *eval, const char *scene_path) {
   const char *dataset = arguments->dataset ? arguments->dataset : eval->scene->dataset;
   if (!dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't name its training data; expected --dataset DATASET", scene_path);
-  if (arguments->lpips_weights)
-    PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &eval->lpips));
+  PAGS_TRY(pags_view_lpips_load(arguments->lpips_weights, &eval->lpips));
   pags_dataset_options opened = pags_photographs_options(eval->scene, arguments->dataset, &arguments->options);
   if (pags_option_given(eval->parsed, "image-alpha"))
     opened.image_alpha = arguments->options.image_alpha;
@@ -472,6 +460,19 @@ static pags_result gather_depths(pags_depth_errors *errors) {
   return pags_depth_errors_append(errors, all, count);
 }
 
+/* Refuses a job of ranks some of which have found weights of LPIPS while others haven't. */
+static pags_result check_ranks(const evaluation *eval) {
+  int64_t with = eval->lpips != NULL, ranks = 1;
+  PAGS_TRY(pags_ranks_sum(&with));
+  PAGS_TRY(pags_ranks_sum(&ranks));
+  if (with == 0 || with == ranks)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT,
+                   "LPIPS weights are installed for %lld of %lld ranks: expected all or none; --lpips-weights names a "
+                   "file or none",
+                   (long long)with, (long long)ranks);
+}
+
 static pags_result gather_all(evaluation *eval) {
   PAGS_AUTOFREE int64_t *without = NULL;
   int64_t count;
@@ -512,6 +513,7 @@ static pags_result run(void *user, const pags_parsed *parsed) {
   const char *scene_path = parsed->positionals[0];
   PAGS_AUTO(evaluation_destroy) evaluation eval = {.arguments = arguments, .parsed = parsed};
   PAGS_TRY(pags_session_meet(session, open_all(&eval, scene_path)));
+  PAGS_TRY(check_ranks(&eval));
   PAGS_TRY(pags_session_meet(session, compare_all(&eval)));
   PAGS_TRY(gather_all(&eval));
   if (!pags_ranks_lead())

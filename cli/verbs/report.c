@@ -1,14 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pags report: writes an HTML report of a scene, or of two scenes side by side. */
 #include "cli/html_report/html_report.h"
+#include "cli/measure/view_scores.h"
 #include "cli/verbs/verbs.h"
 
 #include "base/file.h"
 #include "base/text.h"
+#include "eval/metric.h"
 
 typedef struct report_arguments {
   pags_session session;
-  const char *output;
+  const char *output, *lpips_weights;
   int64_t pictures;
   const char *dataset;
   pags_dataset_options dataset_options;
@@ -20,6 +22,8 @@ static const pags_option options[] = {
     PAGS_TEXT("output", 'o', AT(output), "FILE", "SCENE/report.html", "Output file; required for two scenes."),
     PAGS_VALUE("views", 0, INT64, AT(pictures), 0, 1000, "N", "views", NULL,
                "Number of held-out views shown as pictures, evenly spaced; all are measured."),
+
+    PAGS_TEXT("lpips-weights", 0, AT(lpips_weights), "FILE|none", "AlexNet's, if installed", "As for eval."),
 
     PAGS_GROUP("Photographs"),
     PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "as stored in the scene",
@@ -57,6 +61,8 @@ static pags_result run(void *user, const pags_parsed *parsed) {
   PAGS_AUTOFREE char *first = folder_of(parsed->positionals[0]);
   PAGS_AUTOFREE char *second = count == 2 ? folder_of(parsed->positionals[1]) : NULL;
   PAGS_CHECK_MEMORY(first && (second || count == 1), "a path");
+  PAGS_AUTO(pags_lpips_destroy_auto) pags_lpips *lpips = NULL;
+  PAGS_TRY(pags_view_lpips_load(arguments->lpips_weights, &lpips));
   pags_html_report_facts facts[2] = {{0}};
   pags_progress progress = pags_progress_begin(session->people);
   const pags_html_report_settings settings = {.scenes = {first, second},
@@ -66,6 +72,7 @@ static pags_result run(void *user, const pags_parsed *parsed) {
                                               .pictures = arguments->pictures,
                                               .session = session,
                                               .progress = &progress,
+                                              .lpips = lpips,
                                               .cancel = pags_interrupt_flag()};
   if (!arguments->output && !pags_dir_exists(first))
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %s; expected a scene folder, or -o FILE", first,
@@ -95,6 +102,7 @@ static pags_result run(void *user, const pags_parsed *parsed) {
     pags_json_put_integer(&json, "pictures", facts[k].pictures);
     pags_json_put_number(&json, "psnr", facts[k].psnr);
     pags_json_put_number(&json, "ssim", facts[k].ssim);
+    pags_json_put_number(&json, "lpips", facts[k].lpips);
     pags_json_end_object(&json);
   }
   pags_json_end_array(&json);

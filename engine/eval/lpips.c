@@ -20,7 +20,7 @@
 
 /* ---- The networks ---- */
 
-enum { NETWORKS = 2, MOST_LAYERS = 12, MOST_TAPS = 7, SMALLEST = 32 };
+enum { NETWORKS = 2, MOST_LAYERS = 12, MOST_TAPS = 7 };
 
 typedef enum layer_kind { CONV, POOL, FIRE } layer_kind;
 
@@ -64,8 +64,6 @@ static const net networks[NETWORKS] = {
                 {.kind = CONV, .tap = true, .name = "conv3", .outputs = 384, .size = 3, .step = 1, .padding = 1},
                 {.kind = CONV, .tap = true, .name = "conv4", .outputs = 256, .size = 3, .step = 1, .padding = 1},
                 {.kind = CONV, .tap = true, .name = "conv5", .outputs = 256, .size = 3, .step = 1, .padding = 1}}}};
-
-PAGS_DEFINE_AUTO(pags_lpips, pags_lpips_destroy)
 
 struct pags_lpips {
   pags_npz npz; /* owns the weights that are pointed to */
@@ -290,9 +288,9 @@ static void destroy_maps(pags_map (*maps)[2]) {
 pags_result pags_lpips_distance(const pags_lpips *lpips, const pags_image *a, const pags_image *b, pags_tasks *tasks,
                                 double *distance) {
   PAGS_TRY(pags_metric_check(a, b, "LPIPS"));
-  if (a->width < SMALLEST || a->height < SMALLEST)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "LPIPS: expected pictures of at least %dx%d, got %dx%d", SMALLEST, SMALLEST,
-                     a->width, a->height);
+  if (a->width < PAGS_LPIPS_SMALLEST || a->height < PAGS_LPIPS_SMALLEST)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "LPIPS: expected pictures of at least %dx%d, got %dx%d", PAGS_LPIPS_SMALLEST,
+                     PAGS_LPIPS_SMALLEST, a->width, a->height);
   PAGS_AUTO(destroy_maps) pags_map maps[2] = {{0}};
   PAGS_TRY(make_input(lpips, a, &maps[0]));
   PAGS_TRY(make_input(lpips, b, &maps[1]));

@@ -1,10 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Shared by the image metrics: the check of a pair of images, PSNR by regions, and clamping to the displayable
- * range. */
+/* Shared by the image metrics: the check of a pair of images, PSNR by regions, clamping to the displayable range, and
+ * the owner of LPIPS weights. */
 #ifndef PAGS_EVAL_METRIC_H
 #define PAGS_EVAL_METRIC_H
 
 #include <pags/eval.h>
+
+#include "base/memory.h"
+
+PAGS_DEFINE_AUTO(pags_lpips, pags_lpips_destroy)
 
 /* Checks that both images are F32 with three channels and of the same size, else PAGS_ERROR_ARGUMENT. The error
  * message begins with `metric`. */

@@ -163,6 +163,9 @@ void pags_port_begin_program(int *argc, char ***argv);
 
 /* Writes the path of the running program's folder; false if it isn't known or doesn't fit into `size` bytes. */
 bool pags_port_program_folder(char *path, size_t size);
+/* Writes the path of the user's folder for data of PAGS, which may be missing: $XDG_DATA_HOME/pags, else
+ * ~/.local/share/pags; on Windows %LOCALAPPDATA%/pags. False as above. */
+bool pags_port_data_folder(char *path, size_t size);
 /* Replaces this process by another program, searched in PATH unless its name has a '/', with these arguments (words[0]
  * is the program, NULL ends them). It inherits input, output and signals. Returns only if it couldn't be started. On
  * Windows this process waits for it and ends with its code. */

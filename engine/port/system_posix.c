@@ -265,6 +265,13 @@ bool pags_port_program_folder(char *path, size_t size) {
   return slash != NULL;
 }
 
+bool pags_port_data_folder(char *path, size_t size) {
+  const char *const data = getenv("XDG_DATA_HOME"), *const home = getenv("HOME");
+  const bool named = data && *data, known = named || (home && *home);
+  const int length = known ? snprintf(path, size, "%s%s/pags", named ? data : home, named ? "" : "/.local/share") : -1;
+  return length > 0 && (size_t)length < size;
+}
+
 void pags_port_become(const char *const *words) {
   /* Handlers are dropped when another program takes over; ignored signals stay ignored. */
   for (int i = 0; writes_may_fail && i < WRITE_SIGNALS; i++)

@@ -189,6 +189,14 @@ bool pags_port_program_folder(char *path, size_t size) {
   return fits;
 }
 
+bool pags_port_data_folder(char *path, size_t size) {
+  const wchar_t *const wide = _wgetenv(L"LOCALAPPDATA");
+  char *const narrow = wide && *wide ? pags_port_narrow(wide) : NULL;
+  const int length = narrow ? snprintf(path, size, "%s/pags", narrow) : -1;
+  free(narrow);
+  return length > 0 && (size_t)length < size;
+}
+
 /* Writes an argument so that a program that parses its command line by the rules of the C library gets it back: in
  * quotes, with backslashes doubled where they precede a quote. */
 static char *quote(const char *word) {

@@ -12,6 +12,8 @@ import unittest
 import zlib
 
 PAGS = os.environ.get("PAGS", "build/pags")
+# The weights of LPIPS that this user has installed must not change any test.
+os.environ["XDG_DATA_HOME"] = os.path.join(tempfile.gettempdir(), "pags-tests-without-data")
 
 PLY_NAMES = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"] + [
     "opacity",

