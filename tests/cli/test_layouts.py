@@ -396,6 +396,28 @@ class CalibrationTest(StreetCase):
         )
 
 
+class SplitTest(StreetCase):
+    def split(self, *more):
+        done = self.succeeds(
+            "train", self.street, "-o", self.path("s"), "-n", 1, "--overwrite", "-q", *fixtures.SMALL, *more
+        )
+        views = json.loads(read(self.path("s", "scene.json")))["cameras"]
+        return sorted({int(view["name"].split("_")[0]) for view in views if view["test"]}), done
+
+    def test_stated_split(self):
+        described = json.loads(read(self.at("dataset.json")))
+        self.assertEqual(self.split()[0], [4])
+        write(self.at("dataset.json"), json.dumps({**described, "held_out": [1, 3, 5]}))
+        self.assertEqual(self.split()[0], [1, 3, 5])
+        self.assertEqual(self.split("--frames", "2-5")[0], [3, 5])
+        self.assertEqual(self.split("--split-every", 2)[0], [2, 4])
+        self.assertEqual(self.split("--reconstruction")[0], [])
+        write(self.at("dataset.json"), json.dumps({**described, "held_out": [1, 60]}))
+        self.fails(
+            ["train", self.street, "-o", self.path("s"), "--overwrite"], "dataset.json:1", "held_out", "found 60"
+        )
+
+
 class TimeTest(StreetCase):
     def times(self, change, **more):
         """Rewrites timestamps.json. change(seconds) returns the new value of a time. Removes fps from dataset.json."""

@@ -8,6 +8,7 @@
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"
+#include "base/json.h"
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
@@ -102,6 +103,30 @@ static pags_result make_steps(pags_driving *driving, const pags_driving_picture 
   }
   driving->digits = chosen[0].digits;
   pags_sort(driving->sensors, driving->sensor_count, sizeof *driving->sensors, by_number);
+  return PAGS_OK;
+}
+
+/* If dataset.json lists frames as "held_out", holds out these time steps and no others. `all` as above. */
+static pags_result take_held_out(pags_driving *driving, const pags_driving_picture *all, int64_t all_count) {
+  PAGS_AUTO(pags_json_destroy_auto) pags_json *json = NULL;
+  PAGS_TRY(pags_json_parse_in_folder(driving->root, "dataset.json", &json));
+  const pags_json_value *list = json ? pags_json_member(pags_json_root(json), "held_out") : NULL;
+  if (!list)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_array(json, pags_json_root(json), "held_out", &list));
+  for (int i = 0; i < driving->step_count; i++)
+    driving->steps[i].test = false;
+  for (const pags_json_value *item = list->first; item; item = item->next) {
+    double frame;
+    bool known = false;
+    PAGS_TRY(pags_json_as_number(json, item, "the number of a frame", &frame));
+    for (int64_t i = 0; i < all_count && !known; i++)
+      known = all[i].frame == frame;
+    if (!known)
+      return pags_json_fail(json, item, "'held_out': expected numbers of frames of images/, found %g", frame);
+    for (int i = 0; i < driving->step_count; i++)
+      driving->steps[i].test = driving->steps[i].test || driving->steps[i].frame == frame;
+  }
   return PAGS_OK;
 }
 
@@ -348,6 +373,8 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
       chosen[count++] = pictures[i];
   PAGS_TRY(check_pictures(folder, list, chosen, count, all));
   PAGS_TRY(make_steps(driving, chosen, count, pictures, options->split_every == -1 ? 4 : options->split_every));
+  if (options->split_every == -1)
+    PAGS_TRY(take_held_out(driving, pictures, all));
   for (int64_t i = 0; i < selected.count; i++)
     if (!pags_driving_sensor(driving, selected.cameras[i]))
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s/images: camera %d was requested, but it has no picture", driving->root,
