@@ -9,6 +9,8 @@
 - Every name pags_... and every C file on a page of the manual exists in the sources.
 - Each row of the tables of docs/paper.md names files that exist, options or fields that the manual of the command line
   lists (of a program in Python: words that it has), whether they are the default, and a linked page with a figure.
+  Its figures stand on the linked page.
+- Figures that stand on several pages (SHARED) agree.
 - Links lead from docs/index.md to every page of the manual, and from docs/lab/index.md to every page of the notebook."""
 
 import os
@@ -135,6 +137,81 @@ def check_paper(path, text):
         )
 
 
+# Figures that stand on several pages: where each is found. Values may be rounded, but must agree then.
+SHARED = {
+    "PandaSet 002, default, PSNR": {
+        "docs/compare.md": r"has ([\d.]+) dB PSNR on held-out\s+views\s+of\s+PandaSet\s+002",
+        "docs/paper.md": r"full size: ([\d.]+) dB",
+        "docs/lab/published.md": r"12,000, default, \d+ s \| ([\d.]+) \|",
+    },
+    "PandaSet 002, default, seconds": {
+        "docs/compare.md": r"(\d+) s\s+on\s+two\s+threads",
+        "docs/paper.md": r"default (\d+) s and 28",
+        "docs/lab/published.md": r"12,000, default, (\d+) s",
+    },
+    "PandaSet 002, plain, PSNR": {
+        "docs/paper.md": r"plain \d+ s and ([\d.]+)",
+        "docs/lab/published.md": r"`plain` 751 s \| ([\d.]+)",
+        "docs/lab/fewer-pairs.md": r"pandaset-002 full \d+ s, ([\d.]+) dB",
+    },
+    "demo, PSNR": {
+        "README.md": r"([\d.]+) dB PSNR on held-out photographs",
+        "docs/lab/newcomer.md": r"held out ([\d.]+) dB",
+    },
+    "demo, critical PSNR": {
+        "README.md": r"([\d.]+) dB on vehicles and people",
+        "docs/lab/newcomer.md": r"critical ([\d.]+) dB",
+    },
+    "demo, peak MB": {"README.md": r"(\d+) MB peak", "docs/lab/newcomer.md": r"peak (\d+) MB"},
+    "SplatAD, PSNR": {
+        "docs/compare.md": r"([\d.]+) dB \(SplatAD",
+        "docs/lab/published.md": r"SplatAD, novel views .*?\*\*([\d.]+)\*\*",
+    },
+    "OmniRe, PSNR": {
+        "docs/compare.md": r"([\d.]+) dB \(OmniRe",
+        "docs/lab/published.md": r"OmniRe, novel views .*? ([\d.]+) \| 0\.780",
+    },
+    "gsplat, PSNR": {
+        "docs/compare.md": r"([\d.]+) dB \(gsplat",
+        "docs/lab/published.md": r"same with LiDAR .*?\*\*([\d.]+)\*\*",
+    },
+    "Street Gaussians, PSNR": {
+        "docs/compare.md": r"to ([\d.]+) dB \(Street",
+        "docs/lab/published.md": r"Street Gaussians, own table .*? ([\d.]+) \| 0\.938",
+    },
+}
+
+
+def check_shared(texts):
+    for what, places in SHARED.items():
+        values = {}
+        for path, pattern in places.items():
+            found = re.search(pattern, texts[path])
+            if found:
+                values[path] = found[1]
+            else:
+                fault(path, 1, f"{what}: not found; if it moved, change SHARED in tests/docs.py")
+        decimals = min((len(value.partition(".")[2]) for value in values.values()), default=0)
+        for path, value in values.items():
+            off = {other: v for other, v in values.items() if abs(float(v) - float(value)) > 0.5001 * 10**-decimals}
+            for other in off:
+                fault(path, 1, f"{what}: {value}, but {off[other]} in {other}")
+
+
+def check_figures(texts):
+    """Checks that the figures of docs/paper.md's tables stand on the pages that the same cell links to."""
+    count = 0
+    for number, line in enumerate(texts["docs/paper.md"].split("\n"), 1):
+        cell = line.strip("|").split("|")[-1] if line.startswith("|") else ""
+        links = {f"docs/{name}" for name in re.findall(r"\]\(([\w/-]+\.md)", cell)}
+        for figure in re.findall(r"(?<![\w.,])(?:\d{1,3}(?:,\d{3})+|\d+\.\d+)(?!\w)", re.sub(r"\(.*?\)", "", cell)):
+            count += 1
+            if links and not any(figure in texts.get(page, "") for page in links):
+                fault("docs/paper.md", number, f"{figure} is not in {', '.join(sorted(links))}")
+    if count < 50:
+        fault("docs/paper.md", 1, f"{count} figures in its tables, expected at least 50")
+
+
 def main():
     pages = sorted(f"docs/{name}" for name in os.listdir(os.path.join(ROOT, "docs")) if name.endswith(".md"))
     notes = sorted(f"docs/lab/{name}" for name in os.listdir(os.path.join(ROOT, "docs/lab")) if name.endswith(".md"))
@@ -145,6 +222,8 @@ def main():
     for path, text in texts.items():
         check_listings(path, text)
     check_paper("docs/paper.md", texts["docs/paper.md"])
+    check_figures(texts)
+    check_shared(texts)
     for index, of in [("docs/index.md", pages), ("docs/lab/index.md", notes)]:
         for path in of:
             if path != index and path not in links[index]:
