@@ -20,12 +20,14 @@ enum {
   ROOM_WIDTH = 400,
   LEAST_WIDTH = 96
 }; /* views of an object; places in a room; pixels */
-enum { OBJECT_STEPS = 192, ROOM_STEPS = 400 }; /* steps of the surface along the longest side */
+enum { OBJECT_STEPS = 192, PHOTO_STEPS = 96, ROOM_STEPS = 400 }; /* steps of the surface along the longest side */
 
 static const double far_off = 2.2;  /* distance of an object's views from its middle, radii of the ball about its box */
 static const double margin = 4;     /* free space round an object, steps */
 static const double truncation = 3; /* distances are cut off in front of surfaces, steps */
 static const double behind = 1.5;   /* how far behind a surface a view says that it is solid, steps: leaves are thin */
+static const double uncertain = 0.06;  /* the same two for photographs, whose depths scatter: share of the longest side.
+                                        If views said less of what is behind, the deepest of them would win */
 static const double one_sided = 0.75;  /* length of the mean direction of views that are not from all round */
 static const double least_part = 1e-3; /* smaller parts are floaters: share of the area of the largest */
 
@@ -144,7 +146,10 @@ pags_result pags_bare_open(const pags_scene *scene, pags_proxy_options *options,
     bare->inside = false;
     look_around(bare, given > 0 ? given : longest / OBJECT_STEPS);
   }
-  options->voxel = given > 0 ? given : longest / (bare->inside ? ROOM_STEPS : OBJECT_STEPS);
+  options->voxel = given > 0 ? given
+                             : longest / (bare->inside   ? ROOM_STEPS
+                                          : photographed ? PHOTO_STEPS
+                                                         : OBJECT_STEPS);
   options->chunk = options->chunk > 0 ? options->chunk : longest / 4;
   options->range = options->range > 0 ? options->range : (bare->inside ? 1.0 / 3 : 4) * longest;
   bare->note = photographed   ? "photographed from all round; what no view shows is solid"
@@ -207,7 +212,9 @@ pags_result pags_bare_surface(const pags_bare *bare, const pags_proxy_options *o
     hi[k] = bare->survey.hi[k] + room;
   }
   PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, false));
-  PAGS_TRY(pags_tsdf_fuse(&grid, depth_views, truncation * step, behind * step, options->range * 10, true, tasks));
+  const double band = uncertain * longest_side(&bare->survey);
+  PAGS_TRY(pags_tsdf_fuse(&grid, depth_views, bare->photographed ? band : truncation * step,
+                          bare->photographed ? band : behind * step, options->range * 10, true, tasks));
   /* Points that no view says anything of are solid, those at the border of the grid free. Photographs don't show what
    * an object stands on from below: there it ends with the Gaussians. */
   for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; i++) {
