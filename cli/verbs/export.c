@@ -32,7 +32,7 @@ static const pags_option options[] = {
     PAGS_FLAG(
         "collision", 0, AT(proxy.collision),
         "Write collision shapes alone: convex parts (or another --proxy), the ground as a slab, what is closed of "
-        "the background; no colours. Limits of triangles, unless given: 6,000 of the ground's upper side, 12,000 "
+        "the background; no colours. Limits of triangles, unless given: 3,000 of the ground's upper side, 12,000 "
         "of the rest of the background."),
     PAGS_FLAG("lod", 0, AT(proxy.lod),
               "Write mesh, cage, hull and box into one file with MSFT_lod, instead of --proxy."),
@@ -314,7 +314,7 @@ static pags_result run(void *user, const pags_parsed *parsed) {
     if (!pags_option_given(parsed, "proxy"))
       arguments->proxy.level = PAGS_PROXY_CONVEX;
     if (!pags_option_given(parsed, "ground-triangles"))
-      arguments->proxy.ground_triangles = 6000;
+      arguments->proxy.ground_triangles = 3000;
     if (!pags_option_given(parsed, "chunk-triangles"))
       arguments->proxy.chunk_triangles = 12000;
   }
