@@ -98,6 +98,9 @@ class Composite(BlenderCase):
         self.assertGreater(pixel(street, *below)[2], 120)
         self.assertLess(pixel(picture, *below)[2], 80)
         self.assertLess(abs(pixel(picture, *beside)[2] - pixel(street, *beside)[2]), 10)
+        road = next(o for o in self.scene.objects if o.get("pags_catcher") == "road")
+        shade = road.material_slots[0].material.node_tree.nodes["Principled BSDF"].inputs["Base Color"]
+        self.assertLess(shade.default_value[0], 0.3)  # the light that a white road sends up bleaches meshes
         # A plane 15 cm too low lies 0.7 m behind the road's Gaussians along the ray; the shadow still has no hole.
         road = next(o for o in self.scene.objects if o.get("pags_catcher") == "road")
         road.location.z -= 0.15
