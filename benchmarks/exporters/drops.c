@@ -78,8 +78,10 @@ static pags_result drop(pags_proxy_bench *self, int area) {
         through++;
     }
     const pags_proxy_distance d = pags_distance_summary(errors, count);
-    pags_say(&self->session, "%-10s %-6s %7lld %8lld %8.3f %8.3f %8.3f\n", areas[area].name, bodies[body],
-             (long long)(count + through), (long long)through, d.mean, d.p95, d.max);
+    const bool bad = through > 0 && count > 0; /* without ground in the file all fall through */
+    self->failures += bad;
+    pags_say(&self->session, "%-10s %-6s %7lld %8lld %8.3f %8.3f %8.3f%s\n", areas[area].name, bodies[body],
+             (long long)(count + through), (long long)through, d.mean, d.p95, d.max, bad ? "  <<<" : "");
     pags_json_begin_object(&self->json, NULL);
     pags_json_put_string(&self->json, "area", areas[area].name);
     pags_json_put_string(&self->json, "body", bodies[body]);

@@ -72,6 +72,16 @@ static void throw_ball(const pags_proxy_bench *self, const pags_bench_ray *ray, 
 
 /* ---- Report ---- */
 
+static const double least_stopped = 0.98; /* share of the level rays to walls */
+
+/* Whether the file has proxies of walls at all. */
+static bool has_walls(const pags_proxy_bench *self) {
+  bool any = false;
+  for (int64_t i = 0; i < self->placed.count; i++)
+    any = any || self->placed.list[i].kind == PAGS_KIND_BUILDING;
+  return any;
+}
+
 static pags_result report(pags_proxy_bench *self, const pags_bench_rays *rays) {
   static const char *const names[2] = {"walls", "poles, signs, trees"};
   pags_json_writer *w = &self->json;
@@ -102,10 +112,12 @@ static pags_result report(pags_proxy_bench *self, const pags_bench_rays *rays) {
       }
     }
     const int64_t leaks = count - stopped - early;
-    pags_say(&self->session, "%-20s %7lld %8s %8s %8s %7lld %7lld %7lld\n", names[kind], (long long)count,
+    const bool bad = !kind && has_walls(self) && (thrown.passed || (double)stopped < least_stopped * (double)count);
+    self->failures += bad;
+    pags_say(&self->session, "%-20s %7lld %8s %8s %8s %7lld %7lld %7lld%s\n", names[kind], (long long)count,
              pags_bench_share(text[0], stopped, count), pags_bench_share(text[1], early, count),
              pags_bench_share(text[2], leaks, count), (long long)thrown.thrown, (long long)thrown.passed,
-             (long long)thrown.early);
+             (long long)thrown.early, bad ? "  <<<" : "");
     pags_json_begin_object(w, kind ? "uprights" : "walls");
     pags_json_put_integer(w, "rays", count);
     pags_json_put_number(w, "stopped", (double)stopped / (double)count);
