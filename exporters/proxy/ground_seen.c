@@ -15,7 +15,8 @@ enum { STRIDE = 2 }; /* cells of a square, in x and y, that are asked about at o
 enum { ROAD = 0, PAVEMENT = 1, SKY = 10 };
 
 /* Distance of a view up to which it is asked, metres. A depth may be off by the height of a pixel, which grows as the
- * square of the distance: metres and share. Ground nearer than that is a kerb or a hill before the place. */
+ * square of the distance: metres and share. What is nearer than that hides the place; the label also holds where the
+ * depth is not known, or too large, as few Gaussians make it there. */
 static const double farthest = 45, vague = 0.3, vaguer = 0.15;
 
 /* Whether views show ground at a point. */
@@ -28,7 +29,8 @@ static bool shows_ground(const pags_depth_views *views, const double p[3]) {
       continue;
     const int64_t pixel = (int64_t)y * view->camera.width + x;
     const uint8_t label = view->labels[pixel];
-    if (!(fabs((double)view->depth[pixel] - z) < vague + vaguer * z))
+    const double depth = fabs((double)view->depth[pixel]);
+    if (depth > 0 && depth < z - vague - vaguer * z)
       continue;
     if (label == ROAD || label == PAVEMENT || label == PAGS_LABEL_TERRAIN)
       ground++;
