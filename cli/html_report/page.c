@@ -125,7 +125,8 @@ void pags_page_figures(pags_html *html, const pags_report_run *runs, int count, 
   char labels[2][64], lpips[64];
   double values[2][FIGURES];
   pags_html_put(html, "<h2>Figures</h2>\n");
-  snprintf(lpips, sizeof lpips, "LPIPS (%s), %lld views", network, (long long)runs[0].views.with_lpips);
+  snprintf(lpips, sizeof lpips, "LPIPS (%s), %lld view%s", network, (long long)runs[0].views.with_lpips,
+           runs[0].views.with_lpips == 1 ? "" : "s");
   for (int k = 0; k < 2; k++) {
     const pags_report_run *const run = &runs[k];
     const bool measured = k < count && run->views.mean.views > 0;
