@@ -42,11 +42,11 @@ def data_folder():
 
 
 class Refused(Exception):
-    """What the archive holds is not what is expected of it."""
+    """The archive differs from what is expected."""
 
 
 class Type:
-    """Stands for numpy.dtype."""
+    """Takes the place of numpy.dtype."""
 
     def __init__(self, name, *_):
         self.name, self.order = name, None
@@ -56,7 +56,7 @@ class Type:
 
 
 class Array:
-    """Stands for numpy.ndarray; its values are in C order."""
+    """Takes the place of numpy.ndarray; its values are in C order."""
 
     def __init__(self, *_):
         self.shape, self.values = None, None
@@ -145,7 +145,7 @@ def weights(pickled):
             out.append((f"lin{i}", (outputs,), head.values))
     except (pickle.UnpicklingError, AttributeError, KeyError, TypeError, ValueError, EOFError) as error:
         raise Refused(f"{MEMBER}: expected a pickle of AlexNet's arrays: {error!r}") from error
-    # Of the input, R G B: the same numbers as in the package's lpips.py and in the authors' code.
+    # The input's shift, R G B: the same numbers as in the package's lpips.py and in the authors' code.
     out.append(("shift", (3,), array.array("f", [-0.030, -0.088, -0.188])))
     out.append(("scale", (3,), array.array("f", [0.458, 0.448, 0.450])))
     return out

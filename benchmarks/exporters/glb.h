@@ -24,7 +24,7 @@ int64_t pags_glb_integer(const pags_json_value *object, const char *key, int64_t
 
 /* The text of a member; NULL if it is missing or no text. */
 const char *pags_glb_text(const pags_json_value *object, const char *key);
-/* An element of one of the file's lists ("nodes", "meshes", ...); NULL if there is none of that number. */
+/* An element of one of the file's lists ("nodes", "meshes", ...); NULL beyond the last. */
 const pags_json_value *pags_glb_element(const pags_glb *file, const char *list, int64_t index);
 /* The pose of a node in its parent, from translation, rotation and scale. */
 void pags_glb_pose(const pags_json_value *node, double pose[12]);

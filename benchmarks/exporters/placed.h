@@ -58,7 +58,7 @@ void pags_placed_close(pags_placed *placed);
 /* Moves what moves to its place at `time` (seconds); what has no label then is absent. Must not run during queries. */
 pags_result pags_placed_set_time(pags_placed *placed, double time);
 
-/* The distance, in the world, to the first hit of a ray with a direction of unit length; infinite if there is none.
+/* The distance, in the world, to the first hit of a ray with a direction of unit length; infinite without a hit.
  * `proxy` receives the index of the proxy, or -1. Both functions may be called by several threads at once. */
 double pags_placed_ray(const pags_placed *placed, const double origin[3], const double direction[3], int *proxy);
 /* The distance from a point to the nearest proxy, metres. */

@@ -147,7 +147,7 @@ def go_to(context, frame, view):
 
 
 def view_at(context, frame, name="", step=0):
-    """The view of this name or, without one, of the scene's camera nearest in time, `step` views on; None if there are none."""
+    """The view of this name or, without one, of the scene's camera nearest in time, `step` views on; None in a scene without views."""
     views = frame.scene.views
     if name:
         return next((v for v in views if v["name"] == name), None)

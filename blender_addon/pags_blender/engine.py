@@ -48,7 +48,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
             self.register_pass(scene, renderlayer, name, len(channels), channels, kind)
 
     def render(self, depsgraph):
-        # Of the scene being rendered; in a compositor that differs from the active one.
+        # The size of the scene being rendered, which in a compositor differs from the active one.
         width, height = self.resolution_x, self.resolution_y
         window = border_window(depsgraph.scene.render, width, height)
         size = window[2:] if window else (width, height)

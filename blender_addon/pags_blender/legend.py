@@ -22,7 +22,7 @@ SCALES = {
 # The two colours of the mode "critical", which has no scale.
 KINDS = (((1, 0.45, 0.1), "vehicles, pedestrians, cyclists"), ((0.35, 0.35, 0.4), "all else"))
 STOPS = 5  # the colour map is linear between this number of equally spaced colours
-# Of the bar, and its distance from the view's lower edge, in pixels at interface scale 1.
+# The bar's size, and its distance from the view's lower edge, in pixels at interface scale 1.
 WIDTH, HEIGHT, BOTTOM = 280, 12, 62
 
 

@@ -67,7 +67,7 @@ def drop(users, function):
 
 
 def start(function, delay=0.0, persistent=False):
-    """Starts a timer unless it runs. There are none without a window."""
+    """Starts a timer unless it runs; does nothing without a window."""
     if not bpy.app.background and not bpy.app.timers.is_registered(function):
         bpy.app.timers.register(function, first_interval=delay, persistent=persistent)
 

@@ -282,8 +282,8 @@ static pags_result make_solid(pags_background *b) {
   return PAGS_OK;
 }
 
-/* Whether a chunk collides by convex parts, and not itself: where these are asked for, trees, poles and the like, for
- * Unreal blocks, too. Godot's surfaces need not be convex, if they don't move. */
+/* Whether a chunk collides by convex parts, and not itself: if the file has such parts, trees, poles and the like, for
+ * Unreal also blocks. Godot's surfaces need not be convex, if they don't move. */
 static bool has_shapes(const exporter *e, const pags_chunk *chunk) {
   const pags_proxy_naming naming = e->options->naming;
   return naming != PAGS_NAMING_PLAIN && e->options->level >= PAGS_PROXY_HULL &&

@@ -67,7 +67,7 @@ static int64_t stack(piece *pieces, int64_t count, double scale, int width, row 
   return y;
 }
 
-/* Finds the largest scale, at most 1, with which all pieces have room, and places them. False if there is none. */
+/* Finds the largest scale, at most 1, with which all pieces have room, and places them. False if no scale will do. */
 static bool pack(piece *pieces, int64_t count, int side, row *rows, double *scale, pags_atlas *out) {
   for (*scale = 1; *scale > 1e-3; *scale *= 0.97) {
     double texels = 0;

@@ -9,14 +9,14 @@
 #include "exporters/proxy/columns.h"
 #include "exporters/proxy/ground.h"
 
-enum { STRIDE = 2 }; /* cells of a square, in x and y, that are asked about at once */
+enum { STRIDE = 2 }; /* cells of a square, in x and y, that are decided together */
 
 /* Labels: Cityscapes' train ids. From SKY on they say nothing of the ground: sky, people, vehicles. */
 enum { ROAD = 0, PAVEMENT = 1, SKY = 10 };
 
-/* Distance of a view up to which it is asked, metres. A depth may be off by the height of a pixel, which grows as the
- * square of the distance: metres and share. What is nearer than that hides the place; the label also holds where the
- * depth is not known, or too large, as few Gaussians make it there. */
+/* Distance of a view up to which it counts, metres. A depth may be off by the height of a pixel, which grows as the
+ * square of the distance: metres and share. Nearer surfaces hide the place; the label also holds where the depth is not
+ * known, or too large, as few Gaussians make it there. */
 static const double farthest = 45, vague = 0.3, vaguer = 0.15;
 
 /* Whether views show ground at a point. */

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Makes the relief of a surface over an upright plane.
  *
- * A cell's front is the median of its points'. Where there are none, views tell whether there is a wall: Gaussians lie
- * up to a metre beside it, too far to say where, but columns of a plane go on upwards and downwards. Gaps of up to four
- * cells and all holes that cells surround are closed. The front of cells without points is interpolated. */
+ * A cell's front is the median of its points'. In cells without points, views tell whether there is a wall: Gaussians
+ * lie up to a metre off it, too far for its place, but columns of a plane continue upwards and downwards. Gaps of up to
+ * four cells and all holes that cells surround are closed. The front of cells without points is interpolated. */
 #include "exporters/proxy/relief.h"
 
 #include <math.h>
@@ -429,8 +429,7 @@ void pags_relief_take(const pags_relief *r, pags_surface_points *points) {
     any = any || r->part[i] >= 0;
   const double middle = pags_dot3(r->plane.middle, r->u) / r->cell - r->first[0];
   int64_t kept = 0;
-  /* Whether the wall goes on beyond the overlap, on either side: then points in the overlap are its neighbour's, too.
-   */
+  /* Whether the wall continues beyond the overlap on a side: points in the overlap are then its neighbour's, too. */
   bool beyond[2] = {false, false};
   for (int64_t i = 0; i < points->count; i++) {
     const local p = locate(r, points, i);

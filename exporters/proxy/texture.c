@@ -78,8 +78,8 @@ static void between(const float *texels, int width, int height, float u, float v
 }
 
 /* Fills a picture of 4 numbers a texel, the share of it that has a colour and before it that colour times the share.
- * What a texel lacks comes from the picture of half the size; `mean` is the colour where there is none at all. False if
- * out of memory. */
+ * The missing share of a texel comes from the picture of half the size, and from `mean` if no texel has a colour. False
+ * if out of memory. */
 static bool fill(float *texels, int width, int height, const float mean[3]) {
   const int half_width = (width + 1) / 2, half_height = (height + 1) / 2;
   int64_t gaps = 0;

@@ -99,7 +99,7 @@ static void ask_views(void *context, int64_t begin, int64_t end, PAGS_UNUSED int
       const int64_t pixel = (int64_t)y * view->camera.width + x;
       const double depth = fabs((double)view->depth[pixel]);
       const uint8_t class = pags_class_of_label(view->labels[pixel]);
-      /* Sky, people and vehicles are beside the point or before it. */
+      /* Sky, people and vehicles tell nothing of the point. */
       if (class >= PAGS_CHUNK_SURFACE || (depth > 0 && depth < z - vague - vaguer * z))
         continue;
       walls += class == PAGS_CHUNK_BUILDING;

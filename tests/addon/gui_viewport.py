@@ -95,7 +95,7 @@ def picked():
 
 
 def before_splats():
-    """In Rendered shading, too, a cube hides the green Gaussian behind it, and the other is seen beside the red."""
+    """In Rendered shading, too, a cube hides the green Gaussian behind it, and the other is visible next to the red one."""
     view3d().shading.type = "RENDERED"
     view3d().overlay.show_text = False
     picture = yield from sharp_shot("rendered-meshes")

@@ -225,7 +225,7 @@ class Proxies(Case):
         self.assertEqual(fixtures.read(self.path("1.glb")), fixtures.read(self.path("3.glb")))
 
     def test_textures(self):
-        """All objects and chunks share one picture and lie in it apart from each other. Its places are in proportion
+        """All objects and chunks share one picture, each in a place of its own. Its places are in proportion
         to the surface. (tests/unit/exporters/test_texture.c checks the picture.)"""
         glb, _, _ = self.export("proxy.glb", *QUICK, "--texture", 512, "--triangles", 200)
         self.assertEqual(len(glb.json["images"]), 1)

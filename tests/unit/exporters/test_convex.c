@@ -172,7 +172,7 @@ static void test_flat(void **state) {
   pags_proxy_mesh_destroy(&mesh);
 }
 
-/* A ring and a box beside it become the ring's parts and the box as it is. */
+/* A ring and a box next to it become the ring's parts and the box as it is. */
 static void test_several_surfaces(void **state) {
   (void)state;
   static const float grey[3] = {0.5f, 0.5f, 0.5f};

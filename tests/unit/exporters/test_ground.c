@@ -198,7 +198,7 @@ static void small_holes_are_filled(void **state) {
 }
 
 /* Where only labels show ground, at a depth that says nothing of its height, it continues that of the nearest ground;
- * where they show a house, or there are none, it ends. */
+ * where they show a house, and without labels, it ends. */
 static void labels_continue_the_ground(void **state) {
   (void)state;
   for (int labelled = 0; labelled < 2; labelled++) {
