@@ -110,9 +110,7 @@ def through(point, focus, values, pose):
     """The camera (intrinsics and pose from lens.of_camera) moved to a point of its aperture, metres right and up. Points at the focus distance keep their
     place in the picture."""
     values, pose = dict(values), pose.copy()
-    behind = values.get(
-        "ortho", 0.0
-    )  # distance behind the camera from which an orthographic one is rendered; its rays are parallel there
+    behind = values.get("ortho", 0.0)  # an orthographic camera is rendered from this far behind, with parallel rays
     for axis, offset, size, centre in ((0, point[0], "fx", "cx"), (1, -point[1], "fy", "cy")):
         values[centre] += values[size] * offset / focus
         pose[:3, 3] += offset * (behind + focus) / focus * pose[:3, axis]
