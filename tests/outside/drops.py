@@ -3,7 +3,8 @@
 
 JOB.json has seconds (the time in the animation) and drops (name to {from, wheel}: a box of 0.4 m, or a wheel of radius
 0.3 m and width 0.2 m, in glTF's world with y up, in metres). FOUND.json receives for each the height of the surface
-below, hit by a ray, and where the body's middle is after four seconds, also with y up."""
+below, hit by a ray, and of the body's lowest vertex after four seconds: a wheel may have fallen over, as a push of one
+of the surface's edges suffices for that."""
 
 import json
 import math
@@ -70,7 +71,8 @@ def main():
         scene.frame_set(frame)
     graph = bpy.context.evaluated_depsgraph_get()
     for name, body in bodies.items():
-        found["drops"][name]["rest"] = body.evaluated_get(graph).matrix_world.translation.z
+        place = body.evaluated_get(graph).matrix_world
+        found["drops"][name]["lowest"] = min((place @ vertex.co).z for vertex in body.data.vertices)
     with open(out, "w") as file:
         json.dump(found, file)
 
