@@ -61,10 +61,7 @@ static pags_result add_mesh(const pags_proxy_mesh *mesh, tally *out, int64_t *pi
   PAGS_AUTOFREE int64_t *parent = malloc((size_t)(whole.vertex_count + 1) * sizeof *parent);
   PAGS_AUTOFREE double *area = calloc((size_t)(whole.vertex_count + 1), sizeof *area);
   PAGS_CHECK_MEMORY(parent && area, "%lld vertices", (long long)whole.vertex_count);
-  for (int64_t i = 0; i < whole.vertex_count; i++)
-    parent[i] = i;
-  for (int64_t i = 0; i < 3 * whole.triangle_count; i++)
-    pags_set_join(parent, whole.triangles[i], whole.triangles[i - i % 3]);
+  pags_proxy_mesh_connect(&whole, parent);
   for (int64_t i = 0; i < whole.triangle_count; i++) {
     double cross[3];
     pags_proxy_mesh_cross(&whole, i, cross);

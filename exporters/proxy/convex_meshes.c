@@ -47,10 +47,7 @@ pags_result pags_convex_meshes_make(const pags_proxy_mesh *mesh, pags_proxy_mesh
   *out = NULL;
   *count = 0;
   PAGS_CHECK_MEMORY(parent && triangles, "%lld triangles", (long long)mesh->triangle_count);
-  for (int64_t i = 0; i < mesh->vertex_count; i++)
-    parent[i] = i;
-  for (int64_t i = 0; i < 3 * mesh->triangle_count; i++)
-    pags_set_join(parent, mesh->triangles[i], mesh->triangles[i - i % 3]);
+  pags_proxy_mesh_connect(mesh, parent);
   for (int64_t v = 0; v < mesh->vertex_count; v++) {
     PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh surface = {0};
     int64_t own = 0;

@@ -381,10 +381,7 @@ static pags_result add_surfaces(const pags_proxy_maker *w, pags_background *b, c
   PAGS_AUTOFREE int64_t *parent = malloc(((size_t)mesh->vertex_count + 1) * sizeof *parent);
   PAGS_AUTOFREE uint32_t *triangles = malloc(((size_t)mesh->triangle_count + 1) * 3 * sizeof *triangles);
   PAGS_CHECK_MEMORY(parent && triangles, "%lld triangles", (long long)mesh->triangle_count);
-  for (int64_t i = 0; i < mesh->vertex_count; i++)
-    parent[i] = i;
-  for (int64_t i = 0; i < 3 * mesh->triangle_count; i++)
-    pags_set_join(parent, mesh->triangles[i], mesh->triangles[i - i % 3]);
+  pags_proxy_mesh_connect(mesh, parent);
   for (int64_t v = 0; v < mesh->vertex_count; v++) {
     PAGS_AUTO(pags_proxy_mesh_destroy) pags_proxy_mesh surface = {0};
     const int kind = (int)mesh->colors[3 * v];

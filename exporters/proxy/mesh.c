@@ -220,6 +220,13 @@ void pags_set_join(int64_t *parent, int64_t a, int64_t b) {
   parent[a < b ? b : a] = a < b ? a : b;
 }
 
+void pags_proxy_mesh_connect(const pags_proxy_mesh *mesh, int64_t *parent) {
+  for (int64_t i = 0; i < mesh->vertex_count; i++)
+    parent[i] = i;
+  for (int64_t i = 0; i < 3 * mesh->triangle_count; i++)
+    pags_set_join(parent, mesh->triangles[i], mesh->triangles[i - i % 3]);
+}
+
 /* The connected components of a mesh as a union-find over vertices. The representative of a component is its vertex
  * of the least number. */
 typedef struct parts {
@@ -237,13 +244,7 @@ static pags_result measure_parts(const pags_proxy_mesh *s, parts *out) {
   *out = (parts){.parent = malloc(room * sizeof *out->parent), .area = calloc(room, sizeof *out->area)};
   PAGS_CHECK_MEMORY(out->parent && out->area, "%lld vertices", (long long)s->vertex_count);
 
-  /* Join the corners of each triangle. */
-  for (int64_t i = 0; i < s->vertex_count; i++)
-    out->parent[i] = i;
-  for (int64_t i = 0; i < s->triangle_count; i++)
-    for (int c = 1; c < 3; c++)
-      pags_set_join(out->parent, s->triangles[3 * i], s->triangles[3 * i + c]);
-
+  pags_proxy_mesh_connect(s, out->parent);
   for (int64_t i = 0; i < s->triangle_count; i++) {
     double n[3];
     pags_proxy_mesh_cross(s, i, n);

@@ -55,6 +55,8 @@ void pags_proxy_mesh_drop_marked(pags_proxy_mesh *mesh);
  * union of two sets. */
 int64_t pags_set_root(int64_t *parent, int64_t i);
 void pags_set_join(int64_t *parent, int64_t a, int64_t b);
+/* Makes sets of the vertices that triangles connect: the parts of a mesh. parent: one per vertex, overwritten. */
+void pags_proxy_mesh_connect(const pags_proxy_mesh *mesh, int64_t *parent);
 
 /* Removes vertices that no triangle uses and puts the others in the order of their first use. */
 pags_result pags_proxy_mesh_compact(pags_proxy_mesh *mesh);
