@@ -104,7 +104,7 @@ enum { MOST_STAGES = 16 };
 typedef struct stage_times {
   pags_progress progress;
   double since; /* when the last one in the list began */
-  int count;
+  int count;    /* at least 1 while it watches */
   const char *names[MOST_STAGES];
   double seconds[MOST_STAGES];
 } stage_times;
@@ -121,7 +121,7 @@ static void begin_stage(stage_times *times, const char *what) {
 
 static int watch_stages(void *user, double fraction, const char *what) {
   stage_times *times = user;
-  if (!times->count || strcmp(times->names[times->count - 1], what) != 0)
+  if (strcmp(times->names[times->count - 1], what) != 0)
     begin_stage(times, what);
   return pags_progress_watch(&times->progress, fraction, what);
 }

@@ -6,13 +6,11 @@
 #include <stdlib.h>
 
 #include "base/memory.h"
+#include "exporters/proxy/background.h"
 #include "exporters/proxy/columns.h"
 #include "exporters/proxy/ground.h"
 
 enum { STRIDE = 2 }; /* cells of a square, in x and y, that are decided together */
-
-/* Labels: Cityscapes' train ids. From SKY on they say nothing of the ground: sky, people, vehicles. */
-enum { ROAD = 0, PAVEMENT = 1, SKY = 10 };
 
 /* Distance of a view up to which it counts, metres. A depth may be off by the height of a pixel, which grows as the
  * square of the distance: metres and share. Nearer surfaces hide the place; the label also holds where the depth is not
@@ -32,9 +30,10 @@ static bool shows_ground(const pags_depth_views *views, const double p[3]) {
     const double depth = fabs((double)view->depth[pixel]);
     if (depth > 0 && depth < z - vague - vaguer * z)
       continue;
-    if (label == ROAD || label == PAVEMENT || label == PAGS_LABEL_TERRAIN)
+    const uint8_t class = pags_class_of_label(label);
+    if (class == PAGS_CHUNK_ROAD || class == PAGS_CHUNK_SIDEWALK || label == PAGS_LABEL_TERRAIN)
       ground++;
-    else if (label < SKY)
+    else if (class < PAGS_CHUNK_SURFACE) /* sky, people and vehicles tell nothing of the ground */
       others++;
   }
   return ground > others;
